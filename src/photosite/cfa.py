@@ -1,0 +1,82 @@
+"""Colour filter arrays: which channel a pixel belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError
+
+Cfa = tuple[tuple[str, ...], ...]
+"""The repeating tile, rows of channel names; `(("M",),)` is a monochrome chip."""
+
+MONOCHROME: Cfa = (("M",),)
+
+NAMED: dict[str, Cfa] = {
+    "mono": MONOCHROME,
+    "rggb": (("R", "G"), ("G", "B")),
+    "bggr": (("B", "G"), ("G", "R")),
+    "gbrg": (("G", "B"), ("R", "G")),
+    "grbg": (("G", "R"), ("B", "G")),
+}
+
+
+def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
+    """A colour filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, the rows differ in length, or a channel has no name.
+
+    Examples
+    --------
+    >>> cfa_from("gbrg")
+    (('G', 'B'), ('R', 'G'))
+    """
+    if isinstance(tile, str):
+        if tile.lower() not in NAMED:
+            raise InputError(f"unknown colour filter array '{tile}'; known are: {', '.join(NAMED)}")
+        return NAMED[tile.lower()]
+    rows = tuple(tuple(str(name) for name in row) for row in tile)
+    if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows) or not all(map(all, rows)):
+        raise InputError(f"a colour filter array is rows of equal length of channel names, not {tile!r}")
+    return rows
+
+
+def channel_names(cfa: Cfa) -> tuple[str, ...]:
+    """The channels of the tile, each once, in reading order.
+
+    Examples
+    --------
+    >>> channel_names(cfa_from("gbrg"))
+    ('G', 'B', 'R')
+    """
+    return tuple(dict.fromkeys(name for row in cfa for name in row))
+
+
+def channel_sites(cfa: Cfa, channel: str) -> tuple[tuple[int, int], ...]:
+    """Where in the tile the channel sits: `mosaic[r :: len(cfa), c :: len(cfa[0])]` for each (r, c).
+
+    Examples
+    --------
+    >>> channel_sites(cfa_from("rggb"), "G")
+    ((0, 1), (1, 0))
+    """
+    return tuple((r, c) for r, row in enumerate(cfa) for c, name in enumerate(row) if name == channel)
+
+
+def channel_mask(cfa: Cfa, channel: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """(rows, cols), true at the channel's pixels.
+
+    Examples
+    --------
+    >>> int(channel_mask(cfa_from("rggb"), "G", (4, 6)).sum())
+    12
+    """
+    mask = np.zeros(shape, dtype=np.bool_)
+    for r, c in channel_sites(cfa, channel):
+        mask[r :: len(cfa), c :: len(cfa[0])] = True
+    return mask

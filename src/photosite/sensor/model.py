@@ -1,0 +1,338 @@
+"""The sensor's description: the one model behind the sensor file, and the figures that follow from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from os import PathLike
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+
+from photosite.cfa import Cfa, cfa_from, channel_names
+from photosite.errors import InputError, did_you_mean
+from photosite.measured import Measured
+
+_QUANTITY_KEYS = ("value", "standard_uncertainty", "source", "assumed")
+
+
+def _quantity(raw: Any) -> Measured:
+    """A bare number, or a mapping with `value` and what is known of it."""
+    if isinstance(raw, Measured):
+        return raw
+    if isinstance(raw, Mapping):
+        for key in raw:
+            if key not in _QUANTITY_KEYS:
+                raise ValueError(f"unknown key '{key}' beside 'value'; {did_you_mean(str(key), _QUANTITY_KEYS)}")
+        if "value" not in raw:
+            raise ValueError("a mapping here needs a 'value'")
+        value = raw["value"]
+        uncertainty = raw.get("standard_uncertainty", 0.0)
+        assumed = raw.get("assumed", False)
+        source = raw.get("source")
+        if not isinstance(assumed, bool):
+            raise ValueError(f"'assumed' is true or false, not {assumed!r}")
+        if source is not None and not isinstance(source, str):
+            raise ValueError(f"'source' is text, not {source!r}")
+    else:
+        value, uncertainty, assumed, source = raw, 0.0, False, None
+    for what, number in (("value", value), ("standard_uncertainty", uncertainty)):
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise ValueError(f"{what} must be a number, not {number!r}")
+    return Measured(float(value), float(uncertainty), source, assumed)
+
+
+def _as_file_value(quantity: Measured) -> float | dict[str, Any]:
+    """The shortest form that loses nothing: a bare number where nothing else is known."""
+    entry: dict[str, Any] = {"value": quantity.value}
+    if quantity.standard_uncertainty:
+        entry["standard_uncertainty"] = quantity.standard_uncertainty
+    if quantity.source is not None:
+        entry["source"] = quantity.source
+    if quantity.assumed:
+        entry["assumed"] = True
+    return quantity.value if len(entry) == 1 else entry
+
+
+_QUANTITY_SCHEMA: dict[str, Any] = {
+    "anyOf": [
+        {"type": "number"},
+        {
+            "type": "object",
+            "properties": {
+                "value": {"type": "number"},
+                "standard_uncertainty": {"type": "number", "minimum": 0},
+                "source": {"type": "string"},
+                "assumed": {"type": "boolean"},
+            },
+            "required": ["value"],
+            "additionalProperties": False,
+        },
+    ]
+}
+
+
+def _bounded(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> AfterValidator:
+    def check(quantity: Measured) -> Measured:
+        value = quantity.value
+        if value < lowest or value > highest or (open_below and value == lowest):
+            floor = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
+            ceiling = "" if highest == math.inf else f" and at most {highest:g}"
+            raise ValueError(f"must be {floor}{ceiling}, not {value:g}")
+        return quantity
+
+    return AfterValidator(check)
+
+
+_Quantity = Annotated[
+    Measured,
+    PlainValidator(_quantity),
+    PlainSerializer(_as_file_value),
+    WithJsonSchema(_QUANTITY_SCHEMA),
+]
+Positive = Annotated[_Quantity, _bounded(0.0, open_below=True)]
+NotNegative = Annotated[_Quantity, _bounded(0.0)]
+Fraction = Annotated[_Quantity, _bounded(0.0, 1.0, open_below=True)]
+# 15 %: a deviation of -100 % is then 6.7 standard deviations out, more than the 32-bit normal deviates reach.
+ResponseSpread = Annotated[_Quantity, _bounded(0.0, 15.0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, validate_default=True)
+
+
+class Array(_Section):
+    """The pixel array: its size and its colour filter array's tile."""
+
+    rows: int = Field(gt=0, le=65_536, strict=True)
+    cols: int = Field(gt=0, le=65_536, strict=True)
+    cfa: Cfa = (("M",),)
+
+    @field_validator("cfa", mode="before")
+    @classmethod
+    def _tile(cls, raw: Any) -> Cfa:
+        return cfa_from(raw)
+
+
+class Pixel(_Section):
+    """One pixel: its geometry and its electrical scale."""
+
+    width_um: Positive
+    height_um: Positive
+    fill_factor: Fraction
+    conversion_gain_uv_per_e: Positive
+    voltage_swing_v: Positive
+    well_capacity_e: Positive
+
+
+class Channel(_Section):
+    """One colour channel: its quantum efficiency, filters included."""
+
+    wavelength_nm: tuple[float, ...]
+    quantum_efficiency: tuple[float, ...]
+    standard_uncertainty: tuple[float, ...] | None = None
+    source: str | None = None
+    assumed: bool = False
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        n = len(self.wavelength_nm)
+        if n < 1 or len(self.quantum_efficiency) != n:
+            raise ValueError(
+                f"quantum_efficiency needs one number per wavelength: {n} wavelengths, "
+                f"{len(self.quantum_efficiency)} efficiencies"
+            )
+        if any(b <= a for a, b in zip(self.wavelength_nm, self.wavelength_nm[1:], strict=False)):
+            raise ValueError("wavelength_nm must increase from entry to entry")
+        outside = [q for q in self.quantum_efficiency if not 0.0 <= q <= 1.0]
+        if outside:
+            raise ValueError(f"quantum_efficiency is electrons per photon, 0 to 1, not {outside[0]:g}")
+        if self.standard_uncertainty is not None and (
+            len(self.standard_uncertainty) != n or min(self.standard_uncertainty) < 0
+        ):
+            raise ValueError(f"standard_uncertainty needs {n} numbers, none negative")
+        return self
+
+    def quantum_efficiency_at(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """Quantum efficiency at other wavelengths: linear between entries, 0 outside them.
+
+        Examples
+        --------
+        >>> Channel(wavelength_nm=(500, 510), quantum_efficiency=(0.2, 0.4)).quantum_efficiency_at([490, 505])
+        array([0. , 0.3])
+        """
+        return np.interp(
+            np.asarray(wavelength_nm, dtype=np.float64),
+            self.wavelength_nm,
+            self.quantum_efficiency,
+            left=0.0,
+            right=0.0,
+        )
+
+
+class Noise(_Section):
+    """What the chip adds: temporal read noise, and the fixed pattern's spreads (standard deviations over pixels)."""
+
+    read_noise_mv: NotNegative
+    dsnu_mv: NotNegative
+    prnu_percent: ResponseSpread
+    dark_voltage_mv_per_s: NotNegative = Measured(0.0)
+    dcnu_percent: NotNegative = Measured(0.0)
+    """Dark current non-uniformity: spread over pixels of the dark current, relative to its mean (log-normal)."""
+
+
+class Readout(_Section):
+    """From volts to digital numbers: DN = analog_gain * V / voltage_swing * 2^bits + black level."""
+
+    bits: int = Field(ge=1, le=16, strict=True)
+    analog_gain: Positive = Measured(1.0)
+    black_level_dn: NotNegative = Measured(0.0)
+
+
+class Provenance(_Section):
+    """Where the description comes from."""
+
+    source: str | None = None
+    license: str | None = None
+    created: str | None = None
+    notes: str | None = None
+    frames_sha256: tuple[str, ...] = ()
+
+
+class Sensor(_Section):
+    """An image sensor, as its file describes it.
+
+    Values are `Measured`; `sensor.noise.read_noise_mv.value` is the number. A sensor does not change:
+    `with_` makes another.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200")
+    >>> sensor.array.rows, sensor.noise.read_noise_mv.value
+    (2592, 0.52)
+    """
+
+    photosite_sensor: Literal[1] = 1
+    name: str
+    serial: str = "0"
+    array: Array
+    pixel: Pixel
+    channels: dict[str, Channel]
+    noise: Noise
+    readout: Readout
+    provenance: Provenance = Provenance()
+
+    @model_validator(mode="after")
+    def _channels_match_cfa(self) -> Self:
+        wanted = set(channel_names(self.array.cfa))
+        if missing := sorted(wanted - set(self.channels)):
+            raise ValueError(f"channels lacks {', '.join(missing)}, which array.cfa names")
+        if extra := sorted(set(self.channels) - wanted):
+            raise ValueError(f"channels has {', '.join(extra)}, which array.cfa does not name")
+        if self.readout.black_level_dn.value >= self.white_level_dn:
+            raise ValueError(
+                f"readout.black_level_dn {self.readout.black_level_dn.value:g} leaves no room below "
+                f"the highest number, {self.white_level_dn:g}"
+            )
+        return self
+
+    # What follows from the file, in the units of calibration.
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The channels, each once, in reading order of the CFA's tile."""
+        return channel_names(self.array.cfa)
+
+    @property
+    def white_level_dn(self) -> float:
+        """The highest digital number, 2^bits - 1."""
+        return float((1 << self.readout.bits) - 1)
+
+    @property
+    def system_gain_dn_per_e(self) -> float:
+        """Overall system gain K (EMVA 1288), DN per electron."""
+        return self.pixel.conversion_gain_uv_per_e.value * 1e-3 / self.mv_per_dn
+
+    @property
+    def mv_per_dn(self) -> float:
+        """Volts at the pixel, in mV, per digital number."""
+        readout = self.readout
+        return 1e3 * self.pixel.voltage_swing_v.value / (readout.analog_gain.value * float(1 << readout.bits))
+
+    def electrons(self, millivolts: float) -> float:
+        """Millivolts at the pixel as electrons.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> round(ps.load_sensor("nikon-d200").electrons(0.52), 3)
+        17.333
+        """
+        return millivolts * 1e3 / self.pixel.conversion_gain_uv_per_e.value
+
+    @property
+    def saturation_capacity_e(self) -> float:
+        """Electrons at which the output saturates: the well, or the converter's range where that is less."""
+        head_room_dn = self.white_level_dn - self.readout.black_level_dn.value
+        return min(self.pixel.well_capacity_e.value, head_room_dn / self.system_gain_dn_per_e)
+
+    @property
+    def pixel_area_m2(self) -> float:
+        """Area of a pixel, photodetector and the rest, in m^2."""
+        return self.pixel.width_um.value * self.pixel.height_um.value * 1e-12
+
+    def with_(self, **changes: Any) -> Sensor:
+        """The same sensor with some fields changed, named as in the file, whatever section they are in.
+
+        Raises
+        ------
+        InputError
+            If there is no such field, or a value cannot be.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> quiet = ps.load_sensor("nikon-d200").with_(read_noise_mv=0, serial="12", rows=8, cols=8)
+        >>> quiet.noise.read_noise_mv.value, quiet.serial, quiet.array.rows
+        (0.0, '12', 8)
+        """
+        data = self.model_dump()
+        homes = {name: data for name in ("name", "serial", "channels")}
+        for section in ("array", "pixel", "noise", "readout", "provenance"):
+            homes |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
+        for name, value in changes.items():
+            if name not in homes:
+                raise InputError(f"a sensor has no field '{name}'; {did_you_mean(name, homes)}")
+            homes[name][name] = value
+        try:
+            return Sensor.model_validate(data)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(str(part) for part in first["loc"])
+            raise InputError(f"{place}: {first['msg'].removeprefix('Value error, ')}") from None
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the sensor file (YAML), whole or not at all.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
+        from photosite.sensor.file import write_sensor
+
+        write_sensor(self, path)
