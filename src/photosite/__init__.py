@@ -1,1 +1,64 @@
-"""photosite."""
+"""photosite measures image sensors and simulates the cameras around them.
+
+The public face: frames of darkness and of flat light become a sensor file; a spectral scene, a lens and that file
+become simulated raw frames; measured and simulated frames are compared. Names are imported when first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Camera": "photosite.camera",
+    "DiffractionLimited": "photosite.optics.lens",
+    "Measured": "photosite.measured",
+    "RawFrame": "photosite.frames.raw_frame",
+    "Scene": "photosite.scene.scene",
+    "Sensor": "photosite.sensor.model",
+    "Spectrum": "photosite.spectra",
+    "calibrate": "photosite.calibration.calibrate",
+    "develop": "photosite.develop.develop",
+    "load_sensor": "photosite.sensor.file",
+    "noise_budget": "photosite.metrics.snr",
+    "open_frames": "photosite.frames.open",
+    "read_raw": "photosite.frames.read",
+    "validate": "photosite.validation.validate",
+}
+_MODULES = {"charts": "photosite.scene.charts"}
+
+__all__ = [*_HOMES, *_MODULES, "__version__"]  # noqa: PLE0604 - names of the tables above
+
+if TYPE_CHECKING:
+    from photosite.calibration.calibrate import calibrate as calibrate
+    from photosite.camera import Camera as Camera
+    from photosite.develop.develop import develop as develop
+    from photosite.frames.open import open_frames as open_frames
+    from photosite.frames.raw_frame import RawFrame as RawFrame
+    from photosite.frames.read import read_raw as read_raw
+    from photosite.measured import Measured as Measured
+    from photosite.metrics.snr import noise_budget as noise_budget
+    from photosite.optics.lens import DiffractionLimited as DiffractionLimited
+    from photosite.scene import charts as charts
+    from photosite.scene.scene import Scene as Scene
+    from photosite.sensor.file import load_sensor as load_sensor
+    from photosite.sensor.model import Sensor as Sensor
+    from photosite.spectra import Spectrum as Spectrum
+    from photosite.validation.validate import validate as validate
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        value: Any = importlib.import_module(_MODULES[name])
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"photosite has no '{name}'")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, *_MODULES})

@@ -1,0 +1,57 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+
+from photosite.errors import FileError
+
+
+@contextmanager
+def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
+    """A temporary path beside the wanted one; what was written there takes the name when the block ends well.
+
+    If the block fails, nothing remains of it, and a file that had the name keeps it. The temporary path ends like the
+    wanted one, so that writers which go by the ending choose the same format.
+
+    Parameters
+    ----------
+    path
+        The file wanted.
+
+    Raises
+    ------
+    FileError
+        If the folder is missing or cannot be written, or writing fails in the operating system.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> with atomic_path(Path(folder.name) / "note.txt") as temporary:
+    ...     _ = temporary.write_text("whole")
+    >>> (Path(folder.name) / "note.txt").read_text()
+    'whole'
+    """
+    wanted = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{wanted.stem}-", suffix=wanted.suffix, dir=wanted.parent)
+        os.close(handle)
+    except OSError as error:
+        raise FileError(wanted, f"cannot be written: {error.strerror or error}") from None
+    temporary = Path(name)
+    try:
+        yield temporary
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)  # mkstemp keeps files to their owner; a plain open would not
+        os.replace(temporary, wanted)
+    except OSError as error:
+        raise FileError(wanted, f"cannot be written: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,166 @@
+"""Scene, optics and sensor joined: mean electrons and raw frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError
+from photosite.exposure import check_exposure
+from photosite.frames.raw_frame import RawFrame
+from photosite.mosaic import mean_mosaic, placement
+from photosite.optics.lens import Optics
+from photosite.regions import Region
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.sensor.readout import digital_numbers
+from photosite.spectra import Rule, integration_weights
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A lens in front of a sensor.
+
+    Parameters
+    ----------
+    optics
+        The lens, `DiffractionLimited` say.
+    sensor
+        The sensor.
+    integration
+        Rule of the integral over wavelength: "trapezoid", or "rectangle" to compare with tools that use it.
+    cells_per_pixel
+        Cells on each axis of a pixel on which the scene is laid before blurring; odd. 1 is right for scenes that are
+        smooth on the scale of a pixel; an edge that is to be measured wants 3 or more.
+
+    Raises
+    ------
+    InputError
+        If the rule is unknown or cells_per_pixel is not odd and positive.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+    >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    >>> chart = ps.charts.macbeth(illuminant="A", mean_luminance_cd_m2=40)
+    >>> raw = camera.capture(chart, exposure_s=1 / 3, seed=7)
+    >>> raw.dn.shape, raw.dn.dtype
+    ((132, 196), dtype('uint16'))
+    """
+
+    optics: Optics
+    sensor: Sensor
+    integration: Rule = "trapezoid"
+    cells_per_pixel: int = 1
+
+    def __post_init__(self) -> None:
+        integration_weights([500.0], self.integration)
+        if self.cells_per_pixel < 1 or self.cells_per_pixel % 2 == 0:
+            raise InputError(f"cells_per_pixel is odd and positive, not {self.cells_per_pixel}; take 1, 3, 5, ...")
+
+    def mean_electrons(self, scene: Scene, exposure_s: float) -> NDArray[np.float32]:
+        """Mean electrons from light in every pixel: no noise, no fixed pattern, no dark current, no well.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera.
+        exposure_s
+            Exposure time.
+
+        Returns
+        -------
+        ndarray
+            (rows, cols) float32, the mosaic: each pixel seen through its own filter.
+
+        Raises
+        ------
+        InputError
+            If the exposure is not above 0, the scene lies within the focal length, or its radiance is negative somewhere.
+
+        Warns
+        -----
+        PhotositeWarning
+            If the sensor responds to light beyond the scene's wavelengths.
+
+        Notes
+        -----
+        Irradiance from the lens (`optics`), times quantum efficiency, pixel area, fill factor and exposure, summed over
+        wavelength. The photodetector is a centred square of side pitch * sqrt(fill factor).
+        """
+        return mean_mosaic(
+            scene,
+            self.optics,
+            self.sensor,
+            check_exposure(exposure_s),
+            rule=self.integration,
+            cells_per_pixel=self.cells_per_pixel,
+        )
+
+    def capture(self, scene: Scene, exposure_s: float, *, seed: int = 0, frame: int = 0) -> RawFrame:
+        """A raw frame of a scene.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera.
+        exposure_s
+            Exposure time.
+        seed
+            Key of the temporal noise, 0 to 2^64 - 1. The same seed and frame number give the same frame.
+        frame
+            Number of the frame in a sequence, 0 to 2^32 - 1: frames of one seed are independent of each other. The
+            fixed pattern belongs to the sensor's serial and is the same in all.
+
+        Raises
+        ------
+        InputError
+            As `mean_electrons`; or if the seed or frame number is out of range.
+        """
+        return self.expose(self.mean_electrons(scene, exposure_s), exposure_s, seed=seed, frame=frame)
+
+    def expose(
+        self, mean_electrons: NDArray[np.float32], exposure_s: float, *, seed: int = 0, frame: int = 0
+    ) -> RawFrame:
+        """A raw frame from mean electrons, which several frames may share.
+
+        Parameters
+        ----------
+        mean_electrons
+            (rows, cols) as `mean_electrons` gives them, none negative.
+        exposure_s
+            Exposure time; dark current grows with it.
+        seed, frame
+            As for `capture`.
+
+        Raises
+        ------
+        InputError
+            If the shape is not the sensor's, a mean is negative or not finite, or a number is out of range.
+        """
+        dn = digital_numbers(
+            self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame
+        )
+        readout = self.sensor.readout
+        return RawFrame(
+            dn,
+            bits=readout.bits,
+            cfa=self.sensor.array.cfa,
+            black_level_dn=readout.black_level_dn.value,
+            exposure_s=exposure_s,
+            metadata=MappingProxyType({"camera": self.sensor.name, "serial": self.sensor.serial, "seed": seed, "frame": frame}),
+        )
+
+    def image_regions(self, scene: Scene) -> tuple[Region, ...]:
+        """The scene's named regions in pixels of the frame.
+
+        Raises
+        ------
+        InputError
+            If a region holds no whole pixel of the frame.
+        """
+        return placement(scene, self.optics, self.sensor).regions(scene.regions)

@@ -1,0 +1,46 @@
+"""Exposure times: checked, and read as people write them."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from photosite.errors import InputError
+
+
+def check_exposure(exposure_s: float) -> float:
+    """The exposure time as a float, if it can be one.
+
+    Raises
+    ------
+    InputError
+        If it is not finite and above 0.
+
+    Examples
+    --------
+    >>> check_exposure(1 / 4)
+    0.25
+    """
+    if not (math.isfinite(exposure_s) and exposure_s > 0):
+        raise InputError(f"an exposure time must be above 0 s, not {exposure_s}")
+    return float(exposure_s)
+
+
+def parse_exposure(text: str | float) -> float:
+    """An exposure time in seconds from a number or from text such as 1/8000, 0.005 or 5e-3.
+
+    Raises
+    ------
+    InputError
+        If it is not a number, or not finite and above 0.
+
+    Examples
+    --------
+    >>> parse_exposure("1/8000")
+    0.000125
+    """
+    try:
+        seconds = float(Fraction(text)) if isinstance(text, str) else float(text)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not '{text}'") from None
+    return check_exposure(seconds)

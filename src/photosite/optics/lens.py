@@ -1,0 +1,152 @@
+"""Lenses: how much light they pass to the sensor, how they blur it, and how it falls off towards the corners."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError
+from photosite.spectra import Spectrum, wavelength_grid
+
+
+class Optics(Protocol):
+    """What a camera asks of its lens. Distances are from the lens to the object, in m."""
+
+    def magnification(self, distance_m: float) -> float:
+        """|m|, image size over object size."""
+        ...
+
+    def irradiance_per_radiance(
+        self, wavelength_nm: NDArray[np.float64], distance_m: float
+    ) -> NDArray[np.float64]:
+        """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
+        ...
+
+    def cutoff_per_m(self, wavelength_nm: float, distance_m: float) -> float:
+        """Spatial frequency on the sensor, cycles/m, beyond which the optical transfer function is 0."""
+        ...
+
+    def otf(
+        self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float
+    ) -> NDArray[np.float64]:
+        """Optical transfer function at spatial frequencies on the sensor, cycles/m, of any shape; 1 at 0."""
+        ...
+
+    def relative_illumination(self, image_height_m: NDArray[np.float64], distance_m: float) -> NDArray[np.float64] | None:
+        """Irradiance over that on axis at distances from the axis on the sensor; None where it is 1 everywhere."""
+        ...
+
+
+@dataclass(frozen=True)
+class DiffractionLimited:
+    """A thin lens without aberrations.
+
+    Parameters
+    ----------
+    f_number
+        N, marked on the lens.
+    focal_length_mm
+        f.
+    transmittance
+        Of the glass: one number, or a `Spectrum` of them, 0 to 1.
+    falloff
+        "none", or "cos4" for the natural fall-off towards the corners.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive, or the transmittance is not between 0 and 1.
+
+    Notes
+    -----
+    On-axis irradiance: E = pi T L / (1 + 4 N^2 (1 + |m|)^2), |m| = f / (d - f) (Farrell et al. 2008; the 1 is the exact
+    form for a uniform disc seen from the image). Diffraction: circular pupil at the working f-number
+    N (1 + |m|), cutoff 1 / (lambda N (1 + |m|)) (Goodman, Introduction to Fourier Optics, section 6.4).
+
+    Examples
+    --------
+    >>> lens = DiffractionLimited(f_number=8, focal_length_mm=50)
+    >>> float(lens.irradiance_per_radiance(np.array([550.0]), 1.2)[0].round(7))
+    0.0112302
+    """
+
+    f_number: float
+    focal_length_mm: float
+    transmittance: float | Spectrum = 1.0
+    falloff: Literal["none", "cos4"] = "none"
+
+    def __post_init__(self) -> None:
+        for name in ("f_number", "focal_length_mm"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be above 0, not {value}")
+        values = self.transmittance.values if isinstance(self.transmittance, Spectrum) else self.transmittance
+        if not ((np.asarray(values) >= 0) & (np.asarray(values) <= 1)).all():
+            raise InputError(f"transmittance is a fraction, 0 to 1, not {values}")
+        if self.falloff not in ("none", "cos4"):
+            raise InputError(f"falloff is 'none' or 'cos4', not '{self.falloff}'")
+
+    def magnification(self, distance_m: float) -> float:
+        """|m| = f / (d - f).
+
+        Raises
+        ------
+        InputError
+            If the object is not beyond the focal length.
+        """
+        focal_m = self.focal_length_mm * 1e-3
+        if not distance_m > focal_m:
+            raise InputError(
+                f"an object at {distance_m} m has no image behind a lens of {focal_m} m focal length; move it farther away"
+            )
+        return 0.0 if math.isinf(distance_m) else focal_m / (distance_m - focal_m)
+
+    def working_f_number(self, distance_m: float) -> float:
+        """N_w = N (1 + |m|)."""
+        return self.f_number * (1 + self.magnification(distance_m))
+
+    def irradiance_per_radiance(
+        self, wavelength_nm: NDArray[np.float64], distance_m: float
+    ) -> NDArray[np.float64]:
+        """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
+        grid = wavelength_grid(wavelength_nm)
+        passed = (
+            self.transmittance.at(grid)
+            if isinstance(self.transmittance, Spectrum)
+            else np.full(grid.shape, float(self.transmittance))
+        )
+        return passed * (math.pi / (1 + 4 * self.working_f_number(distance_m) ** 2))
+
+    def cutoff_per_m(self, wavelength_nm: float, distance_m: float) -> float:
+        """Diffraction's cutoff frequency on the sensor, cycles/m."""
+        return 1.0 / (wavelength_nm * 1e-9 * self.working_f_number(distance_m))
+
+    def otf(
+        self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float
+    ) -> NDArray[np.float64]:
+        """Transfer function of a circular pupil, (2/pi) (acos r - r sqrt(1 - r^2)), r = frequency over cutoff.
+
+        Examples
+        --------
+        >>> lens = DiffractionLimited(f_number=8, focal_length_mm=50)
+        >>> half = lens.cutoff_per_m(550.0, 1.2) / 2
+        >>> lens.otf(np.array([0.0, half, 3 * half]), 550.0, 1.2).round(4)
+        array([1.   , 0.391, 0.   ])
+        """
+        r = np.minimum(np.abs(frequency_per_m) / self.cutoff_per_m(wavelength_nm, distance_m), 1.0)
+        transfer: NDArray[np.float64] = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
+        return transfer
+
+    def relative_illumination(
+        self, image_height_m: NDArray[np.float64], distance_m: float
+    ) -> NDArray[np.float64] | None:
+        """cos^4 of the field angle, the angle seen from the lens: tan = height / image distance."""
+        if self.falloff == "none":
+            return None
+        image_distance_m = self.focal_length_mm * 1e-3 * (1 + self.magnification(distance_m))
+        falloff: NDArray[np.float64] = 1.0 / (1.0 + (image_height_m / image_distance_m) ** 2) ** 2
+        return falloff

@@ -1,0 +1,97 @@
+"""Where a scene's samples fall on a grid of pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from photosite.errors import InputError
+from photosite.regions import Region
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """An upright scene on a grid of pixels: sample coordinate = start + step * pixel coordinate, on each axis.
+
+    Coordinates run over borders: pixel i covers i to i + 1. Beyond its border the scene repeats its border samples.
+
+    Parameters
+    ----------
+    row_start, col_start
+        Sample coordinate of the grid's top left corner.
+    row_step, col_step
+        Samples per pixel.
+    shape
+        (rows, cols) of the grid, in pixels.
+    """
+
+    row_start: float
+    col_start: float
+    row_step: float
+    col_step: float
+    shape: tuple[int, int]
+
+    def regions(self, sample_regions: Iterable[Region]) -> tuple[Region, ...]:
+        """The same regions in pixels: the whole pixels inside them, cut at the frame.
+
+        Raises
+        ------
+        InputError
+            If a region holds no whole pixel of the frame.
+        """
+        return tuple(self._region(region) for region in sample_regions)
+
+    def _region(self, region: Region) -> Region:
+        rows = self._inside(region.r0, region.r1, self.row_start, self.row_step, self.shape[0])
+        cols = self._inside(region.c0, region.c1, self.col_start, self.col_step, self.shape[1])
+        if rows[0] >= rows[1] or cols[0] >= cols[1]:
+            raise InputError(
+                f"region '{region.name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame; "
+                "use a larger frame or a scene that fills it"
+            )
+        return Region(region.name, *rows, *cols)
+
+    @staticmethod
+    def _inside(low: int, high: int, start: float, step: float, size: int) -> tuple[int, int]:
+        # The 1e-9 keeps a border that falls on a pixel's border, but for rounding, on it.
+        first = math.ceil((low - start) / step - 1e-9)
+        end = math.floor((high - start) / step + 1e-9)
+        return max(first, 0), min(end, size)
+
+
+def place(
+    scene_shape: tuple[int, int],
+    frame_shape: tuple[int, int],
+    *,
+    pixel_aspect: float = 1.0,
+    cols_per_pixel: float | None = None,
+) -> Placement:
+    """Centre a scene on a frame.
+
+    Parameters
+    ----------
+    scene_shape
+        (rows, cols) of samples, which are square.
+    frame_shape
+        (rows, cols) of pixels.
+    pixel_aspect
+        A pixel's height over its width.
+    cols_per_pixel
+        Samples per pixel along a row; None scales the scene evenly until it covers the frame.
+
+    Examples
+    --------
+    >>> place((100, 100), (20, 50)).row_step
+    2.0
+    """
+    (scene_rows, scene_cols), (rows, cols) = scene_shape, frame_shape
+    col_step = cols_per_pixel if cols_per_pixel is not None else min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
+    row_step = col_step * pixel_aspect
+    return Placement(
+        row_start=(scene_rows - rows * row_step) / 2,
+        col_start=(scene_cols - cols * col_step) / 2,
+        row_step=row_step,
+        col_step=col_step,
+        shape=frame_shape,
+    )

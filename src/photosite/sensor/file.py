@@ -1,0 +1,177 @@
+"""Sensor files: YAML in, YAML out, and the presets that ship."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib import resources
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from photosite.atomic import atomic_path
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.sensor.model import Array, Channel, Noise, Pixel, Provenance, Readout, Sensor
+
+_SUFFIX = ".sensor.yaml"
+_SECTIONS = {"array": Array, "pixel": Pixel, "noise": Noise, "readout": Readout, "provenance": Provenance}
+
+
+def preset_names() -> tuple[str, ...]:
+    """The sensors that ship with photosite, by name.
+
+    Examples
+    --------
+    >>> preset_names()
+    ('nikon-d200', 'vendor-1.4um', 'vendor-2.2um')
+    """
+    folder = resources.files("photosite.sensor") / "presets"
+    return tuple(sorted(f.name.removesuffix(_SUFFIX) for f in folder.iterdir() if f.name.endswith(_SUFFIX)))
+
+
+def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
+    """A sensor from a preset's name or a sensor file.
+
+    Parameters
+    ----------
+    name_or_path
+        A preset's name, or the path of a YAML file. What ends in .yaml or .yml or holds a separator is a path.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset.
+    FileError
+        If the file is missing, is not YAML, or does not describe a sensor; with the line.
+
+    Examples
+    --------
+    >>> load_sensor("nikon-d200").pixel.width_um.value
+    6.05
+    """
+    text = fspath(name_or_path)
+    path = Path(text)
+    if isinstance(name_or_path, str) and path.suffix not in (".yaml", ".yml") and path.name == text and not path.exists():
+        names = preset_names()
+        if text not in names:
+            raise InputError(f"unknown sensor '{text}'; presets are: {', '.join(names)}; a file's name ends in .yaml")
+        return _load_preset(text)
+    try:
+        content = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise FileError(path, "there is no such sensor file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(path, f"cannot be read as a sensor file: {error}") from None
+    return parse_sensor(content, path)
+
+
+@lru_cache(maxsize=8)
+def _load_preset(name: str) -> Sensor:
+    file = resources.files("photosite.sensor") / "presets" / f"{name}{_SUFFIX}"
+    return parse_sensor(file.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
+
+
+def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
+    """A sensor from a sensor file's text; `path` is what errors call it.
+
+    Raises
+    ------
+    FileError
+        If the text is not YAML or does not describe a sensor; with the line.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    try:
+        data = YAML(typ="rt").load(content)
+    except MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        raise FileError(path, f"is not YAML: {error.problem}", line) from None
+    except YAMLError as error:
+        raise FileError(path, f"is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict):
+        raise FileError(path, "does not describe a sensor: expected 'photosite_sensor: 1' and the sensor's fields")
+    if data.get("photosite_sensor") != 1:
+        raise FileError(
+            path,
+            f"expected 'photosite_sensor: 1' (the file format's version), got {data.get('photosite_sensor')!r}",
+            _line(data, ("photosite_sensor",)),
+        )
+    try:
+        return Sensor.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise FileError(path, _explain(first), _line(data, first["loc"])) from None
+
+
+def _explain(error: Any) -> str:
+    *parents, last = error["loc"] or ("the file",)
+    section = ".".join(str(part) for part in parents)
+    match error["type"]:
+        case "extra_forbidden":
+            home = Channel if parents[:1] == ["channels"] else _SECTIONS.get(str(parents[0])) if parents else Sensor
+            known = list((home or Sensor).model_fields)
+            where = f"in {section}" if section else "at the top"
+            return f"unknown field '{last}' {where}; {did_you_mean(str(last), known)}"
+        case "missing":
+            return f"field '{last}' is missing" + (f" from {section}" if section else "")
+    message = str(error["msg"]).removeprefix("Value error, ")
+    place = ".".join(str(part) for part in error["loc"])
+    return f"{place}: {message}" if place else message
+
+
+def _line(data: Any, location: Sequence[str | int]) -> int | None:
+    """Line of the deepest part of the location that the file has."""
+    line: int | None = None
+    for part in location:
+        positions = getattr(getattr(data, "lc", None), "data", None) or {}
+        if part not in positions:
+            break
+        line = positions[part][0] + 1
+        data = data[part]
+    return line
+
+
+def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
+    """Write a sensor file, whole or not at all.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(dump_sensor(sensor), encoding="utf-8")
+
+
+def dump_sensor(sensor: Sensor) -> str:
+    """A sensor file's text; `parse_sensor` gives the same sensor back.
+
+    Examples
+    --------
+    >>> sensor = load_sensor("vendor-2.2um")
+    >>> parse_sensor(dump_sensor(sensor), "again.yaml") == sensor
+    True
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.comments import CommentedSeq
+
+    def in_flow(node: Any) -> Any:
+        """Lists of numbers on one line, as people write them."""
+        if isinstance(node, dict):
+            return {key: in_flow(value) for key, value in node.items()}
+        if isinstance(node, list | tuple):
+            sequence = CommentedSeq([in_flow(value) for value in node])
+            sequence.fa.set_flow_style()
+            return sequence
+        return node
+
+    # Provenance's hashes and whatever nobody set stay out: the file says what is known.
+    yaml = YAML()
+    yaml.width = 120
+    out = io.StringIO()
+    yaml.dump(in_flow(sensor.model_dump(mode="json", exclude_none=True)), out)
+    return out.getvalue()

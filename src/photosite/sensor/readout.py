@@ -1,0 +1,77 @@
+"""Mean electrons to digital numbers: the chip's fixed pattern, temporal noise, well and converter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.philox import key_from_seed
+from photosite.engine.pixels import expose
+from photosite.errors import InputError
+from photosite.sensor.chip import draw_chip
+from photosite.sensor.model import Sensor
+
+
+def digital_numbers(
+    sensor: Sensor, mean_electrons: NDArray[np.float32], exposure_s: float, *, seed: int, frame: int = 0
+) -> NDArray[np.uint16]:
+    """One frame of the chip that the sensor's serial stands for.
+
+    For pixel i of frame n: mean_i = photo_i (1 + prnu_i) + dark_rate_i t; e_i = min(Poisson(mean_i), well);
+    dn_i = clip(round(gain (e_i + offset_i + read noise) + black level), 0, 2^bits - 1).
+
+    Parameters
+    ----------
+    sensor
+        The sensor.
+    mean_electrons
+        (rows, cols) float32 electrons from light, none negative.
+    exposure_s
+        Exposure time, for the dark current.
+    seed
+        Key of the temporal noise, 0 to 2^64 - 1.
+    frame
+        Number of the frame, 0 to 2^32 - 1.
+
+    Returns
+    -------
+    ndarray
+        (rows, cols) uint16.
+
+    Raises
+    ------
+    InputError
+        If the shape is not the sensor's, a mean is negative or not finite, or seed or frame are out of range.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=2, cols=2, black_level_dn=64)
+    >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
+    (2, 2)
+    """
+    shape = (sensor.array.rows, sensor.array.cols)
+    if mean_electrons.shape != shape:
+        raise InputError(f"mean electrons are {shape[0]} x {shape[1]} for this sensor, not {mean_electrons.shape}")
+    # Two reductions instead of a mask: a 150-megapixel frame should not need a second one.
+    lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
+    if not (lowest >= 0 and highest < np.inf):
+        raise InputError(f"mean electrons are finite and not negative; they run from {lowest:g} to {highest:g}")
+    for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
+        if not 0 <= number < 1 << bits:
+            raise InputError(f"{name} is a whole number from 0 to 2^{bits} - 1, not {number}")
+    chip = draw_chip(sensor)
+    return expose(
+        np.ascontiguousarray(mean_electrons, np.float32),
+        chip.response,
+        chip.offset_e,
+        chip.dark_rate_e_per_s,
+        exposure_s,
+        sensor.pixel.well_capacity_e.value,
+        sensor.electrons(sensor.noise.read_noise_mv.value),
+        sensor.system_gain_dn_per_e,
+        sensor.readout.black_level_dn.value,
+        sensor.white_level_dn,
+        np.uint32(frame),
+        *key_from_seed(seed),
+    )
