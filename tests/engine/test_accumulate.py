@@ -1,0 +1,143 @@
+"""The exact sums against Python integers and NumPy, and their independence of order and splitting."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from photosite.engine.accumulate import FrameSums
+from photosite.engine.moments import label_moments
+
+BAYER = np.array([[0, 1], [1, 2]])
+
+
+def stack(n=7, shape=(9, 14), top=65_536, seed=1, dtype=np.uint16):
+    return np.random.default_rng(seed).integers(0, top, (n, *shape), dtype=dtype)
+
+
+def label_map(tile, shape):
+    repeats = [n // m + 1 for n, m in zip(shape, tile.shape, strict=True)]
+    return np.tile(tile, repeats)[: shape[0], : shape[1]]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_sums_mean_and_variance_are_numpy_s(dtype):
+    frames = stack(top=256, dtype=dtype)
+    sums = FrameSums(frames.shape[1:]).add(frames)
+    wide = frames.astype(np.int64)
+    assert np.array_equal(sums.sum, wide.sum(0))
+    assert np.array_equal(sums.sum_of_squares, (wide**2).sum(0))
+    np.testing.assert_allclose(sums.mean(), wide.mean(0), rtol=1e-15)
+    np.testing.assert_allclose(sums.variance(), wide.var(0, ddof=1), rtol=1e-12)
+
+
+def test_variance_does_not_cancel_at_the_top_of_the_range():
+    """One digital number of noise on 65 535: float32 sums would lose it."""
+    frames = np.full((1001, 1, 2), 65_534, np.uint16)
+    frames[::2, 0, 0] = 65_535
+    expected = Fraction(501 * 500, 1001 * 1000)
+    assert FrameSums((1, 2)).add(frames).variance()[0, 0] == float(expected)
+
+
+def test_totals_per_label_are_exact():
+    frames = stack()
+    wide = frames.astype(object)
+    totals = FrameSums(frames.shape[1:], BAYER, black=500, white=65_000).add(frames).label_totals()
+    labels = label_map(BAYER, frames.shape[1:])
+    for k, entry in enumerate(totals):
+        chosen = wide[:, labels == k]
+        assert entry.pixels == chosen.shape[1]
+        assert entry.frames == 7
+        assert entry.total == chosen.sum()
+        assert entry.squares == (chosen**2).sum()
+        assert entry.pixel_squares == (chosen.sum(0) ** 2).sum()
+        assert entry.frame_squares == (chosen.sum(1) ** 2).sum()
+        assert entry.low == (chosen <= 500).sum()
+        assert entry.high == (chosen >= 65_000).sum()
+        numbers = chosen.astype(float)
+        v = numbers.var(0, ddof=1)
+        assert entry.mean == pytest.approx(numbers.mean(), rel=1e-14)
+        assert entry.temporal_variance == pytest.approx(v.mean(), rel=1e-12)
+        assert entry.variance_spread == pytest.approx(v.var(ddof=1), rel=1e-9)
+        assert entry.spatial_variance == pytest.approx(numbers.mean(0).var(ddof=1), rel=1e-12)
+        assert entry.frame_mean_variance == pytest.approx(numbers.mean(1).var(ddof=1), rel=1e-9)
+
+
+def test_totals_do_not_overflow_where_a_64_bit_sum_would():
+    """2^15 full-scale frames of 64 pixels: the sum of S^2 is 2^68."""
+    sums = FrameSums((8, 8))
+    frame = np.full((8, 8), 65_535, np.uint16)
+    sums.add(frame for _ in range(1 << 15))
+    totals = sums.label_totals()[0]
+    assert totals.pixel_squares == 64 * (65_535 << 15) ** 2 > 1 << 64
+    assert totals.squares == (64 << 15) * 65_535**2
+    assert totals.temporal_variance == 0.0
+    assert totals.pixel_variance == 0.0
+    with pytest.raises(ValueError, match="at most 32768"):
+        sums.add(frame)
+
+
+def test_pixel_variance_leaves_common_shifts_out():
+    """Frames shifted as a whole have the variance of those that were not; the pair formula is EMVA's."""
+    frames = stack(top=1000, seed=3)
+    shifts = np.array([0, 40, 3, 100, 7, 7, 250], np.uint16)[:, None, None]
+    before = FrameSums(frames.shape[1:]).add(frames).label_totals()[0]
+    after = FrameSums(frames.shape[1:]).add(frames + shifts).label_totals()[0]
+    assert after.pixel_variance == pytest.approx(before.pixel_variance, rel=1e-12)
+    assert after.temporal_variance > 1.05 * before.temporal_variance
+
+    first, second = frames[:2].astype(float)
+    pair = FrameSums(frames.shape[1:]).add(frames[:2]).label_totals()[0]
+    emva = 0.5 * ((first - second) ** 2).mean() - 0.5 * (first.mean() - second.mean()) ** 2
+    pixels = first.size
+    assert pair.pixel_variance == pytest.approx(emva * pixels / (pixels - 1), rel=1e-12)
+
+
+def test_order_and_splitting_change_nothing():
+    frames = stack(n=12, seed=5)
+    whole = FrameSums(frames.shape[1:], BAYER).add(frames)
+    parts = [FrameSums(frames.shape[1:], BAYER).add(frames[i::3]) for i in range(3)]
+    for order in ([0, 1, 2], [2, 0, 1]):
+        merged = parts[order[0]].merge(parts[order[1]]).merge(parts[order[2]])
+        assert merged.count == whole.count
+        assert np.array_equal(merged.sum, whole.sum)
+        assert np.array_equal(merged.sum_of_squares, whole.sum_of_squares)
+        assert merged.label_totals() == whole.label_totals()
+
+
+def test_frames_may_be_slices_and_fortran_ordered():
+    frames = stack(n=2, shape=(8, 8), seed=8)
+    plain = FrameSums((4, 8)).add(np.ascontiguousarray(frames[:, ::2]))
+    sliced = FrameSums((4, 8)).add(np.asfortranarray(frames)[:, ::2])
+    assert np.array_equal(plain.sum, sliced.sum)
+
+
+def test_frame_means():
+    frames = stack(n=4, seed=9)
+    means = FrameSums(frames.shape[1:], BAYER).add(frames).frame_means()
+    labels = label_map(BAYER, frames.shape[1:])
+    expected = [[frame[labels == k].mean() for k in range(3)] for frame in frames.astype(float)]
+    np.testing.assert_allclose(means, expected, rtol=1e-14)
+
+
+def test_wrong_frames_are_refused():
+    sums = FrameSums((4, 4))
+    with pytest.raises(ValueError, match=r"\(4, 5\)"):
+        sums.add(np.zeros((4, 5), np.uint16))
+    with pytest.raises(ValueError, match="float64"):
+        sums.add(np.zeros((4, 4)))
+    with pytest.raises(ValueError, match="merged"):
+        sums.merge(FrameSums((4, 4), white=4095))
+    assert sums.count == 0
+
+
+def test_moments_of_a_map():
+    values = np.random.default_rng(2).gamma(2.0, 3.0, (30, 41)) + 1e6
+    labels = label_map(BAYER, values.shape)
+    for k, moments in enumerate(label_moments(values, BAYER)):
+        chosen = values[labels == k]
+        deviation = chosen - chosen.mean()
+        assert moments.pixels == chosen.size
+        assert moments.mean == pytest.approx(chosen.mean(), rel=1e-14)
+        assert moments.variance == pytest.approx(chosen.var(ddof=1), rel=1e-9)
+        assert moments.fourth == pytest.approx((deviation**4).mean(), rel=1e-9)
