@@ -9,6 +9,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+# Not when first used: the folder has the same name, and whoever imported from it first would have hidden the function.
+from photosite.develop.develop import develop as develop
+
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -20,7 +23,6 @@ _HOMES = {
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.spectra",
     "calibrate": "photosite.calibration.calibrate",
-    "develop": "photosite.develop.develop",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
@@ -29,12 +31,11 @@ _HOMES = {
 }
 _MODULES = {"charts": "photosite.scene.charts"}
 
-__all__ = [*_HOMES, *_MODULES, "__version__"]  # noqa: PLE0604 - names of the tables above
+__all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.camera import Camera as Camera
-    from photosite.develop.develop import develop as develop
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.frames.read import read_raw as read_raw

@@ -1,0 +1,107 @@
+"""The noise budget: what limits the signal-to-noise ratio at each level of the signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import InputError
+from photosite.sensor.model import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseBudget:
+    """Signal-to-noise ratio against the signal, whole and by cause.
+
+    Parameters
+    ----------
+    volts
+        Signal at the pixel, any shape; every array below has the same.
+    signal_e
+        The signal in electrons.
+    total_db
+        With all four noises together.
+    shot_db, read_db, dsnu_db, prnu_db
+        Were that noise the only one; +inf where the sensor has none of it, which is exact.
+    read_dsnu_rule_below_volts
+        Below this signal read noise and DSNU together are more than shot noise and PRNU together; 0 where the
+        sensor has neither.
+    prnu_rules_above_volts
+        Above this signal PRNU is more than all the others together; +inf where the sensor has none.
+    """
+
+    volts: NDArray[np.float64]
+    signal_e: NDArray[np.float64]
+    total_db: NDArray[np.float64]
+    shot_db: NDArray[np.float64]
+    read_db: NDArray[np.float64]
+    dsnu_db: NDArray[np.float64]
+    prnu_db: NDArray[np.float64]
+    read_dsnu_rule_below_volts: float
+    prnu_rules_above_volts: float
+
+
+def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
+    """The noise budget of a sensor over a range of signals.
+
+    SNR = 10 log10(S^2 / N), S = volts / conversion gain in electrons and N the variance in electrons squared:
+    S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is not
+    looked at: levels above the voltage swing are those of a pixel that would go on.
+
+    Parameters
+    ----------
+    sensor
+        Whose noise.
+    volts
+        Signal at the pixel in volts, above 0.
+
+    Returns
+    -------
+    NoiseBudget
+
+    Raises
+    ------
+    InputError
+        If a voltage is not a number above 0.
+
+    Notes
+    -----
+    Farrell, Okincha and Parmar (2008), Figure 6. The total is of one frame of an even surface, so the fixed
+    pattern counts as noise; at a single pixel over many frames it does not.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> budget = noise_budget(ps.load_sensor("nikon-d200"), [0.01, 1.08])
+    >>> budget.total_db.round(2), round(budget.read_dsnu_rule_below_volts * 1e3, 1)
+    (array([20.53, 38.1 ]), 17.8)
+    """
+    signal_v = np.asarray(volts, dtype=np.float64)
+    if not (np.isfinite(signal_v) & (signal_v > 0)).all():
+        raise InputError("a noise budget is taken at voltages above 0")
+    v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    signal_e = signal_v / v_per_e
+    read_e2 = sensor.electrons(sensor.noise.read_noise_mv.value) ** 2
+    dsnu_e2 = sensor.electrons(sensor.noise.dsnu_mv.value) ** 2
+    prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
+
+    def snr_db(variance_e2: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        with np.errstate(divide="ignore"):
+            return np.asarray(10.0 * np.log10(signal_e**2 / np.asarray(variance_e2)))
+
+    floor_e2 = read_e2 + dsnu_e2
+    # The positive roots of prnu^2 S^2 + S = floor and of prnu^2 S^2 = S + floor.
+    root = np.sqrt(1.0 + 4.0 * prnu2 * floor_e2)
+    return NoiseBudget(
+        volts=signal_v,
+        signal_e=signal_e,
+        total_db=snr_db(signal_e + floor_e2 + prnu2 * signal_e**2),
+        shot_db=snr_db(signal_e),
+        read_db=snr_db(read_e2),
+        dsnu_db=snr_db(dsnu_e2),
+        prnu_db=snr_db(prnu2 * signal_e**2),
+        read_dsnu_rule_below_volts=float(v_per_e * 2.0 * floor_e2 / (1.0 + root)),
+        prnu_rules_above_volts=float(v_per_e * (1.0 + root) / (2.0 * prnu2)) if prnu2 else float("inf"),
+    )

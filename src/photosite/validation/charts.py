@@ -1,0 +1,75 @@
+"""The charts that validation knows: where their patches lie and what colour they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError, did_you_mean
+from photosite.regions import Region
+
+CHARTS = ("macbeth",)
+
+
+def chart_regions(chart: str, rows: int, cols: int) -> tuple[Region, ...]:
+    """The patches of a chart that fills the frame.
+
+    Raises
+    ------
+    InputError
+        If the chart is unknown, or the frame is too small for it.
+
+    Examples
+    --------
+    >>> len(chart_regions("macbeth", 300, 450))
+    24
+    """
+    from photosite.scene.charts import macbeth_regions
+
+    check_chart(chart)
+    return macbeth_regions(rows, cols)
+
+
+def check_chart(chart: str) -> None:
+    """Raise `InputError` for a chart that is not one of `CHARTS`."""
+    if chart not in CHARTS:
+        raise InputError(f"unknown chart '{chart}'; {did_you_mean(chart, CHARTS)}")
+
+
+def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
+    """Tristimulus values of a chart's patches under D65, Y = 1 for the perfect white.
+
+    Parameters
+    ----------
+    chart
+        "macbeth".
+    names
+        Which patches, in which order.
+
+    Returns
+    -------
+    numpy.ndarray
+        (patches, 3), CIE 1931 observer, from the reflectance spectra at 5 nm, trapezoidal rule.
+
+    Raises
+    ------
+    InputError
+        If the chart or a patch is unknown.
+
+    Examples
+    --------
+    >>> chart_xyz_d65("macbeth", ["white", "neutral 5"])[:, 1].round(3)
+    array([0.887, 0.203])
+    """
+    from photosite.scene.charts import MACBETH_NAMES, macbeth_reflectance
+    from photosite.spectra import illuminant, photons_from_energy, xyz
+
+    check_chart(chart)
+    if unknown := [name for name in names if name not in MACBETH_NAMES]:
+        raise InputError(f"chart '{chart}' has no patch '{unknown[0]}'; {did_you_mean(unknown[0], MACBETH_NAMES)}")
+    grid = np.arange(380.0, 781.0, 5.0)
+    light = photons_from_energy(illuminant("D65", grid), grid)
+    chosen = macbeth_reflectance(grid)[[MACBETH_NAMES.index(name) for name in names]]
+    return np.asarray(xyz(chosen * light, grid) / xyz(light, grid)[1])

@@ -1,0 +1,110 @@
+"""Straight lines through measured against simulated means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A fitted value with its standard error and its 95 % interval (Student's t)."""
+
+    value: float
+    standard_error: float
+    lower_95: float
+    upper_95: float
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Measured on simulated, by two lines.
+
+    Parameters
+    ----------
+    points
+        How many points the lines are fitted to.
+    slope_through_origin
+        Of measured = slope * simulated: the ratio of the two cameras' signals.
+    slope, intercept
+        Of measured = slope * simulated + intercept; the intercept has the unit of the points.
+    """
+
+    points: int
+    slope_through_origin: Estimate
+    slope: Estimate
+    intercept: Estimate
+
+
+def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> Regression:
+    """Fit measured against simulated, through the origin and freely, by weighted least squares.
+
+    The weights are 1 / variance. The intervals come from the scatter that the points show about the line, not
+    from the variances' size, so they stay true where the two cameras differ by more than noise.
+
+    Parameters
+    ----------
+    simulated, measured
+        (points,), three or more.
+    variance
+        (points,), of measured - simulated, above 0, up to a common factor.
+
+    Returns
+    -------
+    Regression
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three points, lengths differ, a variance is not above 0, or the simulated
+        values are all the same.
+
+    Notes
+    -----
+    Errors of the simulated values count in the weights as if the slope were 1; their pull on the slope
+    towards 0 is their variance over that of the simulated values (W. A. Fuller, "Measurement Error Models",
+    1987, 1.1), which for patch means is some 1e-6 and not corrected.
+
+    Examples
+    --------
+    >>> line = regress([1.0, 2.0, 4.0, 8.0], [2.1, 4.1, 8.1, 16.1], [1.0, 1.0, 1.0, 1.0])
+    >>> round(line.slope.value, 9), round(line.intercept.value, 9)
+    (2.0, 0.1)
+    """
+    x, y = np.asarray(simulated, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    spread = np.asarray(variance, dtype=np.float64)
+    if x.ndim != 1 or not x.shape == y.shape == spread.shape:
+        raise InputError(f"a regression needs three lists of one length, not {x.shape}, {y.shape}, {spread.shape}")
+    if x.size < 3:
+        raise InputError(f"a regression with intervals needs three points or more, not {x.size}")
+    if not (np.isfinite(spread).all() and (spread > 0).all()):
+        raise InputError("a regression's variances must be finite and above 0")
+    if np.ptp(x) == 0:
+        raise InputError(f"the simulated values are all {x[0]:g}, so no line has a slope; add other patches")
+    (through_origin,) = _weighted_fit(x[:, None], y, 1 / spread)
+    slope, intercept = _weighted_fit(np.column_stack([x, np.ones_like(x)]), y, 1 / spread)
+    return Regression(x.size, through_origin, slope, intercept)
+
+
+def _weighted_fit(
+    design: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[Estimate, ...]:
+    from scipy.stats import t
+
+    root = np.sqrt(weight)
+    solution, *_ = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)
+    freedom = y.size - design.shape[1]
+    scatter = float(np.sum(weight * (y - design @ solution) ** 2)) / freedom
+    # Columns are scaled before the normal matrix is formed: levels of 10^4 beside a column of ones.
+    size = np.sqrt(weight @ design**2)
+    normal = (design / size).T @ (design / size * weight[:, None])
+    errors = np.sqrt(scatter * np.diag(np.linalg.inv(normal))) / size
+    quantile = float(t.ppf(0.975, freedom))
+    return tuple(
+        Estimate(float(v), float(e), float(v - quantile * e), float(v + quantile * e))
+        for v, e in zip(solution, errors, strict=True)
+    )

@@ -1,0 +1,156 @@
+"""What a validation found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.metrics.patches import PatchStatistics
+from photosite.validation.agreement import ChiSquare
+from photosite.validation.color import ColorComparison
+from photosite.validation.regression import Regression
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Measured frames against simulated frames.
+
+    Parameters
+    ----------
+    level
+        Share of false alarms allowed to the verdict.
+    tolerance_percent
+        Relative difference of means and noise that was let pass.
+    measured, simulated
+        Statistics of the patches, every array (patches, channels).
+    used
+        (patches, channels), false where either is saturated.
+    means, noise
+        Chi-square of patch means and of the variances over pixels.
+    regression
+        Measured on simulated means in DN above black, all channels together; None where fewer than three
+        points are left.
+    regression_by_channel
+        The same for each channel.
+    color
+        Colour differences, or None; `notes` says why.
+    exposures_s
+        Of the measured and the simulated frames, where they say.
+    notes
+        What was left out, and why.
+    """
+
+    level: float
+    tolerance_percent: float
+    measured: PatchStatistics
+    simulated: PatchStatistics
+    used: NDArray[np.bool_]
+    means: ChiSquare
+    noise: ChiSquare
+    regression: Regression | None
+    regression_by_channel: Mapping[str, Regression | None]
+    color: ColorComparison | None
+    exposures_s: tuple[float | None, float | None]
+    notes: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether neither means nor noise differ at half the level each."""
+        return min(self.means.p_value, self.noise.p_value) >= self.level / 2
+
+    @property
+    def relative_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
+        """(patches, channels): (measured - simulated) / simulated, masked where simulated is not above black."""
+        made = np.ma.masked_less_equal(self.simulated.mean_dn, 0.0)
+        return (self.measured.mean_dn - made) / made
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The verdict in words: each test, then by how much and in which way the frames differ if they do."""
+        lines = [self._says("patch means", self.means), self._says("noise over pixels", self.noise)]
+        if self.agrees:
+            return tuple(lines)
+        difference = np.ma.abs(np.ma.array(self.relative_difference, mask=~self.used | self.relative_difference.mask))
+        if difference.count():
+            patch, channel = np.unravel_index(int(difference.argmax()), difference.shape)
+            lines.append(
+                f"the largest difference of means is {100 * self.relative_difference[patch, channel]:+.2f} % "
+                f"({self.measured.names[patch]}, {self.measured.channels[channel]})"
+            )
+        for name, line in self.regression_by_channel.items():
+            if line is not None:
+                slope = line.slope_through_origin
+                lines.append(
+                    f"channel {name}: measured is {slope.value:.4f} of simulated "
+                    f"({slope.lower_95:.4f} to {slope.upper_95:.4f})"
+                )
+        one, other = self.exposures_s
+        if one is not None and other is not None and one != other:
+            lines.append(f"the exposures differ: measured {one:g} s, simulated {other:g} s")
+        return tuple(lines)
+
+    def _says(self, what: str, test: ChiSquare) -> str:
+        verdict = "agree" if test.p_value >= self.level / 2 else "differ"
+        within = f" beyond {self.tolerance_percent:g} %" if self.tolerance_percent else ""
+        return (
+            f"{what} {verdict}{within}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of "
+            f"freedom, p = {test.p_value:.2g}, at level {self.level / 2:g}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings for JSON; None for a number that is not finite or is masked."""
+        return {
+            "agrees": self.agrees,
+            "reasons": list(self.reasons),
+            "notes": list(self.notes),
+            "level": self.level,
+            "tolerance_percent": self.tolerance_percent,
+            "patches": list(self.measured.names),
+            "channels": list(self.measured.channels),
+            "used": self.used.tolist(),
+            "measured": _statistics(self.measured),
+            "simulated": _statistics(self.simulated),
+            "relative_difference": _plain(self.relative_difference),
+            "means": asdict(self.means),
+            "noise": asdict(self.noise),
+            "regression": None if self.regression is None else asdict(self.regression),
+            "regression_by_channel": {
+                name: None if line is None else asdict(line) for name, line in self.regression_by_channel.items()
+            },
+            "color": None if self.color is None else _color(self.color),
+        }
+
+
+def _plain(values: NDArray[Any]) -> Any:
+    filled = np.ma.filled(np.ma.masked_invalid(values).astype(object), None)
+    return filled.tolist()
+
+
+def _statistics(found: PatchStatistics) -> dict[str, Any]:
+    return {
+        "frames": found.frames,
+        "pixels": found.pixels.tolist(),
+        "mean_dn": _plain(found.mean_dn),
+        "standard_error_dn": _plain(found.standard_error_dn),
+        "spatial_noise_dn": _plain(found.spatial_noise_dn),
+        "spatial_snr_db": _plain(found.spatial_snr_db),
+        "temporal_snr_db": None if found.temporal_snr_db is None else _plain(found.temporal_snr_db),
+        "saturated_share": _plain(found.saturated_share),
+    }
+
+
+def _color(found: ColorComparison) -> dict[str, Any]:
+    return {
+        "patches": list(found.names),
+        "delta_e_76": found.delta_e_76.tolist(),
+        "delta_e_2000": found.delta_e_2000.tolist(),
+        "matrix": found.matrix.matrix.tolist(),
+        "fit_delta_e_76": found.matrix.delta_e_76.tolist(),
+        "fit_delta_e_2000": found.matrix.delta_e_2000.tolist(),
+        "fit_delta_e_76_left_out": found.matrix.delta_e_76_left_out.tolist(),
+        "fit_delta_e_2000_left_out": found.matrix.delta_e_2000_left_out.tolist(),
+    }
