@@ -44,3 +44,18 @@ def parse_exposure(text: str | float) -> float:
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not '{text}'") from None
     return check_exposure(seconds)
+
+
+def format_exposure(exposure_s: float) -> str:
+    """An exposure time as `parse_exposure` reads it back, bit for bit: 1/n where that is exact, else decimal.
+
+    Examples
+    --------
+    >>> format_exposure(1 / 8000), format_exposure(0.3), format_exposure(30.0)
+    ('1/8000', '0.3', '30')
+    """
+    if 0 < exposure_s < 1:
+        denominator = round(1 / exposure_s)
+        if denominator < 1_000_000 and 1 / denominator == exposure_s and len(str(denominator)) < len(repr(exposure_s)):
+            return f"1/{denominator}"
+    return repr(float(exposure_s)).removesuffix(".0")

@@ -44,7 +44,8 @@ class RawFrame:
     Raises
     ------
     InputError
-        If the array is not two-dimensional uint16, is empty, or holds numbers above 2^bits - 1, or if the levels cannot be.
+        If the array is not two-dimensional uint16, is empty, or holds numbers above 2^bits - 1, or if the
+        levels cannot be.
 
     Examples
     --------

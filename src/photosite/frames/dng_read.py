@@ -1,0 +1,216 @@
+"""Frames read from DNG: photosite's own, and any other of one sample a pixel.
+
+Levels, mosaic and matrix come from the file's tags, exactly and where the tags say they start; LibRaw, which rounds
+black levels and moves odd margins, only decodes the pixels.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.cfa import MONOCHROME, Cfa, channel_names
+from photosite.errors import FileError, PhotositeWarning
+from photosite.frames import dng
+from photosite.frames.camera_raw import opened
+from photosite.frames.header import FrameHeader, described
+from photosite.frames.tiff import (
+    BITS,
+    COMPRESSION,
+    DESCRIPTION,
+    LENGTH,
+    PHOTOMETRIC,
+    SAMPLES,
+    WIDTH,
+    checked_size,
+    exposure_of,
+    read_tiff_pixels,
+)
+from photosite.frames.tiff_directory import SUB_IFDS, Directory, read_directories
+
+_CFA = 32803
+_COLOURS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
+"""TIFF/EP CFAPattern, and white as DNG adds it."""
+
+
+def read_dng_header(path: Path) -> FrameHeader:
+    """What a DNG says of its frame.
+
+    Raises
+    ------
+    FileError
+        If the file is truncated or holds no frame of one sample a pixel, or is photosite's and was edited.
+
+    Warns
+    -----
+    PhotositeWarning
+        If black levels differ from pixel to pixel: a raw frame has one, the mean.
+    """
+    directories = read_directories(path)
+    top, raw = directories[0], _raw_directory(path, directories)
+    text = top.text(DESCRIPTION) or ""
+    rows, cols = int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
+    if (own := described(path, text, rows, cols, 16)) is not None:
+        checked_size(path, raw)
+        _check_unedited(path, own, top)
+        return own
+    top_edge, left, bottom, right = _active_area(raw, rows, cols)
+    if not (0 <= top_edge < bottom <= rows and 0 <= left < right <= cols):
+        raise FileError(path, f"is damaged: active area {(top_edge, left, bottom, right)} in {rows} x {cols} pixels")
+    white = raw.number(dng.WHITE_LEVEL) or (1 << int(raw.number(BITS) or 16)) - 1
+    cfa = _cfa(path, raw)
+    return FrameHeader(
+        bottom - top_edge,
+        right - left,
+        None,
+        bits=int(white).bit_length(),
+        cfa=cfa,
+        black_level_dn=_black_level(path, raw),
+        white_level_dn=float(white),
+        exposure_s=exposure_of(top),
+        color_matrix=_color_matrix(top, raw, cfa),
+        noise_profile=_noise_profile(top, raw, cfa),
+        metadata=MappingProxyType(_metadata(top)),
+    )
+
+
+def read_dng_pixels(path: Path) -> NDArray[np.uint16]:
+    """The (rows, cols) numbers of a DNG's active area.
+
+    Raises
+    ------
+    FileError
+        If they cannot be decoded.
+    """
+    directories = read_directories(path)
+    top, raw = directories[0], _raw_directory(path, directories)
+    rows, cols = int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
+    if raw is top and raw.number(COMPRESSION) in (None, 1) and raw.number(BITS) == 16:
+        pixels = read_tiff_pixels(path)
+    else:
+        with opened(path) as decoder:
+            pixels = decoder.raw_image.copy()
+    if pixels.shape != (rows, cols):
+        raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
+    top_edge, left, bottom, right = _active_area(raw, rows, cols)
+    return np.ascontiguousarray(pixels[top_edge:bottom, left:right])
+
+
+def _raw_directory(path: Path, directories: list[Directory]) -> Directory:
+    """The largest full-resolution directory; previews are marked by NewSubfileType."""
+    every = [child for page in directories for child in (page, *page.children.get(SUB_IFDS, ()))]
+    raws = [page for page in every if page.number(PHOTOMETRIC) in (_CFA, dng.LINEAR_RAW) and not page.number(254)]
+    if not raws:
+        raise FileError(path, "is a DNG without a raw image")
+    raw: Directory = max(raws, key=lambda page: (page.number(WIDTH) or 0) * (page.number(LENGTH) or 0))
+    if (samples := raw.number(SAMPLES) or 1) != 1:
+        raise FileError(path, f"is a developed DNG of {samples} samples a pixel; a raw frame has one")
+    return raw
+
+
+def _active_area(raw: Directory, rows: int, cols: int) -> tuple[int, int, int, int]:
+    area = raw.numbers(dng.ACTIVE_AREA) or (0, 0, rows, cols)
+    top, left, bottom, right = (int(edge) for edge in area)
+    return top, left, bottom, right
+
+
+def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:
+    """photosite writes some things twice; where they differ, somebody has edited the file."""
+    black, exposure_s = own.black_level_dn or 0.0, own.exposure_s
+    white = int(own.white_level_dn or 0)
+    said: list[tuple[str, Any, Any]] = [
+        ("black level", _rounded(black), top.number(dng.BLACK_LEVEL)),
+        ("white level", white, top.number(dng.WHITE_LEVEL)),
+        ("exposure", None if exposure_s is None else _rounded(exposure_s), exposure_of(top)),
+    ]
+    if own.cfa is not None and len(channel_names(own.cfa)) > 1:
+        said.append(("colour filter array", own.cfa, _cfa(path, top)))
+    for what, described_value, tagged in said:
+        if described_value != tagged:
+            raise FileError(
+                path,
+                f"was edited: its tags say {what} {tagged}, its description {described_value}; "
+                "remove ImageDescription to go by the tags",
+            )
+
+
+def _rounded(value: float) -> float:
+    numerator, denominator = dng.ratio(value, "value")
+    return numerator / denominator
+
+
+def _cfa(path: Path, raw: Directory) -> Cfa:
+    if raw.number(PHOTOMETRIC) == dng.LINEAR_RAW:
+        return MONOCHROME
+    size, pattern = raw.numbers(dng.CFA_REPEAT_DIM), raw.numbers(dng.CFA_PATTERN)
+    if size is None or pattern is None or len(size) != 2 or len(pattern) != size[0] * size[1]:
+        raise FileError(path, "is damaged: a mosaic without its colour filter array")
+    if (raw.number(50711) or 1) != 1:
+        raise FileError(path, f"has CFALayout {raw.number(50711)}; only rectangular mosaics (1) are read")
+    names = [_COLOURS.get(int(code), f"C{code}") for code in pattern]
+    return tuple(tuple(names[row * size[1] : (row + 1) * size[1]]) for row in range(size[0]))
+
+
+def _black_level(path: Path, raw: Directory) -> float:
+    levels = raw.numbers(dng.BLACK_LEVEL) or (0.0,)
+    along_row, along_col = raw.numbers(50715) or (0.0,), raw.numbers(50716) or (0.0,)  # BlackLevelDeltaH, -V
+    if any(len(set(part)) > 1 for part in (levels, along_row, along_col)):
+        warnings.warn(
+            f"{path}: black levels differ from pixel to pixel, {min(levels):g} to {max(levels):g} DN within the tile; "
+            "their mean is taken",
+            PhotositeWarning,
+            stacklevel=4,
+        )
+    return float(np.mean(levels) + np.mean(along_row) + np.mean(along_col))
+
+
+def _color_matrix(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    """The ColorMatrix of D65, CameraCalibration and AnalogBalance included (DNG 1.4, chapter 6)."""
+    for matrix_tag, light_tag, calibration_tag in ((50721, 50778, 50723), (50722, 50779, 50724)):
+        values, light = top.numbers(matrix_tag), top.number(light_tag)
+        if values is None or light != dng.D65:
+            continue
+        planes = len(values) // 3
+        matrix = np.reshape(values, (planes, 3))
+        if (calibration := top.numbers(calibration_tag)) is not None:
+            matrix = np.reshape(calibration, (planes, planes)) @ matrix
+        if (balance := top.numbers(50727)) is not None:
+            matrix = np.diag(balance) @ matrix
+        return _by_channel(matrix, raw, cfa)
+    return None
+
+
+def _noise_profile(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    values = raw.numbers(dng.NOISE_PROFILE) or top.numbers(dng.NOISE_PROFILE)
+    if values is None:
+        return None
+    profile = np.reshape(values, (-1, 2))
+    if len(profile) == 1:
+        return np.repeat(profile, len(channel_names(cfa)), axis=0)
+    return _by_channel(profile, raw, cfa)
+
+
+def _by_channel(table: NDArray[np.float64], raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    """Rows in the order of CFAPlaneColor put into the order of the tile's channels."""
+    planes = [_COLOURS.get(int(code)) for code in raw.numbers(dng.CFA_PLANE_COLOR) or (0, 1, 2)]
+    if cfa == MONOCHROME:
+        planes = ["M"]
+    channels = channel_names(cfa)
+    if len(planes) != len(table) or not set(channels) <= set(planes):
+        return None
+    return np.asarray(table[[planes.index(name) for name in channels]], dtype=np.float64)
+
+
+def _metadata(top: Directory) -> dict[str, Any]:
+    found = {
+        "camera": top.text(dng.UNIQUE_CAMERA_MODEL),
+        "make": top.text(dng.MAKE),
+        "model": top.text(dng.MODEL),
+        "iso": top.exif(dng.ISO),
+    }
+    return {name: value for name, value in found.items() if value is not None}

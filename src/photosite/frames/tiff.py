@@ -1,0 +1,105 @@
+"""Frames in TIFF: one grey page of 8 or 16 bits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+from photosite.frames.header import FrameHeader, describe, described
+from photosite.frames.raw_frame import RawFrame
+from photosite.frames.tiff_directory import Directory, read_directories
+
+WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
+SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
+
+_GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
+_COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
+
+
+def write_tiff(frame: RawFrame, path: Path) -> None:
+    """Write the frame as uncompressed 16-bit TIFF, its description in ImageDescription."""
+    import tifffile
+
+    tifffile.imwrite(
+        path, frame.dn, photometric="minisblack", description=describe(frame), metadata=None, software="photosite"
+    )
+
+
+def read_tiff_header(path: Path) -> FrameHeader:
+    """What a TIFF file says of its frame.
+
+    Raises
+    ------
+    FileError
+        If the file is truncated, holds several pages, or its pixels are not one number of 8 or 16 bits.
+    """
+    directories = read_directories(path)
+    if len(directories) > 1:
+        raise FileError(path, f"holds {len(directories)} pages; a frame is a file of one page, so split it")
+    page = directories[0]
+    rows, cols, stored_bits = checked_size(path, page)
+    text = page.text(DESCRIPTION) or ""
+    if (header := described(path, text, rows, cols, stored_bits)) is not None:
+        return header
+    return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_of(page))
+
+
+def exposure_of(page: Directory) -> float | None:
+    """The exposure time in seconds from Exif or TIFF/EP, or None where there is none above 0."""
+    exposure_s = page.exif(EXPOSURE_TIME)
+    return float(exposure_s) if exposure_s is not None and 0 < exposure_s < float("inf") else None
+
+
+def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
+    """Rows, columns and stored bits of a page that can be a raw frame.
+
+    Raises
+    ------
+    FileError
+        If the page is in colour, inverted, or its pixels are not unsigned integers of 8 or 16 bits.
+    """
+    rows, cols = page.number(LENGTH), page.number(WIDTH)
+    bits = page.number(BITS) or 1
+    samples = page.number(SAMPLES) or 1
+    photometric = page.number(PHOTOMETRIC)
+    if not rows or not cols:
+        raise FileError(path, "is damaged: its page has no size")
+    if samples != 1 or photometric not in _GREY:
+        kind = _COLOUR.get(photometric, f"photometric interpretation {photometric}")
+        if samples != 1:
+            kind += f" with {samples} samples a pixel"
+        raise FileError(path, f"is not a raw frame: it is {kind}; a raw frame is one grey number a pixel")
+    if (page.number(SAMPLE_FORMAT) or 1) != 1 or bits not in (8, 16):
+        raise FileError(path, f"has pixels that are not unsigned integers of 8 or 16 bits ({bits} bits); convert it")
+    counts = page.numbers(279) or page.numbers(325)
+    if counts is None:
+        raise FileError(path, "is damaged: its page has no image data")
+    if page.number(COMPRESSION) in (None, 1) and sum(counts) < rows * cols * bits // 8:
+        raise FileError(path, f"is damaged: {sum(counts)} bytes of image data, {rows * cols * bits // 8} expected")
+    return int(rows), int(cols), int(bits)
+
+
+def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
+    """The (rows, cols) numbers of a TIFF file's first page.
+
+    Raises
+    ------
+    FileError
+        If they cannot be decoded.
+    """
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as file:
+            pixels = file.pages[0].asarray()
+    # tifffile lets its decoders' own exceptions through; which they are depends on the compression.
+    except Exception as error:
+        raise FileError(path, f"cannot be decoded ({_one_line(error)}); save it uncompressed") from None
+    return np.ascontiguousarray(pixels, dtype=np.uint16)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

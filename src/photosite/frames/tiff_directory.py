@@ -1,0 +1,195 @@
+"""The directories of a TIFF file, read without its pixels and checked against the file's length.
+
+TIFF 6.0 section 2, BigTIFF, and the sub-directories of TIFF/EP (SubIFDs, Exif). Reading hundreds of headers is cheap
+this way, and a truncated file is found before a decoder fills what is missing with zeros.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from photosite.errors import FileError
+
+SUB_IFDS, EXIF_IFD = 330, 34665
+
+_LARGEST_VALUE = 1 << 22
+"""Bytes; larger values (thumbnails, maker notes) are skipped."""
+
+# Field type: struct code, bytes. Text and undefined bytes are kept whole.
+_TYPES = {
+    1: ("B", 1),
+    2: ("s", 1),
+    3: ("H", 2),
+    4: ("I", 4),
+    5: ("II", 8),
+    6: ("b", 1),
+    7: ("s", 1),
+    8: ("h", 2),
+    9: ("i", 4),
+    10: ("ii", 8),
+    11: ("f", 4),
+    12: ("d", 8),
+    13: ("I", 4),
+    16: ("Q", 8),
+    17: ("q", 8),
+    18: ("Q", 8),
+}
+
+
+@dataclass
+class Directory:
+    """One image file directory.
+
+    Parameters
+    ----------
+    tags
+        Tag number to its values: a tuple of numbers (rationals as floats, nan for x/0), or bytes.
+    children
+        Sub-directories by the tag that points to them.
+    """
+
+    tags: dict[int, tuple[float, ...] | bytes] = field(default_factory=dict)
+    children: dict[int, list[Directory]] = field(default_factory=dict)
+
+    def numbers(self, tag: int) -> tuple[Any, ...] | None:
+        """The tag's numbers, or None where it is absent or text."""
+        values = self.tags.get(tag)
+        return tuple(values) if values is not None else None
+
+    def number(self, tag: int) -> Any:
+        """The tag's first number, or None."""
+        values = self.numbers(tag)
+        return values[0] if values else None
+
+    def text(self, tag: int) -> str | None:
+        """The tag's text, or None where it is absent, empty or numbers."""
+        value = self.tags.get(tag)
+        if not isinstance(value, bytes):
+            return None
+        return value.split(b"\0")[0].decode("utf-8", "replace").strip() or None
+
+    def exif(self, tag: int) -> Any:
+        """A first number from the Exif directory, or from this one as TIFF/EP has it."""
+        for directory in (*self.children.get(EXIF_IFD, ()), self):
+            if (number := directory.number(tag)) is not None:
+                return number
+        return None
+
+
+def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
+    """The file's chain of directories, each with its children.
+
+    Parameters
+    ----------
+    path
+        A TIFF file, or one built like it (DNG, NEF, CR2, ARW, ...).
+    strict
+        Whether a value or image data beyond the end of the file are an error; camera makers' own files break rules.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is not TIFF, or is truncated.
+    """
+    try:
+        with path.open("rb") as file:
+            return _Reader(path, file, strict).chain()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+class _Reader:
+    def __init__(self, path: Path, file: BinaryIO, strict: bool) -> None:
+        self.path, self.file, self.strict = path, file, strict
+        self.size = os.fstat(file.fileno()).st_size
+        self.seen: set[int] = set()
+        head = self.bytes_at(0, 8)
+        self.order = {b"II": "<", b"MM": ">"}.get(head[:2], "")
+        version = struct.unpack(f"{self.order}H", head[2:4])[0] if self.order else 0
+        if version not in (42, 43):
+            raise FileError(path, "is not a TIFF file")
+        self.big = version == 43
+        self.first = self.numbers_at(8, "Q")[0] if self.big else self.numbers_at(4, "I")[0]
+
+    def bytes_at(self, offset: int, count: int) -> bytes:
+        if offset + count > self.size:
+            raise FileError(self.path, f"is truncated: {self.size} bytes, at least {offset + count} expected")
+        self.file.seek(offset)
+        return self.file.read(count)
+
+    def numbers_at(self, offset: int, codes: str) -> tuple[Any, ...]:
+        code = f"{self.order}{codes}"
+        return struct.unpack(code, self.bytes_at(offset, struct.calcsize(code)))
+
+    def chain(self) -> list[Directory]:
+        directories = self.linked(self.first)
+        if not directories:
+            raise FileError(self.path, "is a TIFF file without an image")
+        return directories
+
+    def linked(self, offset: int) -> list[Directory]:
+        directories = []
+        while offset:
+            if offset in self.seen:
+                raise FileError(self.path, "is damaged: its directories point at each other in a circle")
+            self.seen.add(offset)
+            directory, offset = self.directory(offset)
+            directories.append(directory)
+        return directories
+
+    def directory(self, offset: int) -> tuple[Directory, int]:
+        count_code, entry_bytes, link_code = ("Q", 20, "Q") if self.big else ("H", 12, "I")
+        (count,) = self.numbers_at(offset, count_code)
+        start = offset + struct.calcsize(f"<{count_code}")
+        end = start + count * entry_bytes
+        (link,) = self.numbers_at(end, link_code)
+        directory = Directory()
+        for at in range(start, end, entry_bytes):
+            self.entry(directory, at)
+        for tag in (SUB_IFDS, EXIF_IFD):
+            offsets = directory.tags.pop(tag, ())
+            directory.children[tag] = [child for at in offsets for child in self.linked(int(at))]
+        if self.strict:
+            self.check_image_data(directory)
+        return directory, int(link)
+
+    def entry(self, directory: Directory, at: int) -> None:
+        tag, kind, count = self.numbers_at(at, "HHQ" if self.big else "HHI")
+        if kind not in _TYPES:
+            return  # TIFF 6.0: readers skip what they do not know
+        codes, each = _TYPES[kind]
+        length = count * each
+        inline = at + (12 if self.big else 8)
+        room = 8 if self.big else 4
+        where = inline if length <= room else self.numbers_at(inline, "Q" if self.big else "I")[0]
+        if where + length > self.size:
+            if self.strict:
+                raise FileError(
+                    self.path, f"is truncated: tag {tag} ends at byte {where + length}, the file at {self.size}"
+                )
+            return
+        if length > _LARGEST_VALUE:
+            return
+        if codes == "s":
+            directory.tags[tag] = self.bytes_at(where, length)
+            return
+        values = self.numbers_at(where, codes[0] * (count * len(codes)))
+        if len(codes) == 2:
+            pairs = zip(values[::2], values[1::2], strict=True)
+            values = tuple(top / bottom if bottom else float("nan") for top, bottom in pairs)
+        directory.tags[tag] = values
+
+    def check_image_data(self, directory: Directory) -> None:
+        for offsets_tag, counts_tag in ((273, 279), (324, 325)):
+            offsets, counts = directory.numbers(offsets_tag), directory.numbers(counts_tag)
+            if not offsets:
+                continue
+            if counts is None or len(counts) != len(offsets):
+                raise FileError(self.path, "is damaged: its image data lack their lengths")
+            end = max(offset + count for offset, count in zip(offsets, counts, strict=True))
+            if end > self.size:
+                raise FileError(self.path, f"is truncated: image data end at byte {end}, the file at {self.size}")
