@@ -80,7 +80,8 @@ class Camera:
         Raises
         ------
         InputError
-            If the exposure is not above 0, the scene lies within the focal length, or its radiance is negative somewhere.
+            If the exposure is not above 0, the scene lies within the focal length, or its radiance is negative
+            somewhere.
 
         Warns
         -----
@@ -142,9 +143,7 @@ class Camera:
         InputError
             If the shape is not the sensor's, a mean is negative or not finite, or a number is out of range.
         """
-        dn = digital_numbers(
-            self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame
-        )
+        dn = digital_numbers(self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame)
         readout = self.sensor.readout
         return RawFrame(
             dn,
@@ -152,7 +151,9 @@ class Camera:
             cfa=self.sensor.array.cfa,
             black_level_dn=readout.black_level_dn.value,
             exposure_s=exposure_s,
-            metadata=MappingProxyType({"camera": self.sensor.name, "serial": self.sensor.serial, "seed": seed, "frame": frame}),
+            metadata=MappingProxyType(
+                {"camera": self.sensor.name, "serial": self.sensor.serial, "seed": seed, "frame": frame}
+            ),
         )
 
     def image_regions(self, scene: Scene) -> tuple[Region, ...]:

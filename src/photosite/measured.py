@@ -47,9 +47,7 @@ class Measured:
         if not math.isfinite(self.value):
             raise InputError(f"a measured value must be a finite number, not {self.value}")
         if not (math.isfinite(self.standard_uncertainty) and self.standard_uncertainty >= 0):
-            raise InputError(
-                f"a standard uncertainty must be finite and not negative, not {self.standard_uncertainty}"
-            )
+            raise InputError(f"a standard uncertainty must be finite and not negative, not {self.standard_uncertainty}")
 
     def __float__(self) -> float:
         return self.value

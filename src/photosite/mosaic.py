@@ -64,10 +64,8 @@ def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
     )
 
 
-def electrons_per_weight(
-    scene: Scene, optics: Optics, sensor: Sensor, rule: Rule = "trapezoid"
-) -> NDArray[np.float64]:
-    """(channels, K, wavelengths) electrons per second in a pixel for weight 1, before blur; the sum is over wavelength."""
+def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule = "trapezoid") -> NDArray[np.float64]:
+    """(channels, K, wavelengths) electrons per second in a pixel for weight 1, to be summed over wavelength."""
     grid = scene.wavelength_nm
     irradiance = scene.basis * optics.irradiance_per_radiance(grid, scene.distance_m)
     area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value

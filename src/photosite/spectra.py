@@ -177,12 +177,11 @@ def luminance_cd_m2(
     """
     grid = wavelength_grid(wavelength_nm)
     weights = color_matching_functions(grid)[1] * integration_weights(grid, rule)
-    return LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights)
+    luminance: NDArray[np.float64] = LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights)
+    return luminance
 
 
-def xyz(
-    photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trapezoid"
-) -> NDArray[np.float64]:
+def xyz(photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trapezoid") -> NDArray[np.float64]:
     """CIE 1931 tristimulus values, (..., 3), of (..., wavelengths) photons/s/sr/m2/nm; Y in cd/m2.
 
     Examples
@@ -194,12 +193,11 @@ def xyz(
     """
     grid = wavelength_grid(wavelength_nm)
     weights = color_matching_functions(grid) * integration_weights(grid, rule)
-    return LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights.T)
+    tristimulus: NDArray[np.float64] = LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights.T)
+    return tristimulus
 
 
-def blackbody(
-    temperature_k: float, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM
-) -> NDArray[np.float64]:
+def blackbody(temperature_k: float, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDArray[np.float64]:
     """Planck's spectral energy radiance, (wavelengths,) W/sr/m2/nm.
 
     Raises
@@ -220,9 +218,7 @@ def blackbody(
     return per_m * 1e-9
 
 
-def illuminant(
-    name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM
-) -> NDArray[np.float64]:
+def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDArray[np.float64]:
     """Relative spectral energy of an illuminant, (wavelengths,).
 
     Parameters

@@ -20,9 +20,7 @@ DARK_CURRENT = np.uint32(4)
 
 
 @compiled(parallel=True)
-def normal_map(
-    rows: int, cols: int, source: np.uint32, k0: np.uint32, k1: np.uint32
-) -> NDArray[np.float32]:
+def normal_map(rows: int, cols: int, source: np.uint32, k0: np.uint32, k1: np.uint32) -> NDArray[np.float32]:
     """(rows, cols) standard normal deviates, one a pixel: a chip's fixed pattern before scaling."""
     out = np.empty((rows, cols), np.float32)
     zero = np.uint32(0)

@@ -8,7 +8,8 @@ sampling frequency,
     H(f) = sum_m transfer(|f + m fs|) aperture(f + m fs) cell(f + m fs),
 
 and because the lens passes nothing beyond its cutoff the sum is short. Without the folded terms the kernel would
-ring, and dark samples beside bright ones would come out negative. At f = 0 only m = 0 is left: a uniform field keeps its value.
+ring, and dark samples beside bright ones would come out negative. At f = 0 only m = 0 is left: a uniform field keeps
+its value.
 """
 
 from __future__ import annotations
@@ -71,11 +72,11 @@ class RadialTransfer:
     @property
     def reach_per_m(self) -> float:
         """Frequency beyond which nothing passes."""
-        return self.step_per_m * (self.table.shape[2] - 1)
+        return float(self.step_per_m * (self.table.shape[2] - 1))
 
     def at(self, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """(channels, maps, ...) at frequencies of any shape."""
-        channels, maps, nodes = self.table.shape
+        nodes = self.table.shape[2]
         position = frequency_per_m / self.step_per_m
         index = np.minimum(position.astype(np.intp), nodes - 2)
         share = position - index
@@ -126,8 +127,8 @@ def channel_images(
         (channels, rows, cols) float32.
     """
     _, rows, cols = maps.shape
-    fy = np.abs(np.fft.fftfreq(rows, sampling.cell_m(0)))
-    fx = np.fft.rfftfreq(cols, sampling.cell_m(1))
+    fy = np.abs(np.fft.fftfreq(rows, sampling.cell_m(0))).astype(np.float64)
+    fx = np.fft.rfftfreq(cols, sampling.cell_m(1)).astype(np.float64)
     fold = _fold_on_grid(transfer, sampling, fy, fx)
     aperture_y, aperture_x = sampling.aperture(0, fy), sampling.aperture(1, fx)
     spectra = np.zeros((transfer.table.shape[0], rows, fx.size), np.complex64)

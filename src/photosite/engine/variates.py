@@ -104,9 +104,7 @@ def normal(p: float) -> float:
 
 
 @compiled()
-def poisson(
-    mean: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k0: np.uint32, k1: np.uint32
-) -> int:
+def poisson(mean: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k0: np.uint32, k1: np.uint32) -> int:
     """A Poisson count of a mean of 0 or more, exact at every mean.
 
     Below 10 by inversion of the cumulative sum; above by transformed rejection with squeeze (PTRS; Hoermann, "The
@@ -115,7 +113,7 @@ def poisson(
     """
     if mean <= 0.0:
         return 0
-    w0, w1, w2, w3 = philox4x32(pixel, frame, source, np.uint32(0), k0, k1)
+    w0, w1, _, _ = philox4x32(pixel, frame, source, np.uint32(0), k0, k1)
     if mean < _SMALL_MEAN:
         # 53 bits, so that the cumulative sum is met to double precision.
         p = ((w0 >> 5) * 67108864.0 + (w1 >> 6) + 0.5) / 9007199254740992.0
@@ -138,7 +136,7 @@ def poisson(
         u = uniform(w0) - 0.5
         v = uniform(w1)
         us = 0.5 - abs(u)
-        count = int(math.floor((2.0 * a / us + b) * u + mean + 0.43))
+        count = math.floor((2.0 * a / us + b) * u + mean + 0.43)
         if us >= 0.07 and v <= squeeze:
             return count
         if (
@@ -149,4 +147,4 @@ def poisson(
         ):
             return count
         draw += np.uint32(1)
-        w0, w1, w2, w3 = philox4x32(pixel, frame, source, draw, k0, k1)
+        w0, w1, _, _ = philox4x32(pixel, frame, source, draw, k0, k1)

@@ -20,9 +20,7 @@ class Optics(Protocol):
         """|m|, image size over object size."""
         ...
 
-    def irradiance_per_radiance(
-        self, wavelength_nm: NDArray[np.float64], distance_m: float
-    ) -> NDArray[np.float64]:
+    def irradiance_per_radiance(self, wavelength_nm: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
         """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
         ...
 
@@ -30,13 +28,13 @@ class Optics(Protocol):
         """Spatial frequency on the sensor, cycles/m, beyond which the optical transfer function is 0."""
         ...
 
-    def otf(
-        self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float
-    ) -> NDArray[np.float64]:
+    def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
         """Optical transfer function at spatial frequencies on the sensor, cycles/m, of any shape; 1 at 0."""
         ...
 
-    def relative_illumination(self, image_height_m: NDArray[np.float64], distance_m: float) -> NDArray[np.float64] | None:
+    def relative_illumination(
+        self, image_height_m: NDArray[np.float64], distance_m: float
+    ) -> NDArray[np.float64] | None:
         """Irradiance over that on axis at distances from the axis on the sensor; None where it is 1 everywhere."""
         ...
 
@@ -101,7 +99,8 @@ class DiffractionLimited:
         focal_m = self.focal_length_mm * 1e-3
         if not distance_m > focal_m:
             raise InputError(
-                f"an object at {distance_m} m has no image behind a lens of {focal_m} m focal length; move it farther away"
+                f"an object at {distance_m} m has no image behind a lens of {focal_m} m focal length; "
+                "move it farther away"
             )
         return 0.0 if math.isinf(distance_m) else focal_m / (distance_m - focal_m)
 
@@ -109,9 +108,7 @@ class DiffractionLimited:
         """N_w = N (1 + |m|)."""
         return self.f_number * (1 + self.magnification(distance_m))
 
-    def irradiance_per_radiance(
-        self, wavelength_nm: NDArray[np.float64], distance_m: float
-    ) -> NDArray[np.float64]:
+    def irradiance_per_radiance(self, wavelength_nm: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
         """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
         grid = wavelength_grid(wavelength_nm)
         passed = (
@@ -125,9 +122,7 @@ class DiffractionLimited:
         """Diffraction's cutoff frequency on the sensor, cycles/m."""
         return 1.0 / (wavelength_nm * 1e-9 * self.working_f_number(distance_m))
 
-    def otf(
-        self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float
-    ) -> NDArray[np.float64]:
+    def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
         """Transfer function of a circular pupil, (2/pi) (acos r - r sqrt(1 - r^2)), r = frequency over cutoff.
 
         Examples

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.cie import colour_science
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, labelled
 from photosite.scene.placement import place
-from photosite.spectra import illuminant as relative_energy
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, labelled
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
@@ -22,6 +21,7 @@ from photosite.spectra import (
     photons_from_energy,
     wavelength_grid,
 )
+from photosite.spectra import illuminant as relative_energy
 
 MACBETH_NAMES: tuple[str, ...] = (
     "dark skin",
@@ -248,12 +248,10 @@ def slanted_edge(
         raise InputError(f"the edge leans by less than 45 degrees from the vertical, not {angle_deg}")
     if not contrast > 1:
         raise InputError(f"the edge's contrast is above 1, not {contrast}")
-    field = uniform(
-        illuminant, mean_luminance_cd_m2, wavelength_nm=wavelength_nm, distance_m=distance_m, rule=rule
-    )
+    field = uniform(illuminant, mean_luminance_cd_m2, wavelength_nm=wavelength_nm, distance_m=distance_m, rule=rule)
     slope = math.tan(math.radians(angle_deg))
     # Signed distance (along the row, in samples) of the edge from each sample's left border, at its centre row.
-    edge_at = cols / 2 - slope * (np.arange(rows) + 0.5 - rows / 2)
+    edge_at = cols / 2 - slope * (np.arange(rows, dtype=np.float64) + 0.5 - rows / 2)
     offset = edge_at[:, None] - np.arange(cols)[None, :]
     bright = 1.0 - _area_left_of_edge(offset, abs(slope))
     dark = 0.0 if math.isinf(contrast) else 1.0 / contrast

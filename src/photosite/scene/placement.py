@@ -86,7 +86,9 @@ def place(
     2.0
     """
     (scene_rows, scene_cols), (rows, cols) = scene_shape, frame_shape
-    col_step = cols_per_pixel if cols_per_pixel is not None else min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
+    col_step = (
+        cols_per_pixel if cols_per_pixel is not None else min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
+    )
     row_step = col_step * pixel_aspect
     return Placement(
         row_start=(scene_rows - rows * row_step) / 2,

@@ -107,7 +107,13 @@ class Scene:
             If lengths differ or a value is negative or not finite.
         """
         radiance = _radiance(photon_radiance, 1)
-        return cls(np.ones((1, 1, 1), np.float32), radiance[None], wavelength_grid(wavelength_nm), distance_m, name=name)
+        return cls(
+            np.ones((1, 1, 1), np.float32),
+            radiance[None],
+            wavelength_grid(wavelength_nm),
+            distance_m,
+            name=name,
+        )
 
     @classmethod
     def from_radiance(
@@ -151,7 +157,10 @@ class Scene:
         samples = radiance.reshape(-1, count)
         # Eigenvectors of the small (wavelengths, wavelengths) matrix: the right singular vectors of the tall one.
         power, vectors = np.linalg.eigh(samples.T @ samples)
-        power, vectors = np.maximum(power[::-1], 0.0), vectors[:, ::-1]  # rounding only: the matrix is a Gram matrix
+        power, vectors = (
+            np.maximum(power[::-1], 0.0),
+            vectors[:, ::-1],
+        )  # rounding only: the matrix is a Gram matrix
         left_over = power.sum() - np.cumsum(power)
         K = int(np.argmax(left_over <= tolerance**2 * power.sum())) + 1 if power.sum() > 0 else 1
         weights = samples @ vectors[:, :K]

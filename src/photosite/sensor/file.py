@@ -10,14 +10,20 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.sensor.model import Array, Channel, Noise, Pixel, Provenance, Readout, Sensor
 
 _SUFFIX = ".sensor.yaml"
-_SECTIONS = {"array": Array, "pixel": Pixel, "noise": Noise, "readout": Readout, "provenance": Provenance}
+_SECTIONS: dict[str, type[BaseModel]] = {
+    "array": Array,
+    "pixel": Pixel,
+    "noise": Noise,
+    "readout": Readout,
+    "provenance": Provenance,
+}
 
 
 def preset_names() -> tuple[str, ...]:
@@ -54,7 +60,12 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     """
     text = fspath(name_or_path)
     path = Path(text)
-    if isinstance(name_or_path, str) and path.suffix not in (".yaml", ".yml") and path.name == text and not path.exists():
+    if (
+        isinstance(name_or_path, str)
+        and path.suffix not in (".yaml", ".yml")
+        and path.name == text
+        and not path.exists()
+    ):
         names = preset_names()
         if text not in names:
             raise InputError(f"unknown sensor '{text}'; presets are: {', '.join(names)}; a file's name ends in .yaml")
@@ -103,7 +114,9 @@ def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
     try:
         return Sensor.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
+        # A misspelt field is also a missing one; the misspelling is what helps.
+        found = error.errors()
+        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
         raise FileError(path, _explain(first), _line(data, first["loc"])) from None
 
 
@@ -112,8 +125,7 @@ def _explain(error: Any) -> str:
     section = ".".join(str(part) for part in parents)
     match error["type"]:
         case "extra_forbidden":
-            home = Channel if parents[:1] == ["channels"] else _SECTIONS.get(str(parents[0])) if parents else Sensor
-            known = list((home or Sensor).model_fields)
+            known = list(_home(parents).model_fields)
             where = f"in {section}" if section else "at the top"
             return f"unknown field '{last}' {where}; {did_you_mean(str(last), known)}"
         case "missing":
@@ -121,6 +133,13 @@ def _explain(error: Any) -> str:
     message = str(error["msg"]).removeprefix("Value error, ")
     place = ".".join(str(part) for part in error["loc"])
     return f"{place}: {message}" if place else message
+
+
+def _home(parents: Sequence[str | int]) -> type[BaseModel]:
+    """The model of a section of the file."""
+    if not parents:
+        return Sensor
+    return Channel if parents[0] == "channels" else _SECTIONS[str(parents[0])]
 
 
 def _line(data: Any, location: Sequence[str | int]) -> int | None:

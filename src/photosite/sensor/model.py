@@ -311,7 +311,7 @@ class Sensor(_Section):
         (0.0, '12', 8)
         """
         data = self.model_dump()
-        homes = {name: data for name in ("name", "serial", "channels")}
+        homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels"), data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
             homes |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
         for name, value in changes.items():

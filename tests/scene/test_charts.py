@@ -1,0 +1,77 @@
+"""Charts: published colours, exact areas, the luminance asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.cie import colour_science
+from photosite.errors import InputError
+from photosite.scene import charts
+from photosite.spectra import DEFAULT_WAVELENGTH_NM, luminance_cd_m2, photons_from_energy, xyz
+from photosite.spectra import illuminant as relative_energy
+
+
+def test_macbeth_patches_have_their_published_chromaticities() -> None:
+    """ColorChecker "2005" xyY under D50/C of GretagMacbeth; Ohta's spectra agree within 0.01 in x, y."""
+    light = photons_from_energy(relative_energy("C"), DEFAULT_WAVELENGTH_NM)
+    values = xyz(charts.macbeth_reflectance() * light, DEFAULT_WAVELENGTH_NM)
+    chromaticity = values[:, :2] / values.sum(axis=1, keepdims=True)
+    published = colour_science().CCS_COLOURCHECKERS["ColorChecker 1976"].data  # McCamy 1976, illuminant C
+    for name, ours, theirs in zip(charts.MACBETH_NAMES, chromaticity, published.values(), strict=True):
+        assert ours == pytest.approx(np.asarray(theirs)[:2], abs=0.012), name
+
+
+def test_macbeth_mean_luminance_is_that_of_its_patches() -> None:
+    chart = charts.macbeth("D65", 123.0)
+    patches = [luminance_cd_m2(chart.radiance(r.r0, r.c0), chart.wavelength_nm) for r in chart.regions]
+    assert np.mean(patches) == pytest.approx(123.0, rel=1e-9)
+    assert np.argmax(patches) == charts.MACBETH_NAMES.index("white")
+
+
+def test_macbeth_regions_lie_inside_their_patches_and_black_between() -> None:
+    chart = charts.macbeth()
+    for index, region in enumerate(chart.regions):
+        weights = chart.weights[:, region.r0 - 4 : region.r1 + 4, region.c0 - 4 : region.c1 + 4]
+        assert (weights[index] == 1).all()
+        assert weights.sum() == weights[index].sum()
+    assert not chart.weights[:, :4].any()
+    assert not chart.weights[:, :, 30:36][:, :, 2:4].any()
+
+
+def test_macbeth_regions_of_a_frame_follow_the_cover_rule() -> None:
+    regions = charts.macbeth_regions(132 * 3, 196 * 3)
+    chart = charts.macbeth()
+    assert [(r.r0, r.c1) for r in regions] == [(3 * r.r0, 3 * r.c1) for r in chart.regions]
+    with pytest.raises(InputError, match="holds no whole pixel"):
+        charts.macbeth_regions(4, 6)
+
+
+def test_reflectance_is_not_stretched() -> None:
+    with pytest.raises(InputError, match="380 to 780"):
+        charts.macbeth_reflectance(np.arange(350.0, 700.0, 10))
+
+
+@pytest.mark.parametrize("angle", [-12.0, 0.0, 5.0, 40.0])
+def test_slanted_edge_holds_exact_areas(angle: float) -> None:
+    """Against the slow way: each sample's area on the bright side by 64 x 64 points."""
+    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=14, cols=20)
+    fine = 64
+    y = (np.arange(14 * fine) + 0.5) / fine - 7
+    x = (np.arange(20 * fine) + 0.5) / fine - 10
+    bright = x[None, :] > -math.tan(math.radians(angle)) * y[:, None]
+    area = bright.reshape(14, fine, 20, fine).mean(axis=(1, 3))
+    assert edge.weights[0] == pytest.approx(area, abs=1.5 / fine)
+    assert edge.weights[0].mean() == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "value"), [("angle_deg", 45.0), ("angle_deg", math.nan), ("contrast", 1.0)])
+def test_slanted_edges_that_cannot_be(name: str, value: float) -> None:
+    with pytest.raises(InputError, match="edge"):
+        charts.slanted_edge(**{name: value})
+
+
+def test_uniform_has_the_luminance_asked_for() -> None:
+    assert charts.uniform("FL2", 7.0).mean_luminance_cd_m2() == pytest.approx(7.0, rel=1e-12)

@@ -1,0 +1,170 @@
+"""Sensor files: what the presets say, what comes back, and how a wrong file is told."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photosite.errors import FileError, InputError
+from photosite.measured import Measured
+from photosite.sensor.file import dump_sensor, load_sensor, parse_sensor, preset_names
+from photosite.sensor.model import Sensor
+
+D200_TABLE_1 = {
+    ("pixel", "width_um"): 6.05,
+    ("pixel", "height_um"): 6.05,
+    ("pixel", "fill_factor"): 0.9,
+    ("pixel", "conversion_gain_uv_per_e"): 30,
+    ("pixel", "voltage_swing_v"): 1.08,
+    ("pixel", "well_capacity_e"): 36000,
+    ("noise", "read_noise_mv"): 0.52,
+    ("noise", "dsnu_mv"): 0.55,
+    ("noise", "prnu_percent"): 1.126,
+    ("noise", "dark_voltage_mv_per_s"): 0,
+}
+VENDOR_TABLE_1 = {
+    ("pixel", "width_um"): 2.2,
+    ("pixel", "fill_factor"): 0.5,
+    ("noise", "read_noise_mv"): 4.58,
+    ("noise", "dsnu_mv"): 6,
+    ("noise", "prnu_percent"): 1.7,
+    ("noise", "dark_voltage_mv_per_s"): 0,
+}
+
+
+@pytest.mark.parametrize(("preset", "table"), [("nikon-d200", D200_TABLE_1), ("vendor-2.2um", VENDOR_TABLE_1)])
+def test_presets_hold_the_papers_table_1(preset: str, table: dict[tuple[str, str], float]) -> None:
+    sensor = load_sensor(preset)
+    for (section, field), value in table.items():
+        quantity = getattr(getattr(sensor, section), field)
+        assert quantity.value == value
+        assert "Table 1" in quantity.source
+        assert not quantity.assumed
+
+
+def test_d200_gain_is_that_of_the_paper() -> None:
+    sensor = load_sensor("nikon-d200")
+    assert 1 / sensor.system_gain_dn_per_e == pytest.approx(7.98, rel=1e-5)
+    assert (sensor.array.rows, sensor.array.cols, sensor.readout.bits) == (2592, 3872, 12)
+    assert sensor.array.cfa == (("R", "G"), ("G", "B"))
+
+
+def test_vendor_presets_mark_what_is_assumed() -> None:
+    vendor, small = load_sensor("vendor-2.2um"), load_sensor("vendor-1.4um")
+    assert (vendor.array.rows, vendor.array.cols, vendor.array.cfa[0]) == (1536, 2048, ("G", "B"))
+    for sensor in (vendor, small):
+        assert sensor.pixel.conversion_gain_uv_per_e.assumed
+        assert sensor.pixel.voltage_swing_v.assumed
+        assert sensor.pixel.well_capacity_e.assumed
+        assert sensor.readout.analog_gain.assumed
+    assert small.pixel.width_um.value == 1.4
+    assert small.noise.read_noise_mv.value == vendor.noise.read_noise_mv.value
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_value_of_a_preset_has_a_source(name: str) -> None:
+    sensor = load_sensor(name)
+    for section in (sensor.pixel, sensor.noise, sensor.readout):
+        for field in type(section).model_fields:
+            quantity = getattr(section, field)
+            if isinstance(quantity, Measured) and field in section.model_fields_set:
+                assert quantity.source, f"{name}: {field}"
+    assert all(channel.source for channel in sensor.channels.values())
+
+
+def test_d200_spectra_are_the_reference_scaled(reference: Path) -> None:
+    with (reference / "nikon_d200_sensitivity.csv").open() as lines:
+        rows = list(csv.reader(line for line in lines if not line.startswith("#")))[1:]
+    table = {float(row[0]): [float(x) for x in row[1:]] for row in rows}
+    sensor = load_sensor("nikon-d200")
+    ratios = []
+    for column, name in enumerate("RGB"):
+        channel = sensor.channels[name]
+        assert channel.wavelength_nm == tuple(range(380, 781, 10))
+        figures = np.array([table[w][column] for w in channel.wavelength_nm])
+        ratios.append(np.array(channel.quantum_efficiency)[figures > 0.1] / figures[figures > 0.1])
+    assert np.ptp(np.concatenate(ratios)) < 1e-5
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_what_is_written_reads_back_the_same(name: str, tmp_path: Path) -> None:
+    sensor = load_sensor(name).with_(
+        read_noise_mv=Measured(0.1 + 0.2, 1e-3, "150 darks", assumed=False), frames_sha256=("ab", "cd")
+    )
+    sensor.save(tmp_path / "mine.sensor.yaml")
+    assert load_sensor(tmp_path / "mine.sensor.yaml") == sensor
+
+
+def test_small_numbers_stay_numbers() -> None:
+    """YAML 1.1 reads 1e-3 as text; 1.2 does not."""
+    text = dump_sensor(load_sensor("nikon-d200")).replace("value: 0.52", "value: 1e-3")
+    assert parse_sensor(text, "x.yaml").noise.read_noise_mv.value == 1e-3
+
+
+WRONG = [
+    ("fill_factor:", "fil_factor:", "unknown field 'fil_factor' in pixel; did you mean 'fill_factor'?", "fil_factor"),
+    ("noise:", "nois:", "unknown field 'nois' at the top; did you mean 'noise'?", "nois"),
+    ("value: 0.52,", "valu: 0.52,", "unknown key 'valu' beside 'value'; did you mean 'value'?", "read_noise_mv"),
+    ("value: 0.52,", "value: -0.52,", "noise.read_noise_mv: must be at least 0, not -0.52", "read_noise_mv"),
+    ("value: 0.52,", "value: .nan,", "noise.read_noise_mv: a measured value must be a finite number", "read_noise_mv"),
+    ("value: 0.52,", "value: [1],", "value must be a number", "read_noise_mv"),
+    ("value: 0.9,", "value: 9,", "pixel.fill_factor: must be above 0 and at most 1, not 9", "fill_factor"),
+    ("value: 1.126,", "value: 40,", "noise.prnu_percent: must be at least 0 and at most 15, not 40", "prnu_percent"),
+    ("bits: 12", "bits: 12.5", "readout.bits", "bits:"),
+    ("bits: 12", "bits: 40", "readout.bits", "bits:"),
+    ("[R, G], [G, B]", "[R, G], [G, X]", "channels lacks X, which array.cfa names", None),
+    ("[380, 390,", "[390, 380,", "channels.R: wavelength_nm must increase", "  R:"),
+    ("[380, 390,", "[390,", "one number per wavelength: 40 wavelengths, 41 efficiencies", "  R:"),
+    ("photosite_sensor: 1", "photosite_sensor: 2", "expected 'photosite_sensor: 1'", "photosite_sensor"),
+    ("pixel:", "pixel: {", "is not YAML", None),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message", "at"), WRONG)
+def test_wrong_files_say_what_and_where(old: str, new: str, message: str, at: str | None, tmp_path: Path) -> None:
+    source = Path(load_sensor.__code__.co_filename).parent / "presets" / "nikon-d200.sensor.yaml"
+    lines = source.read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if old in line and not line.startswith("#"))
+    lines[first] = lines[first].replace(old, new, 1)
+    path = tmp_path / "wrong.sensor.yaml"
+    path.write_text("\n".join(lines))
+    with pytest.raises(FileError) as caught:
+        load_sensor(path)
+    told = str(caught.value)
+    assert message in told
+    assert "\n" not in told
+    if at is not None:
+        assert caught.value.line is not None
+        assert at in lines[caught.value.line - 1]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("", "does not describe a sensor"), ("- 1\n", "does not describe a sensor"), ("\x00", "is not YAML")],
+)
+def test_files_of_another_kind(content: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        parse_sensor(content, "x.yaml")
+
+
+def test_missing_field_and_missing_file(tmp_path: Path) -> None:
+    text = "\n".join(line for line in dump_sensor(load_sensor("nikon-d200")).splitlines() if "bits:" not in line)
+    with pytest.raises(FileError, match="field 'bits' is missing from readout"):
+        parse_sensor(text, "x.yaml")
+    with pytest.raises(FileError, match="there is no such sensor file"):
+        load_sensor(tmp_path / "none.yaml")
+
+
+def test_unknown_presets_are_told_what_there_is() -> None:
+    with pytest.raises(InputError, match=r"unknown sensor 'nikon-d300'; presets are: nikon-d200, vendor-1.4um"):
+        load_sensor("nikon-d300")
+
+
+def test_schema_describes_the_file() -> None:
+    schema = json.loads(json.dumps(Sensor.model_json_schema()))
+    assert set(schema["required"]) == {"name", "array", "pixel", "channels", "noise", "readout"}
+    assert schema["$defs"]["Noise"]["properties"]["read_noise_mv"]["anyOf"][0] == {"type": "number"}
