@@ -27,7 +27,8 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileError
-        If the folder is missing or cannot be written, or writing fails in the operating system.
+        If the folder is missing or cannot be written, the name is a folder's or a device's, or writing fails in the
+        operating system.
 
     Examples
     --------
@@ -38,12 +39,14 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     >>> (Path(folder.name) / "note.txt").read_text()
     'whole'
     """
-    wanted = Path(path)
+    wanted = Path(os.path.realpath(path))  # a link stays a link, and what it points to is replaced
+    if wanted.exists() and not wanted.is_file():
+        raise FileError(path, "cannot be written: it is a folder or a device, not a file")
     try:
         handle, name = tempfile.mkstemp(prefix=f".{wanted.stem}-", suffix=wanted.suffix, dir=wanted.parent)
         os.close(handle)
     except OSError as error:
-        raise FileError(wanted, f"cannot be written: {error.strerror or error}") from None
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
     temporary = Path(name)
     try:
         yield temporary
@@ -52,6 +55,6 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
         temporary.chmod(0o666 & ~mask)  # mkstemp keeps files to their owner; a plain open would not
         os.replace(temporary, wanted)
     except OSError as error:
-        raise FileError(wanted, f"cannot be written: {error.strerror or error}") from None
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
