@@ -59,9 +59,14 @@ def read_dng_header(path: Path) -> FrameHeader:
         checked_size(path, raw)
         _check_unedited(path, own, top)
         return own
-    top_edge, left, bottom, right = _active_area(raw, rows, cols)
-    if not (0 <= top_edge < bottom <= rows and 0 <= left < right <= cols):
-        raise FileError(path, f"is damaged: active area {(top_edge, left, bottom, right)} in {rows} x {cols} pixels")
+    try:
+        return _header_of_tags(path, top, raw, _active_area(path, raw))
+    except (ValueError, OverflowError) as error:  # counts and values that cannot be
+        raise FileError(path, f"is damaged: its tags contradict each other ({error})") from None
+
+
+def _header_of_tags(path: Path, top: Directory, raw: Directory, area: tuple[int, int, int, int]) -> FrameHeader:
+    top_edge, left, bottom, right = area
     white = raw.number(dng.WHITE_LEVEL) or (1 << int(raw.number(BITS) or 16)) - 1
     cfa = _cfa(path, raw)
     return FrameHeader(
@@ -97,7 +102,7 @@ def read_dng_pixels(path: Path) -> NDArray[np.uint16]:
             pixels = decoder.raw_image.copy()
     if pixels.shape != (rows, cols):
         raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
-    top_edge, left, bottom, right = _active_area(raw, rows, cols)
+    top_edge, left, bottom, right = _active_area(path, raw)
     return np.ascontiguousarray(pixels[top_edge:bottom, left:right])
 
 
@@ -113,10 +118,14 @@ def _raw_directory(path: Path, directories: list[Directory]) -> Directory:
     return raw
 
 
-def _active_area(raw: Directory, rows: int, cols: int) -> tuple[int, int, int, int]:
-    area = raw.numbers(dng.ACTIVE_AREA) or (0, 0, rows, cols)
-    top, left, bottom, right = (int(edge) for edge in area)
-    return top, left, bottom, right
+def _active_area(path: Path, raw: Directory) -> tuple[int, int, int, int]:
+    """First row and column of the active area, and the ones after its last."""
+    rows, cols = int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
+    match raw.numbers(dng.ACTIVE_AREA) or (0, 0, rows, cols):
+        case (top, left, bottom, right) if 0 <= top < bottom <= rows and 0 <= left < right <= cols:
+            return int(top), int(left), int(bottom), int(right)
+        case area:
+            raise FileError(path, f"is damaged: active area {area} in {rows} x {cols} pixels")
 
 
 def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:

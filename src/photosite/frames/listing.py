@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +160,7 @@ def _decoded_where_needed(entries: Sequence[FileEntry], headers: list[FrameHeade
     return filled
 
 
-def _shown(value: object) -> str:
+def _shown(value: Any) -> str:
     match value:
         case None:
             return "none stated"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,7 @@ def read_png_pixels(path: Path) -> NDArray[np.uint16]:
     """
     from PIL import Image
 
+    _check_sums(path)
     try:
         with Image.open(path, formats=("PNG",)) as image:
             pixels = np.asarray(image)
@@ -87,3 +89,18 @@ def read_png_pixels(path: Path) -> NDArray[np.uint16]:
     except Exception as error:
         raise FileError(path, f"cannot be decoded: {' '.join(str(error).split())}") from None
     return np.ascontiguousarray(pixels, dtype=np.uint16)
+
+
+def _check_sums(path: Path) -> None:
+    """Every chunk's CRC; Pillow decodes image data without looking at all of them."""
+    try:
+        content = memoryview(path.read_bytes())
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    at = len(SIGNATURE)
+    while at + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, at)
+        end = at + 8 + length
+        if end + 4 > len(content) or zlib.crc32(content[at + 4 : end]) != struct.unpack_from(">I", content, end)[0]:
+            raise FileError(path, f"is damaged: the chunk at byte {at} does not match its checksum")
+        at = end + 4

@@ -14,6 +14,7 @@ from photosite.frames.tiff_directory import Directory, read_directories
 
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
 SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
+FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
 
 _GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
 _COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
@@ -74,8 +75,8 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
         raise FileError(path, f"is not a raw frame: it is {kind}; a raw frame is one grey number a pixel")
     if (page.number(SAMPLE_FORMAT) or 1) != 1 or bits not in (8, 16):
         raise FileError(path, f"has pixels that are not unsigned integers of 8 or 16 bits ({bits} bits); convert it")
-    counts = page.numbers(279) or page.numbers(325)
-    if counts is None:
+    counts = page.numbers(STRIP_COUNTS) or page.numbers(TILE_COUNTS)
+    if counts is None or (page.numbers(STRIP_OFFSETS) or page.numbers(TILE_OFFSETS)) is None:
         raise FileError(path, "is damaged: its page has no image data")
     if page.number(COMPRESSION) in (None, 1) and sum(counts) < rows * cols * bits // 8:
         raise FileError(path, f"is damaged: {sum(counts)} bytes of image data, {rows * cols * bits // 8} expected")
@@ -90,6 +91,10 @@ def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
     FileError
         If they cannot be decoded.
     """
+    page = read_directories(path)[0]
+    rows, cols, bits = checked_size(path, page)
+    if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
+        return _stored_pixels(path, page, (rows, cols), bits)
     import tifffile
 
     try:
@@ -97,9 +102,26 @@ def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
             pixels = file.pages[0].asarray()
     # tifffile lets its decoders' own exceptions through; which they are depends on the compression.
     except Exception as error:
-        raise FileError(path, f"cannot be decoded ({_one_line(error)}); save it uncompressed") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be decoded ({reason}); save it uncompressed") from None
+    if pixels.shape != (rows, cols):
+        raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
     return np.ascontiguousarray(pixels, dtype=np.uint16)
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> NDArray[np.uint16]:
+    """Pixels that lie in the file as they are, strip after strip."""
+    strips = zip(page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or (), strict=True)
+    data = bytearray()
+    try:
+        with path.open("rb") as file:
+            for offset, count in strips:
+                file.seek(offset)
+                data += file.read(count)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    wanted = shape[0] * shape[1] * bits // 8
+    if len(data) < wanted:
+        raise FileError(path, f"is truncated: {len(data)} bytes of image data, {wanted} expected")
+    stored = np.frombuffer(data, dtype=f"{page.order}u{bits // 8}", count=shape[0] * shape[1])
+    return stored.reshape(shape).astype(np.uint16, copy=False)

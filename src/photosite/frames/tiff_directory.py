@@ -46,12 +46,15 @@ class Directory:
 
     Parameters
     ----------
+    order
+        Byte order of the file, "<" or ">".
     tags
         Tag number to its values: a tuple of numbers (rationals as floats, nan for x/0), or bytes.
     children
         Sub-directories by the tag that points to them.
     """
 
+    order: str = "<"
     tags: dict[int, tuple[float, ...] | bytes] = field(default_factory=dict)
     children: dict[int, list[Directory]] = field(default_factory=dict)
 
@@ -147,7 +150,7 @@ class _Reader:
         start = offset + struct.calcsize(f"<{count_code}")
         end = start + count * entry_bytes
         (link,) = self.numbers_at(end, link_code)
-        directory = Directory()
+        directory = Directory(self.order)
         for at in range(start, end, entry_bytes):
             self.entry(directory, at)
         for tag in (SUB_IFDS, EXIF_IFD):
