@@ -126,8 +126,7 @@ class Validation:
 
 
 def _plain(values: NDArray[Any]) -> Any:
-    filled = np.ma.filled(np.ma.masked_invalid(values).astype(object), None)
-    return filled.tolist()
+    return np.ma.masked_invalid(values).tolist()
 
 
 def _statistics(found: PatchStatistics) -> dict[str, Any]:

@@ -1,0 +1,64 @@
+"""The fitted colour matrix and its cross-validation."""
+
+import numpy as np
+import pytest
+
+from photosite.develop.color_matrix import fit_color_matrix
+from photosite.errors import InputError
+from photosite.metrics.color_difference import delta_e_76, delta_e_2000
+
+TRUTH = np.array([[0.41, 0.36, 0.18], [0.21, 0.72, 0.07], [0.02, 0.12, 0.95]])
+
+
+@pytest.fixture
+def patches():
+    """Camera RGB and colours that no matrix maps onto each other exactly."""
+    rng = np.random.default_rng(24)
+    rgb = rng.uniform(0.05, 0.9, (24, 3))
+    return rgb, rgb @ TRUTH.T + rng.normal(0, 0.01, (24, 3))
+
+
+def test_an_exact_relation_is_found_whatever_the_cameras_scale():
+    rgb = np.random.default_rng(2).uniform(0, 1, (24, 3))
+    fit = fit_color_matrix(4095 * rgb, rgb @ TRUTH.T)
+    np.testing.assert_allclose(4095 * fit.matrix, TRUTH, rtol=1e-10)
+    assert fit.delta_e_76_left_out.max() < 1e-9
+
+
+def test_residuals_are_orthogonal_to_the_camera(patches):
+    rgb, xyz = patches
+    fit = fit_color_matrix(rgb, xyz)
+    # The normal equations: what makes it the least-squares matrix.
+    np.testing.assert_allclose(rgb.T @ (fit.apply(rgb) - xyz), 0, atol=1e-12)
+
+
+def test_left_out_is_what_refitting_without_the_patch_gives(patches):
+    rgb, xyz = patches
+    fit = fit_color_matrix(rgb, xyz)
+    for i in range(24):
+        kept = np.arange(24) != i
+        refitted = np.linalg.solve(rgb[kept].T @ rgb[kept], rgb[kept].T @ xyz[kept])
+        np.testing.assert_allclose(fit.delta_e_76_left_out[i], delta_e_76(rgb[i] @ refitted, xyz[i]), rtol=1e-9)
+        np.testing.assert_allclose(fit.delta_e_2000_left_out[i], delta_e_2000(rgb[i] @ refitted, xyz[i]), rtol=1e-9)
+
+
+def test_fitted_patches_flatter(patches):
+    fit = fit_color_matrix(*patches)
+    assert np.mean(fit.delta_e_76) < np.mean(fit.delta_e_76_left_out)
+
+
+def test_what_cannot_be_fitted_is_an_error(patches):
+    rgb, xyz = patches
+    with pytest.raises(InputError, match="four patches"):
+        fit_color_matrix(rgb[:3], xyz[:3])
+    with pytest.raises(InputError, match="lie in a plane, so no"):
+        fit_color_matrix(np.outer(rgb[:, 0], [1.0, 2.0, 3.0]), xyz)
+    with pytest.raises(InputError, match=r"not \(24, 3\) and \(23, 3\)"):
+        fit_color_matrix(rgb, xyz[:23])
+    with pytest.raises(InputError, match="finite"):
+        fit_color_matrix(rgb, np.where(np.arange(24)[:, None] == 3, np.inf, xyz))
+    lonely = rgb.copy()
+    lonely[:, 2] = 0
+    lonely[7, 2] = 0.5
+    with pytest.raises(InputError, match="without patch 7"):
+        fit_color_matrix(lonely, xyz)

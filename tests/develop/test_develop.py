@@ -1,0 +1,134 @@
+"""A raw frame to a picture: colours that are known beforehand, and calls that cannot be."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from photosite.cfa import NAMED, channel_mask, channel_names
+from photosite.cie import colour_science
+from photosite.develop.develop import develop
+from photosite.develop.display import encode_srgb
+from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.color_difference import D65_WHITE_XYZ
+
+# A camera's XYZ to R, G, B in the manner of published DNG matrices.
+FROM_XYZ = np.array([[0.8367, -0.2248, -0.0981], [-0.3931, 1.1500, 0.2720], [-0.0742, 0.1517, 0.7257]])
+
+
+def flat_frame(rgb, cfa="rggb", shape=(8, 10), black=1000.0, **more):
+    """An even surface of one camera colour, in units of the white level, on a 16-bit mosaic."""
+    tile = NAMED[cfa]
+    signal = sum(v * channel_mask(tile, c, shape) for c, v in zip("RGB", rgb, strict=True))
+    dn = np.rint(black + signal * (65535 - black)).astype(np.uint16)
+    return RawFrame(dn, bits=16, cfa=tile, black_level_dn=black, **more)
+
+
+def dng_matrix(cfa):
+    """Rows in the order in which the frame names its channels."""
+    return FROM_XYZ[["RGB".index(name) for name in channel_names(NAMED[cfa])]]
+
+
+@pytest.mark.parametrize("cfa", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("xyz", [(0.20, 0.12, 0.05), (0.18, 0.22, 0.40), (0.10, 0.15, 0.08)])
+def test_a_known_colour_comes_out_as_its_srgb(cfa, xyz):
+    neutral = FROM_XYZ @ D65_WHITE_XYZ
+    # Exposed so that white just saturates the camera's most sensitive channel.
+    frame = flat_frame(FROM_XYZ @ xyz / neutral.max(), cfa, color_matrix=dng_matrix(cfa))
+    wanted = colour_science().XYZ_to_sRGB(np.array(xyz))
+    assert wanted.min() > 0.05
+    assert wanted.max() < 0.95
+    np.testing.assert_allclose(develop(frame, "none", exposure=1), np.broadcast_to(wanted, (8, 10, 3)), atol=2e-4)
+    balanced = develop(frame, tuple(neutral[1] / neutral), exposure=1)
+    np.testing.assert_allclose(balanced, np.broadcast_to(wanted, (8, 10, 3)), atol=2e-4)
+    explicit = develop(flat_frame(FROM_XYZ @ xyz / neutral.max(), cfa), "none", 7 * np.linalg.inv(FROM_XYZ), 1)
+    np.testing.assert_allclose(explicit, np.broadcast_to(wanted, (8, 10, 3)), atol=2e-4)
+
+
+@pytest.mark.parametrize("matrix", [None, np.linalg.inv(FROM_XYZ)])
+def test_gray_world_makes_an_even_field_gray_whatever_the_matrix(matrix):
+    picture = develop(flat_frame((0.61, 0.33, 0.18)), "gray-world", matrix, exposure=0.5)
+    assert np.ptp(picture, axis=-1).max() < 1e-4
+    # Gains normalised to their least, red's: the field stands at red's 0.61 of white.
+    np.testing.assert_allclose(picture, encode_srgb(np.float32([0.305]))[0], atol=1e-4)
+
+
+def test_exposure_is_a_factor_on_light():
+    frame = flat_frame((0.3, 0.3, 0.3))
+    for factor in (0.5, 1.0, 2.0):
+        wanted = encode_srgb(np.float32([0.3 * factor]))[0]
+        np.testing.assert_allclose(develop(frame, "none", exposure=factor), wanted, atol=1e-4)
+
+
+def test_automatic_exposure_puts_its_percentile_at_white():
+    rng = np.random.default_rng(8)
+    frame = RawFrame(rng.integers(500, 30000, (100, 100)).astype(np.uint16), bits=16)
+    level = np.percentile(frame.dn, 99.5)
+    picture = develop(frame)
+    assert (picture[..., 0] == 1.0).mean() == pytest.approx(0.005, abs=5e-4)
+    np.testing.assert_allclose(picture[..., 1], encode_srgb((frame.dn / level).astype(np.float32)), atol=1e-5)
+
+
+def test_monochrome_becomes_gray():
+    frame = RawFrame(np.array([[100, 600], [1100, 350]], np.uint16), bits=12, black_level_dn=100)
+    picture = develop(frame, exposure=3995 / 1000)
+    assert picture.shape == (2, 2, 3)
+    np.testing.assert_allclose(picture[..., 2], encode_srgb(np.float32([[0, 0.5], [1, 0.25]])), atol=1e-6)
+    assert (picture == picture[..., :1]).all()
+
+
+def test_a_burnt_out_area_is_white_not_tinted():
+    # Tungsten light: red gains little, blue much. The upper half saturates all three channels.
+    dim, burnt = flat_frame((0.5, 0.4, 0.2), shape=(20, 20)), np.full((20, 20), 65535, np.uint16)
+    burnt[8:] = dim.dn[8:]
+    picture = develop(RawFrame(burnt, bits=16, cfa=NAMED["rggb"], black_level_dn=1000.0), exposure=0.9)
+    assert np.ptp(picture[:7], axis=-1).max() < 1e-6
+    assert np.ptp(picture[10:], axis=-1).max() < 1e-4
+    assert picture[0, 0, 0] > picture[15, 0, 0]
+
+
+def test_the_frame_is_not_touched():
+    frame = flat_frame((0.3, 0.4, 0.2))
+    before = frame.dn.copy()
+    develop(frame)
+    assert (frame.dn == before).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"white_balance": "grey-world"}, "did you mean 'gray-world'"),
+        ({"white_balance": (1.0, 2.0)}, "three numbers above 0"),
+        ({"white_balance": (1.0, -1.0, 2.0)}, "three numbers above 0"),
+        ({"exposure": 0.0}, "above 0"),
+        ({"exposure": "automatic"}, "'auto' or a factor"),
+        ({"color_matrix": np.ones((3, 3))}, "no inverse"),
+        ({"color_matrix": np.eye(4)}, r"\(3, 3\), camera RGB to XYZ"),
+        ({"color_matrix": -np.eye(3)}, "no possible camera RGB to white"),
+    ],
+)
+def test_calls_that_cannot_be(arguments, message):
+    with pytest.raises(InputError, match=message):
+        develop(flat_frame((0.3, 0.4, 0.2)), **arguments)
+
+
+def test_frames_that_cannot_be_developed():
+    dark = RawFrame(np.full((4, 4), 64, np.uint16), bits=12, cfa=NAMED["rggb"], black_level_dn=64)
+    with pytest.raises(InputError, match="finds no light"):
+        develop(dark, "none")
+    with pytest.raises(InputError, match="above black must be positive"):
+        develop(dark)
+    with pytest.raises(InputError, match="R, G and B or of one, not of C, M"):
+        develop(RawFrame(np.ones((4, 4), np.uint16), bits=12, cfa=(("C", "M"), ("M", "C"))))
+    mono = RawFrame(np.ones((4, 4), np.uint16), bits=12)
+    with pytest.raises(InputError, match="monochrome"):
+        develop(mono, (1, 1, 1))
+    with pytest.raises(InputError, match="did you mean 'none'"):
+        develop(mono, "non")
+
+
+def test_the_public_function_is_not_hidden_by_the_folder_of_its_name():
+    code = "import photosite.develop.demosaic, photosite; raise SystemExit(not hasattr(photosite.develop, '__code__'))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

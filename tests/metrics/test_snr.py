@@ -1,0 +1,78 @@
+"""The noise budget against the paper's figures, its closed form and a simulated pixel."""
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.errors import InputError
+from photosite.metrics.snr import noise_budget
+
+
+@pytest.fixture(scope="module")
+def d200():
+    return ps.load_sensor("nikon-d200")
+
+
+def test_the_d200_at_full_swing(d200):
+    # Farrell et al. (2008), Table 1 in the footnote's formula, Figure 6: to the two decimals in which they are known.
+    budget = noise_budget(d200, 1.08)
+    for name, wanted in {"total": 38.10, "shot": 45.56, "read": 66.35, "dsnu": 65.86, "prnu": 38.97}.items():
+        assert getattr(budget, f"{name}_db") == pytest.approx(wanted, abs=0.005), name
+
+
+def test_variances_add(d200):
+    budget = noise_budget(d200, np.geomspace(1e-4, 1.08, 50))
+    parts = (budget.shot_db, budget.read_db, budget.dsnu_db, budget.prnu_db)
+    np.testing.assert_allclose(10 ** (-budget.total_db / 10), sum(10 ** (-part / 10) for part in parts), rtol=1e-12)
+
+
+def test_slopes_of_the_parts(d200):
+    # Ten times the signal: shot +10 dB, constant noises +20 dB, PRNU as before.
+    budget = noise_budget(d200, [0.1, 1.0])
+    steps = [float(np.diff(getattr(budget, f"{n}_db"))[0]) for n in ("shot", "read", "dsnu", "prnu")]
+    np.testing.assert_allclose(steps, [10, 20, 20, 0], atol=1e-9)
+
+
+def test_crossings_are_where_the_parts_balance(d200):
+    budget = noise_budget(d200, 1.0)
+    low = noise_budget(d200, budget.read_dsnu_rule_below_volts)
+    high = noise_budget(d200, budget.prnu_rules_above_volts)
+
+    def variance(at, *names):
+        return sum(10 ** (-float(getattr(at, f"{name}_db")) / 10) for name in names)
+
+    assert variance(low, "read", "dsnu") == pytest.approx(variance(low, "shot", "prnu"), rel=1e-9)
+    assert variance(high, "prnu") == pytest.approx(variance(high, "read", "dsnu", "shot"), rel=1e-9)
+    assert 0 < budget.read_dsnu_rule_below_volts < budget.prnu_rules_above_volts < 1.08
+
+
+def test_a_noise_that_is_not_there_limits_nothing(d200):
+    budget = noise_budget(d200.with_(read_noise_mv=0, dsnu_mv=0, prnu_percent=0), [0.1, 1.0])
+    for part in (budget.read_db, budget.dsnu_db, budget.prnu_db):
+        assert (part == np.inf).all()
+    np.testing.assert_array_equal(budget.total_db, budget.shot_db)
+    assert budget.read_dsnu_rule_below_volts == 0.0
+    assert budget.prnu_rules_above_volts == np.inf
+
+
+def test_shape_follows_volts(d200):
+    assert noise_budget(d200, np.full((2, 3), 0.5)).total_db.shape == (2, 3)
+    assert noise_budget(d200, 0.5).total_db.shape == ()
+
+
+@pytest.mark.parametrize("volts", [0.0, -0.1, np.nan, np.inf, [0.5, 0.0]])
+def test_voltages_that_cannot_be(d200, volts):
+    with pytest.raises(InputError, match="voltages above 0"):
+        noise_budget(d200, volts)
+
+
+def test_total_is_what_a_simulated_even_field_shows(d200):
+    # 10^6 pixels: the standard deviation is known to 0.07 %, 0.006 dB; the bound is five of those.
+    rng = np.random.default_rng(38)
+    pixels = 1_000_000
+    for volts in (0.005, 0.1):
+        signal = volts / 30e-6
+        seen = rng.poisson(signal * (1 + rng.normal(0, 0.01126, pixels)))
+        seen = seen + rng.normal(0, 0.55 / 0.03, pixels) + rng.normal(0, 0.52 / 0.03, pixels)
+        shown = 20 * np.log10(signal / seen.std())
+        assert noise_budget(d200, volts).total_db == pytest.approx(shown, abs=0.03)
