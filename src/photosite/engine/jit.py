@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -29,9 +33,28 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
             options["parallel"] = True
         if inline:
             options["inline"] = "always"
-        return cast(F, numba.njit(**options)(function))
+        # numba looks at this setting when it decorates; other users of numba in the process keep theirs.
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(kernel_cache())
+        try:
+            return cast(F, numba.njit(**options)(function))
+        finally:
+            numba.config.CACHE_DIR = before
 
     return decorate
+
+
+@lru_cache(maxsize=1)
+def kernel_cache() -> Path:
+    """The folder of compiled kernels: one for each state of the engine's sources.
+
+    numba by itself compares only the file that a kernel stands in, so that a kernel compiled before a change of a
+    function it calls, in another file, would live on.
+    """
+    sources = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        sources.update(path.read_bytes())
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
 
 
 prange = numba.prange
