@@ -143,6 +143,7 @@ def test_colours_are_those_of_the_matrix_fitted_to_the_simulated_patches():
     matrix = np.linalg.solve(rgb.T @ rgb, rgb.T @ reference)
     np.testing.assert_allclose(result.color.delta_e_76, delta_e_76(other @ matrix, rgb @ matrix), rtol=1e-6)
     np.testing.assert_allclose(result.color.delta_e_2000, delta_e_2000(other @ matrix, rgb @ matrix), rtol=1e-6)
+    np.testing.assert_allclose(result.color.matrix.matrix, matrix.T, rtol=1e-6)
     # The camera is linear in XYZ but for its noise, so the matrix fits well.
     assert np.median(result.color.matrix.delta_e_2000) < 0.5
 

@@ -90,6 +90,11 @@ def chi_square_of_noise(
     -------
     ChiSquare
 
+    Raises
+    ------
+    InputError
+        If patches have so few pixels that their noise differs without an error to measure it by.
+
     Notes
     -----
     The standard errors come from the fourth moments, so no distribution is assumed. A patch without noise in

@@ -1,0 +1,54 @@
+"""The two chi-squares by themselves, on patches small enough for their corrections to matter."""
+
+import numpy as np
+import pytest
+
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.patches import patch_statistics
+from photosite.regions import Region
+from photosite.validation.agreement import chi_square_of_means, chi_square_of_noise
+
+PATCHES = [Region(str(i), i, i + 1, 0, 12) for i in range(5000)]
+ALL = np.ones((5000, 1), dtype=bool)
+
+
+def patches(seed, level=1000.0, noise=20.0):
+    """5000 patches of 12 pixels."""
+    rng = np.random.default_rng(seed)
+    return patch_statistics(RawFrame(np.rint(rng.normal(level, noise, (5000, 12))).astype(np.uint16), 12), PATCHES)
+
+
+@pytest.mark.parametrize("noise", [20.0, 60.0])
+def test_squared_differences_of_means_average_to_one(noise):
+    # Welch's t of 11 to 22 degrees of freedom: without (nu - 2) / nu the average would be 1.10 to 1.22. Over 5000
+    # patches it is known to 0.025; the bound is 3.5 of those.
+    test = chi_square_of_means(patches(1), patches(2, noise=noise), ALL)
+    assert test.degrees_of_freedom == 5000
+    assert test.statistic / 5000 == pytest.approx(1.0, abs=0.0875)
+
+
+def test_squared_differences_grow_with_the_difference():
+    # d^2 / (2 s^2 / n) on top of 1: 20 DN is 2.45 standard errors of the difference.
+    test = chi_square_of_means(patches(3, 1020.0), patches(4), ALL)
+    assert test.statistic / 5000 == pytest.approx(1 + 20**2 / (2 * 20**2 / 12), rel=0.07)
+    assert test.p_value < 1e-12
+
+
+def test_a_tolerance_takes_its_share_off():
+    one, other = patches(5, 1030.0, 0.0), patches(6, 1000.0, 0.0)
+    # No noise: both means are good to 1 / sqrt(12) DN, with 22 degrees of freedom.
+    for tolerance, beyond in ((0.0, 30.0), (0.02, 10.0), (0.03, 0.0), (0.05, 0.0)):
+        test = chi_square_of_means(one, other, ALL, tolerance)
+        assert test.statistic == pytest.approx(5000 * beyond**2 * 6 * 20 / 22)
+
+
+def test_noise_free_patches_agree_in_noise():
+    assert chi_square_of_noise(patches(7, noise=0.0), patches(8, noise=0.0), ALL).statistic == 0.0
+
+
+def test_noise_within_its_tolerance_agrees():
+    quiet, loud = patches(9), patches(10, noise=24.0)
+    sharp = chi_square_of_noise(loud, quiet, ALL)
+    lenient = chi_square_of_noise(loud, quiet, ALL, 0.2)
+    assert sharp.p_value < 1e-12
+    assert lenient.p_value > 0.5
