@@ -1,0 +1,184 @@
+"""Frames of darkness and of flat light become the parameters of the sensor that took them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from photosite.calibration import judge
+from photosite.calibration.curves import channel_curves, linear_range
+from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
+from photosite.calibration.fit import Fit
+from photosite.calibration.groups import FrameReader, Progress
+from photosite.calibration.measure import (
+    DarkSide,
+    darkness,
+    measure_channel,
+    measure_together,
+    read_channel,
+    read_darks,
+    read_statistics,
+)
+from photosite.calibration.patterns import Channel, PatternReader
+from photosite.calibration.photon_transfer import fit_gain
+from photosite.calibration.result import Calibration
+from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.cfa import channel_names
+from photosite.frames.frame_set import FrameSet
+from photosite.sensor.model import Sensor
+
+SCATTER = 4.0
+"""Chi square per degree of freedom of the photon transfer above which a warning says so."""
+
+
+def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progress | None = None) -> Calibration:
+    """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
+
+    Every group of frames is reduced to exact integer sums, one frame in memory at a time. Light levels in the linear
+    range are read a second time for the per-pixel slopes. Methods: EMVA 1288 R4.0, and for read noise, DSNU,
+    PRNU and dark voltage Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008); each estimate names its own.
+
+    Parameters
+    ----------
+    frames
+        The measurement: dark frames, at least two of them at one exposure, and flat frames at two or more levels.
+    sensor
+        What is known beforehand, for millivolts and for `Calibration.sensor`; `frames.sensor` if None.
+    progress
+        Called with (frames read, frames to read) after each frame; the second number grows once.
+
+    Returns
+    -------
+    Calibration
+        What could not be estimated has no value and a reason.
+
+    Raises
+    ------
+    CalibrationError
+        If the frames cannot support a calibration: clipped blacks, one exposure only, no repeated darks, light
+        frames darker than the dark ones.
+    FileError
+        If a frame cannot be read or has another size.
+    InputError
+        If `sensor` cannot have taken these frames.
+
+    Examples
+    --------
+    >>> from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(1)
+    >>> def group(kind, exposure_s, electrons):
+    ...     stack = 64 + 0.5 * rng.poisson(electrons, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 32))
+    ...     sources = [FrameSource(f"{kind}-{i}", lambda dn=dn: dn) for i, dn in enumerate(np.uint16(stack + 0.5))]
+    ...     return FrameGroup(kind, exposure_s, tuple(sources))
+    >>> groups = [group("dark", 0.01, 0), *(group("light", t, 1e5 * t) for t in (0.01, 0.02, 0.03))]
+    >>> cal = calibrate(FrameSet(tuple(groups), rows=32, cols=32, bits=12))
+    >>> low, high = cal.system_gain_dn_per_e.interval_95
+    >>> low < 0.5 < high, cal.quantum_efficiency_percent.reason
+    (True, 'the photons per pixel are not known; a descriptor or a protocol says them')
+    """
+    base = sensor if sensor is not None else frames.sensor
+    judge.check_sensor(frames, base)
+    judge.check_plan(frames)
+    reader = FrameReader(frames, progress)
+    dark = read_darks(reader)
+    judge.check_darks(frames, dark.groups, reader.rejected)
+    lights = [read_statistics(reader, group)[0] for group in frames.of_kind("light")]
+    judge.check_lights(frames, lights, [level.mean for level in dark.groups[0].levels])
+
+    names = channel_names(frames.cfa)
+    channels: list[Channel] = []
+    measured: list[Measurements]
+    gain_fit: Fit | None = None
+    if lights:
+        channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
+        gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
+        patterns = PatternReader(reader, dark.groups, lights, dark.reference, dark.sums, channels, dark.slopes).read()
+        measured = [measure_channel(k, dark, channels[k], patterns[k]) for k in range(len(names))]
+    else:
+        measured = [measure_channel(k, dark, None, None) for k in range(len(names))]
+    together = measure_together(dark, measured, gain_fit)
+
+    mv_per_dn = _mv_per_dn(base)
+    return Calibration(
+        **parameters(together, mv_per_dn).estimates(),
+        channels=(
+            {name: parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)} if len(names) > 1 else {}
+        ),
+        curves={
+            name: channel_curves(darkness(dark, k), channels[k] if channels else None) for k, name in enumerate(names)
+        },
+        linear_range={name: linear_range(c) for name, c in zip(names, channels, strict=False) if c.used.any()},
+        warnings=tuple(
+            judge.frame_warnings(frames, dark.groups, lights)
+            + _warnings(names, reader, dark, channels, together, gain_fit)
+        ),
+        rejected=tuple(reader.rejected),
+        frames_sha256=tuple(sorted(reader.sha256)),
+        frame_count=len(reader.sha256),
+        source=frames.source,
+        rows=frames.rows,
+        cols=frames.cols,
+        bits=frames.bits,
+        cfa=frames.cfa,
+        base=base,
+    )
+
+
+def _mv_per_dn(base: Sensor | None) -> Value:
+    """Millivolts at the pixel per digital number, from the electrical scale known beforehand."""
+    if base is None:
+        return Missing(
+            "volts need the sensor's voltage swing and analog gain; give a sensor file of this sensor beforehand"
+        )
+    swing, gain = base.pixel.voltage_swing_v, base.readout.analog_gain
+    return (
+        Uncertain.of(1e3 * swing.value, 1e3 * swing.standard_uncertainty)
+        / Uncertain.of(gain.value, gain.standard_uncertainty)
+        * (1.0 / (1 << base.readout.bits))
+    )
+
+
+def _warnings(
+    names: Sequence[str],
+    reader: FrameReader,
+    dark: DarkSide,
+    channels: Sequence[Channel],
+    together: Measurements,
+    gain_fit: Fit | None,
+) -> list[str]:
+    """What the analysis showed that its reader should know."""
+    warnings: list[str] = []
+    if reader.rejected:
+        warnings.append(f"{len(reader.rejected)} repeated frames were left out, first: {reader.rejected[0]}")
+    if not channels:
+        return [*warnings, "no light frames: gain, electrons, PRNU and saturation could not be estimated"]
+    longest_dark = max(entry.group.exposure_s for entry in dark.groups)
+    longest_light = max(float(c.levels.exposure_s.max()) for c in channels)
+    if longest_light > longest_dark * (1.0 + 1e-6):
+        warnings.append(
+            f"the longest dark exposure, {longest_dark:g} s, is shorter than the longest flat, {longest_light:g} s; "
+            f"the dark of the longer ones was extrapolated"
+        )
+    if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
+        of_channel = f" in channel {', '.join(unsaturated)}" if len(names) > 1 else ""
+        warnings.append(f"no flat reached saturation{of_channel}; all unclipped levels were taken as linear")
+    for name, channel in zip(names, channels, strict=True):
+        if channel.used.sum() < 3:
+            warnings.append(
+                f"channel {name} has {int(channel.used.sum())} light levels in its linear range; "
+                f"nothing checks that it is linear"
+            )
+    if gain_fit is not None and gain_fit.degrees_of_freedom:
+        scatter = gain_fit.chi_square / gain_fit.degrees_of_freedom
+        if scatter > SCATTER:
+            warnings.append(
+                f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
+                f"uncertainties were widened accordingly"
+            )
+    if isinstance(together.dark_variance, Uncertain) and together.dark_variance.value < LEAST_DARK_VARIANCE:
+        warnings.append(
+            f"the dark temporal variance, {together.dark_variance.value:.3g} DN^2, is below "
+            f"{LEAST_DARK_VARIANCE} DN^2: quantisation hides the read noise, take its upper limit"
+        )
+    return warnings

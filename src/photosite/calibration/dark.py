@@ -1,0 +1,117 @@
+"""What darkness tells: the dark line against exposure, and how to take the dark off a light level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.fit import Fit, fit_linear
+from photosite.calibration.groups import Level
+from photosite.calibration.uncertain import Missing, Uncertain, Value, correlated
+
+SAME_EXPOSURE = 1e-6
+"""Relative difference up to which two exposure times are the same one."""
+
+
+@dataclass(frozen=True)
+class DarkLine:
+    """A quantity of the dark levels against exposure, and the straight line through it.
+
+    Parameters
+    ----------
+    exposure_s, y, variance
+        (m,) exposure, measured quantity, its sampling variance.
+    fit
+        The line, or None with one exposure only.
+    """
+
+    exposure_s: NDArray[np.float64]
+    y: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    fit: Fit | None
+
+    @classmethod
+    def through(
+        cls, exposure_s: NDArray[np.float64], y: NDArray[np.float64], variance: NDArray[np.float64]
+    ) -> DarkLine:
+        """Fit the line, where there are two exposures or more."""
+        fit = None
+        if len(np.unique(exposure_s)) > 1:
+            fit = fit_linear(_line(exposure_s), y, np.diag(variance))
+        return cls(exposure_s, y, variance, fit)
+
+    @property
+    def line(self) -> tuple[Value, Value]:
+        """Intercept and slope per second."""
+        if self.fit is None:
+            reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
+            return Missing(reason), Missing(reason)
+        intercept, slope = correlated(self.fit.parameters, self.fit.covariance)
+        return intercept, slope
+
+    @property
+    def at_zero(self) -> Uncertain:
+        """The intercept, or the mean where there is one exposure only."""
+        intercept, _ = self.line
+        if isinstance(intercept, Uncertain):
+            return intercept
+        weight = 1.0 / self.variance
+        return Uncertain.of(float(weight @ self.y / weight.sum()), float(np.sqrt(1.0 / weight.sum())))
+
+    def weights_at(self, exposure_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(exposures, m): the dark value at each exposure is this times `y`.
+
+        Darks of the same exposure where there are some (EMVA 1288), else the line.
+        """
+        weights = np.zeros((len(exposure_s), len(self.exposure_s)))
+        for row, t in zip(weights, exposure_s, strict=True):
+            same = np.isclose(self.exposure_s, t, rtol=SAME_EXPOSURE, atol=0.0)
+            if same.any():
+                row[same] = (1.0 / self.variance[same]) / np.sum(1.0 / self.variance[same])
+            elif self.fit is not None:
+                row[:] = _line(np.array([t]))[0] @ self.fit.estimator
+            else:
+                row[:] = (1.0 / self.variance) / np.sum(1.0 / self.variance)
+        return weights
+
+
+def _line(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.ones_like(t), t])
+
+
+@dataclass(frozen=True)
+class Darkness:
+    """One channel in the dark: mean level and temporal variance against exposure, in DN and DN^2."""
+
+    mean: DarkLine
+    variance: DarkLine
+
+    @classmethod
+    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> Darkness:
+        """From the dark levels of a channel; those with one frame tell their mean only."""
+        t = np.asarray(exposure_s, dtype=np.float64)
+        repeated = np.array([level.repeated for level in levels])
+        temporal, uncertainty = temporal_variances(t, levels)
+        samples = np.array([level.frames * level.pixels for level in levels])
+        mean = DarkLine.through(t, np.array([level.mean for level in levels]), temporal / samples)
+        return cls(mean, DarkLine.through(t[repeated], temporal[repeated], uncertainty[repeated] ** 2))
+
+
+def temporal_variances(
+    exposure_s: NDArray[np.float64], levels: Sequence[Level]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m,) temporal variance of each dark level and its uncertainty, DN^2.
+
+    A lone frame does not show its noise: it is given that of the repeated darks of the nearest exposure.
+    """
+    variance = np.array([level.variance for level in levels])
+    uncertainty = np.array([level.variance_uncertainty for level in levels])
+    repeated = np.flatnonzero([level.repeated for level in levels])
+    for index, level in enumerate(levels):
+        if not level.repeated:
+            nearest = repeated[np.argmin(np.abs(exposure_s[repeated] - exposure_s[index]))]
+            variance[index], uncertainty[index] = variance[nearest], uncertainty[nearest]
+    return variance, uncertainty

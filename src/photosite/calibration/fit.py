@@ -1,0 +1,109 @@
+"""Straight lines through measured points, with weights that are right for good and for bad laboratories."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STEPS = 80
+"""Halvings of the bracket of the extra variance: far below rounding."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A linear fit y = design @ parameters.
+
+    Parameters
+    ----------
+    parameters, covariance
+        (p,) and (p, p).
+    estimator
+        (p, m): parameters = estimator @ y, the weights as they came out.
+    extra_variance
+        Variance added to every point so that the scatter about the line is explained.
+    chi_square
+        Sum of squared residuals over the points' own variances, before any was added.
+    degrees_of_freedom
+        Points less parameters.
+    """
+
+    parameters: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    estimator: NDArray[np.float64]
+    extra_variance: float
+    chi_square: float
+    degrees_of_freedom: int
+
+
+def _solve(
+    design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
+    """Generalised least squares: parameters, their covariance, the estimator and chi square."""
+    root = np.linalg.cholesky(covariance)
+    x = np.linalg.solve(root, design)
+    normal = np.linalg.inv(x.T @ x)
+    estimator = np.linalg.solve(root.T, x @ normal).T
+    parameters = estimator @ y
+    residual = np.linalg.solve(root, y - design @ parameters)
+    return parameters, normal, estimator, float(residual @ residual)
+
+
+def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
+    """Least squares weighted by the covariance of the points and, where they scatter more, an extra variance.
+
+    The extra variance, the same for every point, is the one at which chi square equals its expectation, the
+    degrees of freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects), and zero where chi square
+    is not above that without it. With ideal points the weights are the optimal ones; where scatter far above the
+    sampling error (a lamp that wanders, a converter's uneven steps) dominates, the points weigh alike, as in
+    EMVA 1288's plain least squares. The covariance of the parameters holds it too.
+
+    Parameters
+    ----------
+    design
+        (m, p).
+    y
+        (m,) measured.
+    covariance
+        (m, m) of the measured points, positive definite.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points cannot determine the parameters, or the covariance is not positive definite.
+
+    Examples
+    --------
+    >>> x = np.array([1.0, 2.0, 3.0])
+    >>> fit = fit_linear(x[:, None], 2.0 * x, np.eye(3))
+    >>> fit.parameters.round(12).tolist(), fit.extra_variance
+    ([2.0], 0.0)
+    """
+    m, p = design.shape
+    freedom = m - p
+    parameters, normal, estimator, chi_square = _solve(design, y, covariance)
+    extra = 0.0
+    if freedom > 0 and chi_square > freedom:
+        extra = _extra_variance(design, y, covariance, freedom)
+        parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
+    return Fit(parameters, normal, estimator, extra, chi_square, freedom)
+
+
+def _extra_variance(
+    design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64], freedom: int
+) -> float:
+    identity = np.eye(len(y))
+    low, high = 0.0, float(np.trace(covariance)) / len(y)
+    while _solve(design, y, covariance + high * identity)[3] > freedom:
+        low, high = high, 4.0 * high
+        if not math.isfinite(high):
+            raise np.linalg.LinAlgError("no extra variance explains the scatter")
+    for _ in range(_STEPS):
+        middle = 0.5 * (low + high)
+        if _solve(design, y, covariance + middle * identity)[3] > freedom:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

@@ -1,0 +1,208 @@
+"""Whether frames can support a calibration: refusals, and warnings about what they cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+
+from photosite.calibration.groups import GroupStatistics, Level, group_label
+from photosite.cfa import channel_names
+from photosite.errors import CalibrationError, InputError
+from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.sensor.model import Sensor
+
+CLIPPED_BLACK = 0.005
+"""Share of a dark group's numbers at 0 from which on it is refused: the read noise would come out 0.5 % low."""
+
+LAMP_DRIFT = 0.01
+"""Shift from frame to frame, as a share of the signal, that is worth a warning."""
+
+
+def clipping_bias(fraction: float) -> float:
+    """Relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
+
+    With a = z(fraction), the clipped variable's second moment about the true mean less its new mean's square:
+    1 + a^2 F - (F - a f) - (f + a F)^2 - 1 (F, f: normal distribution and density at a).
+
+    Examples
+    --------
+    >>> round(clipping_bias(0.005), 4), round(clipping_bias(1e-5), 7)
+    (-0.0091, -1.91e-05)
+    """
+    if fraction <= 0.0:
+        return 0.0
+    normal = NormalDist()
+    a = normal.inv_cdf(min(fraction, 1.0 - 1e-12))
+    density = normal.pdf(a)
+    return a * a * fraction - (fraction - a * density) - (density + a * fraction) ** 2
+
+
+def check_sensor(frames: FrameSet, sensor: Sensor | None) -> None:
+    """The sensor known beforehand must be one that these frames can come from.
+
+    Raises
+    ------
+    InputError
+        If its converter or its colour filter array is another.
+    """
+    if sensor is None:
+        return
+    if sensor.readout.bits != frames.bits:
+        raise InputError(
+            f"sensor '{sensor.name}' has {sensor.readout.bits} bits, the frames have {frames.bits}; "
+            f"calibrate with the sensor that took them"
+        )
+    if sensor.array.cfa != frames.cfa:
+        raise InputError(
+            f"sensor '{sensor.name}' has the colour filter array {_tile(sensor.array.cfa)}, the frames have "
+            f"{_tile(frames.cfa)}; calibrate with the sensor that took them"
+        )
+
+
+def _tile(cfa: Sequence[Sequence[str]]) -> str:
+    return "/".join("".join(row) for row in cfa)
+
+
+def check_plan(frames: FrameSet) -> None:
+    """Refuse, before any frame is read, a set that cannot support a calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If no dark exposure was taken twice, there is one exposure only, or an exposure time is not above zero.
+    """
+    source = frames.source
+    for group in frames.groups:
+        if not (math.isfinite(group.exposure_s) and group.exposure_s > 0):
+            raise CalibrationError(
+                f"{source}: {group_label(group)}: an exposure time is above zero; correct the protocol"
+            )
+    darks, lights = frames.of_kind("dark"), frames.of_kind("light")
+    if not darks:
+        raise CalibrationError(
+            f"{source}: no dark frames; take at least two with the lens covered, better 50, at one exposure"
+        )
+    if max(len(group) for group in darks) < 2:
+        raise CalibrationError(
+            f"{source}: every dark exposure was taken once; temporal noise needs at least two dark frames at one "
+            f"exposure, better 50"
+        )
+    exposures = {group.exposure_s for group in frames.groups}
+    levels = {(group.exposure_s, group.photons_per_pixel) for group in lights}
+    if len(exposures) == 1 and len(levels) < 2:
+        raise CalibrationError(
+            f"{source}: all {frames.frame_count} frames have one exposure, {exposures.pop():g} s; gain, PRNU and dark "
+            f"voltage are slopes and need at least two, better ten, from dark to saturation"
+        )
+    if len(levels) == 1:
+        raise CalibrationError(
+            f"{source}: all light frames have one exposure, {lights[0].exposure_s:g} s; gain and PRNU are slopes and "
+            f"need at least two light levels, better ten, up to saturation"
+        )
+
+
+def check_darks(frames: FrameSet, darks: Sequence[GroupStatistics], rejected: Sequence[str] = ()) -> None:
+    """Refuse dark frames that are clipped, still, or only copies of each other.
+
+    Raises
+    ------
+    CalibrationError
+        With the group and the share of pixels.
+    """
+    names = channel_names(frames.cfa)
+    for statistics in darks:
+        for name, level in zip(names, statistics.levels, strict=True):
+            where = f"{frames.source}: {statistics.label}" + (f", channel {name}" if len(names) > 1 else "")
+            if level.low_fraction > CLIPPED_BLACK:
+                raise CalibrationError(
+                    f"{where}: {100 * level.low_fraction:.2g} % of the pixels are clipped at 0 DN, at most "
+                    f"{100 * CLIPPED_BLACK:g} % can be used; raise the camera's black level (pedestal) and take the "
+                    f"darks again"
+                )
+            if level.high_fraction > CLIPPED_BLACK:
+                raise CalibrationError(
+                    f"{where}: {100 * level.high_fraction:.2g} % of the pixels are at {(1 << frames.bits) - 1} DN; "
+                    f"dark frames cannot be saturated: cover the lens, shorten the exposure"
+                )
+            if level.repeated and level.variance == 0.0:
+                raise CalibrationError(
+                    f"{where}: the {level.frames} frames do not differ in a single pixel; take frames with their "
+                    f"noise, not copies"
+                )
+    if not any(statistics.frames > 1 for statistics in darks):
+        raise CalibrationError(
+            f"{frames.source}: without repeated files no dark exposure has two frames ({rejected[0]}); "
+            f"take at least two dark frames at one exposure"
+        )
+
+
+def check_lights(frames: FrameSet, lights: Sequence[GroupStatistics], dark_level: Sequence[float]) -> None:
+    """Refuse light frames that are darker than darkness.
+
+    Parameters
+    ----------
+    dark_level
+        Per channel, the mean of the shortest dark exposure.
+
+    Raises
+    ------
+    CalibrationError
+        If the brightest light group is not brighter than the dark level in any channel.
+    """
+    if not lights:
+        return
+    brightest = max(lights, key=lambda statistics: max(level.mean for level in statistics.levels))
+    pairs = list(zip(brightest.levels, dark_level, strict=True))
+    if all(level.mean <= dark for level, dark in pairs):
+        level, dark = pairs[0]
+        raise CalibrationError(
+            f"{frames.source}: the brightest {brightest.label} read {level.mean:.2f} DN on average, no more than the "
+            f"darks' {dark:.2f} DN; check that kinds are not swapped and that the lamp was on"
+        )
+
+
+def frame_warnings(frames: FrameSet, darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> list[str]:
+    """What the frames show that spoils no estimate but should be known."""
+    names = channel_names(frames.cfa)
+    warnings: list[str] = []
+    dark_level = [level.mean for level in darks[0].levels]
+    drifting: list[tuple[float, str]] = []
+    for statistics in lights:
+        for level, dark in zip(statistics.levels, dark_level, strict=True):
+            signal = level.mean - dark
+            if level.repeated and signal > 0 and level.frame_shift > LAMP_DRIFT * signal:
+                drifting.append((level.frame_shift / signal, statistics.label))
+    if drifting:
+        worst, label = max(drifting)
+        warnings.append(
+            f"the light was unsteady: {label} shift by {100 * worst:.2g} % from frame to frame; the shifts were left "
+            f"out of the temporal noise"
+        )
+    for statistics in darks:
+        for name, level in zip(names, statistics.levels, strict=True):
+            if level.repeated and level.frame_shift > math.sqrt(level.variance):
+                warnings.append(
+                    f"the black level was unsteady: {statistics.label} (channel {name}) shift by "
+                    f"{level.frame_shift:.2g} DN from frame to frame, more than their noise"
+                )
+    if single := [statistics for statistics in lights if statistics.frames == 1]:
+        warnings.append(f"{len(single)} of {len(lights)} light levels have one frame and tell no temporal noise")
+    return warnings
+
+
+def zero_clip_uncertainty(level: Level) -> float:
+    """What a few numbers at 0 may have taken from the variance, as a standard uncertainty in DN^2."""
+    return abs(clipping_bias(level.low_fraction)) * level.variance
+
+
+def reference_dark(darks: Sequence[GroupStatistics] | Sequence[FrameGroup]) -> int:
+    """Index of the dark group for read noise and DSNU: the most frames, and of those the shortest exposure."""
+
+    def rank(index: int) -> tuple[int, float]:
+        entry = darks[index]
+        if isinstance(entry, GroupStatistics):
+            return -entry.frames, entry.group.exposure_s
+        return -len(entry), entry.exposure_s
+
+    return min(range(len(darks)), key=rank)

@@ -1,0 +1,90 @@
+"""A calibration's outcome as a sensor description."""
+
+from __future__ import annotations
+
+import math
+from datetime import date
+from typing import TYPE_CHECKING
+
+from photosite.errors import CalibrationError
+from photosite.measured import Measured
+from photosite.sensor.model import Sensor
+
+if TYPE_CHECKING:
+    from photosite.calibration.result import Calibration, Estimate
+
+
+def measured_sensor(calibration: Calibration) -> Sensor:
+    """The sensor known beforehand, with what was measured in the place of what was assumed.
+
+    What could not be estimated stays as it was. A spread whose variance came out negative enters as 0 with its
+    uncertainty, because a description cannot hold a negative one; its source says what came out.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing was known beforehand.
+    """
+    base = calibration.base
+    if base is None:
+        raise CalibrationError(
+            f"{calibration.source}: frames do not tell pixel size, fill factor, spectral response and volts; "
+            f"calibrate with a sensor file that does (sensor=..., --sensor)"
+        )
+    source = f"measured from {calibration.frame_count} frames"
+    changes: dict[str, Measured] = {}
+    for field, estimate in (
+        ("read_noise_mv", calibration.read_noise_mv),
+        ("dsnu_mv", calibration.dsnu_mv),
+        ("prnu_percent", calibration.prnu_percent),
+        ("dark_voltage_mv_per_s", calibration.dark_voltage_mv_per_s),
+        ("dcnu_percent", calibration.dcnu_percent),
+        ("black_level_dn", calibration.black_level_dn),
+        ("conversion_gain_uv_per_e", calibration.conversion_gain_uv_per_e),
+    ):
+        if estimate.value is not None:
+            changes[field] = _not_negative(estimate, source)
+    if (well := _well(calibration, base, source)) is not None:
+        changes["well_capacity_e"] = well
+    return base.with_(
+        **changes,
+        rows=calibration.rows,
+        cols=calibration.cols,
+        source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
+        created=date.today().isoformat(),
+        frames_sha256=calibration.frames_sha256,
+    )
+
+
+def _not_negative(estimate: Estimate, source: str) -> Measured:
+    measured = estimate.measured(source)
+    if measured.value >= 0.0:
+        return measured
+    note = f"{source}; the estimate is {measured.value:.3g}, not distinguishable from 0"
+    return Measured(0.0, measured.standard_uncertainty, note)
+
+
+def _well(calibration: Calibration, base: Sensor, source: str) -> Measured | None:
+    """The well, where the flats filled it before the converter ran out; None leaves it as it was.
+
+    Where the converter is the limit the well is at least what the converter can count.
+    """
+    top, black, gain = (
+        calibration.saturation_dn,
+        calibration.black_level_dn,
+        calibration.system_gain_dn_per_e,
+    )
+    if top.value is None or black.value is None or gain.value is None:
+        return None
+    capacity = (top.value - black.value) / gain.value
+    uncertainty = math.hypot(
+        (top.standard_uncertainty or 0.0) / gain.value,
+        (black.standard_uncertainty or 0.0) / gain.value,
+        capacity * (gain.standard_uncertainty or 0.0) / gain.value,
+    )
+    converter_is_the_limit = top.value > (1 << calibration.bits) - 1.5
+    if converter_is_the_limit and base.pixel.well_capacity_e.value >= capacity:
+        return None
+    if converter_is_the_limit:
+        source += "; the converter's range, the well holds at least that"
+    return Measured(capacity, uncertainty, source)

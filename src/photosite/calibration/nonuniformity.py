@@ -1,0 +1,107 @@
+"""Fixed pattern: DSNU, and the per-pixel slopes behind PRNU and dark current non-uniformity (the 2008 paper's way)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.groups import Level
+from photosite.calibration.uncertain import Uncertain
+from photosite.engine.accumulate import FrameSums
+from photosite.engine.moments import Moments, label_moments
+
+
+def excess_variance(moments: Moments, noise: Uncertain) -> Uncertain:
+    """Variance over pixels less what temporal noise put there; its uncertainty is that of the pixels' sample.
+
+    Var(s^2) = (m4 - s^4) / P, whatever the distribution (m4: fourth central moment), so that the result holds for
+    the sensor that this chip's pixels were drawn from.
+    """
+    sampling = max(moments.fourth - moments.variance**2, 0.0) / moments.pixels  # rounding, on constant maps
+    return Uncertain.of(moments.variance, math.sqrt(sampling)) - noise
+
+
+def mean_frame_noise(level: Level) -> Uncertain:
+    """Temporal variance left in the mean of a level's frames, DN^2."""
+    return Uncertain.of(level.variance / level.frames, level.variance_uncertainty / level.frames)
+
+
+def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) the linear combination of the measured points that is the slope of the weighted line.
+
+    Examples
+    --------
+    >>> slope_coefficients(np.array([0.0, 1.0, 2.0]), np.ones(3)).tolist()
+    [-0.5, 0.0, 0.5]
+    """
+    centred = x - weights @ x / weights.sum()
+    return np.asarray(weights * centred / (weights @ centred**2))
+
+
+@dataclass(frozen=True)
+class SlopeSpread:
+    """One channel's slopes: their mean, and their variance over pixels with the propagated noise taken off."""
+
+    pixels: int
+    mean: float
+    variance: Uncertain
+
+
+class PixelSlopes:
+    """A map of per-pixel slopes, built level by level: a linear combination of the levels' mean frames.
+
+    Parameters
+    ----------
+    shape
+        (rows, cols).
+    tile
+        The repeating tile of channel indices.
+    """
+
+    def __init__(self, shape: tuple[int, int], tile: NDArray[np.int64]) -> None:
+        self.tile = tile
+        self.slopes = np.zeros(shape)
+
+    def add(self, sums: FrameSums, coefficients: Sequence[float]) -> None:
+        """Add a level's mean frame, times a coefficient for each channel."""
+        tile_rows, tile_cols = self.tile.shape
+        for (r, c), label in np.ndenumerate(self.tile):
+            if coefficient := coefficients[int(label)]:
+                plane = sums.sum[r::tile_rows, c::tile_cols]
+                self.slopes[r::tile_rows, c::tile_cols] += plane * (coefficient / sums.count)
+
+    def spreads(self, noise: Sequence[Uncertain]) -> tuple[SlopeSpread, ...]:
+        """Per channel, mean and spread of the slopes, given the temporal noise in them (`slope_noise`)."""
+        moments = label_moments(self.slopes, self.tile)
+        return tuple(
+            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left))
+            for entry, left in zip(moments, noise, strict=True)
+        )
+
+
+def slope_noise(
+    coefficients: NDArray[np.float64],
+    frames: NDArray[np.int64],
+    variance: NDArray[np.float64],
+    variance_uncertainty: NDArray[np.float64],
+) -> Uncertain:
+    """Variance that temporal noise gives a pixel's slope: sum of c^2 v / n over the levels."""
+    share = coefficients**2 / frames
+    return Uncertain.of(float(share @ variance), float(np.linalg.norm(share * variance_uncertainty)))
+
+
+def relative_response_variance(light: SlopeSpread, dark: SlopeSpread | None, seconds_per_unit: float) -> Uncertain:
+    """Relative variance over pixels of the response to light: PRNU squared.
+
+    A light slope holds the pixel's dark current too, as many seconds of it as go with one unit of the light axis
+    (1 where the axis is exposure time); its mean and spread, measured in the dark, are taken off.
+    The response's mean is common to all pixels; that it is known less well does not change the ratio.
+    """
+    if dark is None:
+        return light.variance * (1.0 / light.mean**2)
+    variance = light.variance - dark.variance * seconds_per_unit**2
+    return variance * (1.0 / (light.mean - seconds_per_unit * dark.mean) ** 2)

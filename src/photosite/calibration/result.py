@@ -1,0 +1,272 @@
+"""What a calibration gives: parameters with uncertainties, the points behind them, and what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.uncertain import Missing, Value
+from photosite.errors import CalibrationError
+from photosite.measured import COVERAGE_95, Measured
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One parameter as estimated, or the reason why it could not be.
+
+    Parameters
+    ----------
+    value, standard_uncertainty
+        In the unit that the parameter's name ends in; None where it could not be estimated.
+    reason
+        Why there is no value.
+    upper_limit_95
+        95 % upper limit, where the variance behind the value is not distinguishable from zero. A variance
+        difference that comes out negative is not cut off: the value is then -sqrt(-variance).
+    method
+        How it was estimated, with the clause of the standard where there is one.
+
+    Examples
+    --------
+    >>> Estimate(2.0, 0.1).interval_95
+    (1.804..., 2.195...)
+    """
+
+    value: float | None = None
+    standard_uncertainty: float | None = None
+    reason: str | None = None
+    upper_limit_95: float | None = None
+    method: str = ""
+
+    @classmethod
+    def of(cls, value: Value, method: str, upper_limit_95: float | None = None) -> Estimate:
+        """From a propagated value, or from what was missing for it."""
+        if isinstance(value, Missing):
+            return cls(reason=value.reason, method=method)
+        return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method)
+
+    @property
+    def interval_95(self) -> tuple[float, float] | None:
+        """The 95 % interval, lower and upper end."""
+        if self.value is None or self.standard_uncertainty is None:
+            return None
+        half = COVERAGE_95 * self.standard_uncertainty
+        return self.value - half, self.value + half
+
+    def measured(self, source: str) -> Measured:
+        """The estimate as a sensor file keeps it.
+
+        Raises
+        ------
+        CalibrationError
+            If there is no value.
+        """
+        if self.value is None or self.standard_uncertainty is None:
+            raise CalibrationError(f"there is no value: {self.reason}")
+        return Measured(self.value, self.standard_uncertainty, source)
+
+    def to_dict(self) -> dict[str, Any]:
+        """`value` and `standard_uncertainty`, and what else there is to say."""
+        entry: dict[str, Any] = {"value": self.value, "standard_uncertainty": self.standard_uncertainty}
+        for name in ("reason", "upper_limit_95", "method"):
+            if getattr(self, name):
+                entry[name] = getattr(self, name)
+        return entry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """The parameters of a sensor, or of one of its colour channels. Names and terms: EMVA 1288 and the 2008 paper.
+
+    Noise and spread are standard deviations; `_dn`, `_e` and `_mv` are one quantity in digital numbers, electrons
+    and millivolts at the pixel.
+    """
+
+    read_noise_dn: Estimate
+    read_noise_e: Estimate
+    read_noise_mv: Estimate
+    dsnu_dn: Estimate
+    dsnu_e: Estimate
+    dsnu_mv: Estimate
+    prnu_percent: Estimate
+    dark_voltage_mv_per_s: Estimate
+    dark_current_e_per_s: Estimate
+    dcnu_percent: Estimate
+    black_level_dn: Estimate
+    system_gain_dn_per_e: Estimate
+    conversion_gain_uv_per_e: Estimate
+    saturation_dn: Estimate
+    saturation_capacity_e: Estimate
+    responsivity_dn_per_photon: Estimate
+    quantum_efficiency_percent: Estimate
+    temporal_dark_noise_e: Estimate
+    sensitivity_threshold_photons: Estimate
+    saturation_capacity_photons: Estimate
+    snr_max_db: Estimate
+    dynamic_range_db: Estimate
+    dsnu1288_e: Estimate
+    dsnu1288_row_e: Estimate
+    dsnu1288_column_e: Estimate
+    dsnu1288_pixel_e: Estimate
+    prnu1288_percent: Estimate
+    prnu1288_row_percent: Estimate
+    prnu1288_column_percent: Estimate
+    prnu1288_pixel_percent: Estimate
+    prnu1288_unfiltered_percent: Estimate
+
+    def estimates(self) -> dict[str, Estimate]:
+        """All of them by name, in the order above."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(Parameters)}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The points behind a fit, and the line through them, ready to draw.
+
+    Parameters
+    ----------
+    title, x_label, y_label
+        For the axes, units included.
+    x, y, y_uncertainty
+        (points,) measured; the uncertainty is that of sampling alone.
+    used
+        (points,) whether the fit used the point.
+    intercept, slope
+        The line, or None where none could be fitted.
+    extra_variance
+        Variance per point that the scatter about the line asked for beyond sampling; 0 for ideal frames.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    y_uncertainty: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    intercept: float | None = None
+    slope: float | None = None
+    extra_variance: float = 0.0
+
+
+@dataclass(frozen=True)
+class LinearRange:
+    """Where a channel is taken as linear.
+
+    Parameters
+    ----------
+    abscissa
+        "exposure_s" or "photons_per_pixel": what the light levels are sorted by.
+    lowest, highest
+        The range on that axis.
+    highest_dn
+        Mean digital number of the brightest level inside.
+    levels
+        How many light levels are inside, of `levels_measured`.
+    rule
+        How it was found.
+    """
+
+    abscissa: str
+    lowest: float
+    highest: float
+    highest_dn: float
+    levels: int
+    levels_measured: int
+    rule: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration(Parameters):
+    """The outcome of `calibrate`: each parameter is an attribute, `cal.read_noise_mv.value`.
+
+    Parameters
+    ----------
+    channels
+        The same parameters per colour channel; empty for a monochrome chip.
+    curves
+        Per channel ("M" for a monochrome chip), the points behind the fits: "dark_signal", "dark_variance",
+        "response" and "photon_transfer", where they could be measured.
+    linear_range
+        Per channel, the range found.
+    warnings
+        What the reader should know.
+    rejected
+        Frames left out, and why.
+    frames_sha256
+        One digest per frame used, of its digital numbers (little-endian uint16, row by row), sorted.
+    frame_count
+        Frames used.
+    source
+        What was opened.
+    """
+
+    channels: Mapping[str, Parameters]
+    curves: Mapping[str, Mapping[str, Curve]]
+    linear_range: Mapping[str, LinearRange]
+    warnings: tuple[str, ...]
+    rejected: tuple[str, ...]
+    frames_sha256: tuple[str, ...]
+    frame_count: int
+    source: str
+    rows: int
+    cols: int
+    bits: int
+    cfa: tuple[tuple[str, ...], ...]
+    base: Sensor | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor as measured, on what was known of it beforehand.
+
+        Raises
+        ------
+        CalibrationError
+            If nothing was known beforehand: frames do not tell the pixel's size, its spectral response or its volts.
+        """
+        from photosite.calibration.measured_sensor import measured_sensor
+
+        return measured_sensor(self)
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write one self-contained HTML file: every figure, every fit, what was left out and why.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
+        from photosite.report.calibration import write_calibration_report
+
+        write_calibration_report(self, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `photosite calibrate --json` prints.
+
+        Returns
+        -------
+        dict
+            `parameters` (name to value, standard_uncertainty, and reason, upper_limit_95, method where there is
+            one), `channels` (the same per colour channel), `linear_range`, `warnings`, `rejected`.
+        """
+        return {
+            "parameters": {name: entry.to_dict() for name, entry in self.estimates().items()},
+            "channels": {
+                channel: {name: entry.to_dict() for name, entry in parameters.estimates().items()}
+                for channel, parameters in self.channels.items()
+            },
+            "linear_range": {
+                channel: {entry.name: getattr(found, entry.name) for entry in fields(LinearRange)}
+                for channel, found in self.linear_range.items()
+            },
+            "warnings": list(self.warnings),
+            "rejected": list(self.rejected),
+        }
