@@ -109,6 +109,7 @@ class Validation:
             "notes": list(self.notes),
             "level": self.level,
             "tolerance_percent": self.tolerance_percent,
+            "exposures_s": list(self.exposures_s),
             "patches": list(self.measured.names),
             "channels": list(self.measured.channels),
             "used": self.used.tolist(),
