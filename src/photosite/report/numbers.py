@@ -1,0 +1,127 @@
+"""Numbers as a reader wants them: rounded to what is known, with a true minus sign."""
+
+from __future__ import annotations
+
+import math
+
+from photosite.errors import InputError
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NARROW_SPACE = "\u202f"
+
+
+def format_number(value: float, significant: int = 4) -> str:
+    """A number to some significant digits.
+
+    Parameters
+    ----------
+    value
+        Any finite number.
+    significant
+        Digits kept.
+
+    Raises
+    ------
+    InputError
+        If the number is not finite.
+
+    Examples
+    --------
+    >>> format_number(-0.0123456), format_number(0.00001234), format_number(4095, 3)
+    ('−0.01235', '1.234 × 10⁻⁵', '4095')
+    """
+    if value == 0:
+        return "0"
+    exponent = _exponent(value, significant)
+    if exponent < -4 or exponent > 6:
+        return f"{_fixed(value / 10.0**exponent, significant - 1)} × 10{_superscript(exponent)}"
+    return _fixed(value, max(significant - 1 - exponent, 0))
+
+
+def format_uncertain(value: float, standard_uncertainty: float) -> str:
+    """A value and its standard uncertainty: the uncertainty to two significant digits, the value to its last.
+
+    Parameters
+    ----------
+    value, standard_uncertainty
+        In one unit, finite; an uncertainty of 0 leaves the value alone, to six digits.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite or the uncertainty is negative.
+
+    Notes
+    -----
+    JCGM 100:2008 (GUM), 7.2.2 and 7.2.6.
+
+    Examples
+    --------
+    >>> format_uncertain(0.52184, 0.00336), format_uncertain(35987.2, 412.0)
+    ('0.5218 ± 0.0034', '35\u202f990 ± 410')
+    >>> format_uncertain(-1.2e-6, 3.44e-6)
+    '(−1.2 ± 3.4) × 10⁻⁶'
+    """
+    if not (math.isfinite(standard_uncertainty) and standard_uncertainty >= 0):
+        raise InputError(f"a standard uncertainty is finite and not negative, not {standard_uncertainty}")
+    if standard_uncertainty == 0:
+        return format_number(value, 6)
+    _finite(value)
+    digits = 1 - _exponent(standard_uncertainty, 2)
+    largest = _exponent(max(abs(value), standard_uncertainty), 2)
+    if largest < -3 or largest > 7:
+        scale = 10.0**largest
+        pair = _pair(value / scale, standard_uncertainty / scale, digits + largest)
+        return f"({pair}) × 10{_superscript(largest)}"
+    return _pair(value, standard_uncertainty, digits)
+
+
+def format_interval(lower: float, upper: float, standard_uncertainty: float) -> str:
+    """An interval's ends, to the last digit of a standard uncertainty rounded to two.
+
+    Examples
+    --------
+    >>> format_interval(0.51524, 0.52843, 0.00336)
+    '0.5152 to 0.5284'
+    >>> format_interval(2.0, 2.0, 0.0)
+    'exact'
+    """
+    if standard_uncertainty == 0:
+        return "exact"
+    digits = 1 - _exponent(standard_uncertainty, 2)
+    largest = _exponent(max(abs(lower), abs(upper)), 2)
+    if largest < -3 or largest > 7:
+        scale = 10.0**largest
+        ends = f"{_fixed(lower / scale, digits + largest)} to {_fixed(upper / scale, digits + largest)}"
+        return f"({ends}) × 10{_superscript(largest)}"
+    return f"{_fixed(lower, digits)} to {_fixed(upper, digits)}"
+
+
+def _finite(value: float) -> None:
+    if not math.isfinite(value):
+        raise InputError(f"only finite numbers are shown, not {value}")
+
+
+def _exponent(value: float, significant: int) -> int:
+    """Power of ten of the first digit, after rounding to so many."""
+    _finite(value)
+    return int(f"{value:.{significant - 1}e}".split("e")[1])
+
+
+def _pair(value: float, uncertainty: float, digits: int) -> str:
+    return f"{_fixed(value, digits)} ± {_fixed(uncertainty, digits)}"
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Fixed point; digits below 0 round to tens, hundreds, ..."""
+    _finite(value)
+    text = f"{round(value, digits):.{max(digits, 0)}f}"
+    sign = "−" if text.startswith("-") and float(text) != 0 else ""
+    whole, _, fraction = text.removeprefix("-").partition(".")
+    if len(whole) > 4:
+        whole = f"{int(whole):,}".replace(",", _NARROW_SPACE)
+    return f"{sign}{whole}.{fraction}" if fraction else sign + whole
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(_SUPERSCRIPTS)
