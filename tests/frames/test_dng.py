@@ -1,0 +1,219 @@
+"""DNG as LibRaw and tifffile read it: two readers that know nothing of photosite."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+import tifffile
+
+from photosite.cfa import cfa_from
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.frames.raw_frame import RawFrame
+from photosite.frames.read import read_raw
+
+BAYER = ("rggb", "bggr", "gbrg", "grbg")
+
+# sRGB's primaries and white as LibRaw has them (its xyz_rgb); LibRaw balances the matrix so that camera white is display white.
+SRGB_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+MATRIX_RGB = np.array([[0.84, -0.22, -0.08], [-0.41, 1.25, 0.17], [-0.06, 0.18, 0.66]])
+"""XYZ to camera, rows R, G, B."""
+
+READER = """
+import json, sys
+import numpy as np, rawpy
+seen = []
+for path in sys.argv[1:]:
+    expected = np.load(path.replace(".dng", ".npy"))
+    with rawpy.imread(path) as raw:
+        pattern = raw.raw_pattern
+        seen.append({
+            "raw": np.array_equal(raw.raw_image, expected),
+            "visible": np.array_equal(raw.raw_image_visible, expected),
+            "dtype": str(raw.raw_image.dtype),
+            "black": list(map(int, raw.black_level_per_channel)),
+            "white": int(raw.white_level),
+            "colours": raw.num_colors,
+            "pattern": "".join(chr(raw.color_desc[n]) for n in pattern.ravel()) if raw.num_colors > 1 else "",
+            "to_srgb": raw.color_matrix[:, :3].tolist(),
+            "xyz_to_camera": raw.rgb_xyz_matrix.tolist(),
+            "balance": raw.camera_whitebalance[:3],
+            "shutter_s": raw.other.shutter_speed,
+        })
+print(json.dumps(seen))
+"""
+
+
+def in_a_fresh_process(paths) -> list[dict]:
+    """What LibRaw says of the files, in a process that has never heard of photosite."""
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", READER, *map(str, paths)], capture_output=True, text=True, check=True, timeout=120
+    )
+    return json.loads(done.stdout)
+
+
+def saved(path, frame: RawFrame):
+    np.save(path.with_suffix(".npy"), frame.dn)
+    frame.save(path)
+    return path
+
+
+def make_frame(shape, bits, cfa, **fields) -> RawFrame:
+    dn = np.random.default_rng(bits).integers(0, 1 << bits, shape, dtype=np.uint16)
+    dn[0, 0], dn[-1, -1] = (1 << bits) - 1, 0
+    return RawFrame(dn, bits=bits, cfa=cfa_from(cfa), **fields)
+
+
+def test_libraw_reads_the_same_pixels(tmp_path):
+    """Odd sizes, every Bayer order and mono, every depth: pixels, levels, pattern, exposure."""
+    cases = [
+        (shape, bits, cfa)
+        for shape in ((22, 22), (23, 25), (101, 76), (64, 129))
+        for bits in (10, 12, 14, 16)
+        for cfa in (*BAYER, "mono")
+    ]
+    paths = [
+        saved(
+            tmp_path / f"{number}.dng",
+            make_frame(shape, bits, cfa, black_level_dn=float(number), exposure_s=(number + 1) / 8000),
+        )
+        for number, (shape, bits, cfa) in enumerate(cases)
+    ]
+    for number, (case, seen) in enumerate(zip(cases, in_a_fresh_process(paths), strict=True)):
+        _, bits, cfa = case
+        assert seen["raw"], case
+        assert seen["visible"], case
+        assert seen["dtype"] == "uint16"
+        assert seen["black"] == [number] * 4, case
+        assert seen["white"] == (1 << bits) - 1, case
+        assert seen["pattern"] == ("" if cfa == "mono" else cfa.upper()), case
+        assert seen["colours"] == (1 if cfa == "mono" else 3), case
+        assert seen["shutter_s"] == np.float32((number + 1) / 8000), case
+
+
+def test_the_d200_at_full_size(tmp_path):
+    frame = make_frame((2592, 3872), 12, "rggb", metadata=MappingProxyType({"camera": "Nikon D200"}))
+    (seen,) = in_a_fresh_process([saved(tmp_path / "d200.dng", frame)])
+    assert seen["raw"]
+    assert seen["visible"]
+    assert (seen["white"], seen["pattern"]) == (4095, "RGGB")
+    assert np.array_equal(read_raw(tmp_path / "d200.dng").dn, frame.dn)
+
+
+@pytest.mark.parametrize("cfa", BAYER)
+def test_libraw_uses_the_colour_matrix(tmp_path, cfa):
+    """LibRaw's camera to sRGB is the inverse of (XYZ to camera)(sRGB to XYZ), its rows summing to 1.
+
+    The rows are handed over in the tile's order of channels, so a mix-up of planes and channels shows. The camera is
+    called Nikon D200 because LibRaw has a matrix and a white level of its own for that name.
+    """
+    tile = cfa_from(cfa)
+    frame = make_frame((30, 30), 12, cfa, metadata=MappingProxyType({"camera": "Nikon D200"}))
+    rows = ["RGB".index(name) for name in frame.channels]
+    frame = RawFrame(frame.dn, bits=12, cfa=tile, color_matrix=MATRIX_RGB[rows], metadata=frame.metadata)
+    (seen,) = in_a_fresh_process([saved(tmp_path / "a.dng", frame)])
+    to_camera = MATRIX_RGB @ SRGB_TO_XYZ
+    to_camera /= to_camera.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(seen["to_srgb"], np.linalg.inv(to_camera), rtol=0, atol=2e-6)
+    assert not np.any(seen["xyz_to_camera"])  # LibRaw's own table has no say
+    assert seen["white"] == 4095
+    white = MATRIX_RGB @ [0.9504559, 1.0, 1.0890578]  # CIE 15: D65, 2 degree observer
+    np.testing.assert_allclose(seen["balance"], white.max() / white, rtol=1e-5)
+
+
+@pytest.mark.parametrize("cfa", ["gbrg", "mono"])
+def test_tags_as_tifffile_reads_them(tmp_path, cfa):
+    mono = cfa == "mono"
+    channels = ("M",) if mono else ("G", "B", "R")
+    noise = {"M": (1e-4, 1e-7), "R": (1e-4, 1e-7), "G": (2e-4, 2e-7), "B": (3e-4, 3e-7)}
+    frame = make_frame(
+        (24, 31),
+        14,
+        cfa,
+        black_level_dn=64.3,
+        white_level_dn=16000.0,
+        exposure_s=1 / 3,
+        color_matrix=None if mono else MATRIX_RGB[[1, 2, 0]],
+        noise_profile=np.array([noise[name] for name in channels]),
+        metadata=MappingProxyType({"camera": "Kamera µ", "iso": 200}),
+    )
+    frame.save(tmp_path / "a.dng")
+    with tifffile.TiffFile(tmp_path / "a.dng") as file:
+        assert len(file.pages) == 1
+        assert np.array_equal(file.pages.first.asarray(), frame.dn)
+        tags = {tag.code: tag.value for tag in file.pages.first.tags.values()}
+    assert tags[262] == (34892 if mono else 32803)
+    assert tags[50706] == b"\x01\x04\x00\x00"
+    assert tags[50708] == "photosite Kamera ?"
+    assert (tags[271], tags[272], tags[274], tags[34855]) == ("photosite", "Kamera ?", 1, 200)
+    assert tags[33434] == (1, 3)
+    assert tags[50714] == (643, 10)
+    assert tags[50717] == 16000
+    assert tags[50829] == (0, 0, 24, 31)
+    assert (tags[50719], tags[50720]) == ((0, 0), (31, 24))
+    planes = ("M",) if mono else ("R", "G", "B")
+    assert np.reshape(tags[51041], (-1, 2)).tolist() == [list(noise[name]) for name in planes]
+    if mono:
+        assert not {33421, 33422, 50710, 50711, 50721, 50728} & set(tags)
+        return
+    assert (tags[33421], tags[33422], tags[50710], tags[50711]) == ((2, 2), b"\1\2\0\1", b"\0\1\2", 1)
+    ratios = np.reshape(tags[50721], (9, 2)).astype(np.float64)
+    np.testing.assert_allclose((ratios[:, 0] / ratios[:, 1]).reshape(3, 3), MATRIX_RGB, rtol=1e-9)
+    assert tags[50778] == 21
+
+
+@pytest.mark.parametrize("black", [0.5, 63.9999, 256 / 3, 1e-6, 1000.123456789])
+def test_black_levels_with_a_fraction(tmp_path, black):
+    """The tag holds the fraction, photosite reads all of it; LibRaw cuts it off, which is LibRaw's."""
+    frame = make_frame((24, 24), 12, "rggb", black_level_dn=black)
+    path = saved(tmp_path / "a.dng", frame)
+    assert read_raw(path).black_level_dn == black
+    with tifffile.TiffFile(path) as file:
+        top, bottom = file.pages.first.tags[50714].value
+    assert top / bottom == pytest.approx(black, rel=1e-9)
+    (seen,) = in_a_fresh_process([path])
+    assert seen["raw"]
+    assert seen["black"] == [int(black)] * 4
+
+
+def test_frames_too_small_for_libraw_are_written_with_a_warning(tmp_path):
+    frame = make_frame((8, 30), 12, "rggb")
+    with pytest.warns(PhotositeWarning, match="no DNG under 22 x 22 pixels; this one is 8 x 30"):
+        frame.save(tmp_path / "a.dng")
+    assert np.array_equal(read_raw(tmp_path / "a.dng").dn, frame.dn)
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"cfa": [["R", "G", "B"]]}, "Bayer"),
+        ({"cfa": [["R", "G"], ["G", "W"]]}, "Bayer"),
+        ({"cfa": [["R", "B"], ["G", "G"]]}, "Bayer"),
+        ({"white_level_dn": 4000.5}, "whole numbers, not 4000.5"),
+        ({"exposure_s": 1e-12}, "cannot hold a exposure|too small"),
+        ({"color_matrix": np.eye(2)}, r"is \(3, 3\), not \(2, 2\)"),
+        ({"color_matrix": -np.eye(3)}, "white of D65"),
+        ({"noise_profile": np.ones((1, 2))}, r"is \(3, 2\), not \(1, 2\)"),
+    ],
+)
+def test_what_dng_cannot_hold_is_refused(tmp_path, fields, why):
+    fields = {"cfa": "rggb"} | fields
+    frame = make_frame((24, 24), 12, **fields)
+    with pytest.raises(InputError, match=why):
+        frame.save(tmp_path / "a.dng")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("code", "value", "what"), [(50717, 4000, "white level"), (33422, b"\2\1\1\0", "filter array")])
+def test_a_dng_edited_afterwards_is_refused(tmp_path, code, value, what):
+    make_frame((24, 24), 12, "rggb").save(tmp_path / "a.dng")
+    with tifffile.TiffFile(tmp_path / "a.dng", mode="r+") as file:
+        file.pages.first.tags[code].overwrite(value)
+    with pytest.raises(FileError, match=f"was edited: its tags say .*{what}"):
+        read_raw(tmp_path / "a.dng")

@@ -1,0 +1,349 @@
+"""A frame comes back as it was saved, from every format; damaged files are refused in one line."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import warnings
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from photosite.cfa import cfa_from
+from photosite.errors import FileError, InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.frames.read import format_of, read_header, read_raw
+
+ENDINGS = ("dng", "tif", "png")
+
+
+def make_frame(shape=(31, 27), *, bits=12, cfa="rggb", seed=1, **fields) -> RawFrame:
+    dn = np.random.default_rng(seed).integers(0, 1 << bits, shape, dtype=np.uint16)
+    dn[0, :2] = 0, (1 << bits) - 1
+    return RawFrame(dn, bits=bits, cfa=cfa_from(cfa), **fields)
+
+
+def assert_same(one: RawFrame, other: RawFrame) -> None:
+    assert one.dn.dtype == np.uint16
+    assert np.array_equal(one.dn, other.dn)
+    for name in ("bits", "cfa", "black_level_dn", "white_level_dn", "exposure_s", "metadata"):
+        assert getattr(one, name) == getattr(other, name), name
+    for name in ("color_matrix", "noise_profile"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None) == (b is None), name
+        assert a is None or np.array_equal(a, b), name
+
+
+@pytest.mark.parametrize("ending", [*ENDINGS, "tiff", "DNG"])
+@pytest.mark.parametrize("cfa", ["mono", "rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_round_trip_keeps_everything(tmp_path, ending, cfa, bits):
+    channels = 1 if cfa == "mono" else 3
+    rng = np.random.default_rng(2)
+    frame = make_frame(
+        bits=bits,
+        cfa=cfa,
+        black_level_dn=64.3,
+        white_level_dn=float((1 << bits) - 7),
+        exposure_s=1 / 8000,
+        color_matrix=np.eye(3) + rng.normal(0, 0.05, (3, 3)) if channels == 3 else None,
+        noise_profile=rng.uniform(1e-6, 1e-3, (channels, 2)),
+        metadata=MappingProxyType({"camera": "Nikon D200 µ", "iso": 100, "temperature_c": 21.3, "seed": 2**63 + 1}),
+    )
+    frame.save(tmp_path / f"a.{ending}")
+    assert_same(read_raw(tmp_path / f"a.{ending}"), frame)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("shape", [(22, 22), (23, 22), (45, 101)])
+def test_round_trip_of_a_plain_frame(tmp_path, ending, shape):
+    frame = make_frame(shape, cfa="mono", bits=8)
+    frame.save(tmp_path / f"a.{ending}")
+    assert_same(read_raw(tmp_path / f"a.{ending}"), frame)
+
+
+@pytest.mark.parametrize("ending", ["tif", "png"])
+@pytest.mark.parametrize("cfa", [[["R"]], [["R", "G", "B"]], [["R", "G"], ["G", "W"]]])
+def test_any_tile_in_tiff_and_png(tmp_path, ending, cfa):
+    frame = make_frame((1, 5), cfa=cfa)
+    frame.save(tmp_path / f"a.{ending}")
+    assert_same(read_raw(tmp_path / f"a.{ending}"), frame)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_arrays_in_any_memory_order(tmp_path, ending):
+    frame = make_frame((40, 60))
+    turned = RawFrame(frame.dn.T[::-1], bits=12)
+    turned.save(tmp_path / f"a.{ending}")
+    assert np.array_equal(read_raw(tmp_path / f"a.{ending}").dn, turned.dn)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_header_needs_no_pixels(tmp_path, ending):
+    frame = make_frame((31, 27), exposure_s=0.25)
+    frame.save(tmp_path / f"a.{ending}")
+    header = read_header(tmp_path / f"a.{ending}")
+    assert (header.rows, header.cols, header.bits, header.cfa, header.exposure_s) == (31, 27, 12, frame.cfa, 0.25)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_one_frame_one_file(tmp_path, ending):
+    """The same frame gives the same bytes: no time, no chance, no temporary name in the file."""
+    frame = make_frame((24, 24), metadata=MappingProxyType({"seed": 3}))
+    for name in ("a", "b"):
+        frame.save(tmp_path / f"{name}.{ending}")
+    assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_content_goes_before_the_name(tmp_path, ending):
+    frame = make_frame()
+    frame.save(tmp_path / f"a.{ending}")
+    (tmp_path / f"a.{ending}").rename(tmp_path / "a.data")
+    assert_same(read_raw(tmp_path / "a.data"), frame)
+
+
+def test_saving_with_another_ending_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"\.dng, \.tif, \.tiff, \.png, not as 'a\.jpg'"):
+        make_frame().save(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("metadata", [{"a": [1]}, {"a": None}, {"a": float("nan")}])
+def test_metadata_that_cannot_be_kept_are_refused_and_the_old_file_stays(tmp_path, ending, metadata):
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(b"before")
+    with pytest.raises(InputError, match="metadata|finite"):
+        make_frame(metadata=MappingProxyType(metadata)).save(path)
+    assert path.read_bytes() == b"before"
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_failing_writer_leaves_nothing(tmp_path, ending, monkeypatch):
+    """The disk fills up after the pixels are written: the old frame stays, no half a file is left."""
+    path = tmp_path / f"a.{ending}"
+    old = make_frame(seed=5)
+    old.save(path)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("photosite.atomic.os.replace", full)
+    with pytest.raises(FileError, match=re.escape(str(path)) + ".*No space left"):
+        make_frame(seed=6).save(path)
+    assert_same(read_raw(path), old)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_saving_into_a_missing_folder(tmp_path):
+    with pytest.raises(FileError, match="No such file or directory"):
+        make_frame().save(tmp_path / "nowhere" / "a.png")
+
+
+# Files of other origin.
+
+
+@pytest.mark.parametrize("ending", ["png", "tif"])
+@pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 16)])
+def test_plain_files_have_as_many_bits_as_they_store(tmp_path, ending, dtype, bits):
+    dn = np.random.default_rng(3).integers(0, 1 << bits, (9, 11)).astype(dtype)
+    Image.fromarray(dn).save(tmp_path / f"a.{ending}")
+    frame = read_raw(tmp_path / f"a.{ending}")
+    assert np.array_equal(frame.dn, dn)
+    assert (frame.bits, frame.black_level_dn, frame.exposure_s, frame.is_mosaic) == (bits, 0.0, None, False)
+
+
+@pytest.mark.parametrize("compression", ["tiff_adobe_deflate", "packbits"])
+def test_compressed_tiff(tmp_path, compression):
+    dn = np.random.default_rng(3).integers(0, 65536, (50, 61)).astype(np.uint16)
+    Image.fromarray(dn).save(tmp_path / "a.tif", compression=compression)
+    assert np.array_equal(read_raw(tmp_path / "a.tif").dn, dn)
+
+
+@pytest.mark.parametrize("options", [{"byteorder": ">"}, {"rowsperstrip": 7}, {"tile": (16, 32)}, {"bigtiff": True}])
+def test_tiff_in_its_variants(tmp_path, options):
+    import tifffile
+
+    dn = np.random.default_rng(4).integers(0, 65536, (50, 61)).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", dn, photometric="minisblack", **options)
+    assert np.array_equal(read_raw(tmp_path / "a.tif").dn, dn)
+
+
+def test_the_caller_says_what_the_file_does_not(tmp_path):
+    Image.fromarray(np.full((4, 4), 4095, np.uint16)).save(tmp_path / "a.png")
+    frame = read_raw(tmp_path / "a.png", bits=12, cfa="bggr")
+    assert (frame.bits, frame.white_level_dn, frame.channels) == (12, 4095.0, ("B", "G", "R"))
+
+
+def test_file_and_caller_contradict(tmp_path):
+    make_frame(bits=12, cfa="rggb").save(tmp_path / "a.png")
+    with pytest.raises(FileError, match="12-bit frame by its own account, not the 14-bit"):
+        read_raw(tmp_path / "a.png", bits=14)
+    with pytest.raises(FileError, match="RG/GB, not the BG/GR"):
+        read_raw(tmp_path / "a.png", cfa="bggr")
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "b.png")
+    with pytest.raises(FileError, match="stores 8 bits a pixel, too few for a 12-bit"):
+        read_raw(tmp_path / "b.png", bits=12)
+    with pytest.raises(InputError, match="1 to 16 bits, not 17"):
+        read_raw(tmp_path / "b.png", bits=17)
+
+
+def test_numbers_above_the_bits_are_refused(tmp_path):
+    Image.fromarray(np.full((4, 4), 4096, np.uint16)).save(tmp_path / "a.png")
+    with pytest.raises(FileError, match="12-bit frame cannot hold 4096 DN"):
+        read_raw(tmp_path / "a.png", bits=12)
+
+
+def test_exposure_time_of_a_tiff(tmp_path):
+    import tifffile
+
+    tag = (33434, "2I", 1, (1, 250), True)
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4), np.uint16), photometric="minisblack", extratags=[tag])
+    assert read_raw(tmp_path / "a.tif").exposure_s == 1 / 250
+
+
+# Wrong files.
+
+
+def other_kind(path: Path, kind: str) -> None:
+    grey = Image.fromarray(np.zeros((8, 8), np.uint8))
+    match kind:
+        case "rgb.png" | "rgb.tif" | "picture.jpg":
+            grey.convert("RGB").save(path)
+        case "palette.png":
+            grey.convert("P").save(path)
+        case "alpha.png":
+            grey.convert("LA").save(path)
+        case "one-bit.png" | "one-bit.tif":
+            grey.convert("1").save(path)
+        case "float.tif":
+            grey.convert("F").save(path)
+        case "pages.tif":
+            grey.save(path, save_all=True, append_images=[grey])
+        case "text.dng" | "text.nef" | "text.png" | "text.txt":
+            path.write_text("photosite_protocol: 1\n" * 20)
+        case "empty.dng" | "empty.nef" | "empty.png":
+            path.touch()
+        case "folder.dng":
+            path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("rgb.png", "it is RGB"),
+        ("rgb.tif", "it is RGB with 3 samples"),
+        ("picture.jpg", "is a JPEG"),
+        ("palette.png", "a palette"),
+        ("alpha.png", "grey with alpha"),
+        ("one-bit.png", "1 bits"),
+        ("one-bit.tif", r"\(1 bits\)"),
+        ("float.tif", r"not unsigned integers of 8 or 16 bits \(32 bits\)"),
+        ("pages.tif", "holds 2 pages"),
+        ("text.dng", "is not a frame"),
+        ("text.png", "is not a frame"),
+        ("text.txt", "is not a frame"),
+        ("text.nef", "not a raw file|cannot be decoded"),
+        ("empty.dng", "is empty"),
+        ("empty.nef", "is empty"),
+        ("empty.png", "is empty"),
+        ("folder.dng", "is a folder"),
+        ("missing.dng", "there is no such file"),
+    ],
+)
+def test_wrong_files_are_refused_in_one_line(tmp_path, name, why):
+    path = tmp_path / name
+    other_kind(path, name)
+    for read in (read_raw, read_header):
+        with pytest.raises(FileError, match=f"{re.escape(str(path))}: .*({why})") as caught:
+            read(path)
+        assert "\n" not in str(caught.value)
+        assert caught.value.__suppress_context__ or caught.value.__context__ is None
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_truncated_anywhere(tmp_path, ending):
+    """Cut after every number of bytes there is."""
+    make_frame((22, 23), exposure_s=0.1, metadata=MappingProxyType({"camera": "a"})).save(tmp_path / f"a.{ending}")
+    whole = (tmp_path / f"a.{ending}").read_bytes()
+    cut = tmp_path / f"cut.{ending}"
+    for length in range(len(whole)):
+        cut.write_bytes(whole[:length])
+        with pytest.raises(FileError) as caught:
+            read_raw(cut)
+        assert "\n" not in str(caught.value)
+        with pytest.raises(FileError):
+            read_header(cut)
+
+
+@pytest.mark.parametrize("ending", ["png", "tif"])
+def test_truncated_anywhere_in_files_of_other_origin(tmp_path, ending):
+    """Pillow puts a TIFF's directory before the strips, and its values after it."""
+    image = Image.fromarray(np.random.default_rng(5).integers(0, 65536, (22, 23)).astype(np.uint16))
+    image.save(tmp_path / f"a.{ending}")
+    whole = (tmp_path / f"a.{ending}").read_bytes()
+    assert np.array_equal(read_raw(tmp_path / f"a.{ending}").dn, np.asarray(image))
+    for length in range(len(whole)):
+        (tmp_path / f"cut.{ending}").write_bytes(whole[:length])
+        with pytest.raises(FileError):
+            read_raw(tmp_path / f"cut.{ending}")
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
+    """One bit turned, here and there: never another library's exception. PNG has checksums: there it is always found."""
+    frame = make_frame((22, 23), bits=16, exposure_s=0.1, color_matrix=np.eye(3))
+    frame.save(tmp_path / f"a.{ending}")
+    whole = (tmp_path / f"a.{ending}").read_bytes()
+    dice = random.Random(7)
+    found = 0
+    places = range(len(whole)) if ending == "png" else range(0, len(whole), 3)
+    for at in places:
+        damaged = bytearray(whole)
+        damaged[at] ^= 1 << dice.randrange(8)
+        (tmp_path / f"b.{ending}").write_bytes(damaged)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a description lost makes it a DNG of other origin, black levels and all
+            try:
+                read_raw(tmp_path / f"b.{ending}")
+            except FileError:
+                found += 1
+    assert found == len(places) if ending == "png" else found > 0
+
+
+def test_a_damaged_description(tmp_path):
+    make_frame().save(tmp_path / "a.tif")
+    whole = (tmp_path / "a.tif").read_bytes()
+    for old, new in ((b'"bits": 12', b'"bats": 12'), (b'"cfa": [[', b'"cfa": 1[')):
+        (tmp_path / "b.tif").write_bytes(whole.replace(old, new))
+        with pytest.raises(FileError, match="damaged description"):
+            read_raw(tmp_path / "b.tif")
+    (tmp_path / "c.tif").write_bytes(whole.replace(b'_frame": 1', b'_frame": 2'))
+    with pytest.raises(FileError, match="format version 2; this photosite reads version 1"):
+        read_raw(tmp_path / "c.tif")
+
+
+def test_the_description_is_plain_json_in_a_known_place(tmp_path):
+    """Other programs can read it: TIFF's ImageDescription, PNG's text chunk 'photosite'."""
+    frame = make_frame(black_level_dn=64.25)
+    frame.save(tmp_path / "a.tif")
+    frame.save(tmp_path / "a.png")
+    with Image.open(tmp_path / "a.tif") as tiff, Image.open(tmp_path / "a.png") as png:
+        assert json.loads(tiff.tag_v2[270]) == json.loads(png.text["photosite"])
+        assert json.loads(tiff.tag_v2[270])["black_level_dn"] == 64.25
+
+
+def test_formats_by_magic(tmp_path):
+    for head, kind in (
+        (b"FUJIFILMCCD-RAW 0201", "camera raw"),
+        (b"IIRO\x08\0\0\0", "camera raw"),
+        (b"\0\0\0\x18ftypcrx \0\0\0\x01", "camera raw"),
+        (b"\x89PNG\r\n\x1a\n", "png"),
+    ):
+        (tmp_path / "a").write_bytes(head)
+        assert format_of(tmp_path / "a") == kind
