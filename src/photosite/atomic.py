@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,3 +59,48 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
+    """A temporary folder beside the wanted one, which takes its name when the block ends well.
+
+    If the block fails, or is interrupted, nothing remains of it. A folder that holds something is never touched.
+
+    Parameters
+    ----------
+    path
+        The folder wanted; it must not exist, or be empty.
+
+    Raises
+    ------
+    FileError
+        If something of that name exists and is not an empty folder, the folder above it is missing or cannot be written,
+        or writing fails in the operating system.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> above = tempfile.TemporaryDirectory()
+    >>> with atomic_folder(Path(above.name) / "frames") as temporary:
+    ...     _ = (temporary / "note.txt").write_text("whole")
+    >>> [file.name for file in (Path(above.name) / "frames").iterdir()]
+    ['note.txt']
+    """
+    wanted = Path(os.path.realpath(path))
+    try:
+        if wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
+            raise FileError(path, "exists already and is not an empty folder; choose another name")
+        temporary = Path(tempfile.mkdtemp(prefix=f".{wanted.name}-", dir=wanted.parent))
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    try:
+        yield temporary
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o777 & ~mask)
+        os.replace(temporary, wanted)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -13,6 +13,7 @@ from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
 from photosite.mosaic import mean_mosaic, placement
 from photosite.optics.lens import Optics
+from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -151,6 +152,8 @@ class Camera:
             cfa=self.sensor.array.cfa,
             black_level_dn=readout.black_level_dn.value,
             exposure_s=exposure_s,
+            color_matrix=color_matrix(self.sensor),
+            noise_profile=noise_profile(self.sensor, exposure_s),
             metadata=MappingProxyType(
                 {"camera": self.sensor.name, "serial": self.sensor.serial, "seed": seed, "frame": frame}
             ),

@@ -27,12 +27,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
     "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra"},
-    "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic"},
+    "profile": COMMON | {"scene", "sensor", "spectra"},
+    "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "profile"},
     "calibration": COMMON | {"frames", "sensor", "engine", "spectra"},
     "develop": COMMON | {"frames", "sensor", "engine", "spectra"},
     "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
 }
-BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "camera"}
+BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "profile", "camera"}
 BELOW |= {"calibration", "develop", "metrics"}
 MAY_IMPORT["validation"] = BELOW
 MAY_IMPORT["report"] = BELOW | {"validation", "studies"}

@@ -1,0 +1,76 @@
+"""`photosite develop`: a picture of a raw frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import print_json
+
+
+class WhiteBalance(click.ParamType):
+    """A name, or three gains such as 2.1,1,1.4."""
+
+    name = "balance"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | list[float]:
+        """The name, or the three gains."""
+        if "," not in str(value):
+            return str(value)
+        try:
+            return [float(gain) for gain in str(value).split(",")]
+        except ValueError:
+            self.fail(f"expected a name or three gains such as 2.1,1,1.4, not '{value}'", param, ctx)
+
+
+class Exposure(click.ParamType):
+    """auto, or a factor."""
+
+    name = "factor"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
+        """The factor."""
+        return "auto" if value == "auto" else options.Above().convert(value, param, ctx)
+
+
+@click.command("develop")
+@click.argument("raw", type=click.Path(path_type=Path))
+@options.output_option(None, "Picture to write (.png).")
+@click.option(
+    "--white-balance", type=WhiteBalance(), default="gray-world", help="gray-world, none, or gains: 2.1,1,1.4 (R,G,B)."
+)
+@click.option("--brightness", type=Exposure(), default="auto", help="auto, or a factor on the linear picture.")
+@click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits a channel of the picture.")
+@click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
+@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@options.json_option
+def command(
+    raw: Path,
+    output: Path,
+    white_balance: str | list[float],
+    brightness: str | float,
+    depth: str,
+    bits: int | None,
+    cfa: str | None,
+    as_json: bool,
+) -> None:
+    """Make a picture (PNG, sRGB) of a raw frame: DNG, camera raw, TIFF or PNG.
+
+    Bilinear demosaic, white balance, the colour matrix that the file brings, sRGB display.
+
+    Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
+    """
+    from photosite.develop.develop import develop
+    from photosite.develop.picture import save_picture
+    from photosite.frames.read import read_raw
+
+    frame = read_raw(raw, bits=bits, cfa=cfa)
+    picture = develop(frame, white_balance=white_balance, exposure=brightness)
+    save_picture(picture, output, bits=int(depth))
+    if as_json:
+        print_json({"path": str(output), "rows": frame.shape[0], "cols": frame.shape[1], "depth": int(depth)})
+    else:
+        click.echo(f"wrote {output}: {frame.shape[0]} x {frame.shape[1]} pixels, {depth} bits a channel")

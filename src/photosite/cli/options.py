@@ -1,0 +1,145 @@
+"""Options that several commands share, and the types they parse to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from photosite.errors import InputError
+from photosite.exposure import parse_exposure
+
+if TYPE_CHECKING:
+    from photosite.optics.lens import DiffractionLimited
+    from photosite.scene.scene import Scene
+    from photosite.sensor.model import Sensor
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+SCENES = ("macbeth", "uniform", "slanted-edge")
+
+
+class ExposureTime(click.ParamType):
+    """Seconds, as a number or as 1/8000."""
+
+    name = "seconds"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The exposure time in seconds."""
+        try:
+            return parse_exposure(value)
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+
+
+class Above(click.ParamType):
+    """A finite number above a limit."""
+
+    name = "number"
+
+    def __init__(self, limit: float = 0.0, *, or_equal: bool = False) -> None:
+        self.limit, self.or_equal = limit, or_equal
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if not (self.limit < number < float("inf") or (self.or_equal and number == self.limit)):
+            wanted = f"{self.limit:g} or more" if self.or_equal else f"above {self.limit:g}"
+            self.fail(f"expected a number {wanted}, not '{value}'", param, ctx)
+        return number
+
+
+def sensor_option(default: str | None = "nikon-d200") -> Callable[[F], F]:
+    """--sensor."""
+    return click.option(
+        "--sensor", "sensor_name", default=default, metavar="NAME|FILE", help="Preset or sensor file (YAML)."
+    )
+
+
+def size_options(function: F) -> F:
+    """--rows and --cols, for a smaller chip of the same pixels."""
+    function = click.option("--cols", type=click.IntRange(1), help="Columns of a smaller (or larger) chip.")(function)
+    return click.option("--rows", type=click.IntRange(1), help="Rows of a smaller (or larger) chip.")(function)
+
+
+def black_level_option(text: str) -> Callable[[F], F]:
+    """--black-level, with what leaving it out means."""
+    return click.option("--black-level", type=Above(0, or_equal=True), metavar="DN", help=text)
+
+
+def lens_options(function: F) -> F:
+    """--f-number and --focal-length."""
+    function = click.option("--focal-length", type=Above(), default=50.0, metavar="MM", help="Focal length in mm.")(
+        function
+    )
+    return click.option("--f-number", type=Above(), default=8.0, metavar="N", help="f-number.")(function)
+
+
+def scene_options(function: F) -> F:
+    """--scene, --illuminant, --luminance and --distance."""
+    for option in (
+        click.option("--distance", type=Above(), default=1.2, metavar="M", help="From lens to scene, in m."),
+        click.option("--luminance", type=Above(), default=40.0, metavar="CD/M2", help="Mean luminance in cd/m2."),
+        illuminant_option("A"),
+        click.option("--scene", "scene_name", type=click.Choice(SCENES), default="macbeth", help="What is seen."),
+    ):
+        function = option(function)
+    return function
+
+
+def illuminant_option(default: str) -> Callable[[F], F]:
+    """--illuminant."""
+    return click.option(
+        "--illuminant", default=default, metavar="NAME", help="CIE illuminant (A, D65, FL2, ...) or a blackbody (3200K)."
+    )
+
+
+def seed_option(function: F) -> F:
+    """--seed."""
+    return click.option(
+        "--seed", type=click.IntRange(0, 2**64 - 1), default=0, help="Key of the temporal noise; same seed, same frames."
+    )(function)
+
+
+def json_option(function: F) -> F:
+    """--json."""
+    return click.option(
+        "--json", "as_json", is_flag=True, help="Print one JSON object on standard output, nothing else there."
+    )(function)
+
+
+def output_option(default: str | None, text: str) -> Callable[[F], F]:
+    """-o / --output."""
+    return click.option(
+        "-o", "--output", type=click.Path(path_type=Path), default=default, required=default is None, help=text
+    )
+
+
+def load_sensor_resized(
+    name: str, rows: int | None, cols: int | None, black_level: float | None = None
+) -> Sensor:
+    """The sensor asked for, with the size and black level asked for."""
+    from photosite.sensor.file import load_sensor
+
+    changes: dict[str, Any] = {"rows": rows, "cols": cols, "black_level_dn": black_level}
+    return load_sensor(name).with_(**{name: value for name, value in changes.items() if value is not None})
+
+
+def lens(f_number: float, focal_length: float) -> DiffractionLimited:
+    """The lens asked for."""
+    from photosite.optics.lens import DiffractionLimited
+
+    return DiffractionLimited(f_number=f_number, focal_length_mm=focal_length)
+
+
+def scene(name: str, illuminant: str, luminance: float, distance: float) -> Scene:
+    """The scene asked for."""
+    from photosite.scene import charts
+
+    make = {"macbeth": charts.macbeth, "uniform": charts.uniform, "slanted-edge": charts.slanted_edge}[name]
+    return make(illuminant, luminance, distance_m=distance)

@@ -1,0 +1,91 @@
+"""What commands print: one JSON object, aligned tables, and progress for whoever watches."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """One JSON object on standard output.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite: a result holds none, so that is a bug.
+    """
+    click.echo(json.dumps(content, allow_nan=False, ensure_ascii=False, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's scalars and paths as JSON has them."""
+    if hasattr(value, "item"):
+        return value.item()
+    if hasattr(value, "__fspath__"):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} has no place in JSON")
+
+
+def table(rows: Sequence[Sequence[str]], align: str) -> str:
+    """Rows of text in columns, two spaces apart; the first row is the heading.
+
+    Parameters
+    ----------
+    rows
+        All of one length.
+    align
+        One of `<` and `>` per column.
+
+    Examples
+    --------
+    >>> print(table([("name", "value"), ("gain", "30")], "<>"))
+    name  value
+    gain     30
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = (
+        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True)).rstrip()
+        for row in rows
+    )
+    return "\n".join(lines)
+
+
+def say(message: str) -> None:
+    """A line for the reader on standard error."""
+    click.echo(message, err=True)
+
+
+class Stages:
+    """Progress on standard error: a line per stage, and a count within it where a terminal is watching.
+
+    An instance is called as `progress(done, total, what)`, which is what the library's long functions ask for.
+    """
+
+    def __init__(self) -> None:
+        self._watched = sys.stderr.isatty()
+        self._what = ""
+        self._shown_s = 0.0
+
+    def stage(self, what: str) -> None:
+        """Begin a stage."""
+        self._clear()
+        self._what = what
+        say(f"{what} ...")
+
+    def __call__(self, done: int, total: int, what: str = "frames") -> None:
+        """Tell how far the stage is: at most ten times a second, and only to a terminal."""
+        now = time.monotonic()
+        if self._watched and (now - self._shown_s > 0.1 or done == total):
+            self._shown_s = now
+            click.echo(f"\r\x1b[K  {done} of {total} {what}", nl=False, err=True)
+            if done == total:
+                self._clear()
+
+    def _clear(self) -> None:
+        if self._watched:
+            click.echo("\r\x1b[K", nl=False, err=True)

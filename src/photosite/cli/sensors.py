@@ -1,0 +1,134 @@
+"""`photosite sensors`: what presets there are, what a sensor file says, and whether it can be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from photosite.cli.options import json_option
+from photosite.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
+
+
+@click.group("sensors", invoke_without_command=True)
+@json_option
+@click.pass_context
+def command(ctx: click.Context, as_json: bool) -> None:
+    """List the presets, or look at sensor files.
+
+    Without a subcommand, lists the presets with a line each. A sensor is named by its preset or by the path of its
+    file, here as in every other command.
+
+    Example: photosite sensors show nikon-d200
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    from photosite.sensor.file import load_sensor, preset_names
+
+    presets = {name: load_sensor(name) for name in preset_names()}
+    if as_json:
+        print_json({"sensors": {name: _facts(sensor) for name, sensor in presets.items()}})
+        return
+    heading = ("sensor", "pixel", "rows x cols", "CFA", "bits", "read noise", "name")
+    click.echo(table([heading, *(_row(name, sensor) for name, sensor in presets.items())], "<><<>><"))
+
+
+def _facts(sensor: Sensor) -> dict[str, Any]:
+    return {
+        "name": sensor.name,
+        "rows": sensor.array.rows,
+        "cols": sensor.array.cols,
+        "cfa": [list(row) for row in sensor.array.cfa],
+        "pixel_width_um": sensor.pixel.width_um.value,
+        "bits": sensor.readout.bits,
+        "read_noise_mv": sensor.noise.read_noise_mv.value,
+        "saturation_capacity_e": sensor.saturation_capacity_e,
+    }
+
+
+def _row(name: str, sensor: Sensor) -> tuple[str, ...]:
+    return (
+        name,
+        f"{sensor.pixel.width_um.value:g} um",
+        f"{sensor.array.rows} x {sensor.array.cols}",
+        "".join("".join(row) for row in sensor.array.cfa).lower(),
+        str(sensor.readout.bits),
+        f"{sensor.noise.read_noise_mv.value:g} mV",
+        sensor.name,
+    )
+
+
+@command.command("show")
+@click.argument("name", metavar="NAME|FILE")
+@json_option
+def show(name: str, as_json: bool) -> None:
+    """Print a sensor's file, with the source of every value.
+
+    Example: photosite sensors show vendor-2.2um --json
+    """
+    from photosite.sensor.file import dump_sensor, load_sensor
+
+    sensor = load_sensor(name)
+    if as_json:
+        print_json(sensor.model_dump(mode="json", exclude_none=True))
+    else:
+        click.echo(dump_sensor(sensor), nl=False)
+
+
+@command.command("schema")
+def schema() -> None:
+    """Print the JSON Schema of sensor files, for editors and other tools.
+
+    Example: photosite sensors schema > sensor.schema.json
+    """
+    from photosite.sensor.model import Sensor
+
+    click.echo(json.dumps(Sensor.model_json_schema(), indent=2))
+
+
+@command.command("check")
+@click.argument("file", type=click.Path(path_type=Path))
+@json_option
+def check(file: Path, as_json: bool) -> None:
+    """Check a sensor file: exit status 0 if it describes a sensor, 2 with the line and the reason if not.
+
+    Example: photosite sensors check mine.sensor.yaml
+    """
+    from photosite.sensor.file import load_sensor
+
+    sensor = load_sensor(file)
+    assumed = _assumed(sensor.model_dump(mode="json", exclude_none=True))
+    if as_json:
+        print_json({"file": str(file), "name": sensor.name, "assumed": assumed})
+    else:
+        click.echo(f"{file}: describes {sensor.name}; assumed values: {', '.join(assumed) or 'none'}")
+
+
+def _assumed(node: Any, path: str = "") -> list[str]:
+    """Dotted names of the values that are marked as assumptions."""
+    if not isinstance(node, dict):
+        return []
+    own = [path] if node.get("assumed") is True else []
+    return own + [name for key, value in node.items() for name in _assumed(value, f"{path}.{key}".lstrip("."))]
+
+
+@command.command("export")
+@click.argument("name", metavar="NAME|FILE")
+@click.argument("file", type=click.Path(path_type=Path))
+def export(name: str, file: Path) -> None:
+    """Write a sensor to a file of one's own, to be changed there; an existing file is never overwritten.
+
+    Example: photosite sensors export nikon-d200 mine.sensor.yaml
+    """
+    from photosite.errors import FileError
+    from photosite.sensor.file import load_sensor
+
+    if file.exists():
+        raise FileError(file, "exists already; choose another name")
+    load_sensor(name).save(file)
+    click.echo(f"wrote {file}")

@@ -1,0 +1,95 @@
+"""`photosite shoot`: the frames of a measurement protocol, by a virtual sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import Stages, print_json, say
+
+if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
+
+
+@click.command("shoot")
+@options.sensor_option()
+@options.size_options
+@options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
+@options.illuminant_option("D65")
+@click.option(
+    "--level",
+    type=options.Above(),
+    default=1.3,
+    metavar="X",
+    help="Light: the brightest channel at the longest exposure, in saturations.",
+)
+@click.option("--photons", is_flag=True, help="The light is metered: state the photons per pixel in the protocol.")
+@options.seed_option
+@options.output_option(None, "Folder to write; it must not exist, or be empty.")
+@options.json_option
+def command(
+    sensor_name: str,
+    rows: int | None,
+    cols: int | None,
+    black_level: float | None,
+    illuminant: str,
+    level: float,
+    photons: bool,
+    seed: int,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Simulate a measurement: the dark and flat frames that a calibration needs.
+
+    Shoots the 2008 paper's protocol: 190 dark frames from 1/8000 to 30 s, 150 dark frames at 1/8000 s, and 65 frames of
+    a uniform field from 1/8000 to 1/25 s. The folder gets the frames (16-bit TIFF), protocol.yaml, nominal.sensor.yaml
+    (what a laboratory knows beforehand) and truth.sensor.yaml (what the calibration is to find). A full-size D200 takes
+    8 GB; --rows and --cols make a smaller chip of the same pixels.
+
+    Example: photosite shoot --rows 648 --cols 968 -o stack && photosite calibrate stack
+    """
+    from photosite.studies.protocol import paper_d200_protocol
+    from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
+
+    sensor = prepared_sensor(sensor_name, rows, cols, black_level)
+    protocol = paper_d200_protocol()
+    lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
+    lab.write(output, Stages())
+    if as_json:
+        print_json(
+            {
+                "path": str(output),
+                "protocol": str(output / PROTOCOL_NAME),
+                "nominal_sensor": str(output / NOMINAL_NAME),
+                "true_sensor": str(output / TRUTH_NAME),
+                "frames": protocol.frame_count,
+                "rows": sensor.array.rows,
+                "cols": sensor.array.cols,
+                "black_level_dn": sensor.readout.black_level_dn.value,
+                "luminance_cd_m2": lab.light.mean_luminance_cd_m2(),
+                "seed": seed,
+            }
+        )
+    else:
+        click.echo(f"wrote {protocol.frame_count} frames of {sensor.array.rows} x {sensor.array.cols} to {output}")
+
+
+def prepared_sensor(name: str, rows: int | None, cols: int | None, black_level: float | None) -> Sensor:
+    """The sensor asked for; unless a black level is given, with one that its darks do not clip at."""
+    from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
+
+    sensor = options.load_sensor_resized(name, rows, cols, black_level)
+    if black_level is not None:
+        return sensor
+    raised = with_pedestal(sensor)
+    if raised is not sensor:
+        say(
+            f"black level raised from {sensor.readout.black_level_dn.value:g} to "
+            f"{raised.readout.black_level_dn.value:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise would clip "
+            f"at 0, and a calibration refuses those (--black-level {sensor.readout.black_level_dn.value:g} shoots it "
+            "as it is)"
+        )
+    return raised

@@ -1,0 +1,94 @@
+"""What a raw file says of its camera besides the pixels: the colour matrix and the noise profile, as DNG defines them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.scene.charts import macbeth_reflectance
+from photosite.sensor.model import Sensor
+from photosite.spectra import (
+    DEFAULT_WAVELENGTH_NM,
+    illuminant,
+    integration_weights,
+    photons_from_energy,
+    xyz,
+)
+
+QUANTISATION_DN2 = 1 / 12
+"""Variance of rounding to whole numbers."""
+
+_Response = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
+    """(channels, 3), CIE XYZ under D65 to camera channels, in the order of the sensor's channels.
+
+    The inverse of the least-squares 3 x 3 from camera R, G, B to XYZ over the ColorChecker's 24 patches under D65
+    (Farrell, Okincha and Parmar 2008, section 3), scaled so that the white of D65 has 1 in its fullest channel.
+
+    Returns
+    -------
+    ndarray or None
+        None where the channels are not R, G and B, or their responses do not span three colours.
+
+    Notes
+    -----
+    DNG specification 1.7, ColorMatrix1, calibration illuminant D65.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> color_matrix(ps.load_sensor("nikon-d200")).shape
+    (3, 3)
+    """
+    names = sensor.channel_names
+    if set(names) != {"R", "G", "B"}:
+        return None
+    responses = [(sensor.channels[n].wavelength_nm, sensor.channels[n].quantum_efficiency) for n in names]
+    return _color_matrix(tuple(responses))
+
+
+@lru_cache(maxsize=8)
+def _color_matrix(responses: tuple[_Response, ...]) -> NDArray[np.float64] | None:
+    grid = DEFAULT_WAVELENGTH_NM
+    light = photons_from_energy(illuminant("D65", grid), grid)
+    patches = macbeth_reflectance(grid) * light
+    efficiency = np.stack([np.interp(grid, nm, qe, left=0.0, right=0.0) for nm, qe in responses])
+    camera = patches @ (efficiency * integration_weights(grid)).T
+    if np.linalg.matrix_rank(camera) < 3:
+        return None
+    white = xyz(light, grid)
+    to_xyz, *_ = np.linalg.lstsq(camera, xyz(patches, grid) / white[1], rcond=None)
+    matrix = np.asarray(np.linalg.inv(to_xyz.T), dtype=np.float64)
+    matrix /= (matrix @ (white / white[1])).max()
+    matrix.flags.writeable = False
+    return matrix
+
+
+def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
+    """(channels, 2), scale and offset: a signal s in 0..1 (black to white) varies by scale s + offset.
+
+    The scale is the photons' noise; the offset is read noise, DSNU, the dark current's shot noise and rounding. PRNU
+    grows with the square of the signal and has no place in this model.
+
+    Notes
+    -----
+    DNG specification 1.7, NoiseProfile.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> scale, offset = noise_profile(ps.load_sensor("nikon-d200"), 1 / 8000)[0]
+    >>> float((1 / scale / 4095).round(2)), float((offset**0.5 * 4095).round(2))
+    (7.98, 3.17)
+    """
+    noise = sensor.noise
+    gain = sensor.system_gain_dn_per_e
+    span = sensor.white_level_dn - sensor.readout.black_level_dn.value
+    dark_e = sensor.electrons(noise.dark_voltage_mv_per_s.value) * exposure_s
+    electrons2 = sensor.electrons(noise.read_noise_mv.value) ** 2 + sensor.electrons(noise.dsnu_mv.value) ** 2 + dark_e
+    offset = (electrons2 * gain**2 + QUANTISATION_DN2) / span**2
+    return np.tile([gain / span, offset], (len(sensor.channel_names), 1))

@@ -1,0 +1,292 @@
+"""A measurement protocol shot with a virtual sensor: frames made when they are asked for, or written to a folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.atomic import atomic_folder
+from photosite.camera import Camera
+from photosite.errors import InputError
+from photosite.frames.frame_set import FrameSet, FrameSource, ListedFrame, group_frames
+from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
+from photosite.frames.raw_frame import RawFrame
+from photosite.measured import Measured
+from photosite.optics.lens import DiffractionLimited
+from photosite.scene import charts
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.spectra import integration_weights
+from photosite.studies.protocol import ShootingProtocol, Step
+
+Progress = Callable[[int, int], None]
+"""Called with (frames done, frames to do) after each frame."""
+
+DEFAULT_LEVEL = 1.3
+"""Brightest channel at the longest exposure, in saturations: enough to see it saturate, and how it does."""
+
+CLIP_SIGMA, PEDESTAL_SIGMA = 5.0, 8.0
+"""In standard deviations of the dark: a black level below the first lets darks clip at 0; a pedestal has the second."""
+
+NOMINAL_NAME, TRUTH_NAME, PROTOCOL_NAME = "nominal.sensor.yaml", "truth.sensor.yaml", "protocol.yaml"
+
+_WRITERS = 2
+_PENDING = 8
+"""Frames that may wait for the disk: memory stays at some frames whatever its speed."""
+
+
+def dark_noise_dn(sensor: Sensor) -> float:
+    """Standard deviation of one dark frame over its pixels, DN: read noise and DSNU together.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> round(dark_noise_dn(ps.load_sensor("nikon-d200")), 2)
+    3.16
+    """
+    noise = sensor.noise
+    return math.hypot(noise.read_noise_mv.value, noise.dsnu_mv.value) / sensor.mv_per_dn
+
+
+def with_pedestal(sensor: Sensor) -> Sensor:
+    """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
+
+    A calibration refuses clipped darks. Where the black level is less than 5 standard deviations of the dark, it
+    becomes the next power of two at or above 8 of them.
+
+    Raises
+    ------
+    InputError
+        If the converter is too small for that.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> with_pedestal(ps.load_sensor("nikon-d200")).readout.black_level_dn.value
+    32.0
+    """
+    sigma = dark_noise_dn(sensor)
+    if sensor.readout.black_level_dn.value >= CLIP_SIGMA * sigma:
+        return sensor
+    pedestal = float(2 ** math.ceil(math.log2(PEDESTAL_SIGMA * sigma)))
+    source = f"pedestal, so that darks of {sigma:.3g} DN noise do not clip at 0"
+    return sensor.with_(black_level_dn=Measured(pedestal, source=source, assumed=True))
+
+
+def nominal_sensor(sensor: Sensor) -> Sensor:
+    """What a laboratory knows before it measures: geometry, converter, voltage swing and spectral response.
+
+    What the frames are to tell is taken out: noise and black level become 0, conversion gain and well capacity 1 in
+    their units, each marked as assumed and to be measured.
+    """
+    todo = "placeholder: to be measured"
+    unknown = Measured(0.0, source=todo, assumed=True)
+    scale = Measured(1.0, source=todo, assumed=True)
+    return sensor.with_(
+        **{name: unknown for name in type(sensor.noise).model_fields},
+        black_level_dn=unknown,
+        conversion_gain_uv_per_e=scale,
+        well_capacity_e=scale,
+    )
+
+
+@dataclass(frozen=True)
+class VirtualLab:
+    """A virtual sensor, its light, and what to shoot.
+
+    Parameters
+    ----------
+    camera
+        The camera; for darks its lens is covered.
+    protocol
+        What to shoot.
+    light
+        The uniform field of the light frames.
+    seed
+        Key of the temporal noise. Each frame has its own number, its place in the protocol.
+    photons_known
+        Whether the light is metered: the protocol then states the photons per pixel.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> from photosite.studies.protocol import paper_d200_protocol
+    >>> sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=8, cols=8))
+    >>> lab = virtual_lab(sensor, paper_d200_protocol(), seed=3)
+    >>> lab.frame_set().frame_count
+    405
+    """
+
+    camera: Camera
+    protocol: ShootingProtocol
+    light: Scene
+    seed: int = 0
+    photons_known: bool = False
+
+    def photons_per_pixel(self, step: Step) -> float | None:
+        """Mean photons that fall on a pixel's area in an exposure; None where the light is not metered.
+
+        All wavelengths of the light's spectrum count, each photon once.
+        """
+        if not self.photons_known:
+            return None
+        if step.kind == "dark":
+            return 0.0
+        grid = self.light.wavelength_nm
+        irradiance = self.light.basis[0] * self.camera.optics.irradiance_per_radiance(grid, self.light.distance_m)
+        rate = float(irradiance @ integration_weights(grid, self.camera.integration))
+        return rate * float(self.light.weights[0, 0, 0]) * self.camera.sensor.pixel_area_m2 * step.exposure_s
+
+    def frames(self) -> Iterator[tuple[int, Step, RawFrame]]:
+        """Every frame in the protocol's order, with its step's number and its step."""
+        for number, step, first in self._numbered():
+            mean = self._mean_electrons(step)
+            for repeat in range(step.count):
+                yield number, step, self._expose(step, mean, first + repeat)
+
+    def frame_set(self) -> FrameSet:
+        """The frames as a calibration reads them, made anew each time one is read: nothing is kept."""
+        listed = [
+            ListedFrame(
+                step.kind,
+                step.exposure_s,
+                FrameSource(f"virtual frame {first + repeat}", partial(self._dn, step, first + repeat)),
+                self.photons_per_pixel(step),
+            )
+            for _, step, first in self._numbered()
+            for repeat in range(step.count)
+        ]
+        sensor = self.camera.sensor
+        return FrameSet(
+            group_frames(listed),
+            sensor.array.rows,
+            sensor.array.cols,
+            sensor.readout.bits,
+            sensor.array.cfa,
+            sensor=nominal_sensor(sensor),
+            black_level_dn=sensor.readout.black_level_dn.value,
+        )
+
+    def write(self, folder: str | Path, progress: Progress | None = None) -> None:
+        """Shoot to a folder, whole or not at all: frames, protocol.yaml, nominal.sensor.yaml, truth.sensor.yaml.
+
+        The protocol names the nominal sensor, which holds none of what is to be measured. The truth is there for
+        comparison, and nothing reads it.
+
+        Raises
+        ------
+        FileError
+            If the folder holds something already or cannot be written.
+        """
+        with atomic_folder(folder) as place:
+            for kind in dict.fromkeys(step.kind for step in self.protocol.steps):
+                (place / kind).mkdir()
+            self._write_frames(place, progress)
+            self.camera.sensor.save(place / TRUTH_NAME)
+            nominal_sensor(self.camera.sensor).save(place / NOMINAL_NAME)
+            entries = tuple(
+                ProtocolFrames(
+                    step.kind,
+                    step.exposure_s,
+                    (f"{step.kind}/{number:02d}_*.tif",),
+                    self.photons_per_pixel(step),
+                )
+                for number, step in enumerate(self.protocol.steps, start=1)
+            )
+            write_protocol(Protocol(entries, self.protocol.name, sensor=NOMINAL_NAME), place / PROTOCOL_NAME)
+
+    def _write_frames(self, place: Path, progress: Progress | None) -> None:
+        """Frames are made here, on all cores, and written by other threads meanwhile."""
+        pending: list[Future[None]] = []
+        with ThreadPoolExecutor(_WRITERS) as writers:
+            try:
+                for done, (number, step, frame) in enumerate(self.frames(), start=1):
+                    name = f"{number:02d}_{frame.metadata['frame']:04d}.tif"
+                    pending.append(writers.submit(frame.save, place / step.kind / name))
+                    if len(pending) >= _PENDING:
+                        pending.pop(0).result()
+                    if progress is not None:
+                        progress(done, self.protocol.frame_count)
+                for future in pending:
+                    future.result()
+            except BaseException:
+                writers.shutdown(cancel_futures=True)
+                raise
+
+    def _numbered(self) -> Iterator[tuple[int, Step, int]]:
+        """Steps with their number, from 1, and the number of their first frame, from 0."""
+        first = 0
+        for number, step in enumerate(self.protocol.steps, start=1):
+            yield number, step, first
+            first += step.count
+
+    def _mean_electrons(self, step: Step) -> NDArray[np.float32]:
+        if step.kind == "dark":
+            array = self.camera.sensor.array
+            return np.zeros((array.rows, array.cols), np.float32)
+        return self.camera.mean_electrons(self.light, step.exposure_s)
+
+    def _expose(self, step: Step, mean: NDArray[np.float32], frame: int) -> RawFrame:
+        raw = self.camera.expose(mean, step.exposure_s, seed=self.seed, frame=frame)
+        said: dict[str, Any] = {**raw.metadata, "kind": step.kind}
+        photons = self.photons_per_pixel(step)
+        if photons is not None:
+            said["photons_per_pixel"] = photons
+        return replace(raw, metadata=MappingProxyType(said))
+
+    def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
+        return self._expose(step, self._mean_electrons(step), frame).dn
+
+
+def virtual_lab(
+    sensor: Sensor,
+    protocol: ShootingProtocol,
+    *,
+    illuminant: str = "D65",
+    level: float = DEFAULT_LEVEL,
+    seed: int = 0,
+    photons_known: bool = False,
+) -> VirtualLab:
+    """A laboratory whose light suits the protocol.
+
+    Parameters
+    ----------
+    sensor
+        The virtual sensor, as it is; see `with_pedestal`.
+    protocol
+        What to shoot.
+    illuminant
+        Light of the uniform field, as for `photosite.spectra.illuminant`.
+    level
+        Mean electrons of the brightest channel at the longest exposure, in saturation capacities.
+    seed, photons_known
+        As in `VirtualLab`.
+
+    Raises
+    ------
+    InputError
+        If the level is not above 0, the illuminant is unknown, or the sensor does not respond to it.
+    """
+    if not (math.isfinite(level) and level > 0):
+        raise InputError(f"the light's level must be above 0 saturations, not {level}")
+    camera = Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    field = charts.uniform(illuminant, 1.0)
+    longest_s = protocol.longest_light_s
+    if longest_s is None:
+        return VirtualLab(camera, protocol, field, seed, photons_known)
+    tile = sensor.array.cfa
+    small = replace(camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0])))
+    brightest = float(small.mean_electrons(field, longest_s).max())
+    if not brightest > 0:
+        raise InputError(f"sensor '{sensor.name}' does not respond to illuminant {illuminant}; choose another")
+    light = field.scaled(level * sensor.saturation_capacity_e / brightest)
+    return VirtualLab(camera, protocol, light, seed, photons_known)
