@@ -18,7 +18,7 @@ from photosite.frames.read import read_raw
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 
-# sRGB's primaries and white as LibRaw has them (its xyz_rgb); LibRaw balances the matrix so that camera white is display white.
+# sRGB's primaries and white as LibRaw has them (its xyz_rgb).
 SRGB_TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
@@ -210,7 +210,9 @@ def test_what_dng_cannot_hold_is_refused(tmp_path, fields, why):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("code", "value", "what"), [(50717, 4000, "white level"), (33422, b"\2\1\1\0", "filter array")])
+@pytest.mark.parametrize(
+    ("code", "value", "what"), [(50717, 4000, "white level"), (33422, b"\2\1\1\0", "filter array")]
+)
 def test_a_dng_edited_afterwards_is_refused(tmp_path, code, value, what):
     make_frame((24, 24), 12, "rggb").save(tmp_path / "a.dng")
     with tifffile.TiffFile(tmp_path / "a.dng", mode="r+") as file:

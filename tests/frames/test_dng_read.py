@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import struct
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rawpy
 
+from photosite.cfa import cfa_from
 from photosite.errors import FileError, PhotositeWarning
 from photosite.frames.camera_raw import read_camera_raw
 from photosite.frames.open import open_frames
+from photosite.frames.raw_frame import RawFrame
 from photosite.frames.read import read_header, read_raw
 
 BYTE, ASCII, SHORT, LONG, RATIONAL, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 10, 12
@@ -42,10 +43,7 @@ class Tiff:
             else:
                 block = struct.pack(f"{self.order}{len(values)}{CODES[kind]}", *values)
                 count = len(values) // (2 if kind in (RATIONAL, SRATIONAL) else 1)
-            if len(block) <= 4:
-                field = block.ljust(4, b"\0")
-            else:
-                field = struct.pack(f"{self.order}I", self.put(block))
+            field = block.ljust(4, b"\0") if len(block) <= 4 else struct.pack(f"{self.order}I", self.put(block))
             entries.append(struct.pack(f"{self.order}HHI", tag, kind, count) + field)
         return self.put(struct.pack(f"{self.order}H", len(entries)) + b"".join(entries) + bytes(4))
 
@@ -162,9 +160,7 @@ def test_calibration_and_balance_are_part_of_the_matrix(tmp_path, dn):
     path = tmp_path / "a.dng"
     calibration = [1.1, 0, 0, 0, 1, 0.1, 0, 0, 0.9]
     path.write_bytes(
-        hand_made_dng(
-            dn, top={50724: (SRATIONAL, ratios(calibration)), 50727: (RATIONAL, [2, 1, 1, 1, 1, 2])}
-        )
+        hand_made_dng(dn, top={50724: (SRATIONAL, ratios(calibration)), 50727: (RATIONAL, [2, 1, 1, 1, 1, 2])})
     )
     expected = np.diag([2, 1, 0.5]) @ np.reshape(calibration, (3, 3)) @ np.reshape(MATRIX_D65, (3, 3))
     np.testing.assert_allclose(read(path).color_matrix, expected[::-1], rtol=1e-12)
@@ -210,15 +206,14 @@ def test_a_monochrome_dng(tmp_path, dn):
 def test_dngs_that_are_no_raw_frame(tmp_path, dn, raw, why):
     path = tmp_path / "a.dng"
     path.write_bytes(hand_made_dng(dn, raw=raw))
-    with warnings.catch_warnings(), pytest.raises(FileError, match=why):
-        warnings.simplefilter("ignore")
+    with pytest.raises(FileError, match=why):
         read_raw(path)
 
 
 def test_truncated(tmp_path, dn):
     """Directories come last here: what is cut off first is what says where the pixels are."""
     whole = hand_made_dng(dn)
-    for length in [*range(0, 64), *range(64, len(whole), 41), *range(len(whole) - 40, len(whole))]:
+    for length in [*range(64), *range(64, len(whole), 41), *range(len(whole) - 40, len(whole))]:
         (tmp_path / "a.dng").write_bytes(whole[:length])
         with pytest.raises(FileError):
             read_raw(tmp_path / "a.dng")
@@ -258,7 +253,7 @@ def test_camera_raw_owns_its_pixels(tmp_path, dn):
     """LibRaw's memory is gone after reading; the frame's is not."""
     path = tmp_path / "a.nef"
     path.write_bytes(hand_made_dng(dn, raw={50713: None, 50714: (SHORT, [64])}))
-    frames = [read_camera_raw(path, bits=12) for _ in range(3)]
+    frames = [read_camera_raw(path, bits=12)[0] for _ in range(3)]
     assert all(frame.dn.flags.owndata and np.array_equal(frame.dn, dn) for frame in frames)
 
 
@@ -274,9 +269,6 @@ def test_camera_raw_of_one_colour(tmp_path, dn):
 def test_truncated_camera_raw(tmp_path, dn):
     """Cut inside the pixels, with the directories before them."""
     file = tmp_path / "whole.dng"
-    from photosite.cfa import cfa_from
-    from photosite.frames.raw_frame import RawFrame
-
     RawFrame(dn, bits=12, cfa=cfa_from("rggb")).save(file)
     whole = file.read_bytes()
     for length in (100, 500, len(whole) - dn.nbytes, len(whole) - dn.nbytes // 2, len(whole) - 1):
@@ -297,3 +289,14 @@ def test_a_folder_of_camera_raw(tmp_path, dn):
     assert (frames.rows, frames.cols, frames.bits, frames.black_level_dn) == (60, 70, 12, 64.0)
     assert frames.cfa == (("B", "G"), ("G", "R"))
     assert [np.array_equal(got, np.roll(dn, n)) for n, got in enumerate(frames.groups[0], start=1)] == [True, True]
+
+
+@pytest.mark.parametrize("ending", ["nef", "dng"])
+def test_a_set_warns_once_of_its_black_levels(tmp_path, dn, ending):
+    for number in range(3):
+        (tmp_path / f"dark_{number}.{ending}").write_bytes(hand_made_dng(np.roll(dn, number)))
+    with pytest.warns(PhotositeWarning, match="black levels differ.*and 2 frames more") as caught:
+        frames = open_frames(tmp_path)
+    assert len(caught) == 1
+    assert frames.black_level_dn == 65.75
+    assert sum(1 for _ in frames.groups[0]) == 3  # and reading them is silent

@@ -117,7 +117,7 @@ def test_saving_with_another_ending_is_refused(tmp_path):
 def test_metadata_that_cannot_be_kept_are_refused_and_the_old_file_stays(tmp_path, ending, metadata):
     path = tmp_path / f"a.{ending}"
     path.write_bytes(b"before")
-    with pytest.raises(InputError, match="metadata|finite"):
+    with pytest.raises(InputError, match=r"metadata|finite"):
         make_frame(metadata=MappingProxyType(metadata)).save(path)
     assert path.read_bytes() == b"before"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
@@ -296,7 +296,7 @@ def test_truncated_anywhere_in_files_of_other_origin(tmp_path, ending):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
-    """One bit turned, here and there: never another library's exception. PNG has checksums: there it is always found."""
+    """One bit turned, here and there: never another library's exception. PNG's checksums always find it."""
     frame = make_frame((22, 23), bits=16, exposure_s=0.1, color_matrix=np.eye(3))
     frame.save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()

@@ -5,7 +5,6 @@ The frame is the visible area; masked borders are left out. LibRaw knows the lev
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import MONOCHROME, Cfa, channel_names
-from photosite.errors import FileError, PhotositeWarning
+from photosite.errors import FileError
 from photosite.frames.header import FrameHeader
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.tiff_directory import Directory, read_directories
@@ -59,7 +58,7 @@ def read_camera_raw_header(path: Path) -> FrameHeader:
     return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, 0.0), metadata=MappingProxyType(_metadata(tags)))
 
 
-def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> RawFrame:
+def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
     """The visible area of a camera's raw file.
 
     Parameters
@@ -76,10 +75,10 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
     FileError
         If the file cannot be decoded, or is not what was expected.
 
-    Warns
-    -----
-    PhotositeWarning
-        If the channels' black levels differ: a raw frame has one, the mean over the tile.
+    Returns
+    -------
+    RawFrame, tuple of str
+        The frame, and what its reader should know.
     """
     with opened(path) as decoder:
         dn = decoder.raw_image_visible.copy()  # the view dies with the decoder
@@ -92,19 +91,20 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
     tile = MONOCHROME if colours is None else tuple(tuple(names[c] for c in row) for row in colours)
     tags = _tags(path)
     used = [0] if colours is None else sorted({int(c) for c in colours.ravel()})
+    black_level_dn, notes = _black_level(levels, colours)
     header = FrameHeader(
         dn.shape[0],
         dn.shape[1],
         None,
         bits=None if bits is not None else white.bit_length(),
         cfa=tile,
-        black_level_dn=_black_level(path, levels, colours),
+        black_level_dn=black_level_dn,
         white_level_dn=float(white),
         exposure_s=_exposure_s(tags, shutter_s),
         color_matrix=_color_matrix(matrix, names, used, tile),
         metadata=MappingProxyType(_metadata(tags)),
     )
-    return header.frame(path, dn, bits, cfa)
+    return header.frame(path, dn, bits, cfa), notes
 
 
 def _tile(decoder: Any) -> NDArray[np.intp] | None:
@@ -116,18 +116,15 @@ def _tile(decoder: Any) -> NDArray[np.intp] | None:
     return np.array([[decoder.raw_color(top + r, left + c) for c in range(cols)] for r in range(rows)])
 
 
-def _black_level(path: Path, levels: list[int], colours: NDArray[np.intp] | None) -> float:
+def _black_level(levels: list[int], colours: NDArray[np.intp] | None) -> tuple[float, tuple[str, ...]]:
+    """The mean black level over the tile, and a note where it is a mean of different ones."""
     if colours is None:
-        return float(levels[0])
+        return float(levels[0]), ()
     of_tile = np.array(levels)[colours]
-    if of_tile.min() != of_tile.max():
-        warnings.warn(
-            f"{path}: black levels differ between the channels, {of_tile.min()} to {of_tile.max()} DN; "
-            "their mean is taken",
-            PhotositeWarning,
-            stacklevel=4,
-        )
-    return float(of_tile.mean())
+    mean, low, high = float(of_tile.mean()), int(of_tile.min()), int(of_tile.max())
+    if low == high:
+        return mean, ()
+    return mean, (f"black levels differ between the channels, {low} to {high} DN; their mean, {mean:g} DN, is taken",)
 
 
 def _color_matrix(matrix: NDArray[np.float64], names: str, used: list[int], cfa: Cfa) -> NDArray[np.float64] | None:

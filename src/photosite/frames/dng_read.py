@@ -6,7 +6,6 @@ black levels and moves odd margins, only decodes the pixels.
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import MONOCHROME, Cfa, channel_names
-from photosite.errors import FileError, PhotositeWarning
+from photosite.errors import FileError
 from photosite.frames import dng
 from photosite.frames.camera_raw import opened
 from photosite.frames.header import FrameHeader, described
@@ -45,11 +44,6 @@ def read_dng_header(path: Path) -> FrameHeader:
     ------
     FileError
         If the file is truncated or holds no frame of one sample a pixel, or is photosite's and was edited.
-
-    Warns
-    -----
-    PhotositeWarning
-        If black levels differ from pixel to pixel: a raw frame has one, the mean.
     """
     directories = read_directories(path)
     top, raw = directories[0], _raw_directory(path, directories)
@@ -69,18 +63,20 @@ def _header_of_tags(path: Path, top: Directory, raw: Directory, area: tuple[int,
     top_edge, left, bottom, right = area
     white = raw.number(dng.WHITE_LEVEL) or (1 << int(raw.number(BITS) or 16)) - 1
     cfa = _cfa(path, raw)
+    black_level_dn, notes = _black_level(raw)
     return FrameHeader(
         bottom - top_edge,
         right - left,
         None,
         bits=int(white).bit_length(),
         cfa=cfa,
-        black_level_dn=_black_level(path, raw),
+        black_level_dn=black_level_dn,
         white_level_dn=float(white),
         exposure_s=exposure_of(top),
         color_matrix=_color_matrix(top, raw, cfa),
         noise_profile=_noise_profile(top, raw, cfa),
         metadata=MappingProxyType(_metadata(top)),
+        notes=notes,
     )
 
 
@@ -165,17 +161,15 @@ def _cfa(path: Path, raw: Directory) -> Cfa:
     return tuple(tuple(names[row * size[1] : (row + 1) * size[1]]) for row in range(size[0]))
 
 
-def _black_level(path: Path, raw: Directory) -> float:
+def _black_level(raw: Directory) -> tuple[float, tuple[str, ...]]:
+    """The mean black level, and a note where it is a mean of different ones."""
     levels = raw.numbers(dng.BLACK_LEVEL) or (0.0,)
     along_row, along_col = raw.numbers(50715) or (0.0,), raw.numbers(50716) or (0.0,)  # BlackLevelDeltaH, -V
-    if any(len(set(part)) > 1 for part in (levels, along_row, along_col)):
-        warnings.warn(
-            f"{path}: black levels differ from pixel to pixel, {min(levels):g} to {max(levels):g} DN within the tile; "
-            "their mean is taken",
-            PhotositeWarning,
-            stacklevel=4,
-        )
-    return float(np.mean(levels) + np.mean(along_row) + np.mean(along_col))
+    mean = float(np.mean(levels) + np.mean(along_row) + np.mean(along_col))
+    if all(len(set(part)) == 1 for part in (levels, along_row, along_col)):
+        return mean, ()
+    spread = f"{min(levels):g} to {max(levels):g} DN within the tile"
+    return mean, (f"black levels differ from pixel to pixel, {spread}; their mean, {mean:g} DN, is taken",)
 
 
 def _color_matrix(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:

@@ -36,6 +36,8 @@ class FrameHeader:
         Bits a pixel takes in the file: 8 or 16; None where it has to be decoded first (camera raw).
     bits, cfa, black_level_dn, white_level_dn, exposure_s, color_matrix, noise_profile, metadata
         As in `RawFrame`.
+    notes
+        What the reader of the frame should know, for a warning.
     """
 
     rows: int
@@ -49,6 +51,7 @@ class FrameHeader:
     color_matrix: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
     metadata: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    notes: tuple[str, ...] = ()
 
     def frame(self, path: Path, dn: NDArray[np.uint16], bits: int | None, cfa: Cfa | None) -> RawFrame:
         """The raw frame, the file's gaps filled by what the caller knows.

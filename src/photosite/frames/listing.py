@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import MONOCHROME, Cfa
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.frame_set import FrameSet, FrameSource, Kind, ListedFrame, group_frames
 from photosite.frames.header import FrameHeader, agreed_bits, agreed_cfa
-from photosite.frames.read import read_header, read_raw
+from photosite.frames.read import read_frame, read_header
 from photosite.sensor.model import Sensor
 
 Value = TypeVar("Value", bound=object)
@@ -73,6 +74,7 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
     _check_all_there(entries)
     _check_none_twice(entries)
     headers = _decoded_where_needed(entries, [read_header(entry.path) for entry in entries])
+    _warn_once(entries, headers)
     rows, cols = _common("size", entries, [(h.rows, h.cols) for h in headers], expected.shape)
     bits = _bits(entries, headers, expected)
     cfas = [agreed_cfa(entry.path, h, expected.cfa) for entry, h in zip(entries, headers, strict=True)]
@@ -102,7 +104,7 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
 
 
 def _read(path: Path, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    frame = read_raw(path, bits=bits, cfa=cfa)
+    frame, _ = read_frame(path, bits, cfa)
     if frame.shape != shape:
         raise FileError(path, f"is now {frame.shape}; it was {shape} when the frame set was opened")
     return frame.dn
@@ -153,11 +155,21 @@ def _decoded_where_needed(entries: Sequence[FileEntry], headers: list[FrameHeade
     unknown = [n for n, header in enumerate(headers) if header.stored_bits is None and header.bits is None]
     if not unknown:
         return headers
-    first = read_raw(entries[unknown[0]].path)
+    first, notes = read_frame(entries[unknown[0]].path)
     filled = list(headers)
     for n in unknown:
-        filled[n] = replace(headers[n], bits=first.bits, cfa=first.cfa, black_level_dn=first.black_level_dn)
+        filled[n] = replace(
+            headers[n], bits=first.bits, cfa=first.cfa, black_level_dn=first.black_level_dn, notes=notes
+        )
     return filled
+
+
+def _warn_once(entries: Sequence[FileEntry], headers: Sequence[FrameHeader]) -> None:
+    noted = [(entry, header) for entry, header in zip(entries, headers, strict=True) if header.notes]
+    if noted:
+        entry, header = noted[0]
+        others = f" (and {len(noted) - 1} frames more)" if len(noted) > 1 else ""
+        warnings.warn(f"{entry.path}: {'; '.join(header.notes)}{others}", PhotositeWarning, stacklevel=5)
 
 
 def _shown(value: Any) -> str:

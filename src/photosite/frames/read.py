@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from photosite.cfa import cfa_from
-from photosite.errors import FileError, InputError
+from photosite.cfa import Cfa, cfa_from
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames import camera_raw
 from photosite.frames.camera_raw import read_camera_raw, read_camera_raw_header
 from photosite.frames.dng import DNG_VERSION
@@ -55,6 +56,11 @@ def read_raw(
     FileError
         If the file is missing, truncated, of another kind, or contradicts bits or cfa.
 
+    Warns
+    -----
+    PhotositeWarning
+        If the file has different black levels for different pixels: a raw frame has one, their mean.
+
     Examples
     --------
     >>> import tempfile
@@ -67,14 +73,26 @@ def read_raw(
     """
     if bits is not None and not 1 <= bits <= 16:
         raise InputError(f"a raw frame has 1 to 16 bits, not {bits}")
-    tile = None if cfa is None else cfa_from(cfa)
-    file = Path(path)
-    kind = format_of(file)
+    frame, notes = read_frame(Path(path), bits, None if cfa is None else cfa_from(cfa))
+    for note in notes:
+        warnings.warn(f"{path}: {note}", PhotositeWarning, stacklevel=2)
+    return frame
+
+
+def read_frame(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
+    """One raw frame as `read_raw` reads it, and what its reader should know, for the caller to warn of.
+
+    Raises
+    ------
+    FileError
+        As `read_raw`.
+    """
+    kind = format_of(path)
     if kind == "camera raw":
-        return read_camera_raw(file, bits, tile)
+        return read_camera_raw(path, bits, cfa)
     header_of, pixels_of = _PIXELS[kind]
-    header = header_of(file)
-    return header.frame(file, pixels_of(file), bits, tile)
+    header = header_of(path)
+    return header.frame(path, pixels_of(path), bits, cfa), header.notes
 
 
 def read_header(path: Path) -> FrameHeader:
