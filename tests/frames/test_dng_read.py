@@ -300,3 +300,17 @@ def test_a_set_warns_once_of_its_black_levels(tmp_path, dn, ending):
     assert len(caught) == 1
     assert frames.black_level_dn == 65.75
     assert sum(1 for _ in frames.groups[0]) == 3  # and reading them is silent
+
+
+def test_one_bad_tag_of_a_camera_does_not_cost_the_exposure(tmp_path, dn):
+    """Camera makers' files point outside themselves here and there; a DNG that does is refused as truncated."""
+    whole = hand_made_dng(dn, raw={50713: None, 50714: (SHORT, [64])})
+    entry = struct.pack("<HHI", 50708, ASCII, len("Maker Model 1") + 1)
+    at = whole.index(entry) + len(entry)
+    bad = whole[:at] + struct.pack("<I", len(whole)) + whole[at + 4 :]
+    for ending in ("nef", "dng"):
+        (tmp_path / f"a.{ending}").write_bytes(bad)
+    assert read_raw(tmp_path / "a.nef").exposure_s == 1 / 60
+    assert read_header(tmp_path / "a.nef").metadata["iso"] == 800
+    with pytest.raises(FileError, match="truncated: tag 50708"):
+        read_raw(tmp_path / "a.dng")
