@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError
 from photosite.exposure import parse_exposure
 
 if TYPE_CHECKING:
@@ -52,6 +53,23 @@ class Above(click.ParamType):
             wanted = f"{self.limit:g} or more" if self.or_equal else f"above {self.limit:g}"
             self.fail(f"expected a number {wanted}, not '{value}'", param, ctx)
         return number
+
+
+class OutputFile(click.ParamType):
+    """A file to be written; that its folder is there is checked before anything is computed."""
+
+    name = "file"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path."""
+        path = Path(value)
+        if not path.parent.is_dir():
+            raise FileError(path, f"cannot be written: there is no folder {path.parent}")
+        if path.is_dir():
+            raise FileError(path, "cannot be written: it is a folder; name a file in it")
+        if not os.access(path.parent, os.W_OK):
+            raise FileError(path, f"cannot be written: the folder {path.parent} is read-only")
+        return path
 
 
 def sensor_option(default: str | None = "nikon-d200") -> Callable[[F], F]:
@@ -114,10 +132,8 @@ def json_option(function: F) -> F:
 
 
 def output_option(default: str | None, text: str) -> Callable[[F], F]:
-    """-o / --output."""
-    return click.option(
-        "-o", "--output", type=click.Path(path_type=Path), default=default, required=default is None, help=text
-    )
+    """-o / --output, a file; required where it has no default."""
+    return click.option("-o", "--output", type=OutputFile(), default=default, required=default is None, help=text)
 
 
 def load_sensor_resized(

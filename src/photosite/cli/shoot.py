@@ -28,7 +28,13 @@ if TYPE_CHECKING:
 )
 @click.option("--photons", is_flag=True, help="The light is metered: state the photons per pixel in the protocol.")
 @options.seed_option
-@options.output_option(None, "Folder to write; it must not exist, or be empty.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder to write; it must not exist, or be empty.",
+)
 @options.json_option
 def command(
     sensor_name: str,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option("--exposure", type=options.ExposureTime(), default="1/3", help="Exposure time in s; 1/3 is read as such.")
 @options.seed_option
 @options.output_option("shot.dng", "Raw frame to write: .dng, .tif or .png.")
-@click.option("--preview", type=click.Path(path_type=Path), help="Also write a developed picture (PNG).")
+@click.option("--preview", type=options.OutputFile(), help="Also write a developed picture (PNG).")
 @options.json_option
 def command(
     sensor_name: str,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -176,7 +177,7 @@ class VirtualLab:
             black_level_dn=sensor.readout.black_level_dn.value,
         )
 
-    def write(self, folder: str | Path, progress: Progress | None = None) -> None:
+    def write(self, folder: str | PathLike[str], progress: Progress | None = None) -> None:
         """Shoot to a folder, whole or not at all: frames, protocol.yaml, nominal.sensor.yaml, truth.sensor.yaml.
 
         The protocol names the nominal sensor, which holds none of what is to be measured. The truth is there for

@@ -1,0 +1,104 @@
+"""`photosite calibrate`: a sensor's parameters from dark and flat frames."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import Stages, print_json, table
+
+if TYPE_CHECKING:
+    from photosite.calibration.result import Calibration
+
+
+@click.command("calibrate")
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option(
+    "--sensor",
+    "sensor_name",
+    metavar="NAME|FILE",
+    help="What is known beforehand (pixel, volts, spectra), if the protocol names no sensor file.",
+)
+@click.option("-o", "--output", type=options.OutputFile(), help="Sensor file to write (YAML), as measured.")
+@click.option("--report", type=options.OutputFile(), help="Report to write: one self-contained HTML file.")
+@click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
+@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@options.json_option
+def command(
+    path: Path,
+    sensor_name: str | None,
+    output: Path | None,
+    report: Path | None,
+    bits: int | None,
+    cfa: str | None,
+    as_json: bool,
+) -> None:
+    """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
+
+    PATH is a folder of frames, a protocol (YAML) or an EMVA 1288 descriptor. What cannot be estimated is said with the
+    reason. Millivolts and the sensor file need what frames do not tell: the pixel's size, the voltage swing and the
+    spectral response, from the sensor file that the protocol names or from --sensor.
+
+    Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
+    """
+    from photosite.calibration.calibrate import calibrate
+    from photosite.frames.open import open_frames
+    from photosite.sensor.file import load_sensor
+
+    frames = open_frames(path, bits=bits, cfa=cfa)
+    sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
+    if output is not None and sensor is None:
+        raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
+    stages = Stages()
+    stages.stage(f"calibrating from {frames.frame_count} frames of {frames.rows} x {frames.cols} pixels")
+    calibration = calibrate(frames, sensor, progress=stages)
+    _save(calibration, output, report)
+    if as_json:
+        written = {"sensor": output, "report": report}
+        print_json(calibration.to_dict() | {name: str(file) for name, file in written.items() if file is not None})
+        return
+    _show(calibration)
+    for file in (output, report):
+        if file is not None:
+            click.echo(f"wrote {file}")
+
+
+def _save(calibration: Calibration, output: Path | None, report: Path | None) -> None:
+    """Both files or neither."""
+    from photosite.atomic import atomic_path
+
+    with ExitStack() as files:
+        if output is not None:
+            calibration.sensor.save(files.enter_context(atomic_path(output)))
+        if report is not None:
+            calibration.report(files.enter_context(atomic_path(report)))
+
+
+def _show(calibration: Calibration) -> None:
+    from photosite.calibration.parameters import PARAMETER_LABELS
+    from photosite.report.numbers import format_uncertain
+
+    click.echo(f"{calibration.source}: {calibration.frame_count} frames\n")
+    rows = [("parameter", "value", "unit", "how")]
+    missing = [("not estimated", "why")]
+    for name, entry in calibration.estimates().items():
+        shown = PARAMETER_LABELS[name]
+        if entry.value is None or entry.standard_uncertainty is None:
+            missing.append((f"{shown.label}, {shown.unit}", entry.reason or ""))
+            continue
+        value = format_uncertain(entry.value, entry.standard_uncertainty)
+        if entry.upper_limit_95 is not None:
+            value += f" (< {entry.upper_limit_95:.3g})"
+        rows.append((shown.label, value, shown.unit, entry.method))
+    click.echo(table(rows, "<<<<"))
+    if len(missing) > 1:
+        click.echo("\n" + table(missing, "<<"))
+    for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
+        if lines:
+            click.echo(f"\n{what}:")
+            for line in lines:
+                click.echo(f"  {line}")

@@ -1,0 +1,89 @@
+"""`photosite demo`: the whole loop on a virtual sensor."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import Stages, print_json, table
+from photosite.cli.shoot import prepared_sensor
+
+if TYPE_CHECKING:
+    from photosite.studies.closed_loop import ClosedLoop
+
+REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml", "frames"
+
+
+@click.command("demo")
+@options.sensor_option()
+@click.option("--rows", type=click.IntRange(1), default=648, help="Rows of the virtual chip.")
+@click.option("--cols", type=click.IntRange(1), default=968, help="Columns of the virtual chip.")
+@options.seed_option
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="photosite-demo",
+    help="Folder for the report and the calibrated sensor file.",
+)
+@click.option("--keep-frames", is_flag=True, help="Keep the frames, in the folder's subfolder frames.")
+@options.json_option
+def command(
+    sensor_name: str, rows: int, cols: int, seed: int, output: Path, keep_frames: bool, as_json: bool
+) -> None:
+    """Close the loop on a virtual Nikon D200, and report how well the calibration finds the truth.
+
+    Shoots the 2008 paper's 405 frames of darkness and flat light with a virtual sensor, writes them to disk and reads
+    them back, calibrates from them, simulates a ColorChecker with the true and with the calibrated sensor, compares
+    the two and writes a self-contained HTML report. The chip has a quarter of the D200's rows and columns, so that the
+    frames take half a gigabyte while the demo runs and the whole takes under three minutes on two cores.
+
+    Example: photosite demo -o photosite-demo
+    """
+    from photosite.errors import FileError
+    from photosite.report.demo import write_demo_report
+    from photosite.studies.closed_loop import closed_loop
+
+    sensor = prepared_sensor(sensor_name, rows, cols, None)
+    stages = Stages()
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        scratch = tempfile.TemporaryDirectory(prefix=".frames-", dir=output)
+    except OSError as error:
+        raise FileError(output, f"cannot be written: {error.strerror or error}") from None
+    with scratch:
+        folder = output / FRAMES_NAME if keep_frames else Path(scratch.name) / FRAMES_NAME
+        loop = closed_loop(sensor, seed=seed, folder=folder, watcher=stages)
+    stages.stage("writing the report")
+    loop.calibration.sensor.save(output / SENSOR_NAME)
+    write_demo_report(loop, output / REPORT_NAME)
+    if as_json:
+        print_json(loop.to_dict() | {"report": str(output / REPORT_NAME), "seconds": loop.seconds})
+    else:
+        _show(loop)
+        click.echo(f"\nreport: {output / REPORT_NAME}")
+
+
+def _show(loop: ClosedLoop) -> None:
+    from photosite.report.numbers import format_number
+
+    rows = [("parameter", "true", "estimated", "uncertainty", "unit")]
+    missing = []
+    for row in loop.parameters:
+        if row.estimated is None or row.standard_uncertainty is None:
+            missing.append((f"{row.label}, {row.unit}", row.reason or ""))
+            continue
+        numbers = (row.true, 5), (row.estimated, 5), (row.standard_uncertainty, 2)
+        rows.append((row.label, *(format_number(value, digits) for value, digits in numbers), row.unit))
+    click.echo("\n" + table(rows, "<>>><"))
+    if missing:
+        click.echo("\n" + table([("not estimated", "why"), *missing], "<<"))
+    result = loop.validation
+    click.echo(
+        f"\nColorChecker by the true and by the calibrated sensor: {'agree' if result.agrees else 'differ'} "
+        f"(differences up to {result.tolerance_percent:g} % let pass)"
+    )

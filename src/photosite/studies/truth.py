@@ -1,0 +1,112 @@
+"""What a perfect calibration of a virtual sensor would say: each parameter from the sensor's own description."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from photosite.cfa import channel_sites
+from photosite.optics.lens import Optics
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.spectra import integration_weights
+
+QUANTISATION_DN2 = 1 / 12
+"""Variance of rounding to whole numbers; EMVA 1288 counts it in the sensitivity threshold."""
+
+
+def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics | None = None) -> dict[str, float]:
+    """The parameters that `calibrate` estimates, computed from the sensor's description.
+
+    Spreads are those of the population that the chip is drawn from, not of its finite number of pixels.
+
+    Parameters
+    ----------
+    sensor
+        The true sensor.
+    light, optics
+        The uniform field of the light frames and the lens before the sensor. Without them there is no quantum
+        efficiency, which depends on the light's spectrum, and none of what is counted in photons.
+
+    Returns
+    -------
+    dict
+        By the parameter's name. Units are in the names.
+
+    Notes
+    -----
+    With K the system gain in DN/e- and g the conversion gain in uV/e-: x mV are 1000 x / g electrons, and these times K
+    are digital numbers. The saturation capacity is the well's or the converter's range above black, whichever is less:
+    min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of it in dB; the
+    sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2, the dynamic range
+    the ratio of the two, 20 log10. DSNU1288 and PRNU1288 are DSNU and PRNU, because the virtual chip's pattern is white. The
+    quantum efficiency is electrons over photons on the pixel's whole area, all of the light's wavelengths together,
+    mean over the pixels of the tile; the saturation capacity in photons is that of the most sensitive channel.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> truth = true_parameters(ps.load_sensor("nikon-d200"))
+    >>> truth["read_noise_mv"], round(truth["read_noise_e"], 2), round(truth["read_noise_dn"], 3)
+    (0.52, 17.33, 2.172)
+    """
+    noise, pixel = sensor.noise, sensor.pixel
+    gain = sensor.system_gain_dn_per_e
+    read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
+    capacity_e = sensor.saturation_capacity_e
+    threshold_e = math.sqrt(read_e**2 + QUANTISATION_DN2 / gain**2 + 0.25) + 0.5
+    truth = {
+        "read_noise_dn": read_e * gain,
+        "read_noise_e": read_e,
+        "read_noise_mv": noise.read_noise_mv.value,
+        "dsnu_dn": dsnu_e * gain,
+        "dsnu_e": dsnu_e,
+        "dsnu_mv": noise.dsnu_mv.value,
+        "prnu_percent": noise.prnu_percent.value,
+        "dark_voltage_mv_per_s": noise.dark_voltage_mv_per_s.value,
+        "dark_current_e_per_s": sensor.electrons(noise.dark_voltage_mv_per_s.value),
+        "dcnu_percent": noise.dcnu_percent.value,
+        "black_level_dn": sensor.readout.black_level_dn.value,
+        "system_gain_dn_per_e": gain,
+        "conversion_gain_uv_per_e": pixel.conversion_gain_uv_per_e.value,
+        "saturation_dn": sensor.readout.black_level_dn.value + capacity_e * gain,
+        "saturation_capacity_e": capacity_e,
+        "temporal_dark_noise_e": read_e,
+        "dsnu1288_e": dsnu_e,
+        "prnu1288_percent": noise.prnu_percent.value,
+        "snr_max_db": 10 * math.log10(capacity_e),
+        "dynamic_range_db": 20 * math.log10(capacity_e / threshold_e),
+    }
+    if light is not None and optics is not None:
+        efficiencies = channel_efficiencies(sensor, light, optics)
+        tile = [name for row in sensor.array.cfa for name in row]
+        shares = [len(channel_sites(sensor.array.cfa, name)) / len(tile) for name in sensor.channel_names]
+        mean = float(np.dot(efficiencies, shares))
+        truth |= {
+            "quantum_efficiency_percent": 100 * mean,
+            "responsivity_dn_per_photon": gain * mean,
+            "sensitivity_threshold_photons": threshold_e / mean,
+            "saturation_capacity_photons": capacity_e / max(efficiencies),
+        }
+    return truth
+
+
+def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[float]:
+    """Electrons per photon on the pixel's whole area, of each channel, under a uniform field.
+
+    Parameters
+    ----------
+    sensor
+        The sensor; its fill factor counts.
+    light
+        A uniform field.
+    optics
+        The lens; its transmittance may change the light's spectrum.
+    """
+    grid = light.wavelength_nm
+    spectrum = light.basis[0] * optics.irradiance_per_radiance(grid, light.distance_m) * integration_weights(grid)
+    share = sensor.pixel.fill_factor.value / float(spectrum.sum())
+    return [
+        share * float(sensor.channels[name].quantum_efficiency_at(grid) @ spectrum) for name in sensor.channel_names
+    ]
