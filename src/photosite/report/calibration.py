@@ -132,11 +132,22 @@ def curve_blocks(calibration: Calibration, kinds: tuple[str, ...] | None = None)
 
 def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """The warnings, each in its own box; a flood of them is folded away behind the first dozen."""
-    notices = [Notice(text, warning=True) for text in calibration.warnings]
+    notices = [Notice(sentence(text), warning=True) for text in calibration.warnings]
     if len(notices) <= _SHOWN_WARNINGS:
         return tuple(notices)
     rest = tuple(notices[_SHOWN_WARNINGS:])
     return (*notices[:_SHOWN_WARNINGS], Details(f"{len(rest)} more warnings", rest))
+
+
+def sentence(text: str) -> str:
+    """With a capital at the beginning.
+
+    Examples
+    --------
+    >>> sentence("no light frames")
+    'No light frames'
+    """
+    return text[:1].upper() + text[1:]
 
 
 def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:

@@ -50,16 +50,40 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Heading:
+    """A line across a table."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Table:
-    """A table. Each row has one text per column; an empty text stays empty."""
+    """A table.
+
+    Parameters
+    ----------
+    caption
+        What it holds.
+    columns
+        Its columns.
+    rows
+        One text per column each, an empty one stays empty; or a `Heading` over the rows that follow.
+
+    Raises
+    ------
+    ValueError
+        If a row has more or fewer texts than there are columns.
+    """
 
     caption: str
     columns: tuple[Column, ...]
-    rows: tuple[tuple[str, ...], ...]
+    rows: tuple[tuple[str, ...] | Heading, ...]
     kind: ClassVar[str] = "table"
 
     def __post_init__(self) -> None:
         for row in self.rows:
+            if isinstance(row, Heading):
+                continue
             if len(row) != len(self.columns):
                 raise ValueError(f"table '{self.caption}': {len(self.columns)} columns, but a row of {len(row)}: {row}")
 

@@ -65,7 +65,8 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
     if not (math.isfinite(standard_uncertainty) and standard_uncertainty >= 0):
         raise InputError(f"a standard uncertainty is finite and not negative, not {standard_uncertainty}")
     if standard_uncertainty == 0:
-        return format_number(value, 6)
+        whole, point, rest = format_number(value, 6).partition(".")
+        return whole + point + rest if "×" in rest else f"{whole}.{rest}".rstrip("0").rstrip(".")
     _finite(value)
     digits = 1 - _exponent(standard_uncertainty, 2)
     largest = _exponent(max(abs(value), standard_uncertainty), 2)

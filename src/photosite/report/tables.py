@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration, Estimate, LinearRange, Parameters
-from photosite.report.html import Block, Column, Table
+from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_uncertain
 
-_ABSCISSAS = {"exposure_s": ("exposure", "s"), "photons_per_pixel": ("photons per pixel", "photons")}
+_UNITS = {"exposure_s": "s", "photons_per_pixel": "photons per pixel"}
 
 
-def parameter_tables(parameters: Parameters) -> tuple[Block, ...]:
-    """One table per topic of what was estimated, and one of what was not, with the reasons.
+def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
+    """What was estimated, by topic, and what was not, with the reasons.
 
     Parameters
     ----------
@@ -23,37 +23,30 @@ def parameter_tables(parameters: Parameters) -> tuple[Block, ...]:
     Returns
     -------
     tuple of Table
-        Every parameter is in exactly one of them.
+        One or two; every parameter is in exactly one of them.
     """
     estimates = parameters.estimates()
-    topics = dict.fromkeys(label.topic for label in PARAMETER_LABELS.values())
-    tables = [_topic_table(topic, estimates) for topic in topics]
+    found = {name: entry for name, entry in estimates.items() if entry.value is not None}
     missing = {name: entry for name, entry in estimates.items() if entry.value is None}
+    tables = []
+    if found:
+        columns = ("Parameter", "Value", "Unit", "95 % interval", "Method")
+        titles = tuple(Column(title, numeric=title == "Value") for title in columns)
+        tables.append(Table("Estimated, with standard uncertainties", titles, _by_topic(found)))
     if missing:
-        tables.append(
-            Table(
-                "Not estimated",
-                (Column("Parameter"), Column("Unit"), Column("Why")),
-                tuple((*_label_and_unit(name), entry.reason or "") for name, entry in missing.items()),
-            )
+        rows = tuple((*_label_and_unit(name), entry.reason or "") for name, entry in missing.items())
+        tables.append(Table("Not estimated", (Column("Parameter"), Column("Unit"), Column("Why")), rows))
+    return tuple(tables)
+
+
+def _by_topic(estimates: Mapping[str, Estimate]) -> tuple[tuple[str, ...] | Heading, ...]:
+    rows: list[tuple[str, ...] | Heading] = []
+    for topic in dict.fromkeys(parameter_label(name).topic for name in estimates):
+        rows.append(Heading(topic))
+        rows.extend(
+            _estimate_row(name, entry) for name, entry in estimates.items() if parameter_label(name).topic == topic
         )
-    return tuple(table for table in tables if table.rows)
-
-
-def _topic_table(topic: str, estimates: Mapping[str, Estimate]) -> Table:
-    rows = tuple(
-        _estimate_row(name, entry)
-        for name, entry in estimates.items()
-        if parameter_label(name).topic == topic and entry.value is not None
-    )
-    columns = (
-        Column("Parameter"),
-        Column("Value", numeric=True),
-        Column("Unit"),
-        Column("95 % interval"),
-        Column("Method"),
-    )
-    return Table(topic, columns, rows)
+    return tuple(rows)
 
 
 def _estimate_row(name: str, entry: Estimate) -> tuple[str, ...]:
@@ -117,8 +110,7 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
     """
     rows = []
     for channel, found in ranges.items():
-        what, unit = _ABSCISSAS[found.abscissa]
-        ends = f"{what} {format_number(found.lowest, 4)} to {format_number(found.highest, 4)} {unit}"
+        ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} {_UNITS[found.abscissa]}"
         levels = f"{found.levels} of {found.levels_measured}"
         rows.append((channel, ends, format_number(found.highest_dn, 4), levels, found.rule))
     columns = (

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from photosite.calibration.result import Curve
 from photosite.measured import COVERAGE_95
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
 
 _WIDE = 30.0
-"""An axis is logarithmic where the largest number is more than this many times the smallest."""
+"""An axis may be logarithmic where the largest number is more than this many times the smallest."""
 
 Residuals = Literal["percent", "standard"]
 
@@ -36,8 +35,9 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     Returns
     -------
     matplotlib.figure.Figure
-        Filled points were fitted, hollow ones were not. The abscissa is logarithmic where its numbers are above 0
-        and span more than a factor of 30; the ordinate too, where the abscissa is and it allows it.
+        Filled points were fitted, hollow ones were not. The abscissa is logarithmic where every point allows it and
+        the points span more than a factor of 30; the ordinate too, where the fitted points do. A point that was not
+        fitted and is not above 0 is then a triangle at the lower border.
 
     Notes
     -----
@@ -47,9 +47,7 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
     some = next(iter(curves.values()))
     drawn = {channel: _finite(curve) for channel, curve in curves.items()}
-    log_x = _wide([curve.x for curve in drawn.values()])
-    log_y = log_x and _wide([curve.y for curve in drawn.values()])
-    upper.set(xscale="log" if log_x else "linear", yscale="log" if log_y else "linear")
+    upper.set(**_scales(drawn.values()))
     for position, (channel, curve) in enumerate(drawn.items()):
         _draw_points(upper, curve, channel, position)
         _draw_residuals(lower, curve, channel, position, residuals)
@@ -57,6 +55,8 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     if residuals == "standard":
         for limit in (-COVERAGE_95, COVERAGE_95):
             lower.axhline(limit, color=GRAY, linewidth=0.8, linestyle=":")
+        reach = max(2.8, *(abs(limit) for limit in lower.get_ylim()))
+        lower.set_ylim(-reach, reach)
     upper.set_ylabel(some.y_label)
     lower.set_xlabel(some.x_label)
     lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
@@ -81,9 +81,15 @@ def _finite(curve: Curve) -> Curve:
     )
 
 
-def _wide(values: list[NDArray[np.float64]]) -> bool:
-    numbers = np.concatenate(values)
-    return bool(numbers.size and numbers.min() > 0 and numbers.max() > _WIDE * numbers.min())
+def _scales(curves: Collection[Curve]) -> dict[str, str]:
+    """Scale of each axis."""
+    x = np.concatenate([curve.x for curve in curves])
+    fitted = np.concatenate([curve.y[curve.used] for curve in curves])
+    if not (fitted.size and x.min() > 0 and fitted.min() > 0):
+        return {"xscale": "linear", "yscale": "linear"}
+    log_x = x.max() > _WIDE * x.min()
+    log_y = log_x and fitted.max() > _WIDE * fitted.min()
+    return {"xscale": "log" if log_x else "linear", "yscale": "log" if log_y else "linear"}
 
 
 def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
@@ -92,6 +98,10 @@ def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
         which = curve.used == used
         face = color if used else "white"
         axes.plot(curve.x[which], curve.y[which], marker, color=color, markerfacecolor=face, zorder=2 + used)
+    below = curve.x[curve.y <= 0] if axes.get_yscale() == "log" else curve.x[:0]
+    if below.size:
+        border = axes.get_xaxis_transform()
+        axes.plot(below, np.full(below.size, 0.025), "v", color=color, markerfacecolor="white", transform=border)
     if curve.intercept is None or curve.slope is None or not curve.used.any():
         return
     ends = curve.x[curve.used].min(), curve.x[curve.used].max()
@@ -118,13 +128,14 @@ def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, resid
 
 
 def _legend(curves: Mapping[str, Curve]) -> list[Line2D]:
-    handles = []
-    for position, channel in enumerate(curves):
-        color, marker, line = channel_style(channel, position)
-        name = "all pixels" if len(curves) == 1 else channel
-        handles.append(Line2D([], [], color=color, marker=marker, linestyle=line, label=name))
+    looks = [channel_style(channel, position) for position, channel in enumerate(curves)]
+    names = ["fitted"] if len(curves) == 1 else list(curves)
+    handles = [
+        Line2D([], [], color=color, marker=marker, linestyle=line, label=name)
+        for name, (color, marker, line) in zip(names, looks, strict=True)
+    ]
     if not all(curve.used.all() for curve in curves.values()):
-        handles.append(
-            Line2D([], [], color=GRAY, marker="o", linestyle="", markerfacecolor="white", label="not fitted")
-        )
+        color, marker = looks[0][:2] if len(curves) == 1 else (GRAY, "o")
+        hollow = Line2D([], [], color=color, marker=marker, linestyle="", markerfacecolor="white", label="not fitted")
+        handles.append(hollow)
     return handles

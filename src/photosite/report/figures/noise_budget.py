@@ -58,7 +58,7 @@ def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None, points
         _draw_calibrated(axes, noise_budget(calibrated, np.geomspace(lowest, swing, 17)))
     _mark_turns(axes, budget, lowest, swing, bottom)
     axes.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
-    axes.set_xlim(lowest, swing)
+    axes.set_xlim(0.9 * lowest, 1.1 * swing)
     axes.set_ylim(bottom=bottom)
     axes.legend(loc="upper left", ncols=2)
     return figure

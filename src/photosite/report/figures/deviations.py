@@ -12,14 +12,14 @@ from photosite.report.style import BLACK, BLUE, GRAY, WIDTH_IN, styled
 
 
 @styled()
-def pulls_figure(labels: Sequence[str], pulls: Sequence[float]) -> Figure:
+def deviations_figure(labels: Sequence[str], deviations: Sequence[float]) -> Figure:
     """How many standard uncertainties each estimate lies from the truth.
 
     Parameters
     ----------
     labels
         The parameters.
-    pulls
+    deviations
         (estimate - truth) / standard uncertainty of each.
 
     Returns
@@ -34,9 +34,9 @@ def pulls_figure(labels: Sequence[str], pulls: Sequence[float]) -> Figure:
     for limit in (-COVERAGE_95, COVERAGE_95):
         axes.axvline(limit, color=GRAY, linewidth=0.9, linestyle="--")
     axes.axvline(0.0, color=BLACK, linewidth=0.9)
-    axes.hlines(rows, 0.0, np.asarray(pulls), color=BLUE, linewidth=1.4)
-    axes.plot(pulls, rows, "o", color=BLUE, markersize=6)
-    reach = max(3.0, 1.1 * float(np.max(np.abs(pulls))))
+    axes.hlines(rows, 0.0, np.asarray(deviations), color=BLUE, linewidth=1.4)
+    axes.plot(deviations, rows, "o", color=BLUE, markersize=6)
+    reach = max(3.0, 1.1 * float(np.max(np.abs(deviations))))
     axes.set_xlim(-reach, reach)
     axes.set_yticks(rows, list(labels))
     axes.set_ylim(len(labels) - 0.4, -0.6)
