@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from photosite.calibration import judge
 from photosite.calibration.curves import channel_curves, linear_range
@@ -11,6 +11,7 @@ from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, par
 from photosite.calibration.fit import Fit
 from photosite.calibration.groups import FrameReader, Progress
 from photosite.calibration.measure import (
+    NO_LIGHT,
     DarkSide,
     darkness,
     measure_channel,
@@ -20,8 +21,8 @@ from photosite.calibration.measure import (
     read_statistics,
 )
 from photosite.calibration.patterns import Channel, PatternReader
-from photosite.calibration.photon_transfer import fit_gain
-from photosite.calibration.result import Calibration
+from photosite.calibration.photon_transfer import fit_gain, gain_value
+from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
 from photosite.frames.frame_set import FrameSet
@@ -29,6 +30,9 @@ from photosite.sensor.model import Sensor
 
 SCATTER = 4.0
 """Chi square per degree of freedom of the photon transfer above which a warning says so."""
+
+FAR_BELOW_ZERO = 4.75
+"""A signed spread below this many of its uncertainties has a variance more than three of its own below zero."""
 
 
 def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progress | None = None) -> Calibration:
@@ -97,11 +101,12 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
         measured = [measure_channel(k, dark, channels[k], patterns[k]) for k in range(len(names))]
     else:
         measured = [measure_channel(k, dark, None, None) for k in range(len(names))]
-    together = measure_together(dark, measured, gain_fit)
+    together = measure_together(dark, measured, gain_value(gain_fit) if lights else NO_LIGHT)
 
     mv_per_dn = _mv_per_dn(base)
+    estimates = parameters(together, mv_per_dn).estimates()
     return Calibration(
-        **parameters(together, mv_per_dn).estimates(),
+        **estimates,
         channels=(
             {name: parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)} if len(names) > 1 else {}
         ),
@@ -112,6 +117,7 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
         warnings=tuple(
             judge.frame_warnings(frames, dark.groups, lights)
             + _warnings(names, reader, dark, channels, together, gain_fit)
+            + _negative(estimates)
         ),
         rejected=tuple(reader.rejected),
         frames_sha256=tuple(sorted(reader.sha256)),
@@ -137,6 +143,24 @@ def _mv_per_dn(base: Sensor | None) -> Value:
         / Uncertain.of(gain.value, gain.standard_uncertainty)
         * (1.0 / (1 << base.readout.bits))
     )
+
+
+def _negative(estimates: Mapping[str, Estimate]) -> list[str]:
+    """Spreads whose variance came out negative by more than chance explains: three standard uncertainties."""
+    names = [
+        name
+        for name, entry in estimates.items()
+        if entry.value is not None
+        and entry.upper_limit_95 is not None
+        and entry.standard_uncertainty is not None
+        and entry.value < -FAR_BELOW_ZERO * entry.standard_uncertainty
+    ]
+    if not names:
+        return []
+    return [
+        f"{', '.join(names)}: the variance came out negative by more than chance explains; the noise of these frames "
+        f"is not independent from pixel to pixel or from frame to frame (row noise, say)"
+    ]
 
 
 def _warnings(

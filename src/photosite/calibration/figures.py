@@ -33,7 +33,8 @@ class Measurements:
     pixels
         How many it was measured on.
     read_variance, dsnu_variance
-        Temporal (quantisation off) and spatial (temporal off) variance of the repeated darks, DN^2.
+        Temporal (quantisation and dark shot noise off) and spatial (temporal off) variance of the repeated darks,
+        DN^2.
     black_level, dark_slope, dark_slope_variance
         Intercept DN and slope DN/s of the dark mean; variance over pixels of the slope, DN^2/s^2.
     dark_variance
@@ -93,8 +94,6 @@ def pool(channels: list[Measurements], darkness: Measurements, gain: Value) -> M
     gain
         Fitted to all channels together.
     """
-    if len(channels) == 1:
-        return replace(channels[0], gain=gain)
     changed: dict[str, object] = {"gain": gain, "pixels": sum(entry.pixels for entry in channels)}
     for name in _MEANS_OVER_CHANNELS:
         values = [(getattr(entry, name), float(entry.pixels)) for entry in channels]
@@ -199,10 +198,6 @@ def _threshold_e(dark_variance: Value, gain: Value) -> Value:
 
 def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
-    if isinstance(efficiency, Uncertain) and isinstance(m.response_variance, Uncertain):
-        # The mean of these pixels stands for the sensor's.
-        share = math.sqrt(max(m.response_variance.value, 0.0) / m.pixels)
-        efficiency = efficiency * Uncertain.of(1.0, share)
     threshold_e = _threshold_e(m.dark_variance, m.gain)
     threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
     capacity, capacity_method = _capacity(m, efficiency)

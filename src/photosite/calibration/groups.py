@@ -183,6 +183,7 @@ class FrameReader:
                 if known is not None or self._is_new(dn, source.name, seen, group):
                     result.add(dn)
                     kept.append(index)
+                del dn  # before the next one is read
             self._done += 1
             if self._progress is not None:
                 self._progress(self._done, self._expected)

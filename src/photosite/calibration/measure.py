@@ -10,7 +10,6 @@ import numpy as np
 
 from photosite.calibration.dark import Darkness, temporal_variances
 from photosite.calibration.figures import QUANTISATION, Measurements, pool
-from photosite.calibration.fit import Fit
 from photosite.calibration.groups import FrameReader, GroupStatistics, Level, pooled_level
 from photosite.calibration.judge import check_darks, reference_dark, zero_clip_uncertainty
 from photosite.calibration.nonuniformity import (
@@ -30,7 +29,7 @@ from photosite.calibration.photon_transfer import (
     light_levels,
     linear_levels,
 )
-from photosite.calibration.spatial import channel_parts
+from photosite.calibration.spatial import Parts, channel_parts
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.engine.accumulate import FrameSums
 from photosite.engine.moments import label_moments
@@ -130,20 +129,19 @@ def measure_channel(index: int, dark: DarkSide, channel: Channel | None, pattern
     moments = label_moments(dark.sums.mean(), dark.sums.labels)[index]
     dark_only = _measure_dark(darkness(dark, index), level, reference.label)
     parts = channel_parts(dark.sums.mean(), dark.sums.labels, index, mean_frame_noise(level), filtered=False)
-    measured = replace(
-        dark_only,
-        dsnu_variance=excess_variance(moments, mean_frame_noise(level)),
-        dsnu1288=parts,
-    )
+    dsnu = excess_variance(moments, mean_frame_noise(level))
+    if isinstance(parts, Parts):
+        # With a row or column pattern the pixels are fewer independent samples than they are pixels.
+        dsnu = Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
+    measured = replace(dark_only, dsnu_variance=dsnu, dsnu1288=parts)
     if dark.slopes is not None:
-        slopes = dark.slopes[index]
-        measured = replace(
-            measured,
-            dark_slope_variance=slopes.variance,
-            dark_slope=_for_the_sensor(measured.dark_slope, slopes.variance, slopes.pixels),
-        )
-    if channel is None or patterns is None:
-        return measured
+        measured = replace(measured, dark_slope_variance=dark.slopes[index].variance)
+    if channel is not None and patterns is not None:
+        measured = _with_light(measured, channel, patterns)
+    return _stand_for_the_sensor(_without_dark_shot(measured, reference.group.exposure_s))
+
+
+def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
     return replace(
         measured,
         response_variance=patterns.response_variance,
@@ -158,15 +156,15 @@ def measure_channel(index: int, dark: DarkSide, channel: Channel | None, pattern
     )
 
 
-def measure_together(dark: DarkSide, channels: list[Measurements], gain_fit: Fit | None) -> Measurements:
-    """All channels together."""
+def measure_together(dark: DarkSide, channels: list[Measurements], gain: Value) -> Measurements:
+    """All channels together; `gain` was fitted to all of them."""
     reference = dark.groups[dark.reference]
     together = _measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
-    pooled = pool(channels, together, NO_LIGHT if gain_fit is None else gain_value(gain_fit))
-    if len(channels) > 1:
-        slope = _for_the_sensor(together.dark_slope, pooled.dark_slope_variance, pooled.pixels)
-        pooled = replace(pooled, dark_slope=slope)
-    return pooled
+    if len(channels) == 1:
+        return replace(channels[0], gain=gain)
+    pooled = _without_dark_shot(pool(channels, together, gain), reference.group.exposure_s)
+    # Black level and dark slope were measured on all pixels together; the other means bring their share along.
+    return replace(_stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
 
 
 def _measure_dark(background: Darkness, level: Level, label: str) -> Measurements:
@@ -195,11 +193,38 @@ def _measure_dark(background: Darkness, level: Level, label: str) -> Measurement
     )
 
 
-def _for_the_sensor(slope: Value, variance: Value, pixels: int) -> Value:
-    """A mean dark slope as that of the sensor, not of these pixels only: its spread / pixels comes in."""
-    if isinstance(slope, Missing) or isinstance(variance, Missing):
-        return slope
-    return slope + Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
+def _without_dark_shot(m: Measurements, exposure_s: float) -> Measurements:
+    """Read noise without the shot noise of the dark current in the same frames, K (dark slope) t, where both are known.
+
+    A sensor file holds both, and a simulation adds both.
+    """
+    if isinstance(m.gain, Missing) or isinstance(m.dark_slope, Missing) or isinstance(m.read_variance, Missing):
+        return m
+    return replace(
+        m,
+        read_variance=m.read_variance - m.gain * m.dark_slope * exposure_s,
+        read_method=f"{m.read_method}, shot noise of the dark current taken off",
+    )
+
+
+def _for_the_sensor(mean: Value, variance: Value, pixels: int) -> Value:
+    """A mean over these pixels as that of the sensor they were drawn from: their variance / pixels comes in."""
+    if isinstance(mean, Missing) or isinstance(variance, Missing):
+        return mean
+    return mean + Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
+
+
+def _stand_for_the_sensor(m: Measurements) -> Measurements:
+    """The means among the measurements, with what their pixels' spread adds to their uncertainty."""
+    response = m.responsivity
+    if isinstance(response, Uncertain) and isinstance(m.response_variance, Uncertain):
+        response = _for_the_sensor(response, m.response_variance * response.value**2, m.pixels)
+    return replace(
+        m,
+        black_level=_for_the_sensor(m.black_level, m.dsnu_variance, m.pixels),
+        dark_slope=_for_the_sensor(m.dark_slope, m.dark_slope_variance, m.pixels),
+        responsivity=response,
+    )
 
 
 def _photons(channel: Channel, value: Value) -> Value:

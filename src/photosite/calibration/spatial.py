@@ -9,9 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.nonuniformity import excess_variance
 from photosite.calibration.uncertain import Missing, Uncertain, weighted_mean
-from photosite.engine.moments import label_moments
 
 MARGIN = 9
 """Pixels at each border that the filter's 19 x 19 kernel does not reach; they are left out."""
@@ -119,23 +117,63 @@ def pixel_gain() -> float:
     return float(1.0 - 2.0 * kernel[MARGIN] ** 2 + (kernel @ kernel) ** 2)
 
 
-def _line_mean_share(lines: int) -> float:
-    """Variance of the mean over `lines` of a filtered line of independent pixels of variance 1."""
-    kernel = _kernel()
-    straight = np.zeros(lines + 2 * MARGIN)
-    straight[MARGIN:-MARGIN] = 1.0 / lines
-    smoothed = np.convolve(np.full(lines, 1.0 / lines), kernel)
-    return float(
-        straight @ straight - 2.0 * kernel[MARGIN] * (straight @ smoothed) + (kernel @ kernel) * (smoothed @ smoothed)
-    )
+@dataclass(frozen=True)
+class _Shares:
+    """What is left of independent pixels and lines of variance 1 in a plane and in its means.
+
+    Parameters
+    ----------
+    pixel, line
+        Variance of a pixel of the plane from pixels, and from columns (or rows).
+    column_mean, row_mean, mean
+        Variance, from pixels, of a column's mean, of a row's mean, of the plane's mean.
+    columns_mean, rows_mean
+        Variance of the plane's mean from columns, and from rows.
+    """
+
+    pixel: float
+    line: float
+    column_mean: float
+    row_mean: float
+    mean: float
+    columns_mean: float
+    rows_mean: float
+
+    @classmethod
+    def plain(cls, rows: int, cols: int) -> _Shares:
+        """Nothing filtered: the two-way analysis of variance."""
+        return cls(1.0, 1.0, 1 / rows, 1 / cols, 1 / (rows * cols), 1 / cols, 1 / rows)
+
+    @classmethod
+    def filtered(cls, rows: int, cols: int) -> _Shares:
+        """After the high-pass, exact on the pixels it leaves."""
+        centre, power = _kernel()[MARGIN], float(_kernel() @ _kernel())
+        # Inner products of the mean over n values with itself, with its smoothed self, and of that with itself.
+        (r1, r2, r3), (c1, c2, c3) = _mean_products(rows), _mean_products(cols)
+        return cls(
+            pixel=pixel_gain(),
+            line=line_gain(),
+            column_mean=r1 - 2.0 * centre * r2 + power * r3,
+            row_mean=c1 - 2.0 * centre * c2 + power * c3,
+            mean=r1 * c1 - 2.0 * r2 * c2 + r3 * c3,
+            columns_mean=c1 - 2.0 * c2 + c3,
+            rows_mean=r1 - 2.0 * r2 + r3,
+        )
+
+
+def _mean_products(n: int) -> tuple[float, float, float]:
+    straight = np.pad(np.full(n, 1.0 / n), MARGIN)
+    smoothed = np.convolve(np.full(n, 1.0 / n), _kernel())
+    return float(straight @ straight), float(straight @ smoothed), float(smoothed @ smoothed)
 
 
 def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool) -> Parts:
     """Row, column and pixel parts of a mean frame's spatial variance.
 
-    With rows, columns and pixels independent, the variance of the plane, of its column means and of its row means
-    are three equations for the three parts; those of EMVA 1288 R4.0 (8.2) for the plain plane. For the filtered
-    one each part enters with the share of it that the filter leaves, so that the parts come out unattenuated.
+    EMVA 1288 R4.0 (8.2) has three equations for the three parts: the variance of the plane, of its column means and
+    of its row means. Here they are those of the two-way analysis of variance, which are the same up to 1 / rows and
+    1 / cols, without bias, and with independent left sides. For the high-passed plane each part enters with
+    the share of it that the filter leaves, so that the parts come out unattenuated.
 
     Parameters
     ----------
@@ -148,24 +186,28 @@ def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool)
     """
     values = high_pass(plane) if filtered else plane
     rows, cols = values.shape
-    # The filter fixes the mean at zero, so that no degree of freedom goes into it.
-    ddof = 0 if filtered else 1
-    line, pixel = (line_gain(), pixel_gain()) if filtered else (1.0, 1.0)
-    in_columns = _line_mean_share(rows) if filtered else 1.0 / rows
-    in_rows = _line_mean_share(cols) if filtered else 1.0 / cols
+    share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
 
-    moments = label_moments(values)[0]
-    total = excess_variance(moments, Uncertain(0.0))
-    columns = float(values.mean(axis=0).var(ddof=ddof))
-    lines = float(values.mean(axis=1).var(ddof=ddof))
-    column_means = Uncertain.of(columns, columns * math.sqrt(2.0 / (cols - 1)))
-    row_means = Uncertain.of(lines, lines * math.sqrt(2.0 / (rows - 1)))
+    mean = float(values.mean())
+    columns, lines = values.mean(axis=0) - mean, values.mean(axis=1) - mean
+    residual = values - mean - columns - lines[:, None]
+    square = float((residual**2).mean())
+    sampling = max(float((residual**4).mean()) - square**2, 0.0) / residual.size  # rounding, on constant planes
+    left = share.pixel - share.column_mean - share.row_mean + share.mean
+    of_pixels = Uncertain.of(square, math.sqrt(sampling)) * (1.0 / left)
 
-    of_pixels = (total - column_means - row_means) * (1.0 / (pixel - in_columns - in_rows))
-    of_columns = (column_means - of_pixels * in_columns) * (1.0 / line)
-    of_rows = (row_means - of_pixels * in_rows) * (1.0 / line)
+    def of_lines(means: NDArray[np.float64], from_pixels: float, lost: float) -> Uncertain:
+        found = float((means**2).mean())
+        pixels = of_pixels * (from_pixels - share.mean)
+        # The variance of few means scatters much: where there is no pattern, what the pixels alone lead to expect
+        # says better how well it is known than the number that came out.
+        uncertainty = max(found, pixels.value) * math.sqrt(2.0 / (means.size - 1))
+        return (Uncertain.of(found, uncertainty) - pixels) * (1.0 / (share.line - lost))
+
+    column = of_lines(columns, share.column_mean, share.columns_mean)
+    row = of_lines(lines, share.row_mean, share.rows_mean)
     alone = of_pixels - noise
-    return Parts(total=alone + of_columns + of_rows, row=of_rows, column=of_columns, pixel=alone)
+    return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
 
 
 def channel_parts(

@@ -166,6 +166,7 @@ def upper_limit_95(variance: Uncertain) -> float | None:
     """95 % upper limit of a standard deviation whose variance is not distinguishable from zero, else None.
 
     The limit is that of a normal variance estimate under the knowledge that the true variance is not negative.
+    None, too, where the estimate is so far below zero (37 uncertainties) that no true variance explains it.
 
     Examples
     --------
@@ -178,11 +179,11 @@ def upper_limit_95(variance: Uncertain) -> float | None:
     normal = NormalDist()
     if u == 0.0 or variance.value > normal.inv_cdf(0.95) * u:
         return None
-    # P(true > limit | true > 0) = 0.05, written with the small tail so that it stays exact far below zero.
-    tail = 0.05 * normal.cdf(variance.value / u)
+    # P(true > limit | true > 0) = 0.05, written with the small tail (erfc) so that it holds far below zero.
+    tail = 0.05 * 0.5 * math.erfc(-variance.value / (u * math.sqrt(2.0)))
     if tail == 0.0:
-        return 0.0
-    return math.sqrt(max(variance.value - u * normal.inv_cdf(tail), 0.0))
+        return None
+    return signed_root(variance.value - u * normal.inv_cdf(tail))
 
 
 @dataclass(frozen=True)

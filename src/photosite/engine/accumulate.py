@@ -2,8 +2,8 @@
 
 Everything that calibration needs of a stack is a polynomial of second order in its digital numbers, so
 integer sums hold it without rounding: the result does not depend on the order of the frames, nor on how a
-stack was split and merged. A *label* is an integer that a repeating tile gives each pixel; what it stands for (a
-colour channel) is the caller's business.
+stack was split and merged. A *label* is an integer that a repeating tile gives each pixel; what it stands for
+(a colour channel) is the caller's business.
 """
 
 from __future__ import annotations
@@ -171,10 +171,7 @@ class LabelTotals:
         """
         n, pixels = self.frames, self.pixels
         residual = (
-            n * pixels * self.squares
-            - pixels * self.pixel_squares
-            - n * self.frame_squares
-            + self.total * self.total
+            n * pixels * self.squares - pixels * self.pixel_squares - n * self.frame_squares + self.total * self.total
         )
         return residual / (n * pixels * (n - 1) * (pixels - 1))
 
@@ -247,9 +244,7 @@ class FrameSums:
             frames = (frames,)
         for frame in frames:
             if frame.shape != self.shape or frame.dtype not in (np.uint8, np.uint16):
-                raise ValueError(
-                    f"a frame here is {self.shape} of uint8 or uint16, not {frame.shape} of {frame.dtype}"
-                )
+                raise ValueError(f"a frame here is {self.shape} of uint8 or uint16, not {frame.shape} of {frame.dtype}")
             if self.count == MOST_FRAMES:
                 raise ValueError(f"one stack holds at most {MOST_FRAMES} frames")
             totals = np.zeros(self._low.size, np.uint64)

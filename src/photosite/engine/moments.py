@@ -54,9 +54,7 @@ class Moments:
     fourth: float
 
 
-def label_moments(
-    values: NDArray[np.float64], labels: NDArray[np.integer] | None = None
-) -> tuple[Moments, ...]:
+def label_moments(values: NDArray[np.float64], labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
     """Moments over pixels of a map, per label.
 
     Parameters

@@ -1,0 +1,236 @@
+"""The calibration as a whole: slow oracles for its parts, what is missing and why, and what it hands on."""
+
+import json
+import random
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.result import Parameters
+from photosite.errors import CalibrationError
+from photosite.frames.frame_set import FrameSet
+
+
+@pytest.fixture(scope="module")
+def mono(virtual):
+    sensor = virtual.sensor(3)
+    return sensor, virtual.frame_set(sensor, 3)
+
+
+@pytest.fixture(scope="module")
+def calibration(mono):
+    return calibrate(mono[1])
+
+
+def means(group):
+    return np.stack(list(group)).astype(float).mean(0)
+
+
+def temporal(group):
+    """Two-way residual variance, written out."""
+    y = np.stack(list(group)).astype(float)
+    n, pixels = len(y), y[0].size
+    residual = y - y.mean(0) - y.mean((1, 2), keepdims=True) + y.mean()
+    return (residual**2).sum() / ((n - 1) * (pixels - 1))
+
+
+def test_read_noise_and_dsnu_are_the_textbook_s(mono, calibration):
+    sensor, frames = mono
+    group = max(frames.of_kind("dark"), key=len)
+    v = temporal(group)
+    dark_shot = calibration.system_gain_dn_per_e.value**2 * calibration.dark_current_e_per_s.value * group.exposure_s
+    assert calibration.read_noise_dn.value == pytest.approx(np.sqrt(v - 1 / 12 - dark_shot), rel=1e-9)
+    assert calibration.dsnu_dn.value == pytest.approx(np.sqrt(means(group).var(ddof=1) - v / len(group)), rel=1e-9)
+    assert calibration.read_noise_mv.value == pytest.approx(
+        calibration.read_noise_dn.value * sensor.mv_per_dn, rel=1e-12
+    )
+
+
+def test_prnu_is_the_spread_of_pixel_slopes(mono, calibration):
+    """`np.polyfit` over every pixel's means, weighted; then the noise and the dark slopes taken off."""
+    _, frames = mono
+    found = calibration.linear_range["M"]
+    lights = [g for g in frames.of_kind("light") if found.lowest <= g.photons_per_pixel <= found.highest]
+    assert len(lights) == found.levels
+    variance = np.array([temporal(g) / len(g) for g in lights])
+    x = np.array([g.photons_per_pixel for g in lights])
+    stack = np.stack([means(g) for g in lights])
+    slopes = np.polyfit(x, stack.reshape(len(x), -1), 1, w=1 / np.sqrt(variance))[0]
+    centred = x - np.average(x, weights=1 / variance)
+    coefficients = centred / variance / (centred**2 / variance).sum()
+    noise = (coefficients**2 * variance).sum()
+
+    darks = frames.of_kind("dark")
+    t, n = np.array([g.exposure_s for g in darks]), np.array([len(g) for g in darks])
+    dark_stack = np.stack([means(g) for g in darks])
+    dark_slopes = np.polyfit(t, dark_stack.reshape(len(t), -1), 1, w=np.sqrt(n))[0]
+    tc = t - np.average(t, weights=n)
+    c = tc * n / (tc**2 * n).sum()
+    dark_noise = (c**2 * np.array([temporal(g) for g in darks]) / n).sum()
+
+    seconds = coefficients @ np.array([g.exposure_s for g in lights])
+    spread = slopes.var(ddof=1) - noise - seconds**2 * (dark_slopes.var(ddof=1) - dark_noise)
+    mean = slopes.mean() - seconds * dark_slopes.mean()
+    assert calibration.prnu_percent.value == pytest.approx(100 * np.sqrt(spread) / mean, rel=1e-7)
+    assert calibration.dcnu_percent.value == pytest.approx(
+        100
+        * np.sqrt(dark_slopes.var(ddof=1) - dark_noise)
+        / (calibration.dark_current_e_per_s.value * calibration.system_gain_dn_per_e.value),
+        rel=1e-7,
+    )
+
+
+def test_order_of_frames_changes_nothing(mono, calibration):
+    _, frames = mono
+    shuffled = random.Random(1)
+    groups = tuple(replace(group, frames=tuple(shuffled.sample(group.frames, len(group)))) for group in frames.groups)
+    again = calibrate(replace(frames, groups=groups))
+    assert again.estimates() == calibration.estimates()
+    assert again.frames_sha256 == calibration.frames_sha256
+
+
+def test_every_estimate_has_a_value_or_a_reason_and_a_method(calibration, mono):
+    without = calibrate(replace(mono[1], sensor=None))
+    for estimate in [*calibration.estimates().values(), *without.estimates().values()]:
+        assert estimate.method
+        if estimate.value is None:
+            assert estimate.reason
+            assert estimate.standard_uncertainty is None
+            assert estimate.interval_95 is None
+        else:
+            assert np.isfinite([estimate.value, estimate.standard_uncertainty]).all()
+    assert without.read_noise_mv.value is None
+    assert "voltage swing" in without.read_noise_mv.reason
+    assert without.read_noise_e == calibration.read_noise_e
+
+
+def test_json_is_complete_and_plain(calibration):
+    data = json.loads(json.dumps(calibration.to_dict()))
+    assert set(data["parameters"]) == set(PARAMETER_LABELS) == {field.name for field in fields(Parameters)}
+    entry = data["parameters"]["read_noise_dn"]
+    assert entry["value"] == calibration.read_noise_dn.value
+    assert entry["standard_uncertainty"] == calibration.read_noise_dn.standard_uncertainty
+    assert data["channels"] == {}
+    assert data["warnings"] == list(calibration.warnings)
+
+
+def test_progress_counts_every_frame_read(mono):
+    _, frames = mono
+    seen = []
+    calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
+    assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+    assert seen[-1][0] == seen[-1][1] > frames.frame_count
+    # What is read twice is the linear range's flats, not everything.
+    assert seen[-1][0] < 1.6 * frames.frame_count
+
+
+def test_one_frame_is_held_at_a_time(mono):
+    """Frames that are handed out are garbage before the next one is asked for."""
+    import weakref
+
+    _, frames = mono
+    alive = []
+
+    def guard(source):
+        def read():
+            assert sum(reference() is not None for reference in alive) == 0
+            dn = source.read().copy()
+            alive.append(weakref.ref(dn))
+            return dn
+
+        return replace(source, read=read)
+
+    groups = tuple(replace(group, frames=tuple(map(guard, group.frames))) for group in frames.groups)
+    calibrate(replace(frames, groups=groups))
+    assert len(alive) > frames.frame_count
+
+
+def test_without_saturation_all_levels_are_linear(virtual):
+    sensor = virtual.sensor(5)
+    calibration = calibrate(virtual.frame_set(sensor, 5, top=0.6))
+    found = calibration.linear_range["M"]
+    assert found.levels == found.levels_measured
+    for name in ("saturation_dn", "saturation_capacity_e", "snr_max_db", "dynamic_range_db"):
+        assert getattr(calibration, name).value is None
+        assert "flats up to where" in getattr(calibration, name).reason
+    assert "flats that reach saturation" in calibration.prnu1288_percent.reason
+    assert any("no flat reached saturation" in warning for warning in calibration.warnings)
+    assert calibration.system_gain_dn_per_e.value == pytest.approx(sensor.system_gain_dn_per_e, rel=0.02)
+
+
+def test_darks_alone_give_what_darks_can(virtual, mono):
+    sensor, frames = mono
+    calibration = calibrate(replace(frames, groups=frames.of_kind("dark")))
+    assert calibration.read_noise_mv.value == pytest.approx(sensor.noise.read_noise_mv.value, rel=0.02)
+    assert calibration.dsnu_mv.value is not None
+    assert calibration.dark_voltage_mv_per_s.value is not None
+    assert calibration.system_gain_dn_per_e.reason == "no light frames"
+    assert calibration.prnu_percent.reason == "no light frames"
+
+
+def test_single_flats_give_slopes_but_no_gain(virtual):
+    """65 flats at 65 exposures: the response is there, its noise is not."""
+    sensor = virtual.sensor(8)
+    frames = virtual.frame_set(sensor, 8, repeats=4)
+    groups = tuple(replace(g, frames=g.frames[:1]) if g.kind == "light" else g for g in frames.groups)
+    calibration = calibrate(replace(frames, groups=groups))
+    assert "two frames" in calibration.system_gain_dn_per_e.reason
+    assert "one frame" in calibration.prnu_percent.reason
+    assert calibration.saturation_dn.value == sensor.white_level_dn
+    assert calibration.responsivity_dn_per_photon.value is not None
+    assert any("have one frame" in warning for warning in calibration.warnings)
+
+
+def test_some_single_flats_take_their_noise_from_the_photon_transfer(virtual):
+    sensor = virtual.sensor(9)
+    frames = virtual.frame_set(sensor, 9)
+    groups = tuple(
+        replace(g, frames=g.frames[:1]) if g.kind == "light" and k % 2 else g for k, g in enumerate(frames.groups)
+    )
+    calibration = calibrate(replace(frames, groups=groups))
+    low, high = calibration.prnu_percent.interval_95
+    assert low < sensor.noise.prnu_percent.value < high
+
+
+def test_no_sensor_without_what_frames_cannot_tell(mono):
+    with pytest.raises(CalibrationError, match="frames do not tell pixel size"):
+        calibrate(replace(mono[1], sensor=None)).sensor  # noqa: B018
+
+
+def test_a_negative_spread_enters_the_sensor_file_as_zero_with_a_note(virtual):
+    """A chip without DSNU: half of such calibrations find a negative variance; this seed does."""
+    for seed in range(20):
+        sensor = virtual.sensor(seed, dsnu_mv=0.0, rows=48, cols=64)
+        calibration = calibrate(virtual.frame_set(sensor, seed))
+        if calibration.dsnu_mv.value < 0:
+            break
+    assert calibration.dsnu_mv.value < 0
+    assert calibration.dsnu_mv.upper_limit_95 > 0
+    written = calibration.sensor.noise.dsnu_mv
+    assert written.value == 0.0
+    assert written.standard_uncertainty == calibration.dsnu_mv.standard_uncertainty
+    assert "not distinguishable from 0" in written.source
+
+
+def test_hidden_read_noise_is_reported_with_its_limit(virtual):
+    """Read noise of 0.2 DN: quantisation hides it (EMVA 1288's 0.24 DN^2), and the result says so."""
+    base = virtual.sensor(4)
+    sensor = base.with_(read_noise_mv=0.2 * base.mv_per_dn)
+    calibration = calibrate(virtual.frame_set(sensor, 4))
+    true_e = sensor.electrons(sensor.noise.read_noise_mv.value)
+    assert calibration.temporal_dark_noise_e.upper_limit_95 > true_e
+    assert any("quantisation hides the read noise" in warning for warning in calibration.warnings)
+
+
+def test_curves_hold_the_points_and_the_line(mono, calibration):
+    _, frames = mono
+    curves = calibration.curves["M"]
+    assert set(curves) == {"dark_signal", "dark_variance", "response", "photon_transfer"}
+    transfer = curves["photon_transfer"]
+    assert transfer.slope == calibration.system_gain_dn_per_e.value
+    assert transfer.used.sum() == calibration.linear_range["M"].levels
+    assert len(curves["response"].x) == len(frames.of_kind("light"))
+    assert isinstance(frames, FrameSet)
