@@ -94,7 +94,7 @@ def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) 
     sections = (
         Section("Measurement", (*_virtual(virtual_camera), frames_table(calibration), *warning_blocks(calibration))),
         Section("Parameters", parameter_tables(calibration)),
-        Section("Channels", tuple(by_channel)),
+        Section("Channels" if calibration.channels else "Linear range", tuple(by_channel)),
         Section("Fits", curve_blocks(calibration)),
         Section("Sensor", _sensor_blocks(calibration)),
         Section("Provenance", provenance_blocks(calibration)),

@@ -40,7 +40,7 @@ from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnif
 from photosite.scene.charts import macbeth_regions
 
 if TYPE_CHECKING:
-    from photosite.studies.closed_loop import ClosedLoop, RecoveredParameter
+    from photosite.studies.closed_loop import ClosedLoop, ParameterRow
 
 _TRUE, _CALIBRATED = "true sensor", "calibrated sensor"
 
@@ -120,7 +120,7 @@ def _story(result: ClosedLoop) -> tuple[Block, ...]:
     return (Listing(steps), Details("The protocol", (Table("What was shot, in this order", columns, rows),)))
 
 
-def _parameter_blocks(parameters: tuple[RecoveredParameter, ...]) -> tuple[Block, ...]:
+def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]:
     found = [row for row in parameters if row.estimated is not None]
     missing = [row for row in parameters if row.estimated is None]
     columns = (
@@ -149,12 +149,11 @@ def _parameter_blocks(parameters: tuple[RecoveredParameter, ...]) -> tuple[Block
     return tuple(blocks)
 
 
-def _parameter_row(row: RecoveredParameter) -> tuple[str, ...]:
+def _parameter_row(row: ParameterRow) -> tuple[str, ...]:
     """A row of the table, for a parameter that was estimated."""
-    true = "" if row.true is None else format_number(row.true, 5)
     estimated = "" if row.estimated is None else format_uncertain(row.estimated, row.standard_uncertainty or 0.0)
     deviation = "" if row.deviation is None else f"{row.deviation:+.2f}".replace("-", "−")
-    return row.label, row.unit, true, estimated, deviation
+    return row.label, row.unit, format_number(row.true, 5), estimated, deviation
 
 
 def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
@@ -183,8 +182,8 @@ def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
         ),
         Images(
             (_jpeg(difference, "Difference of the two pictures: noise around middle gray"),),
-            f"Calibrated less true, {_MAGNIFICATION:g} times magnified around middle gray. What is left is the "
-            "noise and the fixed pattern of two chips, strongest where the chart is dark and the display's curve steep; "
+            f"Calibrated less true, {_MAGNIFICATION:g} times magnified around middle gray. What is left is "
+            "the noise and the fixed pattern of two chips, strongest in the dark, where the display's curve is steep; "
             "a patch that stood out in colour would be a wrong parameter.",
         ),
     )

@@ -8,6 +8,7 @@ from photosite.errors import InputError
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW_SPACE = "\u202f"
+_NO_BREAK = "\u00a0"
 
 
 def format_number(value: float, significant: int = 4) -> str:
@@ -28,13 +29,13 @@ def format_number(value: float, significant: int = 4) -> str:
     Examples
     --------
     >>> format_number(-0.0123456), format_number(0.00001234), format_number(4095, 3)
-    ('−0.01235', '1.234 × 10⁻⁵', '4095')
+    ('−0.01235', '1.234\xa0×\xa010⁻⁵', '4095')
     """
     if value == 0:
         return "0"
     exponent = _exponent(value, significant)
     if exponent < -4 or exponent > 6:
-        return f"{_fixed(value / 10.0**exponent, significant - 1)} × 10{_superscript(exponent)}"
+        return f"{_fixed(value / 10.0**exponent, significant - 1)}{_power(exponent)}"
     return _fixed(value, max(significant - 1 - exponent, 0))
 
 
@@ -60,7 +61,7 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
     >>> format_uncertain(0.52184, 0.00336), format_uncertain(35987.2, 412.0)
     ('0.5218 ± 0.0034', '35\u202f990 ± 410')
     >>> format_uncertain(-1.2e-6, 3.44e-6)
-    '(−1.2 ± 3.4) × 10⁻⁶'
+    '(−1.2 ± 3.4)\xa0×\xa010⁻⁶'
     """
     if not (math.isfinite(standard_uncertainty) and standard_uncertainty >= 0):
         raise InputError(f"a standard uncertainty is finite and not negative, not {standard_uncertainty}")
@@ -73,7 +74,7 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
     if largest < -3 or largest > 7:
         scale = 10.0**largest
         pair = _pair(value / scale, standard_uncertainty / scale, digits + largest)
-        return f"({pair}) × 10{_superscript(largest)}"
+        return f"({pair}){_power(largest)}"
     return _pair(value, standard_uncertainty, digits)
 
 
@@ -94,7 +95,7 @@ def format_interval(lower: float, upper: float, standard_uncertainty: float) -> 
     if largest < -3 or largest > 7:
         scale = 10.0**largest
         ends = f"{_fixed(lower / scale, digits + largest)} to {_fixed(upper / scale, digits + largest)}"
-        return f"({ends}) × 10{_superscript(largest)}"
+        return f"({ends}){_power(largest)}"
     return f"{_fixed(lower, digits)} to {_fixed(upper, digits)}"
 
 
@@ -124,5 +125,6 @@ def _fixed(value: float, digits: int) -> str:
     return f"{sign}{whole}.{fraction}" if fraction else sign + whole
 
 
-def _superscript(exponent: int) -> str:
-    return str(exponent).translate(_SUPERSCRIPTS)
+def _power(exponent: int) -> str:
+    """A factor of a power of ten, not to be parted from its number at the end of a line."""
+    return f"{_NO_BREAK}×{_NO_BREAK}10{str(exponent).translate(_SUPERSCRIPTS)}"

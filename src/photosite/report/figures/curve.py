@@ -60,7 +60,8 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     upper.set_ylabel(some.y_label)
     lower.set_xlabel(some.x_label)
     lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
-    upper.legend(handles=_legend(drawn), loc="upper left")
+    handles = _legend(drawn)
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     figure.align_ylabels([upper, lower])
     return figure
 
