@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import channel_sites
-from photosite.engine.resample import area_mean
-from photosite.engine.transfer import RadialTransfer, Sampling, channel_images
+from photosite.engine.transfer import Laying, RadialTransfer, Sampling, mosaic_of_maps
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.lens import Optics
 from photosite.scene.placement import Placement, place
@@ -21,11 +20,13 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
 
-_TRANSFER_NODES = 8193
-_MAP_TOLERANCE = 1e-6
-"""Relative size below which a combination of basis spectra, as the sensor sees it, is left out."""
-_PADDING = 32
-"""Pixels of scene kept beyond each border of the frame."""
+_TRANSFER_NODES = 4097
+_MAP_TOLERANCE = 5e-6
+"""Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
+_PADDING_PERIODS = 40.0
+"""Scene kept beyond each border of the frame, in periods of the lens's cutoff (lambda N): 99.5 % of an Airy pattern's
+light lies within that radius."""
+_STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
 _ROUNDING = 1e-5
@@ -39,13 +40,10 @@ def mean_mosaic(
     _warn_of_missing_light(scene, sensor)
     coupling = exposure_s * electrons_per_weight(scene, optics, sensor, rule)
     if scene.shape == (1, 1):
-        even = coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64)
-        mosaic = _interleaved(np.asarray(even, np.float32)[:, None, None], sensor)
+        mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
-        mosaic = _interleaved(_channel_images(scene, optics, sensor, coupling, cells_per_pixel), sensor)
-    falloff = _relative_illumination(optics, sensor, scene.distance_m)
-    if falloff is not None:
-        mosaic *= falloff
+        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel)
+    _fall_off(mosaic, optics, sensor, scene.distance_m)
     return _not_negative(mosaic)
 
 
@@ -74,27 +72,36 @@ def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rul
     return product
 
 
-def _channel_images(
+def _blurred_mosaic(
     scene: Scene, optics: Optics, sensor: Sensor, coupling: NDArray[np.float64], cells: int
 ) -> NDArray[np.float32]:
-    """(channels, rows, cols) electrons, every channel at every pixel."""
+    """(rows, cols) electrons of a scene with structure."""
     pixel, array = sensor.pixel, sensor.array
     pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
     side = math.sqrt(pixel.fill_factor.value)
-    sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells)
     transfer, mixing = _reduced_transfer(scene, optics, coupling)
-    maps = np.tensordot(mixing.astype(np.float32), scene.weights, axes=1)
     where = placement(scene, optics, sensor)
-    laid = area_mean(
-        maps,
-        ((array.rows + 2 * _PADDING) * cells, (array.cols + 2 * _PADDING) * cells),
-        (where.row_start - _PADDING * where.row_step, where.col_start - _PADDING * where.col_step),
-        (where.row_step / cells, where.col_step / cells),
+    laying = Laying(
+        shape=(array.rows, array.cols),
+        start=(where.row_start, where.col_start),
+        step=(where.row_step, where.col_step),
+        padding=_padding(scene, optics, min(pitch)),
+        tile=(len(array.cfa), len(array.cfa[0])),
     )
-    first = _PADDING * cells + cells // 2
-    rows = slice(first, first + array.rows * cells, cells)
-    cols = slice(first, first + array.cols * cells, cells)
-    return channel_images(laid, transfer, sampling)[:, rows, cols]
+    return mosaic_of_maps(
+        scene.weights,
+        mixing.astype(np.float32),
+        transfer,
+        Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells),
+        laying,
+        [channel_sites(array.cfa, name) for name in sensor.channel_names],
+    )
+
+
+def _padding(scene: Scene, optics: Optics, pitch_m: float) -> int:
+    """Pixels of scene kept beyond each border."""
+    middle = scene.wavelength_nm[scene.wavelength_nm.size // 2]
+    return math.ceil(_PADDING_PERIODS / optics.cutoff_per_m(middle, scene.distance_m) / pitch_m)
 
 
 def _reduced_transfer(
@@ -102,37 +109,48 @@ def _reduced_transfer(
 ) -> tuple[RadialTransfer, NDArray[np.float64]]:
     """The lens summed over wavelength for R maps, and (R, K) how these mix from the scene's K weights.
 
-    A chart has 24 spectra and a cube may have more, but a few channels behind a lens cannot tell them all apart: the
-    weights are combined to the maps that matter, by singular values.
+    A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot tell them all apart: the
+    weights are combined to the ten or so maps that matter, by singular values.
     """
     reach = max(optics.cutoff_per_m(w, scene.distance_m) for w in scene.wavelength_nm)
     frequencies = np.linspace(0.0, reach, _TRANSFER_NODES)
     otf = np.stack([optics.otf(frequencies, w, scene.distance_m) for w in scene.wavelength_nm])
     table = coupling @ otf  # (channels, K, nodes)
     channels, count, nodes = table.shape
-    _, size, mixing = np.linalg.svd(table.transpose(0, 2, 1).reshape(-1, count), full_matrices=False)
-    mixing = mixing[: max(1, int((size > size[0] * _MAP_TOLERANCE).sum()))]
-    reduced = np.einsum("ckn,rk->crn", table, mixing, optimize=True)
-    return RadialTransfer(reduced.reshape(channels, len(mixing), nodes), float(frequencies[1])), mixing
+    tall = table.transpose(0, 2, 1).reshape(-1, count)
+    left, size, mixing = np.linalg.svd(tall, full_matrices=False)
+    limit = _MAP_TOLERANCE * np.abs(tall).max()
+    keep = count
+    # Of what is left out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
+    while keep > 1 and np.abs((left[:, keep - 1 :] * size[keep - 1 :]) @ mixing[keep - 1 :]).max() <= limit:
+        keep -= 1
+    if keep == count:
+        return RadialTransfer(table, float(frequencies[1])), np.eye(count)
+    reduced = np.einsum("ckn,rk->crn", table, mixing[:keep], optimize=True)
+    return RadialTransfer(reduced.reshape(channels, keep, nodes), float(frequencies[1])), mixing[:keep]
 
 
-def _interleaved(images: NDArray[np.float32], sensor: Sensor) -> NDArray[np.float32]:
-    """(rows, cols): each pixel from its own channel's image; an image of one pixel stands for all."""
+def _even_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:
+    """(rows, cols): each pixel holds its channel's electrons."""
     array = sensor.array
     mosaic = np.empty((array.rows, array.cols), np.float32)
-    for image, name in zip(images, sensor.channel_names, strict=True):
+    for value, name in zip(electrons, sensor.channel_names, strict=True):
         for r, c in channel_sites(array.cfa, name):
-            sites = np.s_[r :: len(array.cfa), c :: len(array.cfa[0])]
-            mosaic[sites] = image[sites] if image.shape != (1, 1) else image
+            mosaic[r :: len(array.cfa), c :: len(array.cfa[0])] = value
     return mosaic
 
 
-def _relative_illumination(optics: Optics, sensor: Sensor, distance_m: float) -> NDArray[np.float32] | None:
+def _fall_off(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float) -> None:
+    """Multiply by the lens's relative illumination, in strips: the map in double precision would be large."""
     pixel, array = sensor.pixel, sensor.array
     y_m = (np.arange(array.rows) + 0.5 - array.rows / 2) * pixel.height_um.value * 1e-6
     x_m = (np.arange(array.cols) + 0.5 - array.cols / 2) * pixel.width_um.value * 1e-6
-    falloff = optics.relative_illumination(np.hypot(y_m[:, None], x_m[None, :]), distance_m)
-    return None if falloff is None else falloff.astype(np.float32)
+    for first in range(0, array.rows, _STRIP):
+        strip = slice(first, first + _STRIP)
+        falloff = optics.relative_illumination(np.hypot(y_m[strip, None], x_m), distance_m)
+        if falloff is None:
+            return
+        mosaic[strip] *= falloff.astype(np.float32)
 
 
 def _not_negative(mosaic: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "profile": COMMON | {"scene", "sensor", "spectra"},
     "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "profile"},
     "calibration": COMMON | {"frames", "sensor", "engine", "spectra"},
-    "develop": COMMON | {"frames", "sensor", "engine", "spectra"},
+    "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
     "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
 }
 BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "profile", "camera"}

@@ -17,8 +17,8 @@ def test_spreads_are_those_of_the_file() -> None:
     """Chi-square of 60 000 normal deviates, each way outside 1e-4: false alarms 4e-4 in all."""
     chip = draw_chip(SENSOR)
     for values, mean, spread in (
-        (chip.response, 1.0, 0.01126),
-        (chip.offset_e, 0.0, SENSOR.electrons(0.55)),
+        (chip.prnu.map(), 0.0, 0.01126),
+        (chip.offset_e.map(), 0.0, SENSOR.electrons(0.55)),
     ):
         square_sum = float(((values.astype(np.float64) - mean) ** 2).sum()) / spread**2
         assert stats.chi2.ppf(1e-4, N) < square_sum < stats.chi2.isf(1e-4, N)
@@ -37,15 +37,15 @@ def test_dark_current_is_log_normal_with_the_mean_of_the_file() -> None:
 def test_the_serial_alone_decides_the_pattern() -> None:
     chip = draw_chip(SENSOR)
     doubled = draw_chip(SENSOR.with_(prnu_percent=2.252, read_noise_mv=0))
-    assert (doubled.response - 1) / 2 == pytest.approx(chip.response - 1, abs=1e-6)
+    assert doubled.prnu.map() / 2 == pytest.approx(chip.prnu.map(), abs=1e-6)
     other = draw_chip(SENSOR.with_(serial="1"))
-    correlation = np.corrcoef(chip.offset_e.ravel(), other.offset_e.ravel())[0, 1]
+    correlation = np.corrcoef(chip.offset_e.map().ravel(), other.offset_e.map().ravel())[0, 1]
     assert abs(correlation) < 4 / np.sqrt(N)
-    parts = np.corrcoef(chip.offset_e.ravel(), chip.response.ravel())[0, 1]
+    parts = np.corrcoef(chip.offset_e.map().ravel(), chip.prnu.map().ravel())[0, 1]
     assert abs(parts) < 4 / np.sqrt(N)
 
 
 def test_what_does_not_vary_takes_no_memory() -> None:
     chip = draw_chip(SENSOR.with_(dsnu_mv=0))
-    assert chip.offset_e.shape == (1, 1)
+    assert chip.offset_e.deviates.shape == (1, 1)
     assert chip.dark_rate_e_per_s.shape == (1, 1)

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba import types
+from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -34,11 +36,12 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
         if inline:
             options["inline"] = "always"
         # numba looks at this setting when it decorates; other users of numba in the process keep theirs.
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(kernel_cache())
+        settings: Any = numba.config
+        before, settings.CACHE_DIR = settings.CACHE_DIR, str(kernel_cache())
         try:
             return cast(F, numba.njit(**options)(function))
         finally:
-            numba.config.CACHE_DIR = before
+            settings.CACHE_DIR = before
 
     return decorate
 
@@ -58,3 +61,25 @@ def kernel_cache() -> Path:
 
 
 prange = numba.prange
+
+
+def _reinterpreted(source: Any, target: Any) -> Callable[..., Any]:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], context.get_value_type(target))
+
+    return lambda typingctx, value: (target(source), codegen)
+
+
+@intrinsic
+def _bits_of_double(typingctx: Any, value: Any) -> Any:
+    return _reinterpreted(types.float64, types.int64)(typingctx, value)
+
+
+@intrinsic
+def _double_of_bits(typingctx: Any, value: Any) -> Any:
+    return _reinterpreted(types.int64, types.float64)(typingctx, value)
+
+
+# Inside compiled code only.
+bits_of_double = cast(Callable[[float], int], _bits_of_double)
+double_of_bits = cast(Callable[[int], float], _double_of_bits)

@@ -11,26 +11,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.philox import key_from_seed
-from photosite.engine.pixels import DARK_CURRENT, DSNU, PRNU, normal_map
+from photosite.engine.pixels import DEVIATE_GRAIN, normal_deviates
 from photosite.sensor.model import Sensor
+
+_PRNU, _DSNU, _DARK_CURRENT = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A value per pixel: `deviates * scale`. Deviates of shape (1, 1) stand for all pixels.
+
+    Parameters
+    ----------
+    deviates
+        (rows, cols) int16, so that a 150-megapixel chip stays small.
+    scale
+        What a deviate of 1 is worth.
+    """
+
+    deviates: NDArray[np.int16]
+    scale: float
+
+    def map(self) -> NDArray[np.float32]:
+        """(rows, cols) float32, or (1, 1)."""
+        return self.deviates * np.float32(self.scale)
 
 
 @dataclass(frozen=True, eq=False)
 class Chip:
-    """A chip's maps, the same in all its frames. A map of shape (1, 1) stands for all pixels.
+    """A chip's maps, the same in all its frames.
 
     Parameters
     ----------
-    response
-        (rows, cols) float32, 1 + PRNU: multiplies the electrons from light.
+    prnu
+        Relative deviation of the response to light.
     offset_e
-        (rows, cols) float32, DSNU: electrons added to every reading.
+        DSNU: electrons added to every reading.
     dark_rate_e_per_s
-        (rows, cols) float32, dark current.
+        (rows, cols) float32 dark current, or (1, 1) for all pixels.
     """
 
-    response: NDArray[np.float32]
-    offset_e: NDArray[np.float32]
+    prnu: Pattern
+    offset_e: Pattern
     dark_rate_e_per_s: NDArray[np.float32]
 
 
@@ -44,41 +66,33 @@ def draw_chip(sensor: Sensor) -> Chip:
     --------
     >>> import photosite as ps
     >>> small = ps.load_sensor("nikon-d200").with_(rows=4, cols=6)
-    >>> a, b, other = draw_chip(small), draw_chip(small), draw_chip(small.with_(serial="1"))
-    >>> bool((a.response == b.response).all()), bool((a.response == other.response).any())
+    >>> a, b, other = (draw_chip(s).prnu.map() for s in (small, small, small.with_(serial="1")))
+    >>> bool((a == b).all()), bool((a == other).any())
     (True, False)
     """
-    rate = sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)
-    return _draw(
-        sensor.serial,
-        sensor.array.rows,
-        sensor.array.cols,
-        sensor.noise.prnu_percent.value / 100,
-        sensor.electrons(sensor.noise.dsnu_mv.value),
-        rate,
-        sensor.noise.dcnu_percent.value / 100,
+    noise, array = sensor.noise, sensor.array
+    spreads = (
+        noise.prnu_percent.value / 100,
+        sensor.electrons(noise.dsnu_mv.value),
+        noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0,
     )
+    shapes = [(array.rows, array.cols) if spread else (1, 1) for spread in spreads]
+    prnu, dsnu, dark = (_deviates(sensor.serial, *shape, word) for word, shape in enumerate(shapes))
+    log_spread = math.sqrt(math.log1p(spreads[_DARK_CURRENT] ** 2))
+    rate = np.multiply(dark, np.float32(log_spread * DEVIATE_GRAIN), dtype=np.float32)
+    rate -= np.float32(log_spread**2 / 2)
+    np.exp(rate, out=rate)
+    rate *= np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
+    return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_GRAIN), Pattern(dsnu, spreads[_DSNU] * DEVIATE_GRAIN), rate)
 
 
-@lru_cache(maxsize=2)  # one chip shoots many frames; two, so that a comparison of two chips does not redraw each time
-def _draw(serial: str, rows: int, cols: int, prnu: float, dsnu_e: float, rate: float, dcnu: float) -> Chip:
-    k0, k1 = key_from_seed(int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little"))
-
-    def pattern(source: np.uint32, spread: float) -> NDArray[np.float32]:
-        if spread == 0:
-            return np.zeros((1, 1), np.float32)
-        values = normal_map(rows, cols, source, k0, k1)
-        values *= np.float32(spread)
-        return values
-
-    response = pattern(PRNU, prnu)
-    response += 1.0
-    log_spread = math.sqrt(math.log1p(dcnu * dcnu))
-    dark_rate = pattern(DARK_CURRENT, log_spread if rate else 0.0)
-    dark_rate -= log_spread * log_spread / 2
-    np.exp(dark_rate, out=dark_rate)
-    dark_rate *= rate
-    maps = response, pattern(DSNU, dsnu_e), dark_rate
-    for values in maps:
-        values.flags.writeable = False
-    return Chip(*maps)
+# One chip shoots many frames: its deviates are kept. Six maps are two chips with all three patterns.
+@lru_cache(maxsize=6)
+def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]:
+    """Normal deviates of a serial's pattern, in units of DEVIATE_GRAIN; a single 0 for shape (1, 1)."""
+    if (rows, cols) == (1, 1):
+        return np.zeros((1, 1), np.int16)
+    key = int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")
+    deviates = normal_deviates(rows, cols, word, *key_from_seed(key))
+    deviates.flags.writeable = False
+    return deviates

@@ -63,8 +63,10 @@ def digital_numbers(
     chip = draw_chip(sensor)
     return expose(
         np.ascontiguousarray(mean_electrons, np.float32),
-        chip.response,
-        chip.offset_e,
+        chip.prnu.deviates,
+        chip.prnu.scale,
+        chip.offset_e.deviates,
+        chip.offset_e.scale,
         chip.dark_rate_e_per_s,
         exposure_s,
         sensor.pixel.well_capacity_e.value,
@@ -72,6 +74,8 @@ def digital_numbers(
         sensor.system_gain_dn_per_e,
         sensor.readout.black_level_dn.value,
         sensor.white_level_dn,
+        (0, 0),
+        shape[1],
         np.uint32(frame),
         *key_from_seed(seed),
     )
