@@ -34,7 +34,7 @@ def test_gains_are_what_the_filter_leaves_of_white_noise():
 
 
 def test_parts_of_a_plain_plane_are_the_standard_s():
-    """EMVA 1288 R4.0, 8.2: its equations written out; ours differ by shares of 1 / rows and 1 / cols."""
+    """EMVA 1288 R4.0: its equations written out; ours differ by shares of 1 / rows and 1 / cols."""
     rng = np.random.default_rng(2)
     rows, cols = 400, 700
     plane = rng.normal(0, 1, (rows, cols)) + rng.normal(0, 2, cols) + rng.normal(0, 3, (rows, 1))

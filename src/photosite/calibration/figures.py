@@ -166,7 +166,7 @@ def _percent_of_dark(slope: Value) -> Value:
 
 
 def _temporal_dark_noise(dark_variance: Value, per_e: Value) -> Estimate:
-    method = "dark temporal variance at exposure zero, 1/12 DN^2 taken off (EMVA 1288 R4.0, 6.7)"
+    method = "dark temporal variance at exposure zero, 1/12 DN^2 taken off (EMVA 1288 R4.0, temporal dark noise)"
     result = _spread(derive(lambda v: v - QUANTISATION, dark_variance), per_e, method)
     if (
         isinstance(dark_variance, Uncertain)
@@ -183,7 +183,7 @@ def _capacity(m: Measurements, efficiency: Value) -> tuple[Value, str]:
     if isinstance(m.saturation_photons, Uncertain) and isinstance(efficiency, Uncertain):
         return (
             efficiency * m.saturation_photons,
-            "quantum efficiency times photons at the largest temporal variance (EMVA 1288 R4.0, 6.6)",
+            "quantum efficiency times photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
         )
     value = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
     return value, f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
@@ -203,32 +203,32 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     capacity, capacity_method = _capacity(m, efficiency)
     return {
         "responsivity_dn_per_photon": Estimate.of(
-            m.responsivity, "slope through the origin of signal against photons (EMVA 1288 R4.0, 6.6)"
+            m.responsivity, "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)"
         ),
         "quantum_efficiency_percent": Estimate.of(
-            derive(lambda q: q * 100.0, efficiency), "responsivity / system gain (EMVA 1288 R4.0, 6.6)"
+            derive(lambda q: q * 100.0, efficiency), "responsivity / system gain (EMVA 1288 R4.0, photon transfer)"
         ),
         "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e),
         "sensitivity_threshold_photons": Estimate.of(
-            threshold, "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0, 2.6)"
+            threshold, "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0)"
         ),
         "saturation_capacity_photons": Estimate.of(
-            m.saturation_photons, "photons at the largest temporal variance (EMVA 1288 R4.0, 6.6)"
+            m.saturation_photons, "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
         ),
         "saturation_capacity_e": Estimate.of(capacity, capacity_method),
         "snr_max_db": Estimate.of(
-            derive(lambda e: e.decibel(10.0), capacity), "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0, 2.6)"
+            derive(lambda e: e.decibel(10.0), capacity), "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)"
         ),
         "dynamic_range_db": Estimate.of(
             derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e),
-            "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0, 2.6)",
+            "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)",
         ),
     }
 
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
-    dark = "spatial variance of the mean dark less temporal variance / n (EMVA 1288 R4.0, 8.2)"
-    light = "spatial variance at half saturation less the dark's, high-passed (EMVA 1288 R4.0, 8.2 to 8.4)"
+    dark = "spatial variance of the mean dark less temporal variance / n (EMVA 1288 R4.0, DSNU)"
+    light = "spatial variance at half saturation less the dark's, high-passed (EMVA 1288 R4.0, PRNU)"
     plain = "spatial variance at half saturation less the dark's, no high-pass (EMVA 1288 R3.0)"
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}
@@ -254,7 +254,7 @@ def parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
         Millivolts at the pixel per digital number.
     """
     per_e = derive(lambda k: 1.0 / k, m.gain)
-    gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, 6.6)"
+    gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),
         **_emva(m, per_e),

@@ -1,4 +1,4 @@
-"""Saturation, the linear range, system gain and responsivity: EMVA 1288 R4.0, sections 6.5 and 6.6."""
+"""Saturation, the linear range, system gain and responsivity: EMVA 1288 R4.0, photon transfer method."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Saturation:
     Parameters
     ----------
     index
-        The light level with the largest temporal variance (EMVA 1288 R4.0, 6.6), or None where saturation was not seen.
+        The light level with the largest temporal variance (EMVA 1288 R4.0), or None where saturation was not seen.
     signal
         Its signal, DN, dark taken off; None where saturation was not seen.
     x

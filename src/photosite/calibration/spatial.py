@@ -170,7 +170,7 @@ def _mean_products(n: int) -> tuple[float, float, float]:
 def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool) -> Parts:
     """Row, column and pixel parts of a mean frame's spatial variance.
 
-    EMVA 1288 R4.0 (8.2) has three equations for the three parts: the variance of the plane, of its column means and
+    EMVA 1288 R4.0 has three equations for the three parts: the variance of the plane, of its column means and
     of its row means. Here they are those of the two-way analysis of variance, which are the same up to 1 / rows and
     1 / cols, without bias, and with independent left sides. For the high-passed plane each part enters with
     the share of it that the filter leaves, so that the parts come out unattenuated.

@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
+from photosite.calibration.result import Parameters
+from photosite.errors import InputError
+
+UNITS = {
+    "dn": "DN",
+    "e": "e⁻",
+    "mv": "mV",
+    "percent": "%",
+    "db": "dB",
+    "photons": "photons",
+    "mv_per_s": "mV/s",
+    "e_per_s": "e⁻/s",
+    "dn_per_e": "DN/e⁻",
+    "uv_per_e": "µV/e⁻",
+    "dn_per_photon": "DN/photon",
+}
+
+
+def test_every_parameter_has_a_label_and_no_label_is_left_over() -> None:
+    assert list(PARAMETER_LABELS) == [entry.name for entry in fields(Parameters)]
+
+
+@pytest.mark.parametrize("name", PARAMETER_LABELS)
+def test_unit_is_the_one_that_the_name_ends_in(name: str) -> None:
+    ending = max((end for end in UNITS if name.endswith(f"_{end}")), key=len)
+    assert parameter_label(name).unit == UNITS[ending]
+
+
+def test_no_two_parameters_look_alike() -> None:
+    shown = [(entry.label, entry.unit) for entry in PARAMETER_LABELS.values()]
+    assert len(set(shown)) == len(shown)
+
+
+def test_unknown_parameter_is_refused_with_the_likeliest_one() -> None:
+    with pytest.raises(InputError, match="did you mean 'read_noise_mv'"):
+        parameter_label("read_noise_mV")

@@ -1,0 +1,109 @@
+"""Saturation, linear range and gain on light levels written by hand."""
+
+import numpy as np
+import pytest
+
+from photosite.calibration.photon_transfer import (
+    LightLevels,
+    find_saturation,
+    fit_gain,
+    gain_value,
+    linear_levels,
+)
+from photosite.calibration.uncertain import Missing
+
+
+def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_sigma=0.1):
+    signal, shot = np.asarray(signal, float), np.asarray(shot, float)
+    m = len(signal)
+    white = np.zeros(m) if white_share is None else np.asarray(white_share, float)
+    return LightLevels(
+        abscissa="photons_per_pixel",
+        x=np.arange(1.0, m + 1) * 100 if x is None else np.asarray(x, float),
+        exposure_s=np.arange(1.0, m + 1) * 0.01,
+        signal=signal,
+        signal_covariance=np.diag(np.broadcast_to(signal_sigma, m) ** 2.0),
+        shot=shot,
+        shot_covariance=np.diag(np.broadcast_to(shot_sigma, m) ** 2.0),
+        mean=signal + 64,
+        mean_variance=np.full(m, 1e-4),
+        clipped=white > 1e-3,
+        white_share=white,
+        group=np.arange(m),
+    )
+
+
+RISING = [100.0, 200.0, 300.0, 400.0]
+
+
+def test_saturation_is_where_the_variance_is_largest():
+    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_share=[0, 0, 0, 0, 0.3, 1])
+    found = find_saturation(curve, white=564)
+    assert found.index == 3
+    assert found.signal == 400.0
+    assert found.x.value == 400.0
+    assert found.x.standard_uncertainty == pytest.approx(200 / np.sqrt(12))  # between 300 and 500
+    assert found.level_dn.value == 564.0
+    assert linear_levels(curve, found).tolist() == [True, True, False, False, False, False]
+
+
+def test_a_well_that_fills_below_the_converter_s_top_is_saturation_too():
+    curve = levels([*RISING, 410.0, 410.0], [20.0, 40.0, 60.0, 80.0, 1.0, 0.2])
+    found = find_saturation(curve, white=4095)
+    assert found.index == 3
+    assert found.level_dn.value == 474.0
+    assert found.level_dn.standard_uncertainty == pytest.approx(0.01)
+
+
+def test_a_rising_variance_is_no_saturation():
+    found = find_saturation(levels(RISING, [20.0, 41.0, 62.0, 80.0]), white=4095)
+    assert found.index is None
+    assert isinstance(found.x, Missing)
+    assert isinstance(found.level_dn, Missing)
+
+
+def test_scatter_of_the_variance_is_no_saturation():
+    """A brighter level 5 % below the largest variance is noise, not clipping."""
+    found = find_saturation(levels(RISING, [20.0, 40.0, 61.0, 58.0]), white=4095)
+    assert found.index is None
+
+
+def test_partial_clipping_tells_the_converter_s_top():
+    curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_share=[0, 0, 0, 0.2])
+    found = find_saturation(curve, white=470)
+    assert found.level_dn.value == 470.0
+    assert "20 % of the brightest flats" in found.level_method
+
+
+def test_gain_is_the_weighted_slope_through_the_origin():
+    shot_sigma = np.array([0.1, 0.3, 0.5, 1.0])
+    curve = levels(RISING, [20.05, 40.1, 59.8, 80.3], shot_sigma=shot_sigma)
+    fit = fit_gain([curve], [np.ones(4, bool)])
+    y, w = curve.signal, 1 / shot_sigma**2
+    assert fit.parameters[0] == pytest.approx((w * y) @ curve.shot / ((w * y) @ y), rel=1e-6)
+
+
+def test_the_signal_s_uncertainty_counts_by_what_it_does_to_the_variance():
+    """Effective variance: u(shot)^2 + K^2 u(signal)^2."""
+    signal_sigma = np.array([5.0, 0.1, 0.1, 0.1])
+    curve = levels(RISING, [20.5, 40.0, 60.0, 80.0], signal_sigma=signal_sigma)
+    fit = fit_gain([curve], [np.ones(4, bool)])
+    w = 1 / (0.1**2 + (fit.parameters[0] * signal_sigma) ** 2)
+    y = curve.signal
+    assert fit.parameters[0] == pytest.approx((w * y) @ curve.shot / ((w * y) @ y), rel=1e-6)
+    assert fit.covariance[0, 0] == pytest.approx(1 / ((w * y) @ y), rel=1e-4)
+
+
+def test_channels_are_fitted_together():
+    a = levels([100.0, 200.0], [20.0, 40.2])
+    b = levels([50.0, 80.0], [10.1, 16.0])
+    fit = fit_gain([a, b], [np.ones(2, bool), np.ones(2, bool)])
+    y, v = np.array([100, 200, 50, 80.0]), np.array([20, 40.2, 10.1, 16.0])
+    assert fit.parameters[0] == pytest.approx(y @ v / (y @ y), rel=1e-6)
+    assert fit.degrees_of_freedom == 3
+
+
+def test_a_variance_that_does_not_rise_is_no_gain():
+    fit = fit_gain([levels(RISING, [0.1, -0.1, 0.05, -0.1])], [np.ones(4, bool)])
+    assert "does not rise" in gain_value(fit).reason
+    assert "two frames" in gain_value(None).reason
