@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import channel_sites
-from photosite.engine.transfer import Laying, RadialTransfer, Sampling, mosaic_of_maps
+from photosite.engine.mosaic import Laying, mosaic_of_maps
+from photosite.engine.transfer import RadialTransfer, Sampling
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.lens import Optics
 from photosite.scene.placement import Placement, place
