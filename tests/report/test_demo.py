@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from photosite.report.demo import write_demo_report
+from photosite.report.pictures import WIDEST
+
+
+@pytest.fixture(scope="module")
+def page(loop, read_page, tmp_path_factory: pytest.TempPathFactory):
+    path = tmp_path_factory.mktemp("demo") / "demo.html"
+    write_demo_report(loop, path)
+    assert path.stat().st_size < 3_000_000
+    return read_page(path.read_text(encoding="utf-8"))
+
+
+def test_page_needs_no_other_file(page) -> None:
+    assert all(address.startswith("#") for address in page.values("href"))
+    assert all(source.startswith("data:image/") for source in page.values("src"))
+    assert not {tag for tag, _ in page.elements} & {"script", "link", "iframe"}
+
+
+def test_page_says_that_the_camera_is_virtual(page) -> None:
+    assert "Every image on this page was made by a virtual camera." in page.text
+
+
+def test_every_parameter_stands_beside_its_truth(loop, page) -> None:
+    rows = {(row[0], row[1]): row for row in page.rows}
+    for parameter in loop.parameters:
+        row = rows[parameter.label, parameter.unit]
+        if parameter.estimated is None:
+            assert row[2] == parameter.reason
+        elif parameter.deviation is not None:
+            assert float(row[4].replace("−", "-")) == pytest.approx(parameter.deviation, abs=0.0051)
+    assert any(parameter.estimated is None for parameter in loop.parameters), "photons are not known in this loop"
+
+
+def test_share_inside_the_band_is_counted(loop, read_page, tmp_path: Path) -> None:
+    far = tuple(
+        replace(p, estimated=p.true + 5 * p.standard_uncertainty) if p.name == "read_noise_mv" else p
+        for p in loop.parameters
+    )
+    drawn = [p for p in far if p.deviation is not None]
+    inside = sum(abs(p.deviation) <= 1.96 for p in drawn)
+    assert inside < len(drawn)
+    write_demo_report(replace(loop, parameters=far), tmp_path / "far.html")
+    text = read_page((tmp_path / "far.html").read_text(encoding="utf-8")).text
+    assert f"here {inside} of {len(drawn)};" in text
+
+
+def test_pictures_are_there_and_no_wider_than_a_page(page) -> None:
+    pictures = [np.asarray(Image.open(io.BytesIO(content))) for content in page.images("image/jpeg")]
+    assert len(pictures) == 5, "two charts, two details, their difference"
+    assert all(picture.shape[1] <= WIDEST for picture in pictures)
+    chart, calibrated, *_, difference = pictures
+    assert chart.shape == calibrated.shape == difference.shape
+    # The two cameras agree to well within a just visible difference; the difference picture is gray on average.
+    assert np.abs(chart.mean(axis=(0, 1)) - calibrated.mean(axis=(0, 1))).max() < 1.0
+    assert np.abs(difference.mean(axis=(0, 1)) - 127.5).max() < 4.0
+    assert chart.std() > 30
+
+
+def test_same_loop_gives_the_same_bytes(loop, tmp_path: Path) -> None:
+    for name in ("one.html", "two.html"):
+        write_demo_report(loop, tmp_path / name)
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()

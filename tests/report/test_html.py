@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from photosite.errors import FileError
+from photosite.report.html import (
+    Column,
+    Details,
+    Heading,
+    Image,
+    Images,
+    Listing,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+    render_page,
+    write_page,
+)
+
+NASTY = "<script>alert('x')</script> & \"both\" 'quotes' {{ page }} é ⁻¹"
+
+
+def page_of_everything(text: str) -> Page:
+    table = Table(text, (Column(text), Column(text, numeric=True)), ((text, "1"), Heading(text), ("b", text)))
+    image = Image(b"\x00\xff", "image/png", alternative=text, title=text)
+    blocks = (
+        Paragraph(text),
+        Notice(text, warning=True),
+        Notice(text),
+        Listing((text, text), code=True),
+        table,
+        Images((image,), text),
+        Images((image, image), text),
+        Details(text, (Paragraph(text), Details(text, (table,)))),
+    )
+    return Page(text, text, (Section("One", blocks), Section("Two & three", blocks)), footer=text)
+
+
+def test_whatever_a_text_holds_is_shown_as_it_is(read_page) -> None:
+    page = read_page(render_page(page_of_everything(NASTY)))
+    assert "script" not in {tag for tag, _ in page.elements}
+    # Twice each: paragraph, two notices, two lines, two tables of six texts, two captions, three titles over images,
+    # two summaries and the paragraph within; once each: title in head and page, lead, footer.
+    assert page.text.count(NASTY) == 2 * (1 + 2 + 2 + 2 * 6 + 2 + 3 + 2 + 1) + 4
+    assert page.values("alt") == [NASTY] * 6
+
+
+def test_page_has_one_of_each_id_and_links_that_lead_somewhere(read_page) -> None:
+    page = read_page(render_page(page_of_everything("x")))
+    ids = page.values("id")
+    assert ids == ["one", "two-three"]
+    assert page.values("href") == ["#one", "#two-three"]
+
+
+def test_sections_without_blocks_are_left_out(read_page) -> None:
+    page = read_page(render_page(Page("t", "l", (Section("Empty", ()), Section("Full", (Paragraph("x"),))))))
+    assert page.values("id") == ["full"]
+    assert "Empty" not in page.text
+    assert "nav" not in {tag for tag, _ in page.elements}, "one section needs no navigation"
+
+
+def test_row_of_the_wrong_length_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"2 columns, but a row of 3"):
+        Table("t", (Column("a"), Column("b")), (("1", "2"), ("1", "2", "3")))
+
+
+def test_write_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Page("t", "l", (Section("S", (Paragraph("new"),)),))
+    path = tmp_path / "page.html"
+    path.write_text("old")
+    monkeypatch.setattr(Path, "write_text", _full_disk)
+    with pytest.raises(FileError, match=r"page\.html: cannot be written: No space left"):
+        write_page(page, path)
+    monkeypatch.undo()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+    write_page(page, path)
+    assert "new" in path.read_text(encoding="utf-8")
+
+
+def _full_disk(*args: object, **keywords: object) -> int:
+    raise OSError(28, "No space left on device")
+
+
+def test_missing_folder_is_a_file_error(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"):
+        write_page(Page("t", "l", ()), tmp_path / "absent" / "page.html")
