@@ -75,8 +75,8 @@ def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileError
-        If something of that name exists and is not an empty folder, the folder above it is missing or cannot be written,
-        or writing fails in the operating system.
+        If something of that name exists and is not an empty folder, the folder above it is missing or cannot be
+        written, or writing fails in the operating system.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a raw file says of its camera besides the pixels: the colour matrix and the noise profile, as DNG defines them."""
+"""What a raw file says of its camera: the colour matrix and the noise profile, as DNG defines them."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,8 +22,16 @@ if TYPE_CHECKING:
     metavar="NAME|FILE",
     help="What is known beforehand (pixel, volts, spectra), if the protocol names no sensor file.",
 )
-@click.option("-o", "--output", type=options.OutputFile(), help="Sensor file to write (YAML), as measured.")
-@click.option("--report", type=options.OutputFile(), help="Report to write: one self-contained HTML file.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.output_file(".yaml", ".yml"),
+    metavar="FILE",
+    help="Sensor file to write (YAML), as measured.",
+)
+@click.option(
+    "--report", type=options.output_file(".html"), metavar="FILE", help="Report to write: one self-contained HTML file."
+)
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
 @options.json_option
@@ -53,9 +60,7 @@ def command(
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
     if output is not None and sensor is None:
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
-    stages = Stages()
-    stages.stage(f"calibrating from {frames.frame_count} frames of {frames.rows} x {frames.cols} pixels")
-    calibration = calibrate(frames, sensor, progress=stages)
+    calibration = calibrate(frames, sensor, progress=Stages())
     _save(calibration, output, report)
     if as_json:
         written = {"sensor": output, "report": report}
@@ -68,14 +73,11 @@ def command(
 
 
 def _save(calibration: Calibration, output: Path | None, report: Path | None) -> None:
-    """Both files or neither."""
-    from photosite.atomic import atomic_path
-
-    with ExitStack() as files:
-        if output is not None:
-            calibration.sensor.save(files.enter_context(atomic_path(output)))
-        if report is not None:
-            calibration.report(files.enter_context(atomic_path(report)))
+    sensor = None if output is None else calibration.sensor
+    if report is not None:
+        calibration.report(report)
+    if sensor is not None and output is not None:
+        sensor.save(output)
 
 
 def _show(calibration: Calibration) -> None:

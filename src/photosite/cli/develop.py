@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -11,38 +10,38 @@ from photosite.cli import options
 from photosite.cli.output import print_json
 
 
-class WhiteBalance(click.ParamType):
+def white_balance_of(text: str) -> str | list[float]:
     """A name, or three gains such as 2.1,1,1.4."""
-
-    name = "balance"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | list[float]:
-        """The name, or the three gains."""
-        if "," not in str(value):
-            return str(value)
-        try:
-            return [float(gain) for gain in str(value).split(",")]
-        except ValueError:
-            self.fail(f"expected a name or three gains such as 2.1,1,1.4, not '{value}'", param, ctx)
+    if "," not in text:
+        return text
+    try:
+        return [float(gain) for gain in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"expected a name or three gains such as 2.1,1,1.4, not '{text}'") from None
 
 
-class Exposure(click.ParamType):
+def brightness_of(text: str) -> str | float:
     """auto, or a factor."""
-
-    name = "factor"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
-        """The factor."""
-        return "auto" if value == "auto" else options.Above().convert(value, param, ctx)
+    return text if text == "auto" else options.above()(text)
 
 
 @click.command("develop")
 @click.argument("raw", type=click.Path(path_type=Path))
-@options.output_option(None, "Picture to write (.png).")
+@options.output_option(*options.PICTURE_SUFFIXES, text="Picture to write (.png).")
 @click.option(
-    "--white-balance", type=WhiteBalance(), default="gray-world", help="gray-world, none, or gains: 2.1,1,1.4 (R,G,B)."
+    "--white-balance",
+    type=white_balance_of,
+    metavar="BALANCE",
+    default="gray-world",
+    help="gray-world, none, or gains of R, G and B: 2.1,1,1.4.",
 )
-@click.option("--brightness", type=Exposure(), default="auto", help="auto, or a factor on the linear picture.")
+@click.option(
+    "--brightness",
+    type=brightness_of,
+    metavar="FACTOR",
+    default="auto",
+    help="auto, or a factor on the linear picture.",
+)
 @click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits a channel of the picture.")
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")

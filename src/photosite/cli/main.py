@@ -1,6 +1,6 @@
 """The command `photosite`: which commands there are, and how every failure becomes one line.
 
-A command's module is imported when that command is called, so that `photosite --help` needs no NumPy.
+A command's module is imported when that command is called, so that `photosite --help` answers at once.
 """
 
 from __future__ import annotations

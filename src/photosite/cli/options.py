@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -20,56 +21,63 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 SCENES = ("macbeth", "uniform", "slanted-edge")
+RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png")
+PICTURE_SUFFIXES = (".png",)
 
 
-class ExposureTime(click.ParamType):
-    """Seconds, as a number or as 1/8000."""
+def exposure_time(text: str) -> float:
+    """Seconds, from a number or from 1/8000."""
+    try:
+        return parse_exposure(text)
+    except InputError as error:
+        raise click.BadParameter(str(error)) from None
 
-    name = "seconds"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The exposure time in seconds."""
+def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | float], float]:
+    """A finite number above a limit, or at it."""
+    wanted = f"{limit:g} or more" if or_equal else f"above {limit:g}"
+
+    def number(text: str | float) -> float:
         try:
-            return parse_exposure(value)
-        except InputError as error:
-            self.fail(str(error), param, ctx)
-
-
-class Above(click.ParamType):
-    """A finite number above a limit."""
-
-    name = "number"
-
-    def __init__(self, limit: float = 0.0, *, or_equal: bool = False) -> None:
-        self.limit, self.or_equal = limit, or_equal
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
-        try:
-            number = float(value)
+            value = float(text)
         except ValueError:
-            number = float("nan")
-        if not (self.limit < number < float("inf") or (self.or_equal and number == self.limit)):
-            wanted = f"{self.limit:g} or more" if self.or_equal else f"above {self.limit:g}"
-            self.fail(f"expected a number {wanted}, not '{value}'", param, ctx)
-        return number
+            value = math.nan
+        if math.isfinite(value) and (value > limit or (or_equal and value == limit)):
+            return value
+        raise click.BadParameter(f"expected a number {wanted}, not '{text}'")
+
+    return number
 
 
-class OutputFile(click.ParamType):
-    """A file to be written; that its folder is there is checked before anything is computed."""
+def output_file(*suffixes: str) -> Callable[[str], Path]:
+    """A file to be written, by the endings it may have; it and its folder are checked before anything is computed."""
 
-    name = "file"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path."""
-        path = Path(value)
-        if not path.parent.is_dir():
-            raise FileError(path, f"cannot be written: there is no folder {path.parent}")
+    def checked(text: str) -> Path:
+        path = Path(text)
+        _check_place(path)
         if path.is_dir():
             raise FileError(path, "cannot be written: it is a folder; name a file in it")
-        if not os.access(path.parent, os.W_OK):
-            raise FileError(path, f"cannot be written: the folder {path.parent} is read-only")
+        if path.suffix.lower() not in suffixes:
+            raise FileError(path, f"cannot be written: its name must end in {' or '.join(suffixes)}")
         return path
+
+    return checked
+
+
+def output_folder(text: str) -> Path:
+    """A folder to be written: it must not exist, or be empty."""
+    path = Path(text)
+    _check_place(path)
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise FileError(path, "exists already and is not an empty folder; choose another name")
+    return path
+
+
+def _check_place(path: Path) -> None:
+    if not path.absolute().parent.is_dir():
+        raise FileError(path, f"cannot be written: there is no folder {path.parent}")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise FileError(path, f"cannot be written: the folder {path.parent} is read-only")
 
 
 def sensor_option(default: str | None = "nikon-d200") -> Callable[[F], F]:
@@ -87,22 +95,22 @@ def size_options(function: F) -> F:
 
 def black_level_option(text: str) -> Callable[[F], F]:
     """--black-level, with what leaving it out means."""
-    return click.option("--black-level", type=Above(0, or_equal=True), metavar="DN", help=text)
+    return click.option("--black-level", type=above(or_equal=True), metavar="DN", help=text)
 
 
 def lens_options(function: F) -> F:
     """--f-number and --focal-length."""
-    function = click.option("--focal-length", type=Above(), default=50.0, metavar="MM", help="Focal length in mm.")(
+    function = click.option("--focal-length", type=above(), default=50.0, metavar="MM", help="Focal length in mm.")(
         function
     )
-    return click.option("--f-number", type=Above(), default=8.0, metavar="N", help="f-number.")(function)
+    return click.option("--f-number", type=above(), default=8.0, metavar="N", help="f-number.")(function)
 
 
 def scene_options(function: F) -> F:
     """--scene, --illuminant, --luminance and --distance."""
     for option in (
-        click.option("--distance", type=Above(), default=1.2, metavar="M", help="From lens to scene, in m."),
-        click.option("--luminance", type=Above(), default=40.0, metavar="CD/M2", help="Mean luminance in cd/m2."),
+        click.option("--distance", type=above(), default=1.2, metavar="M", help="From lens to scene, in m."),
+        click.option("--luminance", type=above(), default=40.0, metavar="CD/M2", help="Mean luminance in cd/m2."),
         illuminant_option("A"),
         click.option("--scene", "scene_name", type=click.Choice(SCENES), default="macbeth", help="What is seen."),
     ):
@@ -113,15 +121,15 @@ def scene_options(function: F) -> F:
 def illuminant_option(default: str) -> Callable[[F], F]:
     """--illuminant."""
     return click.option(
-        "--illuminant", default=default, metavar="NAME", help="CIE illuminant (A, D65, FL2, ...) or a blackbody (3200K)."
+        "--illuminant", default=default, metavar="NAME", help="CIE illuminant (A, D65, ...) or blackbody (3200K)."
     )
 
 
 def seed_option(function: F) -> F:
     """--seed."""
-    return click.option(
-        "--seed", type=click.IntRange(0, 2**64 - 1), default=0, help="Key of the temporal noise; same seed, same frames."
-    )(function)
+    return click.option("--seed", type=click.IntRange(0, 2**64 - 1), default=0, help="Key of the temporal noise.")(
+        function
+    )
 
 
 def json_option(function: F) -> F:
@@ -131,14 +139,20 @@ def json_option(function: F) -> F:
     )(function)
 
 
-def output_option(default: str | None, text: str) -> Callable[[F], F]:
+def output_option(*suffixes: str, text: str, default: str | None = None) -> Callable[[F], F]:
     """-o / --output, a file; required where it has no default."""
-    return click.option("-o", "--output", type=OutputFile(), default=default, required=default is None, help=text)
+    return click.option(
+        "-o",
+        "--output",
+        type=output_file(*suffixes),
+        metavar="FILE",
+        default=default,
+        required=default is None,
+        help=text,
+    )
 
 
-def load_sensor_resized(
-    name: str, rows: int | None, cols: int | None, black_level: float | None = None
-) -> Sensor:
+def load_sensor_resized(name: str, rows: int | None, cols: int | None, black_level: float | None = None) -> Sensor:
     """The sensor asked for, with the size and black level asked for."""
     from photosite.sensor.file import load_sensor
 

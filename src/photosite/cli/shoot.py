@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 @options.illuminant_option("D65")
 @click.option(
     "--level",
-    type=options.Above(),
+    type=options.above(),
     default=1.3,
     metavar="X",
     help="Light: the brightest channel at the longest exposure, in saturations.",
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=options.output_folder,
+    metavar="FOLDER",
     required=True,
     help="Folder to write; it must not exist, or be empty.",
 )
@@ -60,9 +62,13 @@ def command(
     from photosite.studies.protocol import paper_d200_protocol
     from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
 
-    sensor = prepared_sensor(sensor_name, rows, cols, black_level)
+    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level)
     protocol = paper_d200_protocol()
+    if note:
+        protocol = replace(protocol, name=f"{protocol.name}; {note}")
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
+    if note:
+        say(f"{note} (--black-level shoots with another)")
     lab.write(output, Stages())
     if as_json:
         print_json(
@@ -83,19 +89,16 @@ def command(
         click.echo(f"wrote {protocol.frame_count} frames of {sensor.array.rows} x {sensor.array.cols} to {output}")
 
 
-def prepared_sensor(name: str, rows: int | None, cols: int | None, black_level: float | None) -> Sensor:
-    """The sensor asked for; unless a black level is given, with one that its darks do not clip at."""
+def prepared_sensor(name: str, rows: int | None, cols: int | None, black_level: float | None) -> tuple[Sensor, str]:
+    """The sensor asked for; unless a black level is given, with one that its darks do not clip at, and a note on it."""
     from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
 
     sensor = options.load_sensor_resized(name, rows, cols, black_level)
-    if black_level is not None:
-        return sensor
-    raised = with_pedestal(sensor)
-    if raised is not sensor:
-        say(
-            f"black level raised from {sensor.readout.black_level_dn.value:g} to "
-            f"{raised.readout.black_level_dn.value:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise would clip "
-            f"at 0, and a calibration refuses those (--black-level {sensor.readout.black_level_dn.value:g} shoots it "
-            "as it is)"
-        )
-    return raised
+    raised = sensor if black_level is not None else with_pedestal(sensor)
+    if raised is sensor:
+        return sensor, ""
+    own, pedestal = (each.readout.black_level_dn.value for each in (sensor, raised))
+    return raised, (
+        f"black level raised from {own:g} to {pedestal:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise "
+        "would clip at 0, and a calibration refuses those"
+    )

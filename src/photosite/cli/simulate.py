@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +21,21 @@ if TYPE_CHECKING:
 @options.black_level_option("Black level in DN, instead of the sensor's.")
 @options.scene_options
 @options.lens_options
-@click.option("--exposure", type=options.ExposureTime(), default="1/3", help="Exposure time in s; 1/3 is read as such.")
+@click.option(
+    "--exposure",
+    type=options.exposure_time,
+    metavar="SECONDS",
+    default="1/3",
+    help="Exposure time in s; 1/3 is read as such.",
+)
 @options.seed_option
-@options.output_option("shot.dng", "Raw frame to write: .dng, .tif or .png.")
-@click.option("--preview", type=options.OutputFile(), help="Also write a developed picture (PNG).")
+@options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif or .png.")
+@click.option(
+    "--preview",
+    type=options.output_file(*options.PICTURE_SUFFIXES),
+    metavar="FILE",
+    help="Also write a developed picture (PNG).",
+)
 @options.json_option
 def command(
     sensor_name: str,
@@ -73,15 +83,14 @@ def command(
 
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:
-    """Both files or neither."""
-    from photosite.atomic import atomic_path
+    """Both are made before either is written."""
     from photosite.develop.develop import develop
     from photosite.develop.picture import save_picture
 
-    with ExitStack() as files:
-        raw.save(files.enter_context(atomic_path(output)))
-        if preview is not None:
-            save_picture(develop(raw), files.enter_context(atomic_path(preview)))
+    picture = None if preview is None else develop(raw)
+    raw.save(output)
+    if preview is not None and picture is not None:
+        save_picture(picture, preview)
 
 
 def _facts(raw: RawFrame, output: Path, preview: Path | None) -> dict[str, Any]:

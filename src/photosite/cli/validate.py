@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @click.argument("measured", type=click.Path(path_type=Path))
 @click.argument("simulated", type=click.Path(path_type=Path))
 @click.option("--chart", default="macbeth", help="Chart that fills the frames.")
-@click.option("--level", type=options.Above(), default=0.05, help="Share of false alarms allowed to the verdict.")
+@click.option("--level", type=options.above(), default=0.05, help="Share of false alarms allowed to the verdict.")
 @click.option(
     "--tolerance",
-    type=options.Above(0, or_equal=True),
+    type=options.above(or_equal=True),
     default=0.0,
     metavar="PERCENT",
     help="Difference of means and noise let pass; with 0 any that the noise resolves counts.",

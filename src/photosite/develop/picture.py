@@ -68,7 +68,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     lines = np.zeros((rows, 1 + cols * 3 * bits // 8), np.uint8)
     lines[:, 1:] = np.ascontiguousarray(codes).view(np.uint8).reshape(rows, -1)
     header = struct.pack(">IIBBBBB", cols, rows, bits, _TRUECOLOUR, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"sRGB", _PERCEPTUAL), (b"IDAT", zlib.compress(lines, 3)), (b"IEND", b""))
+    chunks = ((b"IHDR", header), (b"sRGB", _PERCEPTUAL), (b"IDAT", zlib.compress(lines.tobytes(), 3)), (b"IEND", b""))
     with atomic_path(wanted) as temporary:
         temporary.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_framed(chunks)))
 

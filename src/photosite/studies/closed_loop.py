@@ -28,7 +28,7 @@ from photosite.validation.validate import validate
 
 CHART_EXPOSURE_S = 1 / 3
 TOLERANCE_PERCENT = 1.0
-"""Difference of patch means and noise let pass: what the calibration's own uncertainty may do. Many pixels resolve less."""
+"""Difference of patch means and noise let pass: what the calibration's uncertainty may do; many pixels resolve less."""
 
 HEADLINE = (
     "read_noise_dn",
@@ -196,9 +196,7 @@ def closed_loop(
     """
     watch = watcher or _Silence()
     protocol = protocol or paper_d200_protocol()
-    lab = virtual_lab(
-        sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known
-    )
+    lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known)
     seconds: dict[str, float] = {}
     with _timed(seconds, "shoot"):
         frames = _shoot(lab, folder, watch)

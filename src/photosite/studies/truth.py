@@ -36,13 +36,13 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
 
     Notes
     -----
-    With K the system gain in DN/e- and g the conversion gain in uV/e-: x mV are 1000 x / g electrons, and these times K
-    are digital numbers. The saturation capacity is the well's or the converter's range above black, whichever is less:
-    min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of it in dB; the
-    sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2, the dynamic range
-    the ratio of the two, 20 log10. DSNU1288 and PRNU1288 are DSNU and PRNU, because the virtual chip's pattern is white. The
-    quantum efficiency is electrons over photons on the pixel's whole area, all of the light's wavelengths together,
-    mean over the pixels of the tile; the saturation capacity in photons is that of the most sensitive channel.
+    With K the system gain in DN/e- and g the conversion gain in uV/e-: x mV are 1000 x / g electrons, and these times
+    K are digital numbers. The saturation capacity is the well's or the converter's range above black, whichever is
+    less: min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of it in dB; the sensitivity
+    threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range is the ratio of the two,
+    20 log10. DSNU1288 and PRNU1288 are DSNU and PRNU, because the virtual chip's pattern is white. The quantum
+    efficiency is electrons over photons on the pixel's whole area, all of the light's wavelengths together, mean over
+    the pixels of the tile; the saturation capacity in photons is that of the most sensitive channel.
 
     Examples
     --------

@@ -93,7 +93,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     unknown = Measured(0.0, source=todo, assumed=True)
     scale = Measured(1.0, source=todo, assumed=True)
     return sensor.with_(
-        **{name: unknown for name in type(sensor.noise).model_fields},
+        **dict.fromkeys(type(sensor.noise).model_fields, unknown),
         black_level_dn=unknown,
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,

@@ -1,0 +1,43 @@
+"""Commands run in this process, as the console script runs them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from photosite.cli.main import run
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output as one JSON object; NaN and infinities are no JSON."""
+
+        def refuse(constant: str) -> float:
+            raise AssertionError(f"{constant} in JSON")
+
+        return json.loads(self.out, parse_constant=refuse)
+
+
+@pytest.fixture
+def photosite(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Runs a command line; file descriptors are captured, so that libraries that print below Python are seen too."""
+
+    def call(*arguments: object) -> Outcome:
+        capfd.readouterr()
+        status = run([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return Outcome(status, out, err)
+
+    return call

@@ -1,0 +1,99 @@
+"""`photosite calibrate`, on a stack that `photosite shoot` wrote."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import photosite as ps
+from photosite.cli.main import run
+
+NAMES = [
+    "read_noise_dn",
+    "read_noise_e",
+    "read_noise_mv",
+    "dsnu_dn",
+    "dsnu_e",
+    "dsnu_mv",
+    "prnu_percent",
+    "dark_voltage_mv_per_s",
+    "dark_current_e_per_s",
+    "system_gain_dn_per_e",
+    "saturation_dn",
+    "saturation_capacity_e",
+    "quantum_efficiency_percent",
+    "temporal_dark_noise_e",
+    "dsnu1288_e",
+    "prnu1288_percent",
+    "snr_max_db",
+    "dynamic_range_db",
+    "sensitivity_threshold_photons",
+    "saturation_capacity_photons",
+]
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shot") / "stack"
+    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
+    return folder
+
+
+def test_json(photosite: Any, stack: Path) -> None:
+    done = photosite("calibrate", stack, "--json")
+    assert done.status == 0
+    assert done.err == ""
+    found = done.json["parameters"]
+    assert set(NAMES) <= set(found)
+    assert isinstance(done.json["warnings"], list)
+    for name, entry in found.items():
+        if entry["value"] is None:
+            assert entry["reason"], name
+        else:
+            assert entry["standard_uncertainty"] >= 0, name
+    assert found["quantum_efficiency_percent"]["value"] is None
+    assert "photons" in found["quantum_efficiency_percent"]["reason"]
+
+
+def test_finds_the_truth_without_reading_it(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "stack"
+    shutil.copytree(stack, copy)
+    (copy / "truth.sensor.yaml").unlink()
+    found = photosite("calibrate", copy, "--json").json["parameters"]
+    true = ps.load_sensor(stack / "truth.sensor.yaml")
+    # 4.5 standard uncertainties: a false alarm in 10^5 for each of these four, which the frames fix to a percent.
+    for name, value in (
+        ("read_noise_mv", true.noise.read_noise_mv.value),
+        ("dsnu_mv", true.noise.dsnu_mv.value),
+        ("prnu_percent", true.noise.prnu_percent.value),
+        ("system_gain_dn_per_e", true.system_gain_dn_per_e),
+    ):
+        uncertainty = found[name]["standard_uncertainty"]
+        assert 0 < uncertainty < 0.03 * value, name
+        assert abs(found[name]["value"] - value) < 4.5 * uncertainty, name
+
+
+def test_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    sensor, report = tmp_path / "mine.sensor.yaml", tmp_path / "report.html"
+    done = photosite("calibrate", stack, "-o", sensor, "--report", report)
+    assert done.status == 0
+    measured = ps.load_sensor(sensor)
+    assert measured.noise.read_noise_mv.standard_uncertainty > 0
+    assert not measured.noise.read_noise_mv.assumed
+    assert measured.pixel.conversion_gain_uv_per_e.value == pytest.approx(30, rel=0.02)
+    page = report.read_text(encoding="utf-8")
+    assert "Read noise" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert f"wrote {report}" in done.out
+
+
+def test_table_has_values_and_reasons(photosite: Any, stack: Path) -> None:
+    lines = photosite("calibrate", stack).out.splitlines()
+    gain = next(line for line in lines if line.startswith("System gain"))
+    assert "0.12" in gain
+    assert "±" in gain
+    efficiency = next(line for line in lines if line.startswith("Quantum efficiency"))
+    assert "photons per pixel are not known" in efficiency

@@ -1,0 +1,104 @@
+"""The command's frame: help, versions, exit statuses, warnings, interruptions."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+import warnings
+from typing import Any
+
+import click
+import pytest
+
+import photosite as ps
+from photosite.cli import main
+from photosite.cli.main import COMMANDS
+from photosite.errors import PhotositeWarning
+
+
+def test_help_names_every_command(photosite: Any) -> None:
+    shown = photosite("--help")
+    assert shown.status == 0
+    assert all(f"  {name} " in shown.out for name in COMMANDS)
+    assert shown.err == ""
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from photosite.cli.main import run; status = run(['--help']);"
+        "heavy = {'pydantic', 'numba', 'colour', 'scipy', 'matplotlib'} & set(sys.modules);"
+        "sys.exit(str(heavy) if heavy else status)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def _leaves() -> list[tuple[str, click.Command]]:
+    found = []
+    for name, entry in COMMANDS.items():
+        command = importlib.import_module(f"photosite.cli.{entry.module}").command
+        found.append((name, command))
+        if isinstance(command, click.Group):
+            found += [(f"{name} {sub}", command.commands[sub]) for sub in command.commands]
+    return found
+
+
+@pytest.mark.parametrize(("name", "command"), _leaves())
+def test_every_command_explains_itself(photosite: Any, name: str, command: click.Command) -> None:
+    shown = photosite(*name.split(), "--help")
+    assert shown.status == 0
+    assert f"Example: photosite {name.split()[0]}" in shown.out
+    assert [p.name for p in command.params if isinstance(p, click.Option) and not p.help] == []
+
+
+def test_version(photosite: Any) -> None:
+    assert photosite("--version").out == f"photosite {ps.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["simulat"], "did you mean 'simulate'?"),
+        (["sensors", "shw"], "show"),
+        (["simulate", "--sead", "3"], "--seed"),
+        (["simulate", "--seed", "-1"], "--seed"),
+        (["shoot"], "--output"),
+    ],
+)
+def test_wrong_call_is_one_line(photosite: Any, arguments: list[str], said: str) -> None:
+    wrong = photosite(*arguments)
+    assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
+    assert wrong.err.startswith("photosite: ")
+    assert said in wrong.err
+
+
+def _command_that(monkeypatch: pytest.MonkeyPatch, does: Any) -> None:
+    module = importlib.import_module("photosite.cli.simulate")
+    monkeypatch.setattr(module, "command", click.Command("simulate", callback=does))
+
+
+def test_interruption(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    _command_that(monkeypatch, interrupted)
+    stopped = photosite("simulate")
+    assert (stopped.status, stopped.err.strip()) == (130, "photosite: interrupted")  # after the terminal's ^C
+
+
+def test_warning_is_one_line(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    _command_that(monkeypatch, lambda: warnings.warn("two\nlines", PhotositeWarning, stacklevel=1))
+    shown = warnings.showwarning
+    warned = photosite("simulate")
+    assert (warned.status, warned.err) == (0, "photosite: warning: two lines\n")
+    assert warnings.showwarning is shown
+
+
+def test_bugs_escape(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError
+
+    _command_that(monkeypatch, broken)
+    with pytest.raises(ZeroDivisionError):
+        main.run(["simulate"])

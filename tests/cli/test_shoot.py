@@ -1,0 +1,69 @@
+"""`photosite shoot`."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import photosite as ps
+
+
+def test_shoots_the_papers_protocol(photosite: Any, tmp_path: Path) -> None:
+    done = photosite("shoot", "--rows", 8, "--cols", 12, "-o", tmp_path / "stack", "--json")
+    assert done.status == 0
+    assert done.json["frames"] == 405
+    frames = ps.open_frames(tmp_path / "stack")
+    darks, lights = frames.of_kind("dark"), frames.of_kind("light")
+    assert [sum(map(len, groups)) for groups in (darks, lights)] == [340, 65]
+    assert (darks[0].exposure_s, len(darks[0]), darks[-1].exposure_s) == (1 / 8000, 160, 30)
+    assert (lights[0].exposure_s, lights[-1].exposure_s, len(lights)) == (1 / 8000, 1 / 25, 13)
+    assert {group.photons_per_pixel for group in frames.groups} == {None}
+
+
+def test_pedestal_is_said_aloud(photosite: Any, tmp_path: Path) -> None:
+    raised = photosite("shoot", "--rows", 8, "--cols", 12, "-o", tmp_path / "a", "--json")
+    assert "black level raised from 0 to 32 DN" in raised.err
+    assert raised.json["black_level_dn"] == 32
+    as_it_is = photosite("shoot", "--rows", 8, "--cols", 12, "--black-level", 0, "-o", tmp_path / "b", "--json")
+    assert as_it_is.err == ""
+    assert as_it_is.json["black_level_dn"] == 0
+
+
+def test_photons_where_the_light_is_metered(photosite: Any, tmp_path: Path) -> None:
+    photosite("shoot", "--rows", 8, "--cols", 12, "--photons", "-o", tmp_path / "stack")
+    first, *_, last = ps.open_frames(tmp_path / "stack").of_kind("light")
+    assert last.photons_per_pixel / first.photons_per_pixel == pytest.approx(8000 / 25)
+
+
+def test_folder_with_something_in_it_is_left_alone(photosite: Any, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
+    refused = photosite("shoot", "--rows", 8, "--cols", 12, "--black-level", 64, "-o", tmp_path)
+    assert (refused.status, refused.err.count("\n")) == (2, 1)
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
+    code = "from photosite.cli.main import main; main()"
+    arguments = ["shoot", "--rows", "1296", "--cols", "1936", "--black-level", "64", "-o", str(tmp_path / "stack")]
+    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 120
+        while not list(tmp_path.glob(".stack-*/dark/*.tif")):
+            assert process.poll() is None, "ended before it was interrupted"
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(sent)
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == status
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []

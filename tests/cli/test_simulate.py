@@ -1,0 +1,71 @@
+"""`photosite simulate`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import photosite as ps
+
+SMALL = ("--rows", 66, "--cols", 98)
+
+
+def test_json_tells_what_was_written(photosite: Any, tmp_path: Path) -> None:
+    file = tmp_path / "shot.dng"
+    done = photosite("simulate", *SMALL, "--seed", 7, "--exposure", "1/10", "-o", file, "--json")
+    assert (done.status, done.err) == (0, "")
+    raw = ps.read_raw(file)
+    said = done.json
+    assert said["path"] == str(file)
+    assert (said["rows"], said["cols"], said["seed"]) == (66, 98, 7)
+    assert said["exposure_s"] == raw.exposure_s == 0.1
+    assert said["mean_dn"] == raw.dn.mean()
+    assert said["max_dn"] == raw.dn.max()
+    assert said["saturated_fraction"] == (raw.dn == 4095).mean()
+
+
+def test_is_what_the_library_gives(photosite: Any, tmp_path: Path) -> None:
+    photosite("simulate", *SMALL, "--seed", 7, "--black-level", 64, "-o", tmp_path / "shot.tif")
+    sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98, black_level_dn=64)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    expected = camera.capture(ps.charts.macbeth("A", 40), exposure_s=1 / 3, seed=7)
+    np.testing.assert_array_equal(ps.read_raw(tmp_path / "shot.tif").dn, expected.dn)
+
+
+@pytest.mark.parametrize("scene", ["macbeth", "uniform", "slanted-edge"])
+def test_scenes(photosite: Any, tmp_path: Path, scene: str) -> None:
+    dim, bright = (
+        photosite("simulate", *SMALL, "--scene", scene, "--luminance", cd_m2, "-o", tmp_path / "s.png", "--json").json
+        for cd_m2 in (5, 10)
+    )
+    # Twice the light, twice the signal: the D200's preset has no pedestal, and shot noise leaves the mean of
+    # 6468 pixels good to a percent.
+    assert bright["mean_dn"] == pytest.approx(2 * dim["mean_dn"], rel=0.02)
+
+
+def test_preview_is_a_picture_of_the_frame(photosite: Any, tmp_path: Path) -> None:
+    photosite("simulate", *SMALL, "-o", tmp_path / "shot.dng", "--preview", tmp_path / "shot.png")
+    with Image.open(tmp_path / "shot.png") as picture:
+        assert (picture.size, picture.mode) == ((98, 66), "RGB")
+
+
+def test_full_size_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_path: Path) -> None:
+    file, pixels = tmp_path / "shot.dng", tmp_path / "libraw.npy"
+    assert photosite("simulate", "-o", file, "--seed", 3).status == 0
+    code = (
+        "import sys, numpy, rawpy\n"
+        "with rawpy.imread(sys.argv[1]) as raw:\n"
+        "    assert raw.raw_pattern.tolist() == [[0, 1], [3, 2]], raw.raw_pattern\n"
+        "    numpy.save(sys.argv[2], raw.raw_image)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, file, pixels], check=True)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), ps.load_sensor("nikon-d200"))
+    expected = camera.capture(ps.charts.macbeth("A", 40), exposure_s=1 / 3, seed=3)
+    assert expected.shape == (2592, 3872)
+    np.testing.assert_array_equal(np.load(pixels), expected.dn)
