@@ -258,3 +258,41 @@ def test_numbers_out_of_range() -> None:
         ps.Camera(LENS, SMALL, cells_per_pixel=2)
     with pytest.raises(InputError, match="unknown integration rule"):
         ps.Camera(LENS, SMALL, integration="simpson")
+
+
+@pytest.mark.parametrize("region", [(0, 40, 0, 60), (3, 4, 7, 8), (11, 40, 1, 60), (0, 2, 58, 60)])
+def test_a_region_is_that_part_of_the_frame(region: tuple[int, int, int, int]) -> None:
+    sensor = SMALL.with_(dcnu_percent=30)
+    camera = ps.Camera(LENS, sensor)
+    r0, r1, c0, c1 = region
+    whole = camera.capture(CHART, 1 / 3, seed=7, frame=3)
+    part = camera.capture(CHART, 1 / 3, seed=7, frame=3, region=region)
+    assert (part.dn == whole.dn[r0:r1, c0:c1]).all()
+    assert part.cfa[0][0] == whole.cfa[r0 % 2][c0 % 2]
+
+
+@pytest.mark.parametrize("region", [(0, 41, 0, 60), (-1, 4, 0, 6), (5, 5, 0, 6), (0, 4, 9, 6)])
+def test_regions_that_are_not_on_the_chip(region: tuple[int, int, int, int]) -> None:
+    with pytest.raises(InputError, match="a region is"):
+        CAMERA.capture(CHART, 1 / 3, region=region)
+
+
+def test_a_stream_yields_what_captures_give() -> None:
+    frames = list(CAMERA.stream(CHART, [1 / 30, 1 / 3], frames=2, seed=4, first_frame=10, region=(2, 9, 3, 21)))
+    for n, (raw, exposure_s) in enumerate(zip(frames, [1 / 30, 1 / 30, 1 / 3, 1 / 3], strict=True)):
+        alone = CAMERA.capture(CHART, exposure_s, seed=4, frame=10 + n, region=(2, 9, 3, 21))
+        assert (raw.dn == alone.dn).all()
+    with pytest.raises(InputError, match="1 frame or more"):
+        next(CAMERA.stream(CHART, 0.1, frames=0))
+
+
+def test_threads_do_not_change_a_frame() -> None:
+    import numba
+
+    frames = []
+    for threads in (1, 2):
+        if threads > numba.config.NUMBA_NUM_THREADS:
+            pytest.skip("this machine has one core")
+        numba.set_num_threads(threads)
+        frames.append(CAMERA.capture(CHART, 1 / 3, seed=7).dn)
+    assert (frames[0] == frames[1]).all()

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.cfa import shifted
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
-from photosite.mosaic import mean_mosaic, placement
+from photosite.mosaic import electron_rate, placement
 from photosite.optics.lens import Optics
 from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.sensor.readout import digital_numbers
+from photosite.sensor.readout import Rectangle, digital_numbers
 from photosite.spectra import Rule, integration_weights
 
 
@@ -94,16 +97,18 @@ class Camera:
         Irradiance from the lens (`optics`), times quantum efficiency, pixel area, fill factor and exposure, summed over
         wavelength. The photodetector is a centred square of side pitch * sqrt(fill factor).
         """
-        return mean_mosaic(
-            scene,
-            self.optics,
-            self.sensor,
-            check_exposure(exposure_s),
-            rule=self.integration,
-            cells_per_pixel=self.cells_per_pixel,
+        rate = self._electron_rate(scene)
+        rate *= np.float32(check_exposure(exposure_s))
+        return rate
+
+    def _electron_rate(self, scene: Scene) -> NDArray[np.float32]:
+        return electron_rate(
+            scene, self.optics, self.sensor, rule=self.integration, cells_per_pixel=self.cells_per_pixel
         )
 
-    def capture(self, scene: Scene, exposure_s: float, *, seed: int = 0, frame: int = 0) -> RawFrame:
+    def capture(
+        self, scene: Scene, exposure_s: float, *, seed: int = 0, frame: int = 0, region: Rectangle | None = None
+    ) -> RawFrame:
         """A raw frame of a scene.
 
         Parameters
@@ -117,46 +122,126 @@ class Camera:
         frame
             Number of the frame in a sequence, 0 to 2^32 - 1: frames of one seed are independent of each other. The
             fixed pattern belongs to the sensor's serial and is the same in all.
+        region
+            (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded: that part of the frame,
+            bit for bit. None is the whole frame.
 
         Raises
         ------
         InputError
-            As `mean_electrons`; or if the seed or frame number is out of range.
+            As `mean_electrons`; or if the seed or frame number is out of range, or the region is not on the chip.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> whole = camera.capture(ps.charts.macbeth(), 1 / 3, seed=7)
+        >>> part = camera.capture(ps.charts.macbeth(), 1 / 3, seed=7, region=(10, 30, 51, 99))
+        >>> bool((part.dn == whole.dn[10:30, 51:99]).all()), part.cfa
+        (True, (('G', 'R'), ('B', 'G')))
         """
-        return self.expose(self.mean_electrons(scene, exposure_s), exposure_s, seed=seed, frame=frame)
+        mean = self.mean_electrons(scene, exposure_s)
+        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region)
+
+    def stream(
+        self,
+        scene: Scene,
+        exposures_s: float | Iterable[float],
+        frames: int = 1,
+        *,
+        seed: int = 0,
+        first_frame: int = 0,
+        region: Rectangle | None = None,
+    ) -> Iterator[RawFrame]:
+        """Raw frames of a scene, one after another; the mean image is computed once.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera.
+        exposures_s
+            One exposure time or several.
+        frames
+            Frames at each exposure.
+        seed, region
+            As for `capture`.
+        first_frame
+            Number of the first frame; the n-th frame is what `capture` gives for frame first_frame + n.
+
+        Raises
+        ------
+        InputError
+            As `capture`, at the first frame.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> [raw.exposure_s for raw in camera.stream(ps.charts.macbeth(), [1 / 4, 1 / 2], frames=2)]
+        [0.25, 0.25, 0.5, 0.5]
+        """
+        if frames < 1:
+            raise InputError(f"a stream has 1 frame or more at each exposure, not {frames}")
+        times = [exposures_s] if isinstance(exposures_s, int | float) else exposures_s
+        checked = [check_exposure(exposure_s) for exposure_s in times]
+        rate = self._electron_rate(scene)
+        number = first_frame
+        for exposure_s in checked:
+            mean = rate * np.float32(exposure_s)
+            for _ in range(frames):
+                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region)
+                number += 1
 
     def expose(
-        self, mean_electrons: NDArray[np.float32], exposure_s: float, *, seed: int = 0, frame: int = 0
+        self,
+        mean_electrons: NDArray[np.float32],
+        exposure_s: float,
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        region: Rectangle | None = None,
     ) -> RawFrame:
         """A raw frame from mean electrons, which several frames may share.
 
         Parameters
         ----------
         mean_electrons
-            (rows, cols) as `mean_electrons` gives them, none negative.
+            (rows, cols) of the whole chip, as `mean_electrons` gives them, none negative.
         exposure_s
             Exposure time; dark current grows with it.
-        seed, frame
+        seed, frame, region
             As for `capture`.
 
         Raises
         ------
         InputError
-            If the shape is not the sensor's, a mean is negative or not finite, or a number is out of range.
+            If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, or the region
+            is not on the chip.
         """
-        dn = digital_numbers(self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame)
-        readout = self.sensor.readout
+        dn = digital_numbers(
+            self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame, region=region
+        )
+        readout, cfa = self.sensor.readout, self.sensor.array.cfa
+        metadata: dict[str, Any] = {
+            "camera": self.sensor.name,
+            "serial": self.sensor.serial,
+            "seed": seed,
+            "frame": frame,
+        }
+        if region is not None:
+            cfa = shifted(cfa, region[0], region[2])
+            metadata["region"] = ",".join(map(str, region))
         return RawFrame(
             dn,
             bits=readout.bits,
-            cfa=self.sensor.array.cfa,
+            cfa=cfa,
             black_level_dn=readout.black_level_dn.value,
             exposure_s=exposure_s,
             color_matrix=color_matrix(self.sensor),
             noise_profile=noise_profile(self.sensor, exposure_s),
-            metadata=MappingProxyType(
-                {"camera": self.sensor.name, "serial": self.sensor.serial, "seed": seed, "frame": frame}
-            ),
+            metadata=MappingProxyType(metadata),
         )
 
     def image_regions(self, scene: Scene) -> tuple[Region, ...]:

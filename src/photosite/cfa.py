@@ -80,3 +80,15 @@ def channel_mask(cfa: Cfa, channel: str, shape: tuple[int, int]) -> NDArray[np.b
     for r, c in channel_sites(cfa, channel):
         mask[r :: len(cfa), c :: len(cfa[0])] = True
     return mask
+
+
+def shifted(cfa: Cfa, row: int, col: int) -> Cfa:
+    """The tile of a frame that begins at a row and column of a larger one.
+
+    Examples
+    --------
+    >>> shifted(cfa_from("rggb"), 10, 51)
+    (('G', 'R'), ('B', 'G'))
+    """
+    rows, cols = len(cfa), len(cfa[0])
+    return tuple(tuple(cfa[(r + row) % rows][(c + col) % cols] for c in range(cols)) for r in range(rows))

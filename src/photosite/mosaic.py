@@ -34,12 +34,12 @@ _ROUNDING = 1e-5
 """Of the largest value: how far below 0 the transforms' rounding may leave a dark pixel."""
 
 
-def mean_mosaic(
-    scene: Scene, optics: Optics, sensor: Sensor, exposure_s: float, *, rule: Rule, cells_per_pixel: int
+def electron_rate(
+    scene: Scene, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
 ) -> NDArray[np.float32]:
-    """(rows, cols) mean electrons from light; see `Camera.mean_electrons`."""
+    """(rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     _warn_of_missing_light(scene, sensor)
-    coupling = exposure_s * electrons_per_weight(scene, optics, sensor, rule)
+    coupling = electrons_per_weight(scene, optics, sensor, rule)
     if scene.shape == (1, 1):
         mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
@@ -76,7 +76,7 @@ def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rul
 def _blurred_mosaic(
     scene: Scene, optics: Optics, sensor: Sensor, coupling: NDArray[np.float64], cells: int
 ) -> NDArray[np.float32]:
-    """(rows, cols) electrons of a scene with structure."""
+    """(rows, cols) electrons per second of a scene with structure."""
     pixel, array = sensor.pixel, sensor.array
     pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
     side = math.sqrt(pixel.fill_factor.value)
@@ -158,7 +158,7 @@ def _not_negative(mosaic: NDArray[np.float32]) -> NDArray[np.float32]:
     lowest, highest = float(mosaic.min()), float(mosaic.max())
     if lowest < -_ROUNDING * max(highest, 0.0):
         raise InputError(
-            f"the scene's radiance is negative somewhere: a pixel would hold {lowest:g} electrons; "
+            f"the scene's radiance is negative somewhere: a pixel would gain {lowest:g} electrons a second; "
             "its weights and basis must make radiances of 0 or more"
         )
     # What is left below 0 is the transforms' rounding, within its stated error.
@@ -175,6 +175,6 @@ def _warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
                 f"{outside:.1%} of channel {name}'s response lies outside the scene's {grid[0]:g} to {grid[-1]:g} nm; "
                 "light there, if any, is missing from the result",
                 PhotositeWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,11 +13,20 @@ from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.model import Sensor
 
+Rectangle = tuple[int, int, int, int]
+"""(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
+
 
 def digital_numbers(
-    sensor: Sensor, mean_electrons: NDArray[np.float32], exposure_s: float, *, seed: int, frame: int = 0
+    sensor: Sensor,
+    mean_electrons: NDArray[np.float32],
+    exposure_s: float,
+    *,
+    seed: int,
+    frame: int = 0,
+    region: Rectangle | None = None,
 ) -> NDArray[np.uint16]:
-    """One frame of the chip that the sensor's serial stands for.
+    """One frame of the chip that the sensor's serial stands for, or a rectangle of it.
 
     For pixel i of frame n: mean_i = photo_i (1 + prnu_i) + dark_rate_i t; e_i = min(Poisson(mean_i), well);
     dn_i = clip(round(gain (e_i + offset_i + read noise) + black level), 0, 2^bits - 1).
@@ -32,16 +43,18 @@ def digital_numbers(
         Key of the temporal noise, 0 to 2^64 - 1.
     frame
         Number of the frame, 0 to 2^32 - 1.
+    region
+        (r0, r1, c0, c1) of the chip; None is all of it. Its pixels have the numbers they have in the whole frame.
 
     Returns
     -------
     ndarray
-        (rows, cols) uint16.
+        (rows, cols) uint16, of the region where one is given.
 
     Raises
     ------
     InputError
-        If the shape is not the sensor's, a mean is negative or not finite, or seed or frame are out of range.
+        If the shape is not the sensor's, a mean is negative or not finite, or seed, frame or region are out of range.
 
     Examples
     --------
@@ -60,22 +73,32 @@ def digital_numbers(
     for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
         if not 0 <= number < 1 << bits:
             raise InputError(f"{name} is a whole number from 0 to 2^{bits} - 1, not {number}")
+    r0, r1, c0, c1 = region or (0, shape[0], 0, shape[1])
+    if not (0 <= r0 < r1 <= shape[0] and 0 <= c0 < c1 <= shape[1]):
+        raise InputError(
+            f"a region is (r0, r1, c0, c1) within the chip's {shape[0]} rows and {shape[1]} columns, not {region}"
+        )
     chip = draw_chip(sensor)
     return expose(
-        np.ascontiguousarray(mean_electrons, np.float32),
-        chip.prnu.deviates,
+        np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32),
+        _part(chip.prnu.deviates, r0, r1, c0, c1),
         chip.prnu.scale,
-        chip.offset_e.deviates,
+        _part(chip.offset_e.deviates, r0, r1, c0, c1),
         chip.offset_e.scale,
-        chip.dark_rate_e_per_s,
+        _part(chip.dark_rate_e_per_s, r0, r1, c0, c1),
         exposure_s,
         sensor.pixel.well_capacity_e.value,
         sensor.electrons(sensor.noise.read_noise_mv.value),
         sensor.system_gain_dn_per_e,
         sensor.readout.black_level_dn.value,
         sensor.white_level_dn,
-        (0, 0),
+        (r0, c0),
         shape[1],
         np.uint32(frame),
         *key_from_seed(seed),
     )
+
+
+def _part(values: NDArray[Any], r0: int, r1: int, c0: int, c1: int) -> NDArray[Any]:
+    """A rectangle of a map; a map of one value stays as it is."""
+    return values if values.shape == (1, 1) else values[r0:r1, c0:c1]
