@@ -11,7 +11,7 @@ import pytest
 import photosite as ps
 from photosite.cli.main import run
 
-NAMES = [
+NAMES = (
     "read_noise_dn",
     "read_noise_e",
     "read_noise_mv",
@@ -32,7 +32,7 @@ NAMES = [
     "dynamic_range_db",
     "sensitivity_threshold_photons",
     "saturation_capacity_photons",
-]
+)
 
 
 @pytest.fixture(scope="module")

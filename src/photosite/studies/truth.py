@@ -40,9 +40,10 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
     K are digital numbers. The saturation capacity is the well's or the converter's range above black, whichever is
     less: min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of it in dB; the sensitivity
     threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range is the ratio of the two,
-    20 log10. DSNU1288 and PRNU1288 are DSNU and PRNU, because the virtual chip's pattern is white. The quantum
-    efficiency is electrons over photons on the pixel's whole area, all of the light's wavelengths together, mean over
-    the pixels of the tile; the saturation capacity in photons is that of the most sensitive channel.
+    20 log10. Saturation in DN is what full wells read on average (`full_well_reading_dn`). DSNU1288 and PRNU1288 are
+    DSNU and PRNU, because the virtual chip's pattern is white. The quantum efficiency is electrons over photons on the
+    pixel's whole area, all of the light's wavelengths together, mean over the pixels of the tile; the saturation
+    capacity in photons is that of the most sensitive channel.
 
     Examples
     --------
@@ -70,7 +71,7 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
         "black_level_dn": sensor.readout.black_level_dn.value,
         "system_gain_dn_per_e": gain,
         "conversion_gain_uv_per_e": pixel.conversion_gain_uv_per_e.value,
-        "saturation_dn": sensor.readout.black_level_dn.value + capacity_e * gain,
+        "saturation_dn": full_well_reading_dn(sensor),
         "saturation_capacity_e": capacity_e,
         "temporal_dark_noise_e": read_e,
         "dsnu1288_e": dsnu_e,
@@ -90,6 +91,27 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
             "saturation_capacity_photons": capacity_e / max(efficiencies),
         }
     return truth
+
+
+def full_well_reading_dn(sensor: Sensor) -> float:
+    """Mean digital number over the pixels when all wells are full: noise and DSNU, rounded and clipped.
+
+    The mean of a whole number n from 0 to N is the sum over k < N of P(n > k); before rounding the reading is normal
+    round black + K well.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> d200 = ps.load_sensor("nikon-d200")
+    >>> full_well_reading_dn(d200), round(full_well_reading_dn(d200.with_(well_capacity_e=7980)), 3)
+    (4095.0, 1000.0)
+    """
+    mean = sensor.readout.black_level_dn.value + sensor.pixel.well_capacity_e.value * sensor.system_gain_dn_per_e
+    sigma = math.hypot(sensor.noise.read_noise_mv.value, sensor.noise.dsnu_mv.value) / sensor.mv_per_dn
+    top = int(sensor.white_level_dn)
+    if sigma == 0:
+        return float(min(math.floor(mean + 0.5), top))
+    return math.fsum(math.erfc((k + 0.5 - mean) / (sigma * math.sqrt(2))) / 2 for k in range(top))
 
 
 def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[float]:

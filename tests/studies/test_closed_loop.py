@@ -1,0 +1,137 @@
+"""The loop closed: virtual sensors with known parameters, measured by calibrations that do not know them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.calibration.calibrate import calibrate
+from photosite.errors import CalibrationError
+from photosite.sensor.model import Sensor
+from photosite.studies.closed_loop import HEADLINE, ClosedLoop, ParameterRow, closed_loop, compared_parameters
+from photosite.studies.protocol import paper_d200_protocol
+from photosite.studies.virtual_lab import virtual_lab, with_pedestal
+
+SENSORS = 20
+
+NOT_FROM_COUNTED_PHOTONS = {
+    "quantum_efficiency_percent",
+    "sensitivity_threshold_photons",
+    "saturation_capacity_photons",
+}
+"""Parameters that the paper's protocol, whose light is not metered, does not give."""
+
+
+def _some_sensor(number: int) -> Sensor:
+    """A sensor unlike the others: every parameter that is estimated is drawn, log-uniform, round the D200's."""
+    rng = np.random.default_rng(number)
+
+    def between(low: float, high: float) -> float:
+        return float(low * (high / low) ** rng.random())
+
+    sensor = ps.load_sensor("nikon-d200").with_(
+        rows=110,
+        cols=160,
+        serial=f"closed loop {number}",
+        read_noise_mv=between(0.2, 2),
+        dsnu_mv=between(0.2, 2),
+        prnu_percent=between(0.5, 3),
+        dark_voltage_mv_per_s=between(0.01, 1),
+        conversion_gain_uv_per_e=between(15, 60),
+        analog_gain=between(0.9, 1.5),
+    )
+    return with_pedestal(sensor)
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, list[ParameterRow]]:
+    """Truth and estimate of every parameter, sensor by sensor."""
+    found: dict[str, list[ParameterRow]] = defaultdict(list)
+    for number in range(SENSORS):
+        lab = virtual_lab(_some_sensor(number), paper_d200_protocol(), seed=number)
+        for row in compared_parameters(lab, calibrate(lab.frame_set())):
+            found[row.name].append(row)
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in HEADLINE if name not in NOT_FROM_COUNTED_PHOTONS])
+def test_estimates_are_centred_and_intervals_cover(rows: dict[str, list[ParameterRow]], name: str) -> None:
+    """Mean deviation within 3.3 standard errors of 0, spread as promised, 17 of 20 intervals cover.
+
+    For honest intervals, false alarms per parameter: mean 0.1 %, spread (chi-square of 19 degrees of freedom, 0.1 %
+    and 99.9 %) 0.2 %, coverage 1.6 %; the seeds are fixed. A bias of one standard uncertainty moves the mean by 4.5
+    standard errors; uncertainties half as large as they should be double the spread to chi-square 76.
+    """
+    exact = [row for row in rows[name] if row.standard_uncertainty == 0]
+    assert [row.estimated for row in exact] == pytest.approx([row.true for row in exact], rel=1e-12)
+    deviations = np.array([row.deviation for row in rows[name] if row.deviation is not None])
+    assert deviations.size + len(exact) == SENSORS
+    if exact:
+        return
+    assert abs(deviations.mean()) < 3.3 / np.sqrt(SENSORS)
+    assert 5.41 < np.sum((deviations - deviations.mean()) ** 2) < 43.82
+    assert np.count_nonzero(np.abs(deviations) < 1.96) >= 0.85 * SENSORS
+
+
+@pytest.mark.parametrize("name", sorted(NOT_FROM_COUNTED_PHOTONS))
+def test_what_was_not_measured_is_said(rows: dict[str, list[ParameterRow]], name: str) -> None:
+    assert {(row.estimated, row.standard_uncertainty) for row in rows[name]} == {(None, None)}
+    assert all(row.reason for row in rows[name])
+    assert all(row.true > 0 for row in rows[name])
+
+
+def test_metered_light_gives_the_quantum_efficiency() -> None:
+    """4.5 standard uncertainties: false alarms 10^-5 each."""
+    lab = virtual_lab(_some_sensor(0), paper_d200_protocol(), seed=1, photons_known=True)
+    found = {row.name: row for row in compared_parameters(lab, calibrate(lab.frame_set()))}
+    for name in ("quantum_efficiency_percent", "sensitivity_threshold_photons"):
+        row = found[name]
+        assert row.deviation is not None
+        assert abs(row.deviation) < 4.5
+        assert row.standard_uncertainty is not None
+        assert row.standard_uncertainty < 0.01 * row.true
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory: pytest.TempPathFactory) -> ClosedLoop:
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=132, cols=196))
+    return closed_loop(sensor, seed=3, folder=tmp_path_factory.mktemp("loop") / "stack")
+
+
+def test_disk_or_memory_is_the_same(loop: ClosedLoop) -> None:
+    memory = closed_loop(loop.true_sensor, seed=3)
+    assert memory.parameters == loop.parameters
+    assert memory.calibration.frames_sha256 == loop.calibration.frames_sha256
+    np.testing.assert_array_equal(memory.calibrated_raw.dn, loop.calibrated_raw.dn)
+
+
+def test_the_calibrated_sensor_takes_the_same_picture(loop: ClosedLoop) -> None:
+    assert loop.validation.agrees
+    assert loop.frames_shot == 405
+    assert list(loop.seconds) == ["shoot", "calibrate", "simulate", "compare"]
+
+
+def test_the_two_pictures_share_no_noise(loop: ClosedLoop) -> None:
+    """The correlation over the pixels of one even patch, of one channel, is 0 within 5 standard errors."""
+    region = next(r for r in ps.charts.macbeth_regions(*loop.true_raw.shape) if r.name == "neutral 5")
+    patch = slice(region.r0, region.r1, 2), slice(region.c0, region.c1, 2)
+    a, b = (raw.dn[patch].astype(float).ravel() for raw in (loop.true_raw, loop.calibrated_raw))
+    assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(a.size)
+
+
+def test_a_wrong_sensor_does_not_take_the_same_picture(loop: ClosedLoop) -> None:
+    """The comparison has power: 3 % of sensitivity is seen."""
+    sensor = loop.calibration.sensor
+    wrong = sensor.with_(conversion_gain_uv_per_e=1.03 * sensor.pixel.conversion_gain_uv_per_e.value)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), wrong)
+    raw = camera.capture(loop.scene, 1 / 3, seed=8)
+    assert not ps.validate(loop.true_raw, raw, chart="macbeth", tolerance_percent=1).agrees
+
+
+def test_clipped_darks_are_refused() -> None:
+    sensor = ps.load_sensor("nikon-d200").with_(rows=32, cols=48)
+    with pytest.raises(CalibrationError, match="clipped"):
+        closed_loop(sensor)
