@@ -51,7 +51,7 @@ def test_share_inside_the_band_is_counted(loop, read_page, tmp_path: Path) -> No
     assert inside < len(drawn)
     write_demo_report(replace(loop, parameters=far), tmp_path / "far.html")
     text = read_page((tmp_path / "far.html").read_text(encoding="utf-8")).text
-    assert f"here {inside} of {len(drawn)};" in text
+    assert f"here {inside} of {len(drawn)}." in text
 
 
 def test_pictures_are_there_and_no_wider_than_a_page(page) -> None:

@@ -139,8 +139,9 @@ def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]
         inside = sum(abs(deviation) <= COVERAGE_95 for _, deviation in drawn)
         caption = (
             "Distance of each estimate from the truth in its standard uncertainties. In the band lie 95 % of an honest "
-            f"calibration's estimates, here {inside} of {len(drawn)}; they come from the same frames and are not "
-            "independent of each other."
+            f"calibration's estimates, here {inside} of {len(drawn)}. They are not independent: all come from the same "
+            "frames, one quantity may stand here in several units, and those in electrons and decibels share the error "
+            "of the system gain."
         )
         labels, deviations = zip(*drawn, strict=True)
         blocks.append(
