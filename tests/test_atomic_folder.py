@@ -1,0 +1,71 @@
+"""Folders that appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from photosite.atomic import atomic_folder
+from photosite.errors import FileError
+
+
+def test_appears_at_the_end(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "stack") as place:
+        (place / "a").write_text("a")
+        assert not (tmp_path / "stack").exists()
+    assert [file.name for file in tmp_path.rglob("*")] == ["stack", "a"]
+
+
+def test_empty_folder_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "stack").mkdir()
+    with atomic_folder(tmp_path / "stack") as place:
+        (place / "a").write_text("a")
+    assert (tmp_path / "stack" / "a").read_text() == "a"
+
+
+def _write(folder: Path, failure: type[BaseException] | None = None, meanwhile: Path | None = None) -> None:
+    with atomic_folder(folder) as place:
+        (place / "a").write_text("mine")
+        if meanwhile is not None:
+            folder.mkdir()
+            meanwhile.write_text("theirs")
+        if failure is not None:
+            raise failure
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit])
+def test_failure_leaves_nothing(tmp_path: Path, failure: type[BaseException]) -> None:
+    with pytest.raises(failure):
+        _write(tmp_path / "stack", failure)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_there_stays(tmp_path: Path) -> None:
+    (tmp_path / "stack").mkdir()
+    (tmp_path / "stack" / "mine").write_text("mine")
+    with pytest.raises(FileError, match="not an empty folder"), atomic_folder(tmp_path / "stack"):
+        pytest.fail("the block must not run")
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(FileError, match="not an empty folder"), atomic_folder(tmp_path / "file"):
+        pytest.fail("the block must not run")
+    assert (tmp_path / "stack" / "mine").read_text() == (tmp_path / "file").read_text() == "mine"
+
+
+def test_filled_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    """Somebody else made the folder while this one was written: theirs stays."""
+    with pytest.raises(FileError, match="cannot be written"):
+        _write(tmp_path / "stack", meanwhile=tmp_path / "stack" / "b")
+    assert [file.name for file in tmp_path.rglob("*")] == ["stack", "b"]
+
+
+def test_no_folder_above(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"), atomic_folder(tmp_path / "nowhere" / "stack"):
+        pytest.fail("the block must not run")
+
+
+def test_usual_permissions(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "stack"):
+        pass
+    (tmp_path / "plain").mkdir()
+    assert (tmp_path / "stack").stat().st_mode == (tmp_path / "plain").stat().st_mode
