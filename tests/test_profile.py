@@ -49,14 +49,14 @@ def test_noise_profile_is_the_variance_of_frames() -> None:
     PRNU is off: the model has no place for it. Three levels, each a false alarm in 10^5.
     """
     sensor = ps.load_sensor("nikon-d200").with_(rows=1500, cols=2000, prnu_percent=0, black_level_dn=64)
-    sensor = sensor.with_(dark_voltage_mv_per_s=20)
+    sensor = sensor.with_(dark_voltage_mv_per_s=2)
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     for level_e in (0, 400, 12_000):
         raw = camera.expose(np.full((1500, 2000), level_e, np.float32), 2.0, seed=1)
         assert raw.noise_profile is not None
         signal = (raw.dn - raw.black_level_dn) / (raw.white_level_dn - raw.black_level_dn)
         # The offset holds the dark current's noise; its mean is in the signal of this frame but not of the model's.
-        dark = sensor.electrons(20) * 2.0 * sensor.system_gain_dn_per_e / (raw.white_level_dn - raw.black_level_dn)
+        dark = sensor.electrons(2) * 2.0 * sensor.system_gain_dn_per_e / (raw.white_level_dn - raw.black_level_dn)
         scale, offset = raw.noise_profile[0]
         expected = scale * (signal.mean() - dark) + offset
         assert abs(signal.var() / expected - 1) < 4.5 * np.sqrt(2 / signal.size)
