@@ -94,8 +94,9 @@ class Validation:
         return tuple(lines)
 
     def _says(self, what: str, test: ChiSquare) -> str:
-        verdict = "agree" if test.p_value >= self.level / 2 else "differ"
-        within = f" beyond {self.tolerance_percent:g} %" if self.tolerance_percent else ""
+        agrees = test.p_value >= self.level / 2
+        verdict = "agree" if agrees else "differ"
+        within = f" {'within' if agrees else 'by more than'} {self.tolerance_percent:g} %" if self.tolerance_percent else ""
         return (
             f"{what} {verdict}{within}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of "
             f"freedom, p = {test.p_value:.2g}, at level {self.level / 2:g}"
