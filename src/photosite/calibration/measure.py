@@ -228,9 +228,7 @@ def _stand_for_the_sensor(m: Measurements) -> Measurements:
 
 
 def _photons(channel: Channel, value: Value) -> Value:
-    if isinstance(value, Uncertain) and channel.levels.abscissa != "photons_per_pixel":
-        return NO_PHOTONS
-    return value
+    return value if channel.levels.abscissa == "photons_per_pixel" else NO_PHOTONS
 
 
 def _responsivity(channel: Channel) -> Value:
