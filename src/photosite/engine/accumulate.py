@@ -8,112 +8,21 @@ stack was split and merged. A *label* is an integer that a repeating tile gives 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import compiled
-
-_Ints = NDArray[Any]
-"""An array of the integer type that its caller allocates; numba compiles for the one that comes."""
+from photosite.engine.folding import BAND, LANES, add_frames, label_squares, mean_map, variance_map
 
 MOST_FRAMES = 1 << 15
 """Frames that one `FrameSums` holds: n * sum(y^2) of 16-bit numbers then stays below 2^62."""
 
-_LOW_32 = np.uint64(0xFFFFFFFF)
-_32 = np.uint64(32)
-
-
-@compiled()
-def _add_frame(
-    frame: _Ints,
-    labels: _Ints,
-    black: np.uint64,
-    white: np.uint64,
-    sums: _Ints,
-    squares: _Ints,
-    totals: _Ints,
-    low: _Ints,
-    high: _Ints,
-) -> None:
-    """Add one frame to the per-pixel sums, its total to each label's, and count the clipped pixels."""
-    rows, cols = frame.shape
-    tile_rows, tile_cols = labels.shape
-    for r in range(rows):
-        for phase in range(tile_cols):
-            label = labels[r % tile_rows, phase]
-            total = np.uint64(0)
-            n_low = 0
-            n_high = 0
-            for c in range(phase, cols, tile_cols):
-                y = np.uint64(frame[r, c])
-                sums[r, c] += np.uint32(y)
-                squares[r, c] += y * y
-                total += y
-                n_low += int(y <= black)
-                n_high += int(y >= white)
-            totals[label] += total
-            low[label] += n_low
-            high[label] += n_high
-
-
-@compiled()
-def _label_sums(
-    sums: _Ints,
-    squares: _Ints,
-    labels: _Ints,
-    counts: _Ints,
-    totals: _Ints,
-    split: _Ints,
-) -> None:
-    """Per label: pixels, sum of the sums, and the sums of squares in halves of 32 bits: none can overflow.
-
-    `split[label]` is low and high half of sum(q), then low and high half of sum(S^2).
-    """
-    rows, cols = sums.shape
-    tile_rows, tile_cols = labels.shape
-    for r in range(rows):
-        for phase in range(tile_cols):
-            label = labels[r % tile_rows, phase]
-            for c in range(phase, cols, tile_cols):
-                s = np.uint64(sums[r, c])
-                q = squares[r, c]
-                counts[label] += 1
-                totals[label] += s
-                split[label, 0] += q & _LOW_32
-                split[label, 1] += q >> _32
-                split[label, 2] += (s * s) & _LOW_32
-                split[label, 3] += (s * s) >> _32
-
-
-@compiled()
-def _variance_moments(
-    sums: _Ints,
-    squares: _Ints,
-    labels: _Ints,
-    n: np.uint64,
-    first: NDArray[np.float64],
-    second: NDArray[np.float64],
-) -> None:
-    """Per label, the sum of the per-pixel unbiased variances and the sum of their squares."""
-    rows, cols = sums.shape
-    tile_rows, tile_cols = labels.shape
-    scale = 1.0 / (float(n) * float(n - np.uint64(1)))
-    for r in range(rows):
-        for phase in range(tile_cols):
-            label = labels[r % tile_rows, phase]
-            a = 0.0
-            b = 0.0
-            for c in range(phase, cols, tile_cols):
-                s = np.uint64(sums[r, c])
-                v = float(n * squares[r, c] - s * s) * scale
-                a += v
-                b += v * v
-            first[label] += a
-            second[label] += b
+_BATCH_BYTES = 1 << 28
+_BATCH_FRAMES = 16
+"""An iterable's frames are taken so many at a time, fewer where they are large."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +100,9 @@ class LabelTotals:
 class FrameSums:
     """Per-pixel count, sum and sum of squares of a stack of frames, exact.
 
-    Memory does not grow with the number of frames: 12 bytes a pixel, and one number per frame and label.
+    Memory does not grow with the number of frames: 12 bytes a pixel, and two numbers per frame and label. With at most
+    32 768 frames of 16 bits a pixel's sum stays below 2^31 (of 32 bits), its sum of squares below 2^47, and
+    n sum(y^2), of which the variance is made, below 2^62 (of 64).
 
     Parameters
     ----------
@@ -201,6 +112,11 @@ class FrameSums:
         (tile rows, tile cols) integers from 0, the repeating tile of labels; one label for all if None.
     black, white
         Digital numbers at or below `black`, and at or above `white`, are counted as clipped.
+
+    Raises
+    ------
+    ValueError
+        If the tile has more than 64 columns.
 
     Examples
     --------
@@ -222,46 +138,71 @@ class FrameSums:
     ) -> None:
         self.shape = shape
         self.labels = np.zeros((1, 1), np.int64) if labels is None else np.asarray(labels, np.int64)
+        if self.labels.shape[1] > LANES:
+            raise ValueError(f"a tile of labels has at most {LANES} columns, not {self.labels.shape[1]}")
         self.black = black
         self.white = white
         self.count = 0
         self.sum = np.zeros(shape, np.uint32)
         self.sum_of_squares = np.zeros(shape, np.uint64)
+        self.highest: list[int] = []
+        """Highest number of each frame, in the order they were added."""
         n_labels = int(self.labels.max()) + 1
-        self._low = np.zeros(n_labels, np.int64)
-        self._high = np.zeros(n_labels, np.int64)
+        self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
 
     def add(self, frames: NDArray[np.unsignedinteger] | Iterable[NDArray[np.unsignedinteger]]) -> FrameSums:
         """Add a frame (rows, cols), a stack (frames, rows, cols) or an iterable of frames; returns itself.
 
+        A stack, or a list of frames, goes at about the speed of memory; frames one by one are slower, because the
+        sums are fetched and stored again for each.
+
         Raises
         ------
         ValueError
-            If a frame has another size, is not uint8 or uint16, or there would be more than 32 768 frames.
+            If a frame has another size, is not uint8 or uint16, or there would be more than 32 768 frames. Frames
+            before it may have been added.
         """
         if isinstance(frames, np.ndarray) and frames.ndim == 2:
             frames = (frames,)
+        if isinstance(frames, np.ndarray | Sequence):
+            self._add_batch(list(frames))
+            return self
+        left = iter(frames)
+        pixels = max(self.shape[0] * self.shape[1], 1)
+        together = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // (2 * pixels)))
+        while batch := list(islice(left, together)):
+            self._add_batch(batch)
+        return self
+
+    def _add_batch(self, frames: list[NDArray[np.unsignedinteger]]) -> None:
         for frame in frames:
             if frame.shape != self.shape or frame.dtype not in (np.uint8, np.uint16):
                 raise ValueError(f"a frame here is {self.shape} of uint8 or uint16, not {frame.shape} of {frame.dtype}")
-            if self.count == MOST_FRAMES:
-                raise ValueError(f"one stack holds at most {MOST_FRAMES} frames")
-            totals = np.zeros(self._low.size, np.uint64)
-            _add_frame(
-                np.ascontiguousarray(frame),
-                self.labels,
-                np.uint64(self.black),
-                np.uint64(self.white),
-                self.sum,
-                self.sum_of_squares,
-                totals,
-                self._low,
-                self._high,
-            )
-            self._frame_totals.append(totals)
-            self.count += 1
-        return self
+        if self.count + len(frames) > MOST_FRAMES:
+            raise ValueError(f"one stack holds at most {MOST_FRAMES} frames")
+        if len({frame.dtype for frame in frames}) > 1:
+            frames = [frame.astype(np.uint16, copy=False) for frame in frames]
+        frames = [np.ascontiguousarray(frame) for frame in frames]
+        if not frames:
+            return
+        addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
+        bands, n_labels = self._bands(), len(self._clipped)
+        totals = np.zeros((bands, len(frames), n_labels), np.uint64)
+        clipped = np.zeros((bands, n_labels, 2), np.int64)
+        highest = np.zeros((bands, len(frames)), np.uint32)
+        like = np.empty(0, frames[0].dtype)
+        add_frames(
+            addresses, like, self.labels, self.black, self.white,
+            self.sum, self.sum_of_squares, totals, clipped, highest,
+        )  # fmt: skip
+        self._frame_totals.extend(totals.sum(axis=0))
+        self._clipped += clipped.sum(axis=0)
+        self.highest.extend(highest.max(axis=0).tolist())
+        self.count += len(frames)
+
+    def _bands(self) -> int:
+        return -(-self.shape[0] // BAND)
 
     def merge(self, other: FrameSums) -> FrameSums:
         """A new one that holds the frames of both.
@@ -280,53 +221,59 @@ class FrameSums:
         both.count = self.count + other.count
         both.sum = self.sum + other.sum
         both.sum_of_squares = self.sum_of_squares + other.sum_of_squares
-        both._low = self._low + other._low
-        both._high = self._high + other._high
+        both.highest = self.highest + other.highest
+        both._clipped = self._clipped + other._clipped
         both._frame_totals = self._frame_totals + other._frame_totals
         return both
 
     def mean(self) -> NDArray[np.float64]:
         """(rows, cols) mean over the frames."""
-        return np.asarray(self.sum / self.count, dtype=np.float64)
+        return mean_map(self.sum, self.count)
 
     def variance(self) -> NDArray[np.float64]:
         """(rows, cols) unbiased temporal variance: the integer n sum(y^2) - sum(y)^2 over n (n - 1)."""
-        n = np.uint64(self.count)
-        total = self.sum.astype(np.uint64)
-        return np.asarray((n * self.sum_of_squares - total * total) / (self.count * (self.count - 1)))
+        return variance_map(self.sum, self.sum_of_squares, self.count)
 
     def frame_means(self) -> NDArray[np.float64]:
         """(frames, labels) mean of each frame, in the order they were added."""
-        pixels = np.array([entry.pixels for entry in self.label_totals()], dtype=np.float64)
-        return np.array(self._frame_totals, dtype=np.float64) / pixels
+        return np.array(self._frame_totals, dtype=np.float64) / np.array(self._label_pixels(), dtype=np.float64)
+
+    def _label_pixels(self) -> list[int]:
+        """Pixels of each label."""
+        pixels = [0] * len(self._clipped)
+        (rows, cols), (tile_rows, tile_cols) = self.shape, self.labels.shape
+        for (r, c), label in np.ndenumerate(self.labels):
+            pixels[int(label)] += len(range(r, rows, tile_rows)) * len(range(c, cols, tile_cols))
+        return pixels
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
         """The totals of each label, exact."""
-        n_labels = self._low.size
-        counts = np.zeros(n_labels, np.int64)
-        totals = np.zeros(n_labels, np.uint64)
-        split = np.zeros((n_labels, 4), np.uint64)
-        _label_sums(self.sum, self.sum_of_squares, self.labels, counts, totals, split)
-        first, second = np.zeros(n_labels), np.zeros(n_labels)
-        if self.count > 1:
-            n = np.uint64(self.count)
-            _variance_moments(self.sum, self.sum_of_squares, self.labels, n, first, second)
+        n, bands, n_labels = self.count, self._bands(), len(self._clipped)
+        exact = np.zeros((bands, n_labels, 3), np.uint64)
+        spread = np.zeros((bands, n_labels))
+        label_squares(self.sum, self.sum_of_squares, self.labels, n, exact, spread)
         result = []
-        for k in range(n_labels):
-            pixels = int(counts[k])
-            q_low, q_high, s_low, s_high = (int(part) for part in split[k])
-            spread = (second[k] - first[k] ** 2 / pixels) / (pixels - 1) if pixels > 1 else 0.0
+        for k, pixels in enumerate(self._label_pixels()):
+            squares, s_low, s_high = (sum(map(int, exact[:, k, part])) for part in range(3))
+            pixel_squares = s_low + (s_high << 32)
+            frame_totals = [int(frame[k]) for frame in self._frame_totals]
+            variance_spread = 0.0
+            if n > 1 and pixels > 1:
+                first = n * squares - pixel_squares
+                numerators = float(spread[:, k].sum()) - float(first) ** 2 / pixels
+                # Rounding alone makes it negative.
+                variance_spread = max(numerators, 0.0) / (float(n * (n - 1)) ** 2 * (pixels - 1))
             result.append(
                 LabelTotals(
-                    frames=self.count,
+                    frames=n,
                     pixels=pixels,
-                    total=int(totals[k]),
-                    squares=q_low + (q_high << 32),
-                    pixel_squares=s_low + (s_high << 32),
-                    frame_squares=sum(int(frame[k]) ** 2 for frame in self._frame_totals),
-                    low=int(self._low[k]),
-                    high=int(self._high[k]),
-                    variance_spread=float(max(spread, 0.0)),  # rounding alone makes it negative
+                    total=sum(frame_totals),
+                    squares=squares,
+                    pixel_squares=pixel_squares,
+                    frame_squares=sum(total**2 for total in frame_totals),
+                    low=int(self._clipped[k, 0]),
+                    high=int(self._clipped[k, 1]),
+                    variance_spread=variance_spread,
                 )
             )
         return tuple(result)

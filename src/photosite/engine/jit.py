@@ -80,6 +80,16 @@ def _double_of_bits(typingctx: Any, value: Any) -> Any:
     return _reinterpreted(types.int64, types.float64)(typingctx, value)
 
 
+@intrinsic
+def _pointer(typingctx: Any, address: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(address), codegen
+
+
 # Inside compiled code only.
 bits_of_double = cast(Callable[[float], int], _bits_of_double)
 double_of_bits = cast(Callable[[int], float], _double_of_bits)
+pointer = cast(Callable[[int], Any], _pointer)
+"""An address (int64) as what `numba.carray` takes; who passes it keeps the array alive."""
