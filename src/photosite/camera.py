@@ -20,7 +20,7 @@ from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.sensor.readout import Rectangle, digital_numbers
+from photosite.sensor.readout import Device, Rectangle, digital_numbers
 from photosite.spectra import Rule, integration_weights
 
 
@@ -107,7 +107,14 @@ class Camera:
         )
 
     def capture(
-        self, scene: Scene, exposure_s: float, *, seed: int = 0, frame: int = 0, region: Rectangle | None = None
+        self,
+        scene: Scene,
+        exposure_s: float,
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        region: Rectangle | None = None,
+        device: Device = "cpu",
     ) -> RawFrame:
         """A raw frame of a scene.
 
@@ -125,11 +132,15 @@ class Camera:
         region
             (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded: that part of the frame,
             bit for bit. None is the whole frame.
+        device
+            Where noise is drawn and pixels are read: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with the same
+            digital numbers. The mean image is computed on the CPU.
 
         Raises
         ------
         InputError
-            As `mean_electrons`; or if the seed or frame number is out of range, or the region is not on the chip.
+            As `mean_electrons`; or if the seed or frame number is out of range, the region is not on the chip, or the
+            device is missing.
 
         Examples
         --------
@@ -142,7 +153,7 @@ class Camera:
         (True, (('G', 'R'), ('B', 'G')))
         """
         mean = self.mean_electrons(scene, exposure_s)
-        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region)
+        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device)
 
     def stream(
         self,
@@ -153,6 +164,7 @@ class Camera:
         seed: int = 0,
         first_frame: int = 0,
         region: Rectangle | None = None,
+        device: Device = "cpu",
     ) -> Iterator[RawFrame]:
         """Raw frames of a scene, one after another; the mean image is computed once.
 
@@ -164,7 +176,7 @@ class Camera:
             One exposure time or several.
         frames
             Frames at each exposure.
-        seed, region
+        seed, region, device
             As for `capture`.
         first_frame
             Number of the first frame; the n-th frame is what `capture` gives for frame first_frame + n.
@@ -191,7 +203,7 @@ class Camera:
         for exposure_s in checked:
             mean = rate * np.float32(exposure_s)
             for _ in range(frames):
-                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region)
+                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device)
                 number += 1
 
     def expose(
@@ -202,6 +214,7 @@ class Camera:
         seed: int = 0,
         frame: int = 0,
         region: Rectangle | None = None,
+        device: Device = "cpu",
     ) -> RawFrame:
         """A raw frame from mean electrons, which several frames may share.
 
@@ -211,18 +224,17 @@ class Camera:
             (rows, cols) of the whole chip, as `mean_electrons` gives them, none negative.
         exposure_s
             Exposure time; dark current grows with it.
-        seed, frame, region
+        seed, frame, region, device
             As for `capture`.
 
         Raises
         ------
         InputError
-            If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, or the region
-            is not on the chip.
+            If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, the region is
+            not on the chip, or the device is missing.
         """
-        dn = digital_numbers(
-            self.sensor, mean_electrons, check_exposure(exposure_s), seed=seed, frame=frame, region=region
-        )
+        time_s = check_exposure(exposure_s)
+        dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
         readout, cfa = self.sensor.readout, self.sensor.array.cfa
         metadata: dict[str, Any] = {
             "camera": self.sensor.name,

@@ -20,8 +20,10 @@ from photosite.engine.variates import (
     INVERSE,
     MOST_SMALL,
     SMALL_MEAN,
+    normal,
     normal_central,
     normal_tail,
+    poisson,
     poisson_accept,
     poisson_after,
     poisson_candidate,
@@ -313,5 +315,55 @@ def _convert_run(
         for i in range(n):
             electrons[i] = min(electrons[i], well_capacity_e) + float(offset[i]) * offset_scale_e
     for i in range(n):
-        dn = math.floor((electrons[i] + read_noise_e * deviates[i]) * gain_dn_per_e + black_level_dn + 0.5)
-        out[i] = np.uint16(min(max(dn, 0.0), white_level_dn))
+        out[i] = _converted(electrons[i], deviates[i], read_noise_e, gain_dn_per_e, black_level_dn, white_level_dn)
+
+
+@compiled(inline=True)
+def _converted(
+    signal_e: float,
+    deviate: float,
+    read_noise_e: float,
+    gain_dn_per_e: float,
+    black_level_dn: float,
+    white_level_dn: float,
+) -> np.uint16:
+    dn = math.floor((signal_e + read_noise_e * deviate) * gain_dn_per_e + black_level_dn + 0.5)
+    return np.uint16(min(max(dn, 0.0), white_level_dn))
+
+
+@compiled()
+def expose_pixel(
+    photo_e: np.float32,
+    prnu: np.int16,
+    prnu_scale: float,
+    offset: np.int16,
+    offset_scale_e: float,
+    dark_rate_e_per_s: np.float32,
+    exposure_s: float,
+    well_capacity_e: float,
+    read_noise_e: float,
+    gain_dn_per_e: float,
+    black_level_dn: float,
+    white_level_dn: float,
+    pixel: int,
+    frame: np.uint32,
+    k0: np.uint32,
+    k1: np.uint32,
+) -> np.uint16:
+    """What `expose` gives a pixel, for machines that work on one pixel a thread.
+
+    Parameters
+    ----------
+    photo_e, prnu, ..., white_level_dn
+        As for `expose`, the pixel's own values of the arrays.
+    pixel
+        Row * chip columns + column.
+    frame, k0, k1
+        Counter and key.
+    """
+    index = np.uint32(pixel)
+    mean = float(photo_e) * (1.0 + float(prnu) * prnu_scale) + float(dark_rate_e_per_s) * exposure_s
+    electrons = min(poisson(mean, index, frame, EXPOSURE, k0, k1), well_capacity_e)
+    signal_e = electrons + float(offset) * offset_scale_e
+    _, _, word, _ = philox4x32(index, frame, EXPOSURE, np.uint32(0), k0, k1)
+    return _converted(signal_e, normal(word), read_noise_e, gain_dn_per_e, black_level_dn, white_level_dn)

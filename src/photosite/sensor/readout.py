@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from photosite.sensor.model import Sensor
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
 
+Device = Literal["cpu", "cuda"]
+"""Where the pixels are computed; the digital numbers are the same."""
+
 
 def digital_numbers(
     sensor: Sensor,
@@ -25,6 +28,7 @@ def digital_numbers(
     seed: int,
     frame: int = 0,
     region: Rectangle | None = None,
+    device: Device = "cpu",
 ) -> NDArray[np.uint16]:
     """One frame of the chip that the sensor's serial stands for, or a rectangle of it.
 
@@ -45,6 +49,8 @@ def digital_numbers(
         Number of the frame, 0 to 2^32 - 1.
     region
         (r0, r1, c0, c1) of the chip; None is all of it. Its pixels have the numbers they have in the whole frame.
+    device
+        "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
 
     Returns
     -------
@@ -54,7 +60,8 @@ def digital_numbers(
     Raises
     ------
     InputError
-        If the shape is not the sensor's, a mean is negative or not finite, or seed, frame or region are out of range.
+        If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region are out of range,
+        or the device is unknown or missing.
 
     Examples
     --------
@@ -79,7 +86,8 @@ def digital_numbers(
             f"a region is (r0, r1, c0, c1) within the chip's {shape[0]} rows and {shape[1]} columns, not {region}"
         )
     chip = draw_chip(sensor)
-    return expose(
+    return _exposed(
+        device,
         np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32),
         _part(chip.prnu.deviates, r0, r1, c0, c1),
         chip.prnu.scale,
@@ -96,6 +104,29 @@ def digital_numbers(
         shape[1],
         np.uint32(frame),
         *key_from_seed(seed),
+    )
+
+
+def _exposed(device: Device, *arguments: Any) -> NDArray[np.uint16]:
+    """`expose` on the device."""
+    if device == "cpu":
+        return expose(*arguments)
+    if device != "cuda":
+        raise InputError(f"device is one of {', '.join(get_args(Device))}, not {device!r}")
+    try:
+        from photosite.engine.cuda import NoCudaError, expose_cuda
+    except ImportError:
+        raise _no_cuda("numba.cuda cannot be imported") from None
+    try:
+        return expose_cuda(*arguments)
+    except NoCudaError as error:
+        raise _no_cuda(str(error)) from None
+
+
+def _no_cuda(reason: str) -> InputError:
+    return InputError(
+        f"device='cuda' needs an NVIDIA GPU and photosite's extra 'gpu' (pip install 'photosite[gpu]'), and {reason}; "
+        "device='cpu' gives the same numbers"
     )
 
 
