@@ -65,5 +65,7 @@ def test_mean_luminance_scales_radiance() -> None:
 def test_light_outside_is_the_share_of_the_response_beyond_the_grid() -> None:
     scene = Scene.uniform(np.ones(GRID.size), GRID)
     assert scene.light_outside([400, 700], [1, 1]) == 0.0
-    flat = np.ones(41)
-    assert scene.light_outside(np.arange(380.0, 781.0, 10), flat) == pytest.approx((10 + 5 + 5 + 70) / 400, rel=1e-9)
+    assert scene.light_outside(np.arange(380.0, 781.0, 10), np.ones(41)) == pytest.approx(100 / 400, rel=1e-9)
+    assert scene.light_outside([300, 900], [1, 1]) == pytest.approx(300 / 600, rel=1e-9)
+    assert scene.light_outside([710, 720], [1, 1]) == 1.0
+    assert scene.light_outside([550], [1]) == 0.0

@@ -45,8 +45,8 @@ class Measurements:
         System gain, DN per electron.
     saturation_dn, saturation_photons
         What clipped pixels read; photons at the largest temporal variance.
-    responsivity
-        DN per photon.
+    responsivity, saturation_responsivity
+        DN per photon; of the channel that `saturation_photons` is of.
     dsnu1288, prnu1288, prnu1288_unfiltered
         Spatial variances after EMVA 1288: DN^2; relative; relative.
     read_method, saturation_method, gain_method
@@ -65,6 +65,7 @@ class Measurements:
     saturation_dn: Value
     saturation_photons: Value
     responsivity: Value
+    saturation_responsivity: Value
     dsnu1288: Parts | Missing
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
@@ -107,13 +108,17 @@ def pool(channels: list[Measurements], darkness: Measurements, gain: Value) -> M
         changed[name] = (
             pool_parts([value for value, _ in there], [pixels for _, pixels in there]) if there else parts[0][0]
         )
-    saturating = [entry.saturation_photons for entry in channels if isinstance(entry.saturation_photons, Uncertain)]
-    changed["saturation_photons"] = (
-        min(saturating, key=lambda value: value.value) if saturating else channels[0].saturation_photons
-    )
+    first = min(channels, key=_photons_at_saturation)
+    changed["saturation_photons"] = first.saturation_photons
+    changed["saturation_responsivity"] = first.saturation_responsivity
     seen = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), channels[0])
     changed["saturation_method"] = seen.saturation_method
     return replace(darkness, **changed)  # type: ignore[arg-type]
+
+
+def _photons_at_saturation(m: Measurements) -> float:
+    """To find the channel that saturates first; those of which it is not known come last."""
+    return m.saturation_photons.value if isinstance(m.saturation_photons, Uncertain) else math.inf
 
 
 def _spread(variance: Value, scale: Value, method: str) -> Estimate:
@@ -178,8 +183,9 @@ def _temporal_dark_noise(dark_variance: Value, per_e: Value) -> Estimate:
     return result
 
 
-def _capacity(m: Measurements, efficiency: Value) -> tuple[Value, str]:
+def _capacity(m: Measurements) -> tuple[Value, str]:
     """Electrons at saturation."""
+    efficiency = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
     if isinstance(m.saturation_photons, Uncertain) and isinstance(efficiency, Uncertain):
         return (
             efficiency * m.saturation_photons,
@@ -200,7 +206,7 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
     threshold_e = _threshold_e(m.dark_variance, m.gain)
     threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
-    capacity, capacity_method = _capacity(m, efficiency)
+    capacity, capacity_method = _capacity(m)
     return {
         "responsivity_dn_per_photon": Estimate.of(
             m.responsivity, "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)"

@@ -22,7 +22,7 @@ REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml",
 @options.sensor_option()
 @click.option("--rows", type=click.IntRange(1), default=1296, help="Rows of the virtual chip.")
 @click.option("--cols", type=click.IntRange(1), default=1936, help="Columns of the virtual chip.")
-@options.seed_option
+@options.seed_option(2008)
 @click.option(
     "-o",
     "--output",

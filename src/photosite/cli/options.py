@@ -125,11 +125,9 @@ def illuminant_option(default: str) -> Callable[[F], F]:
     )
 
 
-def seed_option(function: F) -> F:
+def seed_option(default: int = 0) -> Callable[[F], F]:
     """--seed."""
-    return click.option("--seed", type=click.IntRange(0, 2**64 - 1), default=0, help="Key of the temporal noise.")(
-        function
-    )
+    return click.option("--seed", type=click.IntRange(0, 2**64 - 1), default=default, help="Key of the temporal noise.")
 
 
 def json_option(function: F) -> F:

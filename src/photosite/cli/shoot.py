@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     help="Light: the brightest channel at the longest exposure, in saturations.",
 )
 @click.option("--photons", is_flag=True, help="The light is metered: state the photons per pixel in the protocol.")
-@options.seed_option
+@options.seed_option()
 @click.option(
     "-o",
     "--output",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     default="1/3",
     help="Exposure time in s; 1/3 is read as such.",
 )
-@options.seed_option
+@options.seed_option()
 @options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif or .png.")
 @click.option(
     "--preview",

@@ -213,11 +213,19 @@ class Scene:
         wavelength_nm, response
             (n,) the response, a quantum efficiency say.
         """
-        grid, values = wavelength_grid(wavelength_nm), np.asarray(response, np.float64)
-        weights = integration_weights(grid)
-        outside = (grid < self.wavelength_nm[0] - 1e-9) | (grid > self.wavelength_nm[-1] + 1e-9)
-        total = float(values @ weights)
-        return float(values[outside] @ weights[outside]) / total if total > 0 else 0.0
+        response_grid = wavelength_grid(wavelength_nm)
+        first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
+        if first == last:  # a line: it says that there is no other light
+            return 0.0
+        if response_grid.size == 1:
+            return 0.0 if first <= response_grid[0] <= last else 1.0
+        ends = [w for w in (first, last) if response_grid[0] < w < response_grid[-1]]
+        grid = np.union1d(response_grid, ends)
+        values = np.interp(grid, response_grid, np.asarray(response, np.float64))
+        inside = (grid >= first) & (grid <= last)
+        total = float(values @ integration_weights(grid))
+        seen = float(values[inside] @ integration_weights(grid[inside])) if inside.sum() > 1 else 0.0
+        return 1.0 - seen / total if total > 0 else 0.0
 
 
 def _radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:

@@ -96,7 +96,8 @@ class Validation:
     def _says(self, what: str, test: ChiSquare) -> str:
         agrees = test.p_value >= self.level / 2
         verdict = "agree" if agrees else "differ"
-        within = f" {'within' if agrees else 'by more than'} {self.tolerance_percent:g} %" if self.tolerance_percent else ""
+        bound = f"{'within' if agrees else 'by more than'} {self.tolerance_percent:g} %"
+        within = f" {bound}" if self.tolerance_percent else ""
         return (
             f"{what} {verdict}{within}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of "
             f"freedom, p = {test.p_value:.2g}, at level {self.level / 2:g}"
