@@ -1,0 +1,136 @@
+"""The camera's cases: transforms, noise, and both, at the size of a Nikon D200.
+
+Baselines are the plain ways to do the same work: one transform pair per wavelength in SciPy, and NumPy's Generator for
+the noise, in single precision and with two threads where they can use them.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from photosite.camera import Camera
+from photosite.cfa import channel_sites
+from photosite.optics.lens import DiffractionLimited
+from photosite.scene import charts
+from photosite.scene.scene import Scene
+from photosite.sensor.chip import draw_chip
+from photosite.sensor.file import load_sensor
+from photosite.spectra import integration_weights
+from photosite.studies.bench.timing import Case, best_seconds, in_turn, peak_mb
+
+EXPOSURE_S = 1 / 3
+ROWS, COLS = 2592, 3872
+
+
+@lru_cache(maxsize=4)
+def camera(rows: int = ROWS, cols: int = COLS) -> Camera:
+    """A D200 with a pedestal, at f/8."""
+    sensor = load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=32)
+    return Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+
+
+@lru_cache(maxsize=8)
+def scene(wavelengths: int = 31) -> Scene:
+    """A ColorChecker over 400 to 700 nm."""
+    return charts.macbeth("A", 40, wavelength_nm=np.linspace(400, 700, wavelengths))
+
+
+def mean_per_wavelength(rows: int, cols: int, wavelengths: int = 31) -> NDArray[np.float32]:
+    """The plain way: radiance on the pixel grid, transform, lens and pixel, back, for one wavelength after another."""
+    chart, lens, sensor = scene(wavelengths), camera().optics, camera().sensor
+    row = np.minimum((np.arange(rows) * chart.shape[0]) // rows, chart.shape[0] - 1)
+    col = np.minimum((np.arange(cols) * chart.shape[1]) // cols, chart.shape[1] - 1)
+    pitch_m = sensor.pixel.width_um.value * 1e-6
+    side_m = pitch_m * math.sqrt(sensor.pixel.fill_factor.value)
+    size = [scipy.fft.next_fast_len(n + 64, real=True) for n in (rows, cols)]
+    fy, fx = np.fft.fftfreq(size[0], pitch_m)[:, None], np.fft.rfftfreq(size[1], pitch_m)[None, :]
+    frequency = np.hypot(fy, fx)
+    aperture = (np.sinc(fy * side_m) * np.sinc(fx * side_m)).astype(np.float32)
+    step = integration_weights(chart.wavelength_nm)
+    irradiance = lens.irradiance_per_radiance(chart.wavelength_nm, chart.distance_m)
+    mosaic = np.zeros((rows, cols), np.float32)
+    for k, wavelength in enumerate(chart.wavelength_nm):
+        small = np.tensordot(chart.basis[:, k].astype(np.float32), chart.weights, axes=1)
+        laid = np.pad(small[row][:, col], ((0, size[0] - rows), (0, size[1] - cols)), mode="edge")
+        spectrum = scipy.fft.rfft2(laid, workers=-1)
+        spectrum *= lens.otf(frequency, wavelength, chart.distance_m).astype(np.float32) * aperture
+        blurred = scipy.fft.irfft2(spectrum, s=size, workers=-1, overwrite_x=True)[:rows, :cols]
+        for name in sensor.channel_names:
+            efficiency = sensor.channels[name].quantum_efficiency_at([wavelength])[0]
+            gain = np.float32(efficiency * irradiance[k] * step[k] * side_m**2 * EXPOSURE_S)
+            for r, c in channel_sites(sensor.array.cfa, name):
+                mosaic[r::2, c::2] += gain * blurred[r::2, c::2]
+    return mosaic
+
+
+def noise_by_numpy(mean: NDArray[np.float32], seed: int = 1) -> NDArray[np.uint16]:
+    """The plain way to the same physics: NumPy's Poisson and normal draws, then well, gain and converter."""
+    sensor, rng = camera(*mean.shape).sensor, np.random.default_rng(seed)
+    response, offset = _plain_chip(*mean.shape)
+    electrons = rng.poisson(mean * response).astype(np.float32)
+    np.minimum(electrons, np.float32(sensor.pixel.well_capacity_e.value), out=electrons)
+    electrons += offset
+    electrons += rng.standard_normal(mean.shape, np.float32) * np.float32(sensor.electrons(0.52))
+    electrons *= np.float32(sensor.system_gain_dn_per_e)
+    electrons += np.float32(sensor.readout.black_level_dn.value)
+    return np.clip(np.rint(electrons), 0, sensor.white_level_dn).astype(np.uint16)
+
+
+@lru_cache(maxsize=1)
+def _plain_chip(rows: int, cols: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    chip = draw_chip(camera(rows, cols).sensor)
+    return 1 + chip.prnu.map(), chip.offset_e.map()
+
+
+def work_capture(rows: int, cols: int) -> None:
+    """One capture, for its memory."""
+    camera(rows, cols).capture(scene(), EXPOSURE_S, seed=1)
+
+
+def work_optics(rows: int, cols: int) -> None:
+    """Mean electrons, for their memory."""
+    camera(rows, cols).mean_electrons(scene(), EXPOSURE_S)
+
+
+def work_noise(rows: int, cols: int) -> None:
+    """One exposure of an even field, for its memory."""
+    camera(rows, cols).expose(np.full((rows, cols), 5000, np.float32), EXPOSURE_S, seed=1)
+
+
+def optics_d200(quick: bool = False) -> Case:
+    """Mean electrons of a ColorChecker of 31 wavelengths, against one transform pair per wavelength."""
+    work_optics(ROWS, COLS)  # compiled and warm
+    ours, theirs = in_turn(
+        lambda: work_optics(ROWS, COLS), lambda: mean_per_wavelength(ROWS, COLS), repeats=1 if quick else 3
+    )
+    ours = min(ours, best_seconds(lambda: work_optics(ROWS, COLS)))
+    return Case(ours, theirs, peak_mb(work_optics, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+
+
+def noise_d200(quick: bool = False) -> Case:
+    """Noise of a frame of the ColorChecker, against NumPy's draws of the same physics."""
+    mean = camera().mean_electrons(scene(), EXPOSURE_S)
+    camera().expose(mean, EXPOSURE_S, seed=1)
+    _plain_chip(*mean.shape)
+    ours, theirs = in_turn(
+        lambda: camera().expose(mean, EXPOSURE_S, seed=1), lambda: noise_by_numpy(mean), repeats=3 if quick else 7
+    )
+    return Case(ours, theirs, peak_mb(work_noise, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+
+
+def capture_d200(quick: bool = False) -> Case:
+    """A whole capture, 31 wavelengths, diffraction, noise and 12 bits, against both plain ways together."""
+    work_capture(ROWS, COLS)
+    _plain_chip(ROWS, COLS)
+    ours, theirs = in_turn(
+        lambda: work_capture(ROWS, COLS),
+        lambda: noise_by_numpy(mean_per_wavelength(ROWS, COLS)),
+        repeats=1 if quick else 3,
+    )
+    ours = min(ours, best_seconds(lambda: work_capture(ROWS, COLS)))
+    return Case(ours, theirs, peak_mb(work_capture, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)

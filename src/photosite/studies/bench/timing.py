@@ -1,0 +1,87 @@
+"""Timing: the best of several runs, beside a baseline's in the same process, and the peak memory in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from photosite.errors import PhotositeError
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a benchmark measured.
+
+    Parameters
+    ----------
+    seconds, baseline_seconds
+        Best of several runs each, taken in turn in one process.
+    peak_mb
+        Largest resident memory of a fresh process that does the work once, without the baseline.
+    megapixels
+        Size of the work.
+    """
+
+    seconds: float
+    baseline_seconds: float
+    peak_mb: float
+    megapixels: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times the baseline takes as long."""
+        return self.baseline_seconds / self.seconds
+
+    def to_dict(self) -> dict[str, float]:
+        """The figures for JSON."""
+        return {**asdict(self), "ratio": self.ratio}
+
+
+def best_seconds(work: Callable[[], object], repeats: int = 3) -> float:
+    """The shortest of several runs: what the work takes when nothing else disturbs it."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def in_turn(work: Callable[[], object], baseline: Callable[[], object], repeats: int = 3) -> tuple[float, float]:
+    """The best of each, run in turn, so that a busy machine disturbs both alike."""
+    ours, theirs = [], []
+    for _ in range(repeats):
+        ours.append(best_seconds(work, 1))
+        theirs.append(best_seconds(baseline, 1))
+    return min(ours), min(theirs)
+
+
+# A process's ru_maxrss starts from its parent's size; the kernel's high-water mark of the new image does not.
+_CHILD = """
+import json, sys
+from importlib import import_module
+module, function, arguments = json.loads(sys.argv[1])
+getattr(import_module(module), function)(**arguments)
+status = dict(line.split(":", 1) for line in open("/proc/self/status"))
+print(int(status["VmHWM"].split()[0]) * 1024)
+"""
+
+
+def peak_mb(function: Callable[..., object], **arguments: Any) -> float:
+    """Largest resident memory, in 10^6 bytes, of a fresh process that calls a module's function once.
+
+    Raises
+    ------
+    PhotositeError
+        If the process fails.
+    """
+    call = json.dumps([function.__module__, function.__name__, arguments])
+    done = subprocess.run([sys.executable, "-c", _CHILD, call], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise PhotositeError(f"benchmark process failed: {done.stderr.strip().splitlines()[-1]}")
+    return float(done.stdout.splitlines()[-1]) / 1e6
