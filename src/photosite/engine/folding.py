@@ -13,10 +13,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import carray
 from numpy.typing import NDArray
 
-from photosite.engine.jit import compiled, pointer, prange
+from photosite.engine.jit import carray, compiled, pointer, prange, prefetch
 
 _Ints = NDArray[Any]
 """An array of the integer type that its caller allocates; numba compiles for the one that comes."""
@@ -38,6 +37,7 @@ _NARROW = 23_170
 
 # Unsigned, because numba asks of a signed index whether it counts from the end, and then nothing vectorises.
 _TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
+_BLOCK, _LINE = np.uint64(128), np.uint64(32)  # pixels; a cache line holds 32 of 16 bits
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
 _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGETHER))
 
@@ -92,10 +92,14 @@ def add_frames(
                     present = min(_TOGETHER, addresses.size - first)
                     top = np.uint32(0)
                     for k in range(present):
-                        frame = carray(pointer(addresses[first + k]), sums.shape, like.dtype)
-                        pixels = stage[k * RUN : k * RUN + m]
-                        _copy(frame[r, c : c + m], pixels)
-                        lowest, high, even, odd = _look(pixels, words[k * RUN // 2 :])
+                        place = (r * cols + c) * like.itemsize
+                        source = carray(pointer(addresses[first + k] + place), m, like.dtype)
+                        if first + k + 1 < addresses.size:
+                            ahead = addresses[first + k + 1] + place
+                        else:
+                            ahead = addresses[0] + place + m * like.itemsize
+                        _copy(source, stage, k * RUN, ahead)
+                        lowest, high, even, odd = _look(stage, words, k * RUN, m)
                         top = max(top, high)
                         highest[band, first + k] = max(highest[band, first + k], high)
                         if tile_cols <= 2:
@@ -103,12 +107,12 @@ def add_frames(
                             totals[band, first + k, row_labels[tile_cols - 1]] += np.uint64(odd)
                         else:
                             counts[:] = 0
-                            _lane_totals(pixels, lanes, counts[0])
+                            _lane_totals(stage[k * RUN : k * RUN + m], lanes, counts[0])
                             for lane in range(lanes):
                                 totals[band, first + k, row_labels[lane % tile_cols]] += np.uint64(counts[0, lane])
                         if lowest <= black or high >= white:
                             counts[:] = 0
-                            _lane_clips(pixels, lanes, black, white, counts)
+                            _lane_clips(stage[k * RUN : k * RUN + m], lanes, black, white, counts)
                             for lane in range(lanes):
                                 for end in range(2):
                                     clipped[band, row_labels[lane % tile_cols], end] += counts[end, lane]
@@ -121,29 +125,40 @@ def add_frames(
 
 
 @compiled()
-def _copy(source: _Ints, target: _Ints) -> None:
-    for j in range(np.uint64(source.size)):
-        target[j] = source[j]
+def _copy(source: _Ints, stage: _Ints, place: int, ahead: int) -> None:
+    """Copy to a place on the stage, and meanwhile fetch what lies at the address `ahead`.
+
+    The processor foresees how one run goes on, not that the next one lies in another frame.
+    """
+    m, at = np.uint64(source.size), np.uint64(place)
+    for block in range(np.uint64(0), m // _BLOCK * _BLOCK, _BLOCK):
+        for j in range(_BLOCK):
+            stage[at + block + j] = source[block + j]
+        for line in range(_BLOCK // _LINE):
+            prefetch(int(ahead + np.int64(block + line * _LINE) * source.itemsize))
+    for j in range(m // _BLOCK * _BLOCK, m):
+        stage[at + j] = source[j]
 
 
 @compiled()
-def _look(pixels: _Ints, words: _Ints) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Lowest and highest of the pixels, and the totals of those at even and at odd places.
+def _look(stage: _Ints, words: _Ints, place: int, pixels: int) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """Lowest and highest of a staged run, and the totals of the pixels at even and at odd places.
 
-    `words` are the same bytes, two pixels to each: to part even from odd is then a mask and a shift.
+    `words` are the stage's bytes, two pixels to each: to part even from odd is then a mask and a shift.
     """
-    m = np.uint64(pixels.size)
-    lowest = highest = np.uint32(pixels[0])
+    at, m = np.uint64(place), np.uint64(pixels)
+    lowest = highest = np.uint32(stage[at])
     even = odd = np.uint32(0)
     for j in range(m // _TWO):
-        a = np.uint32(words[j] & _LOW_16)
-        b = np.uint32(words[j] >> _16)
+        word = words[at // _TWO + j]
+        a = np.uint32(word & _LOW_16)
+        b = np.uint32(word >> _16)
         lowest = min(lowest, min(a, b))
         highest = max(highest, max(a, b))
         even = np.uint32(even + a)
         odd = np.uint32(odd + b)
     if m % _TWO:
-        last = np.uint32(pixels[m - np.uint64(1)])
+        last = np.uint32(stage[at + m - np.uint64(1)])
         lowest = min(lowest, last)
         highest = max(highest, last)
         even = np.uint32(even + last)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
 
@@ -88,8 +89,25 @@ def _pointer(typingctx: Any, address: Any) -> Any:
     return types.voidptr(address), codegen
 
 
+@intrinsic
+def _prefetch(typingctx: Any, address: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, byte = ir.IntType(32), ir.IntType(8).as_pointer()
+        call = builder.module.declare_intrinsic(
+            "llvm.prefetch", (byte,), ir.FunctionType(ir.VoidType(), (byte, *[word] * 3))
+        )
+        to_read, keep, data = word(0), word(3), word(1)
+        builder.call(call, (builder.inttoptr(arguments[0], byte), to_read, keep, data))
+        return context.get_dummy_value()
+
+    return types.void(address), codegen
+
+
 # Inside compiled code only.
 bits_of_double = cast(Callable[[float], int], _bits_of_double)
 double_of_bits = cast(Callable[[int], float], _double_of_bits)
+carray = cast(Any, numba).carray
 pointer = cast(Callable[[int], Any], _pointer)
 """An address (int64) as what `numba.carray` takes; who passes it keeps the array alive."""
+prefetch = cast(Callable[[int], None], _prefetch)
+"""Ask for the cache line at an address (int64); whether there is one does not matter."""

@@ -112,16 +112,19 @@ def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
 def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> NDArray[np.uint16]:
     """Pixels that lie in the file as they are, strip after strip."""
     strips = zip(page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or (), strict=True)
-    data = bytearray()
+    stored = np.empty(shape, dtype=f"{page.order}u{bits // 8}")
+    wanted, done = stored.nbytes, 0
+    room = stored.view(np.uint8).reshape(-1)
     try:
-        with path.open("rb") as file:
+        # Unbuffered, and straight to where the pixels stay: reading is then one copy from the system's memory.
+        with path.open("rb", buffering=0) as file:
             for offset, count in strips:
+                end = min(done + int(count), wanted)
                 file.seek(offset)
-                data += file.read(count)
+                while done < end and (got := file.readinto(room[done:end].data)):
+                    done += got
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    wanted = shape[0] * shape[1] * bits // 8
-    if len(data) < wanted:
-        raise FileError(path, f"is truncated: {len(data)} bytes of image data, {wanted} expected")
-    stored = np.frombuffer(data, dtype=f"{page.order}u{bits // 8}", count=shape[0] * shape[1])
-    return stored.reshape(shape).astype(np.uint16, copy=False)
+    if done < wanted:
+        raise FileError(path, f"is truncated: {done} bytes of image data, {wanted} expected")
+    return stored.astype(np.uint16, copy=False)
