@@ -1,4 +1,4 @@
-"""Timing: the best of several runs, beside a baseline's in the same process, and the peak memory in a process of its own."""
+"""Timing: the best of several runs, beside a baseline in the same process; the peak memory in a process of its own."""
 
 from __future__ import annotations
 
