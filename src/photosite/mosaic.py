@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import channel_sites
+from photosite.engine.jit import threads_for
 from photosite.engine.mosaic import Laying, mosaic_of_maps
 from photosite.engine.transfer import RadialTransfer, Sampling
 from photosite.errors import InputError, PhotositeWarning
@@ -89,14 +90,15 @@ def _blurred_mosaic(
         padding=_padding(scene, optics, min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
     )
-    return mosaic_of_maps(
-        scene.weights,
-        mixing.astype(np.float32),
-        transfer,
-        Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells),
-        laying,
-        [channel_sites(array.cfa, name) for name in sensor.channel_names],
-    )
+    with threads_for(array.rows * array.cols * cells**2):
+        return mosaic_of_maps(
+            scene.weights,
+            mixing.astype(np.float32),
+            transfer,
+            Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells),
+            laying,
+            [channel_sites(array.cfa, name) for name in sensor.channel_names],
+        )
 
 
 def _padding(scene: Scene, optics: Optics, pitch_m: float) -> int:

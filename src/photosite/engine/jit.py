@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
-from collections.abc import Callable
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -15,6 +19,9 @@ from numba import types
 from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_ITEMS_PER_THREAD = 100_000
+"""Pixels that keep a thread busy for a millisecond."""
 
 
 def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F]:
@@ -58,7 +65,37 @@ def kernel_cache() -> Path:
     for path in sorted(Path(__file__).parent.glob("*.py")):
         sources.update(path.read_bytes())
     base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
+    folder = Path(base) / "photosite" / f"kernels-{sources.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    if writable:
+        return folder
+    # A home that cannot be written: kernels live as long as the process.
+    own = tempfile.mkdtemp(prefix="photosite-kernels-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
+
+
+def kernels_are_cached() -> bool:
+    """Whether some process has compiled kernels of this state of the sources before."""
+    return any(kernel_cache().glob("*/*.nbc"))
+
+
+@contextmanager
+def threads_for(items: int) -> Iterator[None]:
+    """In this block parallel kernels use no more threads than so many items of work feed.
+
+    Waking a thread takes longer than a small frame; where other processes hold the cores, much longer.
+    """
+    before = numba.get_num_threads()
+    numba.set_num_threads(max(1, min(before, items // _ITEMS_PER_THREAD)))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 prange = numba.prange

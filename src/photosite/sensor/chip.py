@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.jit import threads_for
 from photosite.engine.philox import key_from_seed
 from photosite.engine.pixels import DEVIATE_GRAIN, normal_deviates
 from photosite.sensor.model import Sensor
@@ -93,6 +94,7 @@ def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]
     if (rows, cols) == (1, 1):
         return np.zeros((1, 1), np.int16)
     key = int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")
-    deviates = normal_deviates(rows, cols, word, *key_from_seed(key))
+    with threads_for(rows * cols):
+        deviates = normal_deviates(rows, cols, word, *key_from_seed(key))
     deviates.flags.writeable = False
     return deviates

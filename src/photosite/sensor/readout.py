@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.jit import threads_for
 from photosite.engine.philox import key_from_seed
 from photosite.engine.pixels import expose
 from photosite.errors import InputError
@@ -110,7 +111,8 @@ def digital_numbers(
 def _exposed(device: Device, *arguments: Any) -> NDArray[np.uint16]:
     """`expose` on the device."""
     if device == "cpu":
-        return expose(*arguments)
+        with threads_for(arguments[0].size):
+            return expose(*arguments)
     if device != "cuda":
         raise InputError(f"device is one of {', '.join(get_args(Device))}, not {device!r}")
     try:
