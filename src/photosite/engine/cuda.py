@@ -142,14 +142,14 @@ def expose_thread(
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    # An array of one value stands for all pixels.
+    # In an array of one value, which stands for all pixels, every index ends at 0.
     out[r, c] = expose_pixel(
         photo_e[r, c],
-        prnu[r % prnu.shape[0], c % prnu.shape[1]],
+        prnu[min(r, prnu.shape[0] - 1), min(c, prnu.shape[1] - 1)],
         prnu_scale,
-        offset[r % offset.shape[0], c % offset.shape[1]],
+        offset[min(r, offset.shape[0] - 1), min(c, offset.shape[1] - 1)],
         offset_scale_e,
-        dark_rate_e_per_s[r % dark_rate_e_per_s.shape[0], c % dark_rate_e_per_s.shape[1]],
+        dark_rate_e_per_s[min(r, dark_rate_e_per_s.shape[0] - 1), min(c, dark_rate_e_per_s.shape[1] - 1)],
         exposure_s,
         well_capacity_e,
         read_noise_e,

@@ -1,0 +1,131 @@
+"""`device="cuda"` in numba's simulator, which runs the kernel's threads on the CPU; on a GPU; and without either.
+
+The simulator is chosen when numba is imported, so that these run in processes of their own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numba import cuda
+
+from photosite.camera import Camera
+from photosite.engine.cuda import NoCudaError, check_unfused
+from photosite.errors import InputError
+from photosite.optics.lens import DiffractionLimited
+from photosite.sensor.file import load_sensor
+
+KERNEL = """
+import numpy as np
+from photosite.engine.cuda import expose_cuda
+from photosite.engine.philox import key_from_seed
+from photosite.engine.pixels import expose
+
+rng = np.random.default_rng(4)
+levels = [0, 1e-3, 0.5, 4, 9.99, 10, 11, 13, 16, 17, 40, 900, 29900, 60000]
+mean = rng.choice(levels, (24, 40)).astype(np.float32)
+key = key_from_seed(2**40 + 17)
+for shape in ((1, 1), mean.shape):
+    for read_e, seconds in ((12.5, 0.7), (0.0, 1)):
+        prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
+        dark = rng.random(shape).astype(np.float32)
+        arguments = (mean, prnu, 1e-5, offset, 2e-3, dark, seconds, 30000.0, read_e, 0.4, -10.0, 11900.0)
+        arguments += ((70, 333), 5000, np.uint32(9), *key)
+        cpu, cuda = expose(*arguments), expose_cuda(*arguments)
+        assert cuda.dtype == np.uint16
+        assert cpu.min() == 0 and cpu.max() == 11900, "both ends of the converter"
+        np.testing.assert_array_equal(cuda, cpu)
+"""
+
+CAMERA = """
+import numpy as np
+import photosite as ps
+
+sensor = ps.load_sensor("nikon-d200").with_(rows=24, cols=40, dark_voltage_mv_per_s=20.0, dcnu_percent=30.0)
+camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+scene = ps.charts.macbeth(illuminant="A", mean_luminance_cd_m2=40)
+region = (3, 20, 5, 39)
+whole = camera.capture(scene, 1 / 3, seed=7, device="cuda").dn
+np.testing.assert_array_equal(whole, camera.capture(scene, 1 / 3, seed=7).dn)
+assert np.unique(whole).size > 50
+part = camera.capture(scene, 1 / 3, seed=7, region=region, device="cuda").dn
+np.testing.assert_array_equal(part, whole[3:20, 5:39])
+streams = [camera.stream(scene, 1 / 3, frames=2, seed=7, device=device) for device in ("cuda", "cpu")]
+for cuda, cpu in zip(*streams, strict=True):
+    np.testing.assert_array_equal(cuda.dn, cpu.dn)
+"""
+
+
+@pytest.mark.parametrize("program", [KERNEL, CAMERA], ids=["kernel", "camera"])
+@pytest.mark.parametrize("simulated", ["1", "0"], ids=["simulator", "gpu"])
+def test_threads_give_the_cpus_bits(program: str, simulated: str) -> None:
+    if simulated == "0" and not gpu():
+        pytest.skip("skipped: no NVIDIA GPU, or the extra gpu is not installed")
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": simulated}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def gpu() -> bool:
+    return importlib.util.find_spec("numba_cuda") is not None and bool(cuda.is_available())
+
+
+def camera() -> Camera:
+    return Camera(DiffractionLimited(f_number=8, focal_length_mm=50), load_sensor("nikon-d200").with_(rows=4, cols=6))
+
+
+def test_no_gpu_is_one_clear_line() -> None:
+    if gpu():
+        pytest.skip("skipped: there is a GPU")
+    with pytest.raises(InputError, match=r"device='cuda' needs an NVIDIA GPU and photosite's extra 'gpu'") as caught:
+        camera().expose(np.ones((4, 6), np.float32), 0.1, device="cuda")
+    assert "\n" not in str(caught.value)
+    assert caught.value.__suppress_context__, "no trace of another error before it"
+
+
+def test_no_cuda_in_numba_is_the_same_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "photosite.engine.cuda", None)  # what an import that fails leaves
+    with pytest.raises(InputError, match=r"numba\.cuda cannot be imported"):
+        camera().expose(np.ones((4, 6), np.float32), 0.1, device="cuda")
+
+
+def test_unknown_device() -> None:
+    with pytest.raises(InputError, match="device is one of cpu, cuda, not 'gpu'"):
+        camera().expose(np.ones((4, 6), np.float32), 0.1, device="gpu")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [
+        "fma.rn.f64",
+        "fma.rn.f32",
+        "mul.f64",
+        "add.f32",
+        "sub.ftz.f32",
+        "div.full.f32",
+        "sqrt.approx.f32",
+        "add.rn.ftz.f32",
+    ],
+)
+def test_operations_that_may_round_otherwise_are_refused(operation: str) -> None:
+    with pytest.raises(NoCudaError, match=operation):
+        check_unfused(f"\tmul.rn.f64 %fd3, %fd1, %fd2;\n\t{operation} %fd4, %fd3, %fd5;")
+
+
+def test_exact_operations_are_let_through() -> None:
+    exact = [
+        "mul.rn.f64",
+        "add.rn.f64",
+        "div.rn.f64",
+        "rcp.rn.f64",
+        "sqrt.rn.f64",
+        "min.f64",
+        "neg.f64",
+        "copysign.f64",
+    ]
+    check_unfused("\n".join(f"\t{name} %fd1, %fd2;" for name in [*exact, "mul.lo.s64", "mul.wide.u32", "mad.lo.s64"]))
