@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from photosite.calibration import reading
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Parameters
@@ -117,9 +118,14 @@ def test_json_is_complete_and_plain(calibration):
     assert data["warnings"] == list(calibration.warnings)
 
 
-def test_progress_counts_every_frame_read(mono):
+def test_progress_counts_every_frame_read(mono, monkeypatch):
     _, frames = mono
     seen = []
+    calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
+    assert seen == [(done, frames.frame_count) for done in range(1, frames.frame_count + 1)]
+
+    monkeypatch.setattr(reading, "KEPT_BYTES", 0)
+    seen.clear()
     calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
     assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
     assert seen[-1][0] == seen[-1][1] > frames.frame_count
@@ -127,25 +133,41 @@ def test_progress_counts_every_frame_read(mono):
     assert seen[-1][0] < 1.6 * frames.frame_count
 
 
-def test_one_frame_is_held_at_a_time(mono):
-    """Frames that are handed out are garbage before the next one is asked for."""
+@pytest.mark.parametrize("room", [0, 2 * 96 * 128 * 3])
+def test_mean_frames_kept_or_read_again_are_the_same(mono, monkeypatch, room):
+    """No room for the mean frames, and room for some of them."""
+    _, frames = mono
+    whole = calibrate(frames)
+    monkeypatch.setattr(reading, "KEPT_BYTES", room)
+    assert calibrate(frames).to_dict() == whole.to_dict()
+
+
+@pytest.mark.parametrize("thread_safe", [False, True])
+def test_few_frames_are_held_at_a_time(mono, monkeypatch, thread_safe):
+    """However many frames there are; and what is not said to be safe in threads is read in the caller's."""
+    import threading
     import weakref
 
     _, frames = mono
-    alive = []
+    monkeypatch.setattr(reading, "_TOGETHER", 3)
+    monkeypatch.setattr(reading, "_AHEAD", 2)
+    alive, held, threads = [], [], set()
 
     def guard(source):
         def read():
-            assert sum(reference() is not None for reference in alive) == 0
             dn = source.read().copy()
             alive.append(weakref.ref(dn))
+            held.append(sum(reference() is not None for reference in alive))
+            threads.add(threading.current_thread())
             return dn
 
-        return replace(source, read=read)
+        return replace(source, read=read, thread_safe=thread_safe)
 
     groups = tuple(replace(group, frames=tuple(map(guard, group.frames))) for group in frames.groups)
-    calibrate(replace(frames, groups=groups))
-    assert len(alive) > frames.frame_count
+    assert calibrate(replace(frames, groups=groups)).to_dict() == calibrate(frames).to_dict()
+    assert len(alive) == frames.frame_count
+    assert max(held) <= 3 + 2 + 2  # to be added together, ahead, and one on either side of being handed over
+    assert (threads == {threading.main_thread()}) is not thread_safe
 
 
 def test_without_saturation_all_levels_are_linear(virtual):

@@ -9,19 +9,19 @@ from photosite.calibration import judge
 from photosite.calibration.curves import channel_curves, linear_range
 from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
 from photosite.calibration.fit import Fit
-from photosite.calibration.groups import FrameReader, Progress
 from photosite.calibration.measure import (
     NO_LIGHT,
     DarkSide,
     darkness,
-    measure_channel,
+    measure_channels,
     measure_together,
     read_channel,
     read_darks,
-    read_statistics,
+    read_lights,
 )
 from photosite.calibration.patterns import Channel, PatternReader
 from photosite.calibration.photon_transfer import fit_gain, gain_value
+from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
@@ -38,9 +38,11 @@ FAR_BELOW_ZERO = 4.75
 def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progress | None = None) -> Calibration:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
-    Every group of frames is reduced to exact integer sums, one frame in memory at a time. Light levels in the linear
-    range are read a second time for the per-pixel slopes. Methods: EMVA 1288 R4.0, and for read noise, DSNU,
-    PRNU and dark voltage Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008); each estimate names its own.
+    Every group of frames is reduced to exact integer sums; the next frames are read and hashed meanwhile, and memory
+    does not grow with their number. The per-pixel slopes need the light levels of the linear range once more: their
+    mean frames are kept in a fixed room, and those that it does not hold are read again. Methods: EMVA 1288 R4.0, and
+    for read noise, DSNU, PRNU and dark voltage Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008); each estimate
+    names its own.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     sensor
         What is known beforehand, for millivolts and for `Calibration.sensor`; `frames.sensor` if None.
     progress
-        Called with (frames read, frames to read) after each frame; the second number grows once.
+        Called with (frames read, frames to read) after each frame; the second number may grow once.
 
     Returns
     -------
@@ -84,10 +86,14 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     base = sensor if sensor is not None else frames.sensor
     judge.check_sensor(frames, base)
     judge.check_plan(frames)
-    reader = FrameReader(frames, progress)
+    with FrameReader(frames, progress) as reader:
+        return _calibrate(frames, base, reader)
+
+
+def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Calibration:
     dark = read_darks(reader)
     judge.check_darks(frames, dark.groups, reader.rejected)
-    lights = [read_statistics(reader, group)[0] for group in frames.of_kind("light")]
+    lights = read_lights(reader)
     judge.check_lights(frames, lights, [level.mean for level in dark.groups[0].levels])
 
     names = channel_names(frames.cfa)
@@ -97,10 +103,10 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     if lights:
         channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
-        patterns = PatternReader(reader, dark.groups, lights, dark.reference, dark.sums, channels, dark.slopes).read()
-        measured = [measure_channel(k, dark, channels[k], patterns[k]) for k in range(len(names))]
+        patterns = PatternReader(reader, dark.groups, lights, dark.reference, dark.mean, channels, dark.slopes).read()
+        measured = measure_channels(dark, channels, patterns)
     else:
-        measured = [measure_channel(k, dark, None, None) for k in range(len(names))]
+        measured = measure_channels(dark, (), ())
     together = measure_together(dark, measured, gain_value(gain_fit) if lights else NO_LIGHT)
 
     mv_per_dn = _mv_per_dn(base)

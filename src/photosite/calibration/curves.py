@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from photosite.calibration.dark import DarkLine, Darkness
+from photosite.calibration.groups import CLIPPED_SHARE
 from photosite.calibration.patterns import Channel
-from photosite.calibration.photon_transfer import CLIPPED_SHARE, LINEAR_SHARE, fit_gain, fit_response
+from photosite.calibration.photon_transfer import LINEAR_SHARE, fit_gain, fit_response
 from photosite.calibration.result import Curve, LinearRange
 
 

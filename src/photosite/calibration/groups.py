@@ -1,22 +1,19 @@
-"""Reading a frame set group by group, and what each group says in numbers."""
+"""What each group of frames says in numbers."""
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import channel_names
-from photosite.engine.accumulate import FrameSums, LabelTotals
-from photosite.errors import FileError
+from photosite.engine.accumulate import LabelTotals
 from photosite.frames.frame_set import FrameGroup, FrameSet
 
-Progress = Callable[[int, int], None]
-"""Called with (frames read, frames to read) after each frame."""
+CLIPPED_SHARE = 0.001
+"""Share of numbers at 0 or at the top from which on a light level is not linear any more."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +70,11 @@ class Level:
             high_fraction=totals.high / samples,
             frame_shift=math.copysign(math.sqrt(abs(shift)), shift) if totals.frames > 1 else math.nan,
         )
+
+    @property
+    def clipped(self) -> bool:
+        """Whether so many numbers are at an end of the range that the level is not linear."""
+        return max(self.low_fraction, self.high_fraction) > CLIPPED_SHARE
 
     @property
     def repeated(self) -> bool:
@@ -134,88 +136,3 @@ def label_tile(frames: FrameSet) -> NDArray[np.int64]:
     """The CFA's tile as integers, in the order of `channel_names`."""
     names = channel_names(frames.cfa)
     return np.array([[names.index(name) for name in row] for row in frames.cfa], dtype=np.int64)
-
-
-class FrameReader:
-    """Reads groups of a frame set, one frame in memory at a time.
-
-    It checks each frame against what the set promised, hashes it, and leaves out a frame whose pixels repeat an
-    earlier one of its group to the last bit: a copy would pass for a frame without noise.
-
-    Parameters
-    ----------
-    frames
-        The set.
-    progress
-        Called after each frame.
-    """
-
-    def __init__(self, frames: FrameSet, progress: Progress | None = None) -> None:
-        self.frames = frames
-        self.tile = label_tile(frames)
-        self.white = (1 << frames.bits) - 1
-        self.sha256: list[str] = []
-        self.rejected: list[str] = []
-        self._progress = progress
-        self._done = 0
-        self._expected = frames.frame_count
-        self._kept: dict[int, tuple[int, ...]] = {}
-
-    def expect(self, frames: int) -> None:
-        """Announce frames that will be read again."""
-        self._expected += frames
-
-    def sums(self, group: FrameGroup) -> FrameSums:
-        """The exact sums of a group's frames.
-
-        Raises
-        ------
-        FileError
-            If a frame cannot be read, or has another size or range than the set.
-        """
-        result = FrameSums((self.frames.rows, self.frames.cols), self.tile, white=self.white)
-        known = self._kept.get(id(group))
-        kept: list[int] = []
-        seen: dict[str, str] = {}
-        for index, source in enumerate(group.frames):
-            if known is None or index in known:
-                dn = self._read(group, index)
-                if known is not None or self._is_new(dn, source.name, seen, group):
-                    result.add(dn)
-                    kept.append(index)
-                del dn  # before the next one is read
-            self._done += 1
-            if self._progress is not None:
-                self._progress(self._done, self._expected)
-        self._kept[id(group)] = tuple(kept)
-        return result
-
-    def _read(self, group: FrameGroup, index: int) -> NDArray[np.unsignedinteger]:
-        source = group.frames[index]
-        dn = source.read()
-        shape = (self.frames.rows, self.frames.cols)
-        if dn.shape != shape or dn.dtype not in (np.uint8, np.uint16):
-            raise FileError(
-                source.name,
-                f"holds {dn.shape} of {dn.dtype}; the other frames hold {shape} of uint16; "
-                f"take it out, or calibrate frames of one size",
-            )
-        if (highest := int(dn.max())) > self.white:
-            raise FileError(
-                source.name,
-                f"holds {highest} DN, above {self.white}, the highest number of a {self.frames.bits}-bit "
-                f"converter; correct the bits of the protocol",
-            )
-        return dn
-
-    def _is_new(self, dn: NDArray[np.unsignedinteger], name: str, seen: dict[str, str], group: FrameGroup) -> bool:
-        digest = hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()
-        if (first := seen.get(digest)) is not None:
-            # Frames that are all black or all white repeat lawfully; any other needs noise to differ.
-            inside = np.count_nonzero((dn > 0) & (dn < self.white))
-            if 2 * inside >= dn.size:
-                self.rejected.append(f"{name} repeats {first} pixel for pixel ({group_label(group)})")
-                return False
-        seen[digest] = name
-        self.sha256.append(digest)
-        return True

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.dark import Darkness, temporal_variances
 from photosite.calibration.figures import QUANTISATION, Measurements, pool
-from photosite.calibration.groups import FrameReader, GroupStatistics, Level, pooled_level
+from photosite.calibration.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.judge import check_darks, reference_dark, zero_clip_uncertainty
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
@@ -29,10 +30,11 @@ from photosite.calibration.photon_transfer import (
     light_levels,
     linear_levels,
 )
+from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
 from photosite.calibration.uncertain import Missing, Uncertain, Value
-from photosite.engine.accumulate import FrameSums
-from photosite.engine.moments import label_moments
+from photosite.engine.accumulate import FrameSums, MeanFrame
+from photosite.engine.moments import Moments, label_moments
 from photosite.frames.frame_set import FrameGroup
 
 NO_LIGHT = Missing("no light frames")
@@ -47,15 +49,15 @@ class DarkSide:
     ----------
     groups
         Statistics by exposure.
-    reference, sums
-        The group of read noise and DSNU: the most frames, then the shortest exposure; and its sums.
+    reference, mean
+        The group of read noise and DSNU: the most frames, then the shortest exposure; and its mean frame.
     slopes
         Per channel, mean and spread of the pixels' dark slopes; None with one dark exposure.
     """
 
     groups: list[GroupStatistics]
     reference: int
-    sums: FrameSums
+    mean: MeanFrame
     slopes: tuple[SlopeSpread, ...] | None
 
 
@@ -84,19 +86,19 @@ def read_darks(reader: FrameReader) -> DarkSide:
         coefficients = slope_coefficients(exposure, np.array([float(len(group)) for group in planned]))
     wanted = reference_dark(planned)
     groups: list[GroupStatistics] = []
-    kept: FrameSums | None = None
+    kept: MeanFrame | None = None
     for index, group in enumerate(planned):
         statistics, sums = read_statistics(reader, group)
         groups.append(statistics)
         if index == wanted:
-            kept = sums
+            kept = sums.mean_frame()
         if slopes is not None and coefficients is not None:
-            slopes.add(sums, [float(coefficients[index])] * len(statistics.levels))
+            slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
     check_darks(reader.frames, groups, reader.rejected)
     if kept is None or (reference := reference_dark(groups)) != wanted:
         # Repeats were left out of the group that had the most frames.
         reader.expect(len(planned[reference]))
-        kept = reader.sums(planned[reference])
+        kept = reader.mean(planned[reference])
     if slopes is None or coefficients is None:
         return DarkSide(groups, reference, kept, None)
     noise = []
@@ -105,6 +107,17 @@ def read_darks(reader: FrameReader) -> DarkSide:
         frames = np.array([level.frames for level in levels])
         noise.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels)))
     return DarkSide(groups, reference, kept, slopes.spreads(noise))
+
+
+def read_lights(reader: FrameReader) -> list[GroupStatistics]:
+    """Read the light groups once; mean frames that may be needed again are kept as far as there is room."""
+    lights = []
+    for group in reader.frames.of_kind("light"):
+        statistics, sums = read_statistics(reader, group)
+        lights.append(statistics)
+        if not all(level.clipped for level in statistics.levels):
+            reader.keep(group, sums)
+    return lights
 
 
 def darkness(dark: DarkSide, channel: int | None) -> Darkness:
@@ -122,13 +135,30 @@ def read_channel(channel: int, dark: DarkSide, lights: Sequence[GroupStatistics]
     return Channel(channel, background, levels, saturation, used, gain_value(fit_gain([levels], [used])))
 
 
-def measure_channel(index: int, dark: DarkSide, channel: Channel | None, patterns: Patterns | None) -> Measurements:
-    """One channel's measurements."""
+def measure_channels(dark: DarkSide, channels: Sequence[Channel], patterns: Sequence[Patterns]) -> list[Measurements]:
+    """Each channel's measurements; without light frames there are no channels and no patterns."""
+    mean = dark.mean.mean()
+    moments = label_moments(mean, dark.mean.labels)
+    return [
+        _measure_channel(
+            k, dark, mean, moments[k], channels[k] if channels else None, patterns[k] if patterns else None
+        )
+        for k in range(len(moments))
+    ]
+
+
+def _measure_channel(
+    index: int,
+    dark: DarkSide,
+    mean: NDArray[np.float64],
+    moments: Moments,
+    channel: Channel | None,
+    patterns: Patterns | None,
+) -> Measurements:
     reference = dark.groups[dark.reference]
     level = reference.levels[index]
-    moments = label_moments(dark.sums.mean(), dark.sums.labels)[index]
     dark_only = _measure_dark(darkness(dark, index), level, reference.label)
-    parts = channel_parts(dark.sums.mean(), dark.sums.labels, index, mean_frame_noise(level), filtered=False)
+    parts = channel_parts(mean, dark.mean.labels, index, mean_frame_noise(level), filtered=False)
     dsnu = excess_variance(moments, mean_frame_noise(level))
     if isinstance(parts, Parts):
         # With a row or column pattern the pixels are fewer independent samples than they are pixels.

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from photosite.calibration.groups import Level
 from photosite.calibration.uncertain import Uncertain
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.accumulate import MeanFrame
 from photosite.engine.moments import Moments, label_moments
+from photosite.engine.planes import add_scaled
 
 
 def excess_variance(moments: Moments, noise: Uncertain) -> Uncertain:
@@ -66,13 +67,9 @@ class PixelSlopes:
         self.tile = tile
         self.slopes = np.zeros(shape)
 
-    def add(self, sums: FrameSums, coefficients: Sequence[float]) -> None:
+    def add(self, level: MeanFrame, coefficients: Sequence[float]) -> None:
         """Add a level's mean frame, times a coefficient for each channel."""
-        tile_rows, tile_cols = self.tile.shape
-        for (r, c), label in np.ndenumerate(self.tile):
-            if coefficient := coefficients[int(label)]:
-                plane = sums.sum[r::tile_rows, c::tile_cols]
-                self.slopes[r::tile_rows, c::tile_cols] += plane * (coefficient / sums.count)
+        add_scaled(self.slopes, level.sum, np.array(coefficients)[self.tile] / level.count)
 
     def spreads(self, noise: Sequence[Uncertain]) -> tuple[SlopeSpread, ...]:
         """Per channel, mean and spread of the slopes, given the temporal noise in them (`slope_noise`)."""

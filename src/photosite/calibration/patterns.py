@@ -1,8 +1,8 @@
 """The second look at the frames: fixed-pattern maps that need to know the linear range first.
 
 The linear range shows when all light levels have been read, and keeping the mean frame of each until then would
-take memory that grows with their number. So the light levels inside it, a seventh of the 2008 paper's frames,
-are read once more, and one map of slopes is built from them.
+take memory that grows with their number. So some are kept, as many as a fixed room holds; of the others, those
+inside the linear range are read once more. One map of slopes is built from them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.dark import SAME_EXPOSURE, Darkness
-from photosite.calibration.groups import FrameReader, GroupStatistics
+from photosite.calibration.groups import GroupStatistics
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
@@ -24,9 +24,10 @@ from photosite.calibration.nonuniformity import (
     slope_noise,
 )
 from photosite.calibration.photon_transfer import LightLevels, Saturation
+from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
 from photosite.calibration.uncertain import Missing, Uncertain, Value
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.accumulate import MeanFrame
 
 HALF_SATURATION = (0.3, 0.7)
 """Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
@@ -125,8 +126,8 @@ class PatternReader:
         The reader of the first pass.
     darks, lights
         The groups as judged.
-    reference, reference_sums
-        The dark group of read noise and DSNU, and its sums.
+    reference, reference_mean
+        The dark group of read noise and DSNU, and its mean frame.
     channels
         What the first pass told.
     dark_slopes
@@ -139,7 +140,7 @@ class PatternReader:
         darks: Sequence[GroupStatistics],
         lights: Sequence[GroupStatistics],
         reference: int,
-        reference_sums: FrameSums,
+        reference_mean: MeanFrame,
         channels: Sequence[Channel],
         dark_slopes: Sequence[SlopeSpread] | None,
     ) -> None:
@@ -154,28 +155,30 @@ class PatternReader:
             reference if isinstance(half, Missing) else _matching_dark(lights[half], darks, reference)
             for half in self._half
         ]
-        self._dark_means = {reference: reference_sums.mean()}
+        self._dark_means = {reference: reference_mean.mean()}
+        self._dark_found: dict[tuple[int, bool], Parts | Missing] = {}
 
     def read(self) -> tuple[Patterns, ...]:
         """Per channel, its fixed pattern."""
         again = [i for i in range(len(self._lights)) if self._needed(i)]
         dark_again = sorted(set(self._dark_of) - set(self._dark_means))
         self._reader.expect(
-            sum(len(self._lights[i].group) for i in again) + sum(len(self._darks[i].group) for i in dark_again)
+            sum(len(self._lights[i].group) for i in again if not self._reader.kept(self._lights[i].group))
+            + sum(len(self._darks[i].group) for i in dark_again)
         )
         for i in dark_again:
-            self._dark_means[i] = self._reader.sums(self._darks[i].group).mean()
+            self._dark_means[i] = self._reader.mean(self._darks[i].group).mean()
 
         slopes = PixelSlopes((self._reader.frames.rows, self._reader.frames.cols), self._reader.tile)
         plans = [plan if isinstance(plan, _SlopePlan) else None for plan in self._plans]
         filtered: dict[int, Parts | Missing] = {}
         plain: dict[int, Parts | Missing] = {}
         for i in again:
-            sums = self._reader.sums(self._lights[i].group)
-            slopes.add(sums, [plan.coefficients.get(i, 0.0) if plan else 0.0 for plan in plans])
+            level = self._reader.mean(self._lights[i].group)
+            slopes.add(level, [plan.coefficients.get(i, 0.0) if plan else 0.0 for plan in plans])
             for k, half in enumerate(self._half):
                 if half == i:
-                    mean = sums.mean()
+                    mean = level.mean()
                     filtered[k] = self._light_parts(k, i, mean, filtered=True)
                     plain[k] = self._light_parts(k, i, mean, filtered=False)
         spreads = slopes.spreads([plan.noise if plan else Uncertain(0.0) for plan in plans])
@@ -207,9 +210,12 @@ class PatternReader:
         return relative_response_variance(spread, dark, plan.seconds_per_unit)
 
     def _dark_parts(self, k: int, *, filtered: bool) -> Parts | Missing:
-        dark = self._dark_of[k]
-        noise = mean_frame_noise(self._darks[dark].levels[k])
-        return channel_parts(self._dark_means[dark], self._reader.tile, k, noise, filtered=filtered)
+        if (k, filtered) not in self._dark_found:
+            dark = self._dark_of[k]
+            noise = mean_frame_noise(self._darks[dark].levels[k])
+            found = channel_parts(self._dark_means[dark], self._reader.tile, k, noise, filtered=filtered)
+            self._dark_found[k, filtered] = found
+        return self._dark_found[k, filtered]
 
     def _light_parts(self, k: int, group: int, mean: NDArray[np.float64], *, filtered: bool) -> Parts | Missing:
         """Light less dark, relative to the signal, squared."""

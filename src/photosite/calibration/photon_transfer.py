@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 
 from photosite.calibration.dark import Darkness
 from photosite.calibration.fit import Fit, fit_linear
-from photosite.calibration.groups import GroupStatistics
+from photosite.calibration.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 
 LINEAR_SHARE = 0.7
 """EMVA 1288: the range for gain and responsivity ends at 70 % of the signal at saturation."""
-
-CLIPPED_SHARE = 0.001
-"""Share of numbers at 0 or at the top from which on a light level is not linear any more."""
 
 FALLEN_SHARE = 0.8
 """The variance has passed its maximum where a brighter level's shot variance is below this share of it."""
@@ -102,7 +99,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: Darkness
         shot_covariance=np.diag(spread**2) + (take_variance * dark.variance.variance) @ take_variance.T,
         mean=mean,
         mean_variance=np.array([level.spatial_variance / level.pixels for level in levels]),
-        clipped=np.array([max(level.low_fraction, level.high_fraction) > CLIPPED_SHARE for level in levels]),
+        clipped=np.array([level.clipped for level in levels]),
         white_share=np.array([level.high_fraction for level in levels]),
         group=order,
     )

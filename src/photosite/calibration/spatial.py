@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.uncertain import Missing, Uncertain, weighted_mean
+from photosite.engine.planes import line_means, residual_moments, smooth_separable
 
 MARGIN = 9
 """Pixels at each border that the filter's 19 x 19 kernel does not reach; they are left out."""
@@ -67,16 +68,7 @@ def smooth(plane: NDArray[np.float64]) -> NDArray[np.float64]:
     ndarray
         (rows - 18, cols - 18).
     """
-    kernel = _kernel()
-    rows, cols = plane.shape
-    n_rows, n_cols = rows - 2 * MARGIN, cols - 2 * MARGIN
-    along = np.zeros((rows, n_cols))
-    for k, weight in enumerate(kernel):
-        along += weight * plane[:, k : k + n_cols]
-    result = np.zeros((n_rows, n_cols))
-    for k, weight in enumerate(kernel):
-        result += weight * along[k : k + n_rows]
-    return result
+    return smooth_separable(np.ascontiguousarray(plane), _kernel())
 
 
 def high_pass(plane: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -184,15 +176,14 @@ def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool)
     filtered
         Whether to take the high-pass first.
     """
-    values = high_pass(plane) if filtered else plane
+    values = np.ascontiguousarray(high_pass(plane) if filtered else plane)
     rows, cols = values.shape
     share = (_Shares.filtered if filtered else _Shares.plain)(rows, cols)
 
-    mean = float(values.mean())
-    columns, lines = values.mean(axis=0) - mean, values.mean(axis=1) - mean
-    residual = values - mean - columns - lines[:, None]
-    square = float((residual**2).mean())
-    sampling = max(float((residual**4).mean()) - square**2, 0.0) / residual.size  # rounding, on constant planes
+    mean, line_mean, column_mean = line_means(values)
+    columns, lines = column_mean - mean, line_mean - mean
+    square, fourth = residual_moments(values, line_mean, columns)
+    sampling = max(fourth - square**2, 0.0) / values.size  # rounding, on constant planes
     left = share.pixel - share.column_mean - share.row_mean + share.mean
     of_pixels = Uncertain.of(square, math.sqrt(sampling)) * (1.0 / left)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.folding import BAND, LANES, add_frames, label_squares, mean_map, variance_map
+from photosite.engine.moments import label_pixels
 
 MOST_FRAMES = 1 << 15
 """Frames that one `FrameSums` holds: n * sum(y^2) of 16-bit numbers then stays below 2^62."""
@@ -97,6 +98,29 @@ class LabelTotals:
         return (n * self.frame_squares - self.total * self.total) / (n * (n - 1) * pixels * pixels)
 
 
+@dataclass(frozen=True)
+class MeanFrame:
+    """The mean of a stack, held as the exact sum in as few bytes as it needs.
+
+    Parameters
+    ----------
+    sum
+        (rows, cols) uint16 or uint32.
+    count
+        Frames in it.
+    labels
+        The repeating tile of labels.
+    """
+
+    sum: NDArray[np.unsignedinteger]
+    count: int
+    labels: NDArray[np.int64]
+
+    def mean(self) -> NDArray[np.float64]:
+        """(rows, cols) mean over the frames."""
+        return mean_map(self.sum, self.count)
+
+
 class FrameSums:
     """Per-pixel count, sum and sum of squares of a stack of frames, exact.
 
@@ -173,6 +197,7 @@ class FrameSums:
         together = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // (2 * pixels)))
         while batch := list(islice(left, together)):
             self._add_batch(batch)
+            del batch  # before the next one is gathered
         return self
 
     def _add_batch(self, frames: list[NDArray[np.unsignedinteger]]) -> None:
@@ -230,21 +255,18 @@ class FrameSums:
         """(rows, cols) mean over the frames."""
         return mean_map(self.sum, self.count)
 
+    def mean_frame(self) -> MeanFrame:
+        """The mean alone, to be kept when the sums of squares are not needed any more."""
+        fits = self.count * max(self.highest, default=0) < 1 << 16
+        return MeanFrame(self.sum.astype(np.uint16) if fits else self.sum, self.count, self.labels)
+
     def variance(self) -> NDArray[np.float64]:
         """(rows, cols) unbiased temporal variance: the integer n sum(y^2) - sum(y)^2 over n (n - 1)."""
         return variance_map(self.sum, self.sum_of_squares, self.count)
 
     def frame_means(self) -> NDArray[np.float64]:
         """(frames, labels) mean of each frame, in the order they were added."""
-        return np.array(self._frame_totals, dtype=np.float64) / np.array(self._label_pixels(), dtype=np.float64)
-
-    def _label_pixels(self) -> list[int]:
-        """Pixels of each label."""
-        pixels = [0] * len(self._clipped)
-        (rows, cols), (tile_rows, tile_cols) = self.shape, self.labels.shape
-        for (r, c), label in np.ndenumerate(self.labels):
-            pixels[int(label)] += len(range(r, rows, tile_rows)) * len(range(c, cols, tile_cols))
-        return pixels
+        return np.array(self._frame_totals, dtype=np.float64) / label_pixels(self.shape, self.labels)
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
         """The totals of each label, exact."""
@@ -253,7 +275,7 @@ class FrameSums:
         spread = np.zeros((bands, n_labels))
         label_squares(self.sum, self.sum_of_squares, self.labels, n, exact, spread)
         result = []
-        for k, pixels in enumerate(self._label_pixels()):
+        for k, pixels in enumerate(label_pixels(self.shape, self.labels).tolist()):
             squares, s_low, s_high = (sum(map(int, exact[:, k, part])) for part in range(3))
             pixel_squares = s_low + (s_high << 32)
             frame_totals = [int(frame[k]) for frame in self._frame_totals]

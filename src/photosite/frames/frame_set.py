@@ -29,10 +29,13 @@ class FrameSource:
         What to call the frame in messages and reports: its path, or a label for a frame in memory.
     read
         Returns the (rows, cols) uint16 digital numbers; called each time they are needed, nothing is kept.
+    thread_safe
+        Whether threads may call the `read` of several frames at once.
     """
 
     name: str
     read: Callable[[], NDArray[np.uint16]]
+    thread_safe: bool = False
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,7 @@ def frame_set_from_arrays(
         if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
             raise InputError(f"{name}: holds {highest} DN, which {bits} bits cannot")
         photons = entry[3] if len(entry) == 4 else None
-        listed.append(ListedFrame(kind, exposure_s, FrameSource(name, partial(_same, dn)), photons))
+        listed.append(ListedFrame(kind, exposure_s, FrameSource(name, partial(_same, dn), thread_safe=True), photons))
     groups = group_frames(listed)
     rows, cols = shape or (0, 0)
     return FrameSet(groups, rows, cols, bits, cfa, sensor=sensor)

@@ -88,7 +88,7 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
         ListedFrame(
             entry.kind,
             entry.exposure_s,
-            FrameSource(str(entry.path), partial(_read, entry.path, bits, cfa, (rows, cols))),
+            FrameSource(str(entry.path), partial(_read, entry.path, bits, cfa, (rows, cols)), thread_safe=True),
             entry.photons_per_pixel,
         )
         for entry in entries
