@@ -1,0 +1,58 @@
+"""The frame accumulators' case: exact sums of a stack, against NumPy, and against only reading the stack."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.accumulate import FrameSums
+from photosite.studies.bench.camera import COLS, ROWS
+from photosite.studies.bench.timing import Case, in_turn, peak_mb
+
+_TILE = np.array([[0, 1], [1, 2]])
+
+
+def stack(frames: int) -> NDArray[np.uint16]:
+    """(frames, rows, cols) of a D200's size: 12-bit numbers about a quarter of the range."""
+    one = np.random.default_rng(1).normal(1000.0, 30.0, (ROWS, COLS)).astype(np.uint16)
+    return np.stack([np.roll(one, k, axis=1) for k in range(frames)])
+
+
+def sums() -> FrameSums:
+    """Nothing yet, over a mosaic of three channels."""
+    return FrameSums((ROWS, COLS), _TILE, white=4095)
+
+
+def maps(pixels: NDArray[np.uint16]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and variance over the frames, by way of the sums."""
+    total = sums().add(pixels)
+    return total.mean(), total.variance()
+
+
+def maps_by_numpy(pixels: NDArray[np.uint16]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and variance over the frames, NumPy's."""
+    return pixels.mean(axis=0), pixels.var(axis=0, ddof=1)
+
+
+def work_maps(frames: int) -> None:
+    """The work alone, for its memory, which is mostly the stack's."""
+    maps(stack(frames))
+
+
+def _frames(quick: bool) -> int:
+    return 16 if quick else 32
+
+
+def accumulate_d200(quick: bool = False) -> Case:
+    """Mean and variance maps of a stack, against NumPy's `mean` and `var`."""
+    pixels = stack(_frames(quick))
+    ours, theirs = in_turn(lambda: maps(pixels), lambda: maps_by_numpy(pixels), 2 if quick else 4)
+    return Case(ours, theirs, peak_mb(work_maps, frames=len(pixels)), pixels.size / 1e6)
+
+
+def accumulate_against_reading(quick: bool = False) -> Case:
+    """A stack added to sums, against only reading it: NumPy's largest of its 64-bit words, as fast as memory is."""
+    pixels = stack(_frames(quick))
+    words, total = pixels.reshape(-1).view(np.uint64), sums()
+    ours, theirs = in_turn(lambda: total.add(pixels), lambda: words.max(), 5 if quick else 15)
+    return Case(ours, theirs, peak_mb(work_maps, frames=len(pixels)), pixels.size / 1e6)
