@@ -38,6 +38,7 @@ BELOW |= {"calibration", "develop", "metrics"}
 MAY_IMPORT["validation"] = BELOW
 MAY_IMPORT["report"] = BELOW | {"validation", "studies"}
 MAY_IMPORT["studies"] = BELOW | {"validation", "report"}
+MAY_IMPORT["__main__"] = {"cli"}
 MAY_IMPORT["cli"] = BELOW | {"validation", "report", "studies", ""}
 
 EXCEPTIONS = {

@@ -43,6 +43,7 @@ COMMANDS: dict[str, Entry] = {
     "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark and flat frames."),
     "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),
     "develop": Entry("develop", "Make a picture of a raw frame."),
+    "bench": Entry("bench", "Time photosite on this machine, beside the plain way to do the same work."),
 }
 
 

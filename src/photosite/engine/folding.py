@@ -83,6 +83,7 @@ def add_frames(
     for band in prange(totals.shape[0]):
         stage = np.zeros(_TOGETHER * RUN, np.uint16)
         words = stage.view(np.uint32)
+        part = np.empty(RUN, np.uint32)
         counts = np.zeros((2, LANES), np.uint32)
         for r in range(band * BAND, min(rows, (band + 1) * BAND)):
             row_labels = labels[r % tile_rows]
@@ -119,7 +120,7 @@ def add_frames(
                     for k in range(present, _TOGETHER):
                         stage[k * RUN : k * RUN + m] = 0
                     if top <= _NARROW:
-                        _fold_narrow(stage, m, sums[r, c:], squares[r, c:])
+                        _fold_narrow(stage, m, part, sums[r, c:], squares[r, c:])
                     else:
                         _fold_wide(stage, m, sums[r, c:], squares[r, c:])
 
@@ -185,17 +186,20 @@ def _lane_clips(pixels: _Ints, lanes: int, black: int, white: int, counts: _Ints
 
 
 @compiled()
-def _fold_narrow(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
-    """Eight staged runs into the sums, where eight squares fit into 32 bits."""
+def _fold_narrow(stage: _Ints, m: int, part: _Ints, sums: _Ints, squares: _Ints) -> None:
+    """Eight staged runs into the sums, where eight squares fit into 32 bits.
+
+    Two loops, because a loop's vectors hold as many numbers as there is room for of its widest type.
+    """
     for j in range(np.uint64(m)):
         y0, y1 = np.uint32(stage[j]), np.uint32(stage[_R1 + j])
         y2, y3 = np.uint32(stage[_R2 + j]), np.uint32(stage[_R3 + j])
         y4, y5 = np.uint32(stage[_R4 + j]), np.uint32(stage[_R5 + j])
         y6, y7 = np.uint32(stage[_R6 + j]), np.uint32(stage[_R7 + j])
         sums[j] += np.uint32(y0 + y1 + y2 + y3 + y4 + y5 + y6 + y7)
-        squares[j] += np.uint64(
-            np.uint32(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3 + y4 * y4 + y5 * y5 + y6 * y6 + y7 * y7)
-        )
+        part[j] = np.uint32(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3 + y4 * y4 + y5 * y5 + y6 * y6 + y7 * y7)
+    for j in range(np.uint64(m)):
+        squares[j] += np.uint64(part[j])
 
 
 @compiled()

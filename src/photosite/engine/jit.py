@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_ITEMS_PER_THREAD = 100_000
+ITEMS_PER_THREAD = 100_000
 """Pixels that keep a thread busy for a millisecond."""
 
 
@@ -91,7 +91,7 @@ def threads_for(items: int) -> Iterator[None]:
     Waking a thread takes longer than a small frame; where other processes hold the cores, much longer.
     """
     before = numba.get_num_threads()
-    numba.set_num_threads(max(1, min(before, items // _ITEMS_PER_THREAD)))
+    numba.set_num_threads(max(1, min(before, items // ITEMS_PER_THREAD)))
     try:
         yield
     finally:

@@ -180,7 +180,7 @@ class Scene:
         return self.weights[:, row, col].astype(np.float64) @ self.basis
 
     def mean_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
-        """Mean luminance over the samples, in cd/m2."""
+        """Mean luminance over all samples, in cd/m2; a chart's black gaps count too."""
         means = self.weights.mean(axis=(1, 2), dtype=np.float64)
         return float(luminance_cd_m2(means @ self.basis, self.wavelength_nm, rule))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -63,25 +62,32 @@ def in_turn(work: Callable[[], object], baseline: Callable[[], object], repeats:
 
 # A process's ru_maxrss starts from its parent's size; the kernel's high-water mark of the new image does not.
 _CHILD = """
-import json, sys
-from importlib import import_module
-module, function, arguments = json.loads(sys.argv[1])
-getattr(import_module(module), function)(**arguments)
+import sys
+try:
+    exec(sys.argv[1])
+except SystemExit as end:
+    if end.code:
+        raise
 status = dict(line.split(":", 1) for line in open("/proc/self/status"))
-print(int(status["VmHWM"].split()[0]) * 1024)
+print("\\n", int(status["VmHWM"].split()[0]) * 1024)
 """
 
 
 def peak_mb(function: Callable[..., object], **arguments: Any) -> float:
-    """Largest resident memory, in 10^6 bytes, of a fresh process that calls a module's function once.
+    """Largest resident memory, in 10^6 bytes, of a fresh process that calls a module's function once."""
+    given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+    return peak_mb_of(f"from {function.__module__} import {function.__name__} as f; f({given})")
+
+
+def peak_mb_of(code: str) -> float:
+    """Largest resident memory, in 10^6 bytes, of a fresh process that runs a line of Python.
 
     Raises
     ------
     PhotositeError
         If the process fails.
     """
-    call = json.dumps([function.__module__, function.__name__, arguments])
-    done = subprocess.run([sys.executable, "-c", _CHILD, call], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", _CHILD, code], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise PhotositeError(f"benchmark process failed: {done.stderr.strip().splitlines()[-1]}")
     return float(done.stdout.splitlines()[-1]) / 1e6
