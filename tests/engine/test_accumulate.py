@@ -112,6 +112,56 @@ def test_frames_may_be_slices_and_fortran_ordered():
     assert np.array_equal(plain.sum, sliced.sum)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("cols", [1, 2, 63, 64, 4095, 4096, 4097, 8193])
+@pytest.mark.parametrize("tile", [BAYER, np.array([[0, 1, 2], [1, 2, 0]]), np.array([[0]])], ids=["2", "3", "1"])
+def test_every_width_tile_and_number_of_frames(dtype, cols, tile):
+    """Ends of runs and of groups of frames; numbers whose squares need 32 bits among such that do not."""
+    n = 1 + cols % 17
+    frames = stack(n=n, shape=(3, cols), top=256 if dtype == np.uint8 else 4096, seed=cols, dtype=dtype)
+    if dtype == np.uint16:
+        frames[0, 0, :: max(cols // 5, 1)] = 65_535
+    sums = FrameSums((3, cols), tile, black=9, white=200).add(frames)
+    wide = frames.astype(np.int64)
+    assert np.array_equal(sums.sum, wide.sum(0))
+    assert np.array_equal(sums.sum_of_squares, (wide**2).sum(0))
+    assert sums.highest == wide.max((1, 2)).tolist()
+    labels = label_map(tile, (3, cols))
+    for k, entry in enumerate(sums.label_totals()):
+        chosen = wide[:, labels == k]
+        assert (entry.pixels, entry.total) == (chosen.shape[1], chosen.sum())
+        assert entry.frame_squares == (chosen.sum(1) ** 2).sum()
+        assert (entry.low, entry.high) == ((chosen <= 9).sum(), (chosen >= 200).sum())
+
+
+def test_frames_that_are_added_differently_give_the_same():
+    """One by one, as a list, from an iterator, of both types, at addresses between whole words, read-only."""
+    frames = stack(n=19, shape=(5, 30), top=256, seed=4)
+    whole = FrameSums((5, 30), BAYER).add(frames).label_totals()
+
+    one_by_one = FrameSums((5, 30), BAYER)
+    for frame in frames:
+        one_by_one.add(frame)
+    shifted = np.empty(frames.size + 1, np.uint16)[1:].reshape(frames.shape)
+    shifted[:] = frames
+    shifted.flags.writeable = False
+    mixed = [frame.astype(np.uint8) if k % 3 else frame for k, frame in enumerate(frames)]
+    others = [FrameSums((5, 30), BAYER).add(given) for given in (list(frames), iter(frames), shifted, mixed)]
+    for sums in (one_by_one, *others):
+        assert sums.label_totals() == whole
+
+
+def test_the_mean_alone_takes_the_fewest_bytes():
+    frames = stack(n=16, top=4096, seed=6)
+    sums = FrameSums(frames.shape[1:], BAYER).add(frames)
+    kept = sums.mean_frame()
+    assert kept.sum.dtype == np.uint16
+    assert np.array_equal(kept.mean(), sums.mean())
+    kept = sums.add(np.full((1, *sums.shape), 4095, np.uint16)).mean_frame()
+    assert kept.sum.dtype == np.uint32
+    assert np.array_equal(kept.mean(), sums.mean())
+
+
 def test_frame_means():
     frames = stack(n=4, seed=9)
     means = FrameSums(frames.shape[1:], BAYER).add(frames).frame_means()

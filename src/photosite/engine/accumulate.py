@@ -217,8 +217,9 @@ class FrameSums:
         clipped = np.zeros((bands, n_labels, 2), np.int64)
         highest = np.zeros((bands, len(frames)), np.uint32)
         like = np.empty(0, frames[0].dtype)
+        paired = like.itemsize == 2 and self.shape[1] % 2 == 0 and not (addresses % 4).any()
         add_frames(
-            addresses, like, self.labels, self.black, self.white,
+            addresses, like, paired, self.labels, self.black, self.white,
             self.sum, self.sum_of_squares, totals, clipped, highest,
         )  # fmt: skip
         self._frame_totals.extend(totals.sum(axis=0))

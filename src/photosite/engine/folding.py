@@ -37,7 +37,7 @@ _NARROW = 23_170
 
 # Unsigned, because numba asks of a signed index whether it counts from the end, and then nothing vectorises.
 _TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
-_BLOCK, _LINE = np.uint64(128), np.uint64(32)  # pixels; a cache line holds 32 of 16 bits
+_BLOCK, _LINE = np.uint64(64), np.uint64(16)  # in pairs of pixels: fetched at a time; in a line of the caches
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
 _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGETHER))
 
@@ -46,6 +46,7 @@ _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGET
 def add_frames(
     addresses: _Ints,
     like: _Ints,
+    paired: bool,
     labels: _Ints,
     black: int,
     white: int,
@@ -63,6 +64,8 @@ def add_frames(
         (frames,) where each frame's pixels lie, C-contiguous; an array of arrays is nothing numba can take.
     like
         An array of the frames' type.
+    paired
+        Whether the frames are of 16 bits, their columns are even and their addresses multiples of four.
     labels
         (tile rows, tile cols); at most LANES columns.
     black, white
@@ -78,8 +81,7 @@ def add_frames(
     """
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
-    run = RUN // tile_cols * tile_cols  # each run begins with the tile's first column
-    lanes = LANES // tile_cols * tile_cols
+    run = RUN // (2 * tile_cols) * 2 * tile_cols  # each begins with the tile's first column, and with a pair
     for band in prange(totals.shape[0]):
         stage = np.zeros(_TOGETHER * RUN, np.uint16)
         words = stage.view(np.uint32)
@@ -94,29 +96,25 @@ def add_frames(
                     top = np.uint32(0)
                     for k in range(present):
                         place = (r * cols + c) * like.itemsize
-                        source = carray(pointer(addresses[first + k] + place), m, like.dtype)
-                        if first + k + 1 < addresses.size:
-                            ahead = addresses[first + k + 1] + place
+                        here = pointer(addresses[first + k] + place)
+                        if paired:
+                            ahead = addresses[0] + place + 2 * m
+                            if first + k + 1 < addresses.size:
+                                ahead = addresses[first + k + 1] + place
+                            source = carray(here, m // 2, np.uint32)
+                            lowest, high, even, odd = _take_words(source, words, k * RUN, ahead)
                         else:
-                            ahead = addresses[0] + place + m * like.itemsize
-                        _copy(source, stage, k * RUN, ahead)
-                        lowest, high, even, odd = _look(stage, words, k * RUN, m)
+                            _copy(carray(here, m, like.dtype), stage, k * RUN)
+                            lowest, high, even, odd = _look(stage, words, k * RUN, m)
                         top = max(top, high)
                         highest[band, first + k] = max(highest[band, first + k], high)
                         if tile_cols <= 2:
                             totals[band, first + k, row_labels[0]] += np.uint64(even)
                             totals[band, first + k, row_labels[tile_cols - 1]] += np.uint64(odd)
                         else:
-                            counts[:] = 0
-                            _lane_totals(stage[k * RUN : k * RUN + m], lanes, counts[0])
-                            for lane in range(lanes):
-                                totals[band, first + k, row_labels[lane % tile_cols]] += np.uint64(counts[0, lane])
+                            _lane_totals(stage[k * RUN : k * RUN + m], row_labels, counts, totals[band, first + k])
                         if lowest <= black or high >= white:
-                            counts[:] = 0
-                            _lane_clips(stage[k * RUN : k * RUN + m], lanes, black, white, counts)
-                            for lane in range(lanes):
-                                for end in range(2):
-                                    clipped[band, row_labels[lane % tile_cols], end] += counts[end, lane]
+                            _lane_clips(stage[k * RUN : k * RUN + m], row_labels, black, white, counts, clipped[band])
                     for k in range(present, _TOGETHER):
                         stage[k * RUN : k * RUN + m] = 0
                     if top <= _NARROW:
@@ -126,19 +124,36 @@ def add_frames(
 
 
 @compiled()
-def _copy(source: _Ints, stage: _Ints, place: int, ahead: int) -> None:
-    """Copy to a place on the stage, and meanwhile fetch what lies at the address `ahead`.
+def _take_words(
+    source: _Ints, words: _Ints, place: int, ahead: int
+) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """What `_copy` and `_look` do, in one go, where the source can be taken two pixels at a time.
 
-    The processor foresees how one run goes on, not that the next one lies in another frame.
+    Meanwhile what lies at the address `ahead` is fetched: the processor foresees how one run goes on, not that the next
+    one lies in another frame.
     """
-    m, at = np.uint64(source.size), np.uint64(place)
-    for block in range(np.uint64(0), m // _BLOCK * _BLOCK, _BLOCK):
-        for j in range(_BLOCK):
-            stage[at + block + j] = source[block + j]
+    lowest, highest = np.uint32(_LOW_16), np.uint32(0)
+    even = odd = np.uint32(0)
+    at, size = np.uint64(place) // _TWO, np.uint64(source.size)
+    for first in range(np.uint64(0), size, _BLOCK):
         for line in range(_BLOCK // _LINE):
-            prefetch(int(ahead + np.int64(block + line * _LINE) * source.itemsize))
-    for j in range(m // _BLOCK * _BLOCK, m):
-        stage[at + j] = source[j]
+            prefetch(int(ahead + np.int64(first + line * _LINE) * 4))
+        for j in range(min(_BLOCK, size - first)):
+            word = source[first + j]
+            words[at + first + j] = word
+            a = np.uint32(word & _LOW_16)
+            b = np.uint32(word >> _16)
+            lowest = min(lowest, min(a, b))
+            highest = max(highest, max(a, b))
+            even = np.uint32(even + a)
+            odd = np.uint32(odd + b)
+    return lowest, highest, even, odd
+
+
+@compiled()
+def _copy(source: _Ints, stage: _Ints, place: int) -> None:
+    for j in range(np.uint64(source.size)):
+        stage[np.uint64(place) + j] = source[j]
 
 
 @compiled()
@@ -167,22 +182,35 @@ def _look(stage: _Ints, words: _Ints, place: int, pixels: int) -> tuple[np.uint3
 
 
 @compiled()
-def _lane_totals(pixels: _Ints, lanes: int, totals: _Ints) -> None:
-    for first in range(np.uint64(0), np.uint64(pixels.size), np.uint64(lanes)):
-        for lane in range(min(np.uint64(lanes), np.uint64(pixels.size) - first)):
-            totals[lane] += np.uint32(pixels[first + lane])
+def _lane_totals(pixels: _Ints, row_labels: _Ints, counts: _Ints, totals: _Ints) -> None:
+    """A frame's total over each label."""
+    lanes = LANES // row_labels.size * row_labels.size
+    size, step = np.uint64(pixels.size), np.uint64(lanes)
+    sums = counts[0]
+    sums[:] = 0
+    for first in range(np.uint64(0), size, step):
+        for lane in range(min(step, size - first)):
+            sums[lane] += np.uint32(pixels[first + lane])
+    for lane in range(lanes):
+        totals[row_labels[lane % row_labels.size]] += np.uint64(sums[lane])
 
 
 @compiled()
-def _lane_clips(pixels: _Ints, lanes: int, black: int, white: int, counts: _Ints) -> None:
-    """Numbers at or below black and at or above white, by lane."""
+def _lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts: _Ints, clipped: _Ints) -> None:
+    """Numbers at or below black and at or above white, of each label."""
+    lanes = LANES // row_labels.size * row_labels.size
+    size, step = np.uint64(pixels.size), np.uint64(lanes)
     low, high = counts[0], counts[1]
+    counts[:] = 0
     floor, ceiling = np.int32(black), np.int32(white)
-    for first in range(np.uint64(0), np.uint64(pixels.size), np.uint64(lanes)):
-        for lane in range(min(np.uint64(lanes), np.uint64(pixels.size) - first)):
+    for first in range(np.uint64(0), size, step):
+        for lane in range(min(step, size - first)):
             y = np.int32(pixels[first + lane])
             low[lane] += np.uint32(y <= floor)
             high[lane] += np.uint32(y >= ceiling)
+    for lane in range(lanes):
+        for end in range(2):
+            clipped[row_labels[lane % row_labels.size], end] += counts[end, lane]
 
 
 @compiled()
