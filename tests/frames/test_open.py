@@ -77,6 +77,26 @@ def test_folders_without_frames(tmp_path):
         open_frames(tmp_path)
 
 
+def test_frames_in_subfolders(tmp_path):
+    """As a measurement lies on disk: by the subfolder's name, unless the file's own name says otherwise."""
+    for place, name in (("dark", "DSC_0001"), ("dark", "DSC_0002"), ("flats 2", "DSC_0003"), ("dark", "flat_0004")):
+        (tmp_path / place).mkdir(exist_ok=True)
+        put(tmp_path / place / f"{name}.png")
+    (tmp_path / ".hidden").mkdir()
+    put(tmp_path / ".hidden" / "dark_1.png")
+    assert [(g.kind, len(g)) for g in open_frames(tmp_path).groups] == [("dark", 2), ("light", 2)]
+    (tmp_path / "flats 2" / "protocol.yaml").write_text("photosite_protocol: 1")
+    with pytest.raises(FileError, match="subfolder flats 2 is a measurement of its own"):
+        open_frames(tmp_path)
+
+
+def test_subfolders_without_frames_are_named(tmp_path):
+    for name in ("charts", "notes"):
+        (tmp_path / name).mkdir()
+    with pytest.raises(FileError, match=r"holds no frames .*subfolders \(charts, notes\) hold no frames either"):
+        open_frames(tmp_path)
+
+
 def test_what_is_no_measurement(tmp_path):
     put(tmp_path / "dark.png")
     with pytest.raises(FileError, match="is one frame; a measurement is"):

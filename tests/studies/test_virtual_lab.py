@@ -124,6 +124,10 @@ def test_frames_without_the_protocol_still_say_what_they_are(lab: VirtualLab, tm
         ("light", 0.01, 2),
         ("light", 0.04, 2),
     ]
+    for file in (tmp_path / "stack").glob("*.yaml"):
+        file.unlink()
+    whole = ps.open_frames(tmp_path / "stack")
+    assert [(group.kind, len(group)) for group in whole.groups] == [("dark", 5), ("light", 2), ("light", 2)]
 
 
 def test_failure_leaves_nothing(lab: VirtualLab, tmp_path: Path) -> None:

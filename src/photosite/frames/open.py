@@ -41,8 +41,9 @@ def open_frames(
     ----------
     path
         A YAML protocol, an EMVA 1288 descriptor, or a folder. A folder that holds a protocol.yaml or one descriptor
-        stands for it; in any other, all frames are taken, with the exposure and kind their files state. Where a file
-        states no kind, a word of its name does: dark, bias; light, flat, bright.
+        stands for it; in any other, all frames are taken, with the exposure and kind their files state. A folder
+        that holds none itself is searched one level down, as long as no subfolder is a measurement of its own. Where
+        a file states no kind, a word of its name does, or else of its subfolder's: dark, bias; light, flat, bright.
     bits
         Bits of the converter, where neither the files nor the protocol say.
     cfa
@@ -92,7 +93,7 @@ def open_frames(
 
 
 def _open_folder(folder: Path, expected: Expected) -> FrameSet:
-    files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
+    files = _files(folder)
     for name in PROTOCOL_NAMES:
         if folder / name in files:
             return _open_protocol(folder / name, expected)
@@ -101,36 +102,63 @@ def _open_folder(folder: Path, expected: Expected) -> FrameSet:
         raise FileError(folder, f"holds {len(descriptors)} descriptors, {descriptors[0].name} and others; name one")
     if descriptors:
         return _open_descriptor(descriptors[0], expected)
-    images = [p for p in files if p.suffix.lower() in SUFFIXES]
-    if not images:
-        raise FileError(
-            folder, "holds no frames (DNG, camera raw, TIFF, PNG), no protocol.yaml and no EMVA 1288 descriptor"
-        )
-    return frame_set_of_files([_entry(image, read_header(image)) for image in images], str(folder), expected)
+    images = _images(files)
+    if images:
+        entries = [_entry(image, read_header(image)) for image in images]
+    else:
+        entries = [_entry(image, read_header(image), image.parent.name) for image in _images_one_level_down(folder)]
+    return frame_set_of_files(entries, str(folder), expected)
 
 
-def _entry(image: Path, header: FrameHeader) -> FileEntry:
+def _files(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
+
+
+def _images(files: list[Path]) -> list[Path]:
+    return [p for p in files if p.suffix.lower() in SUFFIXES]
+
+
+def _images_one_level_down(folder: Path) -> list[Path]:
+    """The frames of the subfolders, dark/ and light/ say, of a folder that holds none itself."""
+    below = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    files = [file for place in below for file in _files(place)]
+    own = [p for p in files if p.name in PROTOCOL_NAMES or (p.suffix.lower() == ".txt" and looks_like_descriptor(p))]
+    images = _images(files)
+    if images and not own:
+        return images
+    why = "holds no frames (DNG, camera raw, TIFF, PNG), no protocol.yaml and no EMVA 1288 descriptor"
+    if own:
+        why += f"; its subfolder {own[0].parent.name} is a measurement of its own: name that"
+    elif below:
+        why += f", and its subfolders ({', '.join(place.name for place in below)}) hold no frames either"
+    raise FileError(folder, why)
+
+
+def _entry(image: Path, header: FrameHeader, subfolder: str = "") -> FileEntry:
     if header.exposure_s is None:
         raise FileError(image, f"does not state its exposure; say it in a protocol.yaml: {_EXAMPLE}")
     photons = header.metadata.get("photons_per_pixel")
     if photons is not None and not isinstance(photons, int | float):
         raise FileError(image, f"states photons_per_pixel {photons!r}, which is no number")
-    return FileEntry(image, _kind(image, header), header.exposure_s, photons)
+    return FileEntry(image, _kind(image, header, subfolder), header.exposure_s, photons)
 
 
-def _kind(image: Path, header: FrameHeader) -> Kind:
+def _kind(image: Path, header: FrameHeader, subfolder: str) -> Kind:
     stated = header.metadata.get("kind")
     if stated is not None:
         for kind in KINDS:
             if stated == kind:
                 return kind
         raise FileError(image, f"states the kind {stated!r}; a frame is dark or light")
-    words = re.findall("[a-z]+", image.stem.lower())
-    kinds = {_KIND_WORDS[word] for word in words if word in _KIND_WORDS}
+    kinds = _kinds_named(image.stem) or _kinds_named(subfolder)
     if len(kinds) != 1:
         why = "both dark and light in its name" if kinds else "neither in its file nor in its name"
         raise FileError(image, f"dark or light? It says {why}; say it in a protocol.yaml: {_EXAMPLE}")
     return kinds.pop()
+
+
+def _kinds_named(name: str) -> set[Kind]:
+    return {_KIND_WORDS[word] for word in re.findall("[a-z]+", name.lower()) if word in _KIND_WORDS}
 
 
 def _open_descriptor(path: Path, expected: Expected) -> FrameSet:
