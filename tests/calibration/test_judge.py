@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.groups import Level
 from photosite.calibration.judge import CLIPPED_BLACK, clipping_bias
+from photosite.engine.accumulate import FrameSums
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays
 
@@ -174,3 +176,41 @@ def test_an_unsteady_lamp_is_told_and_does_not_count_as_noise():
     assert not any("unsteady" in warning for warning in a.warnings)
     curve_a, curve_b = (c.curves["M"]["photon_transfer"] for c in (a, b))
     np.testing.assert_allclose(curve_b.y, curve_a.y, rtol=1e-9)
+
+
+def small_chip(seed, ripple=0.0):
+    """64 pixels of noise 15 DN: the mean of a frame scatters by 1.9 DN, a fifteenth of the weakest signal of 28 DN."""
+    rng = np.random.default_rng([seed, 7])
+    frames = [("dark", t, rng.normal(64, 2, (8, 8))) for t in (0.01, 0.02) for _ in range(4)]
+    for index in range(32):
+        signal = 28 * 2 ** (index // 4) * (1 + ripple * (-1) ** index)
+        frames.append(("light", 0.01 * 2 ** (index // 4), rng.normal(64 + signal, 15, (8, 8))))
+    return frame_set([(kind, t, np.rint(dn).astype(np.uint16)) for kind, t, dn in frames])
+
+
+def told_unsteady(frames):
+    return any("the light was unsteady" in warning for warning in calibrate(frames).warnings)
+
+
+def test_a_steady_lamp_on_a_small_chip_is_not_called_unsteady():
+    """At most 1 calibration of 1000 may be: 2 and more of 60 come by chance once in 600. Three in four have a level
+    whose frame means scatter by more than the 1 % that is worth a warning."""
+    assert sum(told_unsteady(small_chip(seed)) for seed in range(60)) <= 1
+
+
+def test_an_unsteady_lamp_on_a_small_chip_is_told():
+    """3 % from frame to frame: at the brightest level, of 3584 DN, over 50 times what chance does."""
+    assert all(told_unsteady(small_chip(seed, ripple=0.03)) for seed in range(8))
+
+
+def test_the_scatter_of_frame_means_is_judged_at_the_rate_it_says():
+    """Steady frames at a rate of 0.05: of 600 groups 30 +- 5.3; four standard errors either way, whatever the size."""
+    rng = np.random.default_rng(5)
+    for frames, shape in ((2, (4, 4)), (6, (4, 8))):
+        alarms = 0
+        for _ in range(600):
+            sums = FrameSums(shape, np.zeros((1, 1), dtype=np.int64), white=4095)
+            sums.add(list(np.rint(rng.normal(500, 15, (frames, *shape))).astype(np.uint16)))
+            alarms += Level.of(sums.label_totals()[0]).shifts_beyond_chance(0.05)
+        # The variance under the frame means is itself known from few pixels (Fisher's F).
+        assert abs(alarms - 30) < 22, (frames, shape, alarms)

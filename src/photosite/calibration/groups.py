@@ -81,6 +81,27 @@ class Level:
         """Whether there is a temporal variance."""
         return self.frames > 1
 
+    def shifts_beyond_chance(self, false_alarms: float) -> bool:
+        """Whether the means of the frames scatter by more than the noise of their pixels explains.
+
+        Over steady frames the variance of the frame means is variance / pixels, and the quotient of their estimates
+        follows Fisher's F of n - 1 and (n - 1)(P - 1) degrees of freedom (two-way analysis of variance, n frames by P
+        pixels). Noise that a row shares counts as a shift here: its frame means do scatter more.
+
+        Parameters
+        ----------
+        false_alarms
+            Share of steady levels for which the answer may be yes.
+        """
+        from scipy.stats import f
+
+        freedom = self.frames - 1
+        if freedom == 0 or self.pixels < 2:
+            return False
+        explained = self.variance / self.pixels
+        limit = float(f.isf(false_alarms, freedom, freedom * (self.pixels - 1)))
+        return explained + math.copysign(self.frame_shift**2, self.frame_shift) > limit * explained
+
 
 def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
     """All channels of a group as one: means over pixels, spreads within the channels."""

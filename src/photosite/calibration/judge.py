@@ -18,6 +18,9 @@ CLIPPED_BLACK = 0.005
 LAMP_DRIFT = 0.01
 """Shift from frame to frame, as a share of the signal, that is worth a warning."""
 
+FALSE_ALARMS = 0.001
+"""Share of calibrations under a steady lamp that may be told it was unsteady; the same for the black level."""
+
 
 def clipping_bias(fraction: float) -> float:
     """Relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
@@ -163,32 +166,49 @@ def check_lights(frames: FrameSet, lights: Sequence[GroupStatistics], dark_level
 
 
 def frame_warnings(frames: FrameSet, darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> list[str]:
-    """What the frames show that spoils no estimate but should be known."""
-    names = channel_names(frames.cfa)
-    warnings: list[str] = []
-    dark_level = [level.mean for level in darks[0].levels]
-    drifting: list[tuple[float, str]] = []
-    for statistics in lights:
-        for level, dark in zip(statistics.levels, dark_level, strict=True):
-            signal = level.mean - dark
-            if level.repeated and signal > 0 and level.frame_shift > LAMP_DRIFT * signal:
-                drifting.append((level.frame_shift / signal, statistics.label))
-    if drifting:
-        worst, label = max(drifting)
-        warnings.append(
-            f"the light was unsteady: {label} shift by {100 * worst:.2g} % from frame to frame; the shifts were left "
-            f"out of the temporal noise"
-        )
-    for statistics in darks:
-        for name, level in zip(names, statistics.levels, strict=True):
-            if level.repeated and level.frame_shift > math.sqrt(level.variance):
-                warnings.append(
-                    f"the black level was unsteady: {statistics.label} (channel {name}) shift by "
-                    f"{level.frame_shift:.2g} DN from frame to frame, more than their noise"
-                )
+    """What the frames show that spoils no estimate but should be known.
+
+    A shift from frame to frame is told where it is large and beyond what the pixels' noise does to the frame means;
+    all levels and channels together raise a false alarm in at most `FALSE_ALARMS` of calibrations.
+    """
+    warnings = _unsteady_light(darks, lights) + _unsteady_black(channel_names(frames.cfa), darks)
     if single := [statistics for statistics in lights if statistics.frames == 1]:
         warnings.append(f"{len(single)} of {len(lights)} light levels have one frame and tell no temporal noise")
     return warnings
+
+
+def _rate_each(groups: Sequence[GroupStatistics]) -> float:
+    """False alarms for one level, so that all of them together raise `FALSE_ALARMS` at most (Bonferroni)."""
+    return FALSE_ALARMS / max(sum(len(entry.levels) for entry in groups if entry.frames > 1), 1)
+
+
+def _unsteady_light(darks: Sequence[GroupStatistics], lights: Sequence[GroupStatistics]) -> list[str]:
+    rate = _rate_each(lights)
+    drifting: list[tuple[float, str]] = []
+    for statistics in lights:
+        for level, dark in zip(statistics.levels, darks[0].levels, strict=True):
+            signal = level.mean - dark.mean
+            large = level.repeated and signal > 0 and level.frame_shift > LAMP_DRIFT * signal
+            if large and level.shifts_beyond_chance(rate):
+                drifting.append((level.frame_shift / signal, statistics.label))
+    if not drifting:
+        return []
+    worst, label = max(drifting)
+    return [
+        f"the light was unsteady: {label} shift by {100 * worst:.2g} % from frame to frame; the shifts were left "
+        f"out of the temporal noise"
+    ]
+
+
+def _unsteady_black(names: Sequence[str], darks: Sequence[GroupStatistics]) -> list[str]:
+    rate = _rate_each(darks)
+    return [
+        f"the black level was unsteady: {statistics.label} (channel {name}) shift by {level.frame_shift:.2g} DN from "
+        f"frame to frame, more than their noise"
+        for statistics in darks
+        for name, level in zip(names, statistics.levels, strict=True)
+        if level.repeated and level.frame_shift > math.sqrt(level.variance) and level.shifts_beyond_chance(rate)
+    ]
 
 
 def zero_clip_uncertainty(level: Level) -> float:
