@@ -183,6 +183,40 @@ def test_without_saturation_all_levels_are_linear(virtual):
     assert calibration.system_gain_dn_per_e.value == pytest.approx(sensor.system_gain_dn_per_e, rel=0.02)
 
 
+@pytest.fixture(scope="module")
+def green_saturates(virtual):
+    """Frames of a Bayer sensor of which R and B stay below saturation."""
+    return virtual.frame_set(virtual.sensor(5, cfa="rggb"), 5)
+
+
+def test_a_figure_of_some_channels_says_which(green_saturates):
+    calibration = calibrate(green_saturates)
+    for name in ("prnu1288_percent", "prnu1288_row_percent", "prnu1288_unfiltered_percent", "saturation_dn"):
+        pooled, green = getattr(calibration, name), getattr(calibration.channels["G"], name)
+        assert calibration.channels["R"].estimates()[name].value is None
+        assert calibration.channels["B"].estimates()[name].value is None
+        assert pooled.value == pytest.approx(green.value)
+        assert pooled.method == f"{green.method}; channel G only, not R, B"
+    for name in ("saturation_capacity_photons", "saturation_capacity_e", "snr_max_db", "dynamic_range_db"):
+        assert getattr(calibration, name).method.endswith("; channel G, the first to saturate")
+    others = {name for name, entry in calibration.estimates().items() if "channel" not in entry.method}
+    assert {"prnu_percent", "dsnu_dn", "dsnu1288_e", "responsivity_dn_per_photon", "black_level_dn"} <= others
+    assert not any("channel" in entry.method for entry in calibration.channels["G"].estimates().values())
+
+
+def test_what_no_channel_has_is_missing_for_the_reason_of_the_one_that_got_furthest(green_saturates):
+    top = max(group.photons_per_pixel for group in green_saturates.of_kind("light"))
+    groups = tuple(
+        group
+        for group in green_saturates.groups
+        if group.kind == "dark" or not 0.2 * top < group.photons_per_pixel < 0.65 * top
+    )
+    calibration = calibrate(replace(green_saturates, groups=groups))
+    assert "reach saturation" in calibration.channels["R"].prnu1288_percent.reason
+    assert "between 30 and 70 %" in calibration.channels["G"].prnu1288_percent.reason
+    assert "between 30 and 70 %" in calibration.prnu1288_percent.reason
+
+
 def test_darks_alone_give_what_darks_can(virtual, mono):
     sensor, frames = mono
     calibration = calibrate(replace(frames, groups=frames.of_kind("dark")))

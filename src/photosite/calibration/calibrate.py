@@ -107,7 +107,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
         measured = measure_channels(dark, channels, patterns)
     else:
         measured = measure_channels(dark, (), ())
-    together = measure_together(dark, measured, gain_value(gain_fit) if lights else NO_LIGHT)
+    together = measure_together(dark, names, measured, gain_value(gain_fit) if lights else NO_LIGHT)
 
     mv_per_dn = _mv_per_dn(base)
     estimates = parameters(together, mv_per_dn).estimates()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 from photosite.calibration.result import Estimate, Parameters
 from photosite.calibration.spatial import Parts, pool_parts
@@ -49,8 +50,10 @@ class Measurements:
         DN per photon; of the channel that `saturation_photons` is of.
     dsnu1288, prnu1288, prnu1288_unfiltered
         Spatial variances after EMVA 1288: DN^2; relative; relative.
-    read_method, saturation_method, gain_method
+    read_method, saturation_method
         How those were read.
+    from_channels
+        Of all channels together: which channels a figure above is from, by its name, where not all share in it.
     """
 
     pixels: int
@@ -71,6 +74,12 @@ class Measurements:
     prnu1288_unfiltered: Parts | Missing
     read_method: str
     saturation_method: str
+    from_channels: Mapping[str, str] = field(default_factory=dict)
+
+    def method(self, text: str, *figures: str) -> str:
+        """How a parameter was estimated: the text, and of which channels the figures behind it are."""
+        notes = dict.fromkeys(self.from_channels[name] for name in figures if name in self.from_channels)
+        return "; ".join((text, *notes))
 
 
 _MEANS_OVER_CHANNELS = (
@@ -79,41 +88,65 @@ _MEANS_OVER_CHANNELS = (
     "response_variance",
     "saturation_dn",
     "responsivity",
+    "dsnu1288",
+    "prnu1288",
+    "prnu1288_unfiltered",
 )
 
 
-def pool(channels: list[Measurements], darkness: Measurements, gain: Value) -> Measurements:
-    """All channels as one, weighted by their pixels; a channel that lacks a figure is left out of it.
+def pool(names: Sequence[str], channels: Sequence[Measurements], darkness: Measurements, gain: Value) -> Measurements:
+    """All channels as one, weighted by their pixels; a channel that lacks a figure is left out of it, and it says so.
+
+    What no channel has is missing for the reason of the channel that got furthest: the most figures of its own.
 
     Parameters
     ----------
-    channels
-        Each channel's.
+    names, channels
+        Each channel's name and measurements.
     darkness
         Where black level, dark slope, read and dark variance come from: measured on all pixels together, because
         channels share the drift of the black level.
     gain
         Fitted to all channels together.
     """
+    furthest = max(channels, key=_figures_known)
     changed: dict[str, object] = {"gain": gain, "pixels": sum(entry.pixels for entry in channels)}
-    for name in _MEANS_OVER_CHANNELS:
-        values = [(getattr(entry, name), float(entry.pixels)) for entry in channels]
-        known = [(value, pixels) for value, pixels in values if isinstance(value, Uncertain)]
-        changed[name] = (
-            weighted_mean([value for value, _ in known], [pixels for _, pixels in known]) if known else values[0][0]
-        )
-    for name in ("dsnu1288", "prnu1288", "prnu1288_unfiltered"):
-        parts = [(getattr(entry, name), float(entry.pixels)) for entry in channels]
-        there = [(value, pixels) for value, pixels in parts if isinstance(value, Parts)]
-        changed[name] = (
-            pool_parts([value for value, _ in there], [pixels for _, pixels in there]) if there else parts[0][0]
-        )
-    first = min(channels, key=_photons_at_saturation)
+    notes: dict[str, str] = {}
+    for figure in _MEANS_OVER_CHANNELS:
+        known = {
+            name: entry
+            for name, entry in zip(names, channels, strict=True)
+            if not isinstance(getattr(entry, figure), Missing)
+        }
+        changed[figure] = _mean_over([*known.values()], figure) if known else getattr(furthest, figure)
+        if 0 < len(known) < len(names):
+            notes[figure] = _only([*known], [name for name in names if name not in known])
+    name, first = min(zip(names, channels, strict=True), key=lambda pair: _photons_at_saturation(pair[1]))
+    if isinstance(first.saturation_photons, Uncertain):
+        notes["saturation_photons"] = f"channel {name}, the first to saturate"
+    else:
+        first = furthest
     changed["saturation_photons"] = first.saturation_photons
     changed["saturation_responsivity"] = first.saturation_responsivity
-    seen = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), channels[0])
+    seen = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), furthest)
     changed["saturation_method"] = seen.saturation_method
-    return replace(darkness, **changed)  # type: ignore[arg-type]
+    return replace(darkness, from_channels=notes, **changed)  # type: ignore[arg-type]
+
+
+def _mean_over(channels: Sequence[Measurements], figure: str) -> Uncertain | Parts:
+    values = [getattr(entry, figure) for entry in channels]
+    weights = [float(entry.pixels) for entry in channels]
+    return pool_parts(values, weights) if isinstance(values[0], Parts) else weighted_mean(values, weights)
+
+
+def _only(used: Sequence[str], lacking: Sequence[str]) -> str:
+    """Which channels a mean is over: "channel G only, not R, B"."""
+    return f"channel{'s' * (len(used) > 1)} {', '.join(used)} only, not {', '.join(lacking)}"
+
+
+def _figures_known(m: Measurements) -> int:
+    """How many figures a channel has."""
+    return sum(isinstance(getattr(m, entry.name), Uncertain | Parts) for entry in fields(m))
 
 
 def _photons_at_saturation(m: Measurements) -> float:
@@ -140,9 +173,11 @@ def _part_estimates(parts: Parts | Missing, scale: Value, method: str) -> dict[s
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     one = Uncertain(1.0)
     read = f"{m.read_method}; mean over pixels of the temporal variance, 1/12 DN^2 taken off"
-    dsnu = "spread over pixels of the mean repeated dark, temporal variance / n taken off"
+    dsnu = m.method("spread over pixels of the mean repeated dark, temporal variance / n taken off", "dsnu_variance")
     slope = "slope of the mean dark level against exposure"
-    dcnu = "spread of per-pixel dark slopes, their noise taken off, relative to the mean slope"
+    dcnu = m.method(
+        "spread of per-pixel dark slopes, their noise taken off, relative to the mean slope", "dark_slope_variance"
+    )
     return {
         "read_noise_dn": _spread(m.read_variance, one, read),
         "read_noise_e": _spread(m.read_variance, per_e, read),
@@ -153,7 +188,10 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         "prnu_percent": _spread(
             m.response_variance,
             Uncertain(100.0),
-            "spread of per-pixel slopes against exposure in the linear range, their noise taken off, relative",
+            m.method(
+                "spread of per-pixel slopes against exposure in the linear range, their noise taken off, relative",
+                "response_variance",
+            ),
         ),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
@@ -189,10 +227,14 @@ def _capacity(m: Measurements) -> tuple[Value, str]:
     if isinstance(m.saturation_photons, Uncertain) and isinstance(efficiency, Uncertain):
         return (
             efficiency * m.saturation_photons,
-            "quantum efficiency times photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
+            m.method(
+                "quantum efficiency times photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
+                "saturation_photons",
+            ),
         )
     value = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
-    return value, f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
+    text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
+    return value, m.method(text, "saturation_dn")
 
 
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
@@ -207,35 +249,55 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     threshold_e = _threshold_e(m.dark_variance, m.gain)
     threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
     capacity, capacity_method = _capacity(m)
-    return {
-        "responsivity_dn_per_photon": Estimate.of(
-            m.responsivity, "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)"
+    of_capacity = "saturation_photons" if isinstance(m.saturation_photons, Uncertain) else "saturation_dn"
+    range_db = derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e)
+    texts: dict[str, tuple[Value, str, str]] = {
+        "responsivity_dn_per_photon": (
+            m.responsivity,
+            "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)",
+            "responsivity",
         ),
-        "quantum_efficiency_percent": Estimate.of(
-            derive(lambda q: q * 100.0, efficiency), "responsivity / system gain (EMVA 1288 R4.0, photon transfer)"
+        "quantum_efficiency_percent": (
+            derive(lambda q: q * 100.0, efficiency),
+            "responsivity / system gain (EMVA 1288 R4.0, photon transfer)",
+            "responsivity",
         ),
-        "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e),
-        "sensitivity_threshold_photons": Estimate.of(
-            threshold, "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0)"
+        "sensitivity_threshold_photons": (
+            threshold,
+            "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
+            "responsivity",
         ),
-        "saturation_capacity_photons": Estimate.of(
-            m.saturation_photons, "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
+        "saturation_capacity_photons": (
+            m.saturation_photons,
+            "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
+            "saturation_photons",
         ),
-        "saturation_capacity_e": Estimate.of(capacity, capacity_method),
-        "snr_max_db": Estimate.of(
-            derive(lambda e: e.decibel(10.0), capacity), "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)"
+        "snr_max_db": (
+            derive(lambda e: e.decibel(10.0), capacity),
+            "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
+            of_capacity,
         ),
-        "dynamic_range_db": Estimate.of(
-            derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e),
+        "dynamic_range_db": (
+            range_db,
             "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)",
+            of_capacity,
         ),
+    }
+    return {
+        **{name: Estimate.of(value, m.method(text, figure)) for name, (value, text, figure) in texts.items()},
+        "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e),
+        "saturation_capacity_e": Estimate.of(capacity, capacity_method),
     }
 
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
-    dark = "spatial variance of the mean dark less temporal variance / n (EMVA 1288 R4.0, DSNU)"
-    light = "spatial variance at half saturation less the dark's, high-passed (EMVA 1288 R4.0, PRNU)"
-    plain = "spatial variance at half saturation less the dark's, no high-pass (EMVA 1288 R3.0)"
+    dark = m.method("spatial variance of the mean dark less temporal variance / n (EMVA 1288 R4.0, DSNU)", "dsnu1288")
+    light = m.method(
+        "spatial variance at half saturation less the dark's, high-passed (EMVA 1288 R4.0, PRNU)", "prnu1288"
+    )
+    plain = m.method(
+        "spatial variance at half saturation less the dark's, no high-pass (EMVA 1288 R3.0)", "prnu1288_unfiltered"
+    )
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}
     for prefix, unit, entries in (
@@ -269,5 +331,5 @@ def parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
         conversion_gain_uv_per_e=Estimate.of(
             derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn), "system gain times volts per digital number"
         ),
-        saturation_dn=Estimate.of(m.saturation_dn, m.saturation_method),
+        saturation_dn=Estimate.of(m.saturation_dn, m.method(m.saturation_method, "saturation_dn")),
     )

@@ -187,13 +187,15 @@ def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) ->
     )
 
 
-def measure_together(dark: DarkSide, channels: list[Measurements], gain: Value) -> Measurements:
+def measure_together(
+    dark: DarkSide, names: Sequence[str], channels: Sequence[Measurements], gain: Value
+) -> Measurements:
     """All channels together; `gain` was fitted to all of them."""
     reference = dark.groups[dark.reference]
     together = _measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
     if len(channels) == 1:
         return replace(channels[0], gain=gain)
-    pooled = _without_dark_shot(pool(channels, together, gain), reference.group.exposure_s)
+    pooled = _without_dark_shot(pool(names, channels, together, gain), reference.group.exposure_s)
     # Black level and dark slope were measured on all pixels together; the other means bring their share along.
     return replace(_stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
 
