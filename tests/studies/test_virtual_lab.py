@@ -63,6 +63,16 @@ def test_pedestal_keeps_darks_from_clipping(name: str) -> None:
     assert with_pedestal(sensor) is sensor
 
 
+@pytest.mark.parametrize("read_noise_mv", [0.0, 0.01, 0.05])
+def test_pedestal_of_a_quiet_sensor(read_noise_mv: float) -> None:
+    """Where rounding is most of the noise too, no dark pixel reads 0: 4 DN are 11 standard deviations of 0.36 DN."""
+    quiet = ps.load_sensor("nikon-d200").with_(rows=40, cols=40, read_noise_mv=read_noise_mv, dsnu_mv=0)
+    sensor = with_pedestal(quiet)
+    assert sensor.readout.black_level_dn.value == 4
+    frame = next(virtual_lab(sensor, ShootingProtocol("dark", (Step("dark", 0.01, 1),))).frames())[2]
+    assert frame.dn.min() >= 2
+
+
 def test_nominal_sensor_holds_nothing_of_the_truth(lab: VirtualLab) -> None:
     true = lab.camera.sensor
     other = true.with_(

@@ -23,6 +23,7 @@ from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
 from photosite.measured import Measured
 from photosite.optics.lens import DiffractionLimited
+from photosite.profile import QUANTISATION_DN2
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -46,23 +47,24 @@ _PENDING = 8
 
 
 def dark_noise_dn(sensor: Sensor) -> float:
-    """Standard deviation of one dark frame over its pixels, DN: read noise and DSNU together.
+    """Standard deviation of one dark frame over its pixels, DN: read noise, DSNU and rounding together.
 
     Examples
     --------
     >>> import photosite as ps
     >>> round(dark_noise_dn(ps.load_sensor("nikon-d200")), 2)
-    3.16
+    3.17
     """
     noise = sensor.noise
-    return math.hypot(noise.read_noise_mv.value, noise.dsnu_mv.value) / sensor.mv_per_dn
+    analog = math.hypot(noise.read_noise_mv.value, noise.dsnu_mv.value) / sensor.mv_per_dn
+    return math.sqrt(analog**2 + QUANTISATION_DN2)
 
 
 def with_pedestal(sensor: Sensor) -> Sensor:
     """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
 
     A calibration refuses clipped darks. Where the black level is less than 5 standard deviations of the dark, it
-    becomes the next power of two at or above 8 of them.
+    becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
 
     Raises
     ------
