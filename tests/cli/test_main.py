@@ -60,7 +60,9 @@ def test_version(photosite: Any) -> None:
     ("arguments", "said"),
     [
         (["simulat"], "did you mean 'simulate'?"),
-        (["sensors", "shw"], "show"),
+        (["sensors", "shw"], "did you mean 'show'?"),
+        (["sensors", "lst"], "did you mean 'list'?"),
+        (["sensors", "zzz"], "known are: list, show"),
         (["simulate", "--sead", "3"], "--seed"),
         (["simulate", "--seed", "-1"], "--seed"),
         (["shoot"], "--output"),

@@ -16,6 +16,11 @@ def test_lists_every_preset(photosite: Any) -> None:
     assert len(lines) == 1 + len(preset_names())
 
 
+def test_list_is_what_no_subcommand_does(photosite: Any) -> None:
+    assert photosite("sensors", "list").out == photosite("sensors").out != ""
+    assert photosite("sensors", "list", "--json").json == photosite("sensors", "--json").json
+
+
 def test_show_is_a_sensor_file(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "again.sensor.yaml"
     file.write_text(photosite("sensors", "show", "nikon-d200").out, encoding="utf-8")

@@ -10,12 +10,23 @@ import click
 
 from photosite.cli.options import json_option
 from photosite.cli.output import print_json, table
+from photosite.errors import did_you_mean
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
 
 
-@click.group("sensors", invoke_without_command=True)
+class _Subcommands(click.Group):
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but an unknown subcommand is told which was probably meant, as at the top."""
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            raise click.UsageError(f"no command 'sensors {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+@click.group("sensors", cls=_Subcommands, invoke_without_command=True)
 @json_option
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:
@@ -26,8 +37,21 @@ def command(ctx: click.Context, as_json: bool) -> None:
 
     Example: photosite sensors show nikon-d200
     """
-    if ctx.invoked_subcommand is not None:
-        return
+    if ctx.invoked_subcommand is None:
+        _list(as_json)
+
+
+@command.command("list")
+@json_option
+def list_(as_json: bool) -> None:
+    """List the presets with a line each, as without a subcommand.
+
+    Example: photosite sensors list --json
+    """
+    _list(as_json)
+
+
+def _list(as_json: bool) -> None:
     from photosite.sensor.file import load_sensor, preset_names
 
     presets = {name: load_sensor(name) for name in preset_names()}
