@@ -33,7 +33,7 @@ def test_with_changes_a_copy() -> None:
     assert other.channel_names == ("M",)
     with pytest.raises(InputError, match="did you mean 'prnu_percent'"):
         D200.with_(prnu_percnt=2)
-    with pytest.raises(InputError, match="leaves no room"):
+    with pytest.raises(InputError, match=r"^readout\.black_level_dn 4095 leaves no room"):
         D200.with_(black_level_dn=4095)
 
 

@@ -323,7 +323,8 @@ class Sensor(_Section):
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(str(part) for part in first["loc"])
-            raise InputError(f"{place}: {first['msg'].removeprefix('Value error, ')}") from None
+            why = first["msg"].removeprefix("Value error, ")
+            raise InputError(f"{place}: {why}" if place else why) from None
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file (YAML), whole or not at all.
