@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -242,12 +243,38 @@ def test_exposures_that_cannot_be(exposure_s: float) -> None:
         CAMERA.capture(CHART, exposure_s)
 
 
+@pytest.mark.parametrize("exposure_s", ["1/3", True, None])
+def test_exposures_that_are_no_numbers(exposure_s: object) -> None:
+    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+        CAMERA.capture(CHART, exposure_s)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+        next(CAMERA.stream(CHART, exposure_s))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("exposure_s", [1e38, 1e300])
+def test_exposures_beyond_all_numbers(exposure_s: float) -> None:
+    """One error, and no warning of NumPy's before it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="too long"):
+            CAMERA.capture(CHART, exposure_s)
+        with pytest.raises(InputError, match="too long"):
+            next(CAMERA.stream(CHART, [exposure_s]))
+
+
 def test_numbers_out_of_range() -> None:
     mean = np.zeros((40, 60), np.float32)
     with pytest.raises(InputError, match="seed is a whole number"):
         CAMERA.expose(mean, 0.01, seed=-1)
     with pytest.raises(InputError, match="frame is a whole number"):
         CAMERA.expose(mean, 0.01, frame=2**32)
+    for slip in (1.5, 1.0, "7", None, True):
+        with pytest.raises(InputError, match="seed is a whole number"):
+            CAMERA.expose(mean, 0.01, seed=slip)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="frame is a whole number"):
+            CAMERA.expose(mean, 0.01, frame=slip)  # type: ignore[arg-type]
+    for number in (np.uint64(2**64 - 1), np.int32(7)):
+        CAMERA.expose(mean, 0.01, seed=number)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="40 x 60"):
         CAMERA.expose(mean[:2], 0.01)
     for bad in (-1.0, np.nan, np.inf):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
-from photosite.exposure import format_exposure, parse_exposure
+from photosite.exposure import check_exposure, format_exposure, parse_exposure
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,18 @@ def test_parsed(text, exposure_s):
 def test_refused(text):
     with pytest.raises(InputError, match="exposure"):
         parse_exposure(text)
+
+
+@pytest.mark.parametrize("exposure_s", ["1/3", "0.1", True, None, np.bool_(True), np.ones(2), 1j])
+def test_numbers_only(exposure_s):
+    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+        check_exposure(exposure_s)
+
+
+@pytest.mark.parametrize("exposure_s", [2, 0.5, np.float32(0.5), np.int64(3)])
+def test_numbers_of_any_kind(exposure_s):
+    assert check_exposure(exposure_s) == exposure_s
+    assert type(check_exposure(exposure_s)) is float
 
 
 def test_what_is_formatted_is_parsed_back():

@@ -84,8 +84,8 @@ class Camera:
         Raises
         ------
         InputError
-            If the exposure is not above 0, the scene lies within the focal length, or its radiance is negative
-            somewhere.
+            If the exposure is not above 0 or too long for 32-bit floats, the scene lies within the focal length, or
+            its radiance is negative somewhere.
 
         Warns
         -----
@@ -97,9 +97,9 @@ class Camera:
         Irradiance from the lens (`optics`), times quantum efficiency, pixel area, fill factor and exposure, summed over
         wavelength. The photodetector is a centred square of side pitch * sqrt(fill factor).
         """
+        time_s = check_exposure(exposure_s)
         rate = self._electron_rate(scene)
-        rate *= np.float32(check_exposure(exposure_s))
-        return rate
+        return _exposed(rate, time_s, out=rate)
 
     def _electron_rate(self, scene: Scene) -> NDArray[np.float32]:
         return electron_rate(
@@ -196,12 +196,12 @@ class Camera:
         """
         if frames < 1:
             raise InputError(f"a stream has 1 frame or more at each exposure, not {frames}")
-        times = [exposures_s] if isinstance(exposures_s, int | float) else exposures_s
+        times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
         checked = [check_exposure(exposure_s) for exposure_s in times]
         rate = self._electron_rate(scene)
         number = first_frame
         for exposure_s in checked:
-            mean = rate * np.float32(exposure_s)
+            mean = _exposed(rate, exposure_s)
             for _ in range(frames):
                 yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device)
                 number += 1
@@ -265,3 +265,12 @@ class Camera:
             If a region holds no whole pixel of the frame.
         """
         return placement(scene, self.optics, self.sensor).regions(scene.regions)
+
+
+def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+    """Electrons in a time, or an error where 32-bit floats do not hold them."""
+    with np.errstate(over="raise"):
+        try:
+            return np.multiply(rate, np.float32(time_s), out=out)
+        except FloatingPointError:
+            raise InputError(f"an exposure time of {time_s:g} s is too long: no float holds its electrons") from None

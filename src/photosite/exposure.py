@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from numbers import Real
 
 from photosite.errors import InputError
 
@@ -14,13 +15,16 @@ def check_exposure(exposure_s: float) -> float:
     Raises
     ------
     InputError
-        If it is not finite and above 0.
+        If it is not a number, or not finite and above 0. Text is for `parse_exposure`.
 
     Examples
     --------
     >>> check_exposure(1 / 4)
     0.25
     """
+    # NumPy's numbers register as Real; its booleans do not, and Python's are whole numbers.
+    if isinstance(exposure_s, bool) or not isinstance(exposure_s, Real):
+        raise InputError(f"exposure_s is a number of seconds, such as 0.005 or 1 / 8000, not {exposure_s!r}")
     if not (math.isfinite(exposure_s) and exposure_s > 0):
         raise InputError(f"an exposure time must be above 0 s, not {exposure_s}")
     return float(exposure_s)

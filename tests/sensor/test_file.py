@@ -164,6 +164,11 @@ def test_unknown_presets_are_told_what_there_is() -> None:
         load_sensor("nikon-d300")
 
 
+def test_an_empty_name() -> None:
+    with pytest.raises(InputError, match=r"needs a name.*presets are: nikon-d200"):
+        load_sensor("")
+
+
 def test_schema_describes_the_file() -> None:
     schema = json.loads(json.dumps(Sensor.model_json_schema()))
     assert set(schema["required"]) == {"name", "array", "pixel", "channels", "noise", "readout"}

@@ -59,6 +59,8 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
     6.05
     """
     text = fspath(name_or_path)
+    if not text:
+        raise InputError(f"a sensor needs a name, and this one is empty; presets are: {', '.join(preset_names())}")
     path = Path(text)
     if (
         isinstance(name_or_path, str)

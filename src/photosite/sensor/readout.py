@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -79,8 +80,9 @@ def digital_numbers(
     if not (lowest >= 0 and highest < np.inf):
         raise InputError(f"mean electrons are finite and not negative; they run from {lowest:g} to {highest:g}")
     for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
-        if not 0 <= number < 1 << bits:
-            raise InputError(f"{name} is a whole number from 0 to 2^{bits} - 1, not {number}")
+        whole = isinstance(number, Integral) and not isinstance(number, bool)
+        if not (whole and 0 <= number < 1 << bits):
+            raise InputError(f"{name} is a whole number from 0 to 2^{bits} - 1, not {number!r}")
     r0, r1, c0, c1 = region or (0, shape[0], 0, shape[1])
     if not (0 <= r0 < r1 <= shape[0] and 0 <= c0 < c1 <= shape[1]):
         raise InputError(
@@ -104,7 +106,7 @@ def digital_numbers(
         (r0, c0),
         shape[1],
         np.uint32(frame),
-        *key_from_seed(seed),
+        *key_from_seed(int(seed)),
     )
 
 
