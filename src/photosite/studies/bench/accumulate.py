@@ -40,7 +40,7 @@ def work_maps(frames: int) -> None:
 
 
 def _frames(quick: bool) -> int:
-    return 16 if quick else 32
+    return 16 if quick else 64
 
 
 def accumulate_d200(quick: bool = False) -> Case:
