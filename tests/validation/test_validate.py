@@ -114,6 +114,29 @@ def test_a_tolerance_lets_small_differences_pass_and_no_larger_ones():
         assert not validate(shoot(seed, light=1.06), shoot(seed + 500), tolerance_percent=3).agrees
 
 
+def test_with_a_tolerance_the_reasons_say_the_largest_difference_and_the_allowed_one():
+    for seed, light in ((1, 1.02), (2, 1.2)):
+        result = validate(shoot(seed, light=light), shoot(seed + 500), tolerance_percent=10)
+        assert result.agrees == (light < 1.1)
+        for line, name in zip(result.reasons, ("mean_dn", "spatial_noise_dn"), strict=False):
+            one, other = getattr(result.measured, name), getattr(result.simulated, name)
+            difference = one / other - 1
+            patch, channel = max(np.ndindex(*difference.shape), key=lambda at: abs(difference[at]))
+            where = f"{MACBETH_NAMES[patch]}, {result.measured.channels[channel]}"
+            wanted = f"largest difference {100 * difference[patch, channel]:+.2f} % ({where}), allowed 10 %"
+            assert wanted in line
+        assert "; ".join(result.reasons).count("largest difference") == 2
+
+
+def test_the_largest_difference_is_not_that_of_a_saturated_patch():
+    result = validate(shoot(7, light=3.0), shoot(8, light=2.0), tolerance_percent=10)
+    difference = result.relative_noise_difference
+    patch, channel = np.unravel_index(int(np.abs(difference).argmax()), difference.shape)
+    assert not result.used[patch, channel]  # clipped, and without noise: it differs most
+    lost = [f"({MACBETH_NAMES[i]}, {result.measured.channels[k]})" for i, k in np.argwhere(~result.used)]
+    assert not any(where in line for where in lost for line in result.reasons)
+
+
 def test_one_chips_two_stacks_agree():
     # The pattern is shared, so the means differ by less than the standard errors allow for.
     measured = [shoot(i, chip=77) for i in range(4)]

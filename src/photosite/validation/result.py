@@ -69,18 +69,26 @@ class Validation:
         return (self.measured.mean_dn - made) / made
 
     @property
+    def relative_noise_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
+        """(patches, channels): as `relative_difference`, of the standard deviations over pixels."""
+        made = np.ma.masked_less_equal(self.simulated.spatial_noise_dn, 0.0)
+        return (self.measured.spatial_noise_dn - made) / made
+
+    @property
     def reasons(self) -> tuple[str, ...]:
-        """The verdict in words: each test, then by how much and in which way the frames differ if they do."""
-        lines = [self._says("patch means", self.means), self._says("noise over pixels", self.noise)]
+        """The verdict in words: each test, then by how much and in which way the frames differ if they do.
+
+        With a tolerance each test says the largest difference, with its patch and channel, and what was let pass.
+        """
+        lines = [
+            self._says("patch means", self.means, self.relative_difference),
+            self._says("noise over pixels", self.noise, self.relative_noise_difference),
+        ]
         if self.agrees:
             return tuple(lines)
-        difference = np.ma.abs(np.ma.array(self.relative_difference, mask=~self.used | self.relative_difference.mask))
-        if difference.count():
-            patch, channel = np.unravel_index(int(difference.argmax()), difference.shape)
-            lines.append(
-                f"the largest difference of means is {100 * self.relative_difference[patch, channel]:+.2f} % "
-                f"({self.measured.names[patch]}, {self.measured.channels[channel]})"
-            )
+        largest = self._largest(self.relative_difference)
+        if largest and not self.tolerance_percent:
+            lines.append(f"the largest difference of means is {largest}")
         for name, line in self.regression_by_channel.items():
             if line is not None:
                 slope = line.slope_through_origin
@@ -93,15 +101,25 @@ class Validation:
             lines.append(f"the exposures differ: measured {one:g} s, simulated {other:g} s")
         return tuple(lines)
 
-    def _says(self, what: str, test: ChiSquare) -> str:
-        agrees = test.p_value >= self.level / 2
-        verdict = "agree" if agrees else "differ"
-        bound = f"{'within' if agrees else 'by more than'} {self.tolerance_percent:g} %"
-        within = f" {bound}" if self.tolerance_percent else ""
-        return (
-            f"{what} {verdict}{within}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of "
-            f"freedom, p = {test.p_value:.2g}, at level {self.level / 2:g}"
+    def _says(self, what: str, test: ChiSquare, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str:
+        verdict = "agree" if test.p_value >= self.level / 2 else "differ"
+        line = (
+            f"{what} {verdict}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of freedom, "
+            f"p = {test.p_value:.2g}, at level {self.level / 2:g}"
         )
+        if not self.tolerance_percent:
+            return line
+        largest = self._largest(difference) or "unknown, for the simulated values are 0"
+        return f"{line}; largest difference {largest}, allowed {self.tolerance_percent:g} % and the sampling error"
+
+    def _largest(self, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str | None:
+        """The largest of the relative differences that were used, in words; None where there is none."""
+        size = np.ma.abs(np.ma.array(difference, mask=~self.used | np.ma.getmaskarray(difference)))
+        if not size.count():
+            return None
+        patch, channel = np.unravel_index(int(size.argmax()), size.shape)
+        name, letter = self.measured.names[patch], self.measured.channels[channel]
+        return f"{100 * difference[patch, channel]:+.2f} % ({name}, {letter})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings for JSON; None for a number that is not finite or is masked."""
