@@ -1,6 +1,7 @@
 """Bad input: one line that says what is wrong, where, and what to do; and nothing refused that is good."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -214,3 +215,13 @@ def test_the_scatter_of_frame_means_is_judged_at_the_rate_it_says():
             alarms += Level.of(sums.label_totals()[0]).shifts_beyond_chance(0.05)
         # The variance under the frame means is itself known from few pixels (Fisher's F).
         assert abs(alarms - 30) < 22, (frames, shape, alarms)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [("st", "open_frames('st') makes one"), (Path("st"), "open_frames('st') makes one"), (3, "open_frames makes one")],
+)
+def test_what_is_no_frame_set_is_refused(wrong, hint):
+    with pytest.raises(InputError) as error:
+        calibrate(wrong)
+    assert str(error.value) == f"calibrate takes a FrameSet; {hint}"

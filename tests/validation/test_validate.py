@@ -239,3 +239,11 @@ def test_nothing_to_compare():
         validate([], shoot(19))
     with pytest.raises(InputError, match="every patch is saturated"):
         validate(shoot(20, light=1e3), shoot(21))
+
+
+@pytest.mark.parametrize("wrong", [1, None, "frame.dng", [1, 2], np.zeros((4, 4))])
+def test_what_is_no_frame_is_refused(wrong):
+    with pytest.raises(InputError, match="validate takes a RawFrame or several as the measured frames"):
+        validate(wrong, shoot(22))
+    with pytest.raises(InputError, match="validate takes a RawFrame or several as the simulated frames"):
+        validate(shoot(22), wrong)

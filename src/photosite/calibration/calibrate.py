@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from os import PathLike
 
 from photosite.calibration import judge
 from photosite.calibration.curves import channel_curves, linear_range
@@ -25,6 +26,7 @@ from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
+from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 
@@ -66,7 +68,7 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     FileError
         If a frame cannot be read or has another size.
     InputError
-        If `sensor` cannot have taken these frames.
+        If `frames` is not a FrameSet, or `sensor` cannot have taken these frames.
 
     Examples
     --------
@@ -83,6 +85,11 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     >>> low < 0.5 < high, cal.quantum_efficiency_percent.reason
     (True, 'the photons per pixel are not known; a descriptor or a protocol says them')
     """
+    if not isinstance(frames, FrameSet):
+        hint = (
+            f"open_frames({str(frames)!r}) makes one" if isinstance(frames, str | PathLike) else "open_frames makes one"
+        )
+        raise InputError(f"calibrate takes a FrameSet; {hint}")
     base = sensor if sensor is not None else frames.sensor
     judge.check_sensor(frames, base)
     judge.check_plan(frames)

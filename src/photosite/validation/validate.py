@@ -62,8 +62,9 @@ def validate(
     Raises
     ------
     InputError
-        If sizes, tiles or bits differ, the chart or a patch is unknown, there are no regions, a region does
-        not lie in the frame, every patch is saturated, or the level or tolerance cannot be.
+        If the frames are not RawFrames, sizes, tiles or bits differ, the chart or a patch is unknown, there are no
+        regions, a region does not lie in the frame, every patch is saturated, or the level or tolerance cannot
+        be.
 
     Notes
     -----
@@ -112,6 +113,11 @@ def validate(
 def _first(frames: Frames, what: str) -> RawFrame:
     if isinstance(frames, RawFrame):
         return frames
+    if not isinstance(frames, Sequence) or not all(isinstance(frame, RawFrame) for frame in frames):
+        raise InputError(
+            f"validate takes a RawFrame or several as the {what} frames, not {type(frames).__name__}; "
+            f"read_raw and Camera.capture make them"
+        )
     if not frames:
         raise InputError(f"there is no {what} frame; give one or more")
     return frames[0]
