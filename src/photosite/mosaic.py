@@ -23,6 +23,7 @@ from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
 
 _TRANSFER_NODES = 4097
+_SVD_STRIDE = 16
 _MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
 _PADDING_PERIODS = 40.0
@@ -121,16 +122,18 @@ def _reduced_transfer(
     table = coupling @ otf  # (channels, K, nodes)
     channels, count, nodes = table.shape
     tall = table.transpose(0, 2, 1).reshape(-1, count)
-    left, size, mixing = np.linalg.svd(tall, full_matrices=False)
+    # The table is smooth in frequency: every 16th node spans what all of them do.
+    coarse = table[:, :, ::_SVD_STRIDE].transpose(0, 2, 1).reshape(-1, count)
+    directions = np.linalg.svd(coarse, full_matrices=False)[2]
     limit = _MAP_TOLERANCE * np.abs(tall).max()
-    keep = count
-    # Of what is left out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
-    while keep > 1 and np.abs((left[:, keep - 1 :] * size[keep - 1 :]) @ mixing[keep - 1 :]).max() <= limit:
-        keep -= 1
-    if keep == count:
-        return RadialTransfer(table, float(frequencies[1])), np.eye(count)
-    reduced = np.einsum("ckn,rk->crn", table, mixing[:keep], optimize=True)
-    return RadialTransfer(reduced.reshape(channels, keep, nodes), float(frequencies[1])), mixing[:keep]
+    for keep in range(1, len(directions)):
+        mixing = directions[:keep]
+        reduced = tall @ mixing.T
+        # Of what is left out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
+        if np.abs(tall - reduced @ mixing).max() <= limit:
+            maps = reduced.reshape(channels, nodes, keep).transpose(0, 2, 1)
+            return RadialTransfer(maps, float(frequencies[1])), mixing
+    return RadialTransfer(table, float(frequencies[1])), np.eye(count)
 
 
 def _even_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import compiled, prange
+from photosite.engine.jit import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,10 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     return Overlap(first, sample, share.astype(np.float32))
 
 
-@compiled(parallel=True)
+# Not on several threads: strips are short, and waking a thread for each takes longer than it saves.
+
+
+@compiled()
 def mean_along_rows(
     values: NDArray[np.float32],
     first: NDArray[np.int64],
@@ -57,7 +60,7 @@ def mean_along_rows(
     """(rows, count): each row of (rows, samples) brought to the overlap's outputs."""
     rows, count = values.shape[0], first.size - 1
     out = np.empty((rows, count), np.float32)
-    for r in prange(rows):
+    for r in range(rows):
         for i in range(count):
             total = np.float32(0.0)
             for entry in range(first[i], first[i + 1]):
@@ -66,7 +69,7 @@ def mean_along_rows(
     return out
 
 
-@compiled(parallel=True)
+@compiled()
 def mean_of_rows(
     values: NDArray[np.float32],
     first: NDArray[np.int64],
@@ -77,7 +80,7 @@ def mean_of_rows(
     out: NDArray[np.float32],
 ) -> None:
     """Outputs begin, begin + 1, ... as means of whole rows; values[0] is sample number `offset`."""
-    for i in prange(out.shape[0]):
+    for i in range(out.shape[0]):
         entry = first[begin + i]
         row = values[sample[entry] - offset]
         weight = share[entry]
