@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-from photosite.atomic import atomic_folder
+from photosite.atomic import atomic_folder, atomic_path
 from photosite.errors import FileError
 
 
@@ -69,3 +72,58 @@ def test_usual_permissions(tmp_path: Path) -> None:
         pass
     (tmp_path / "plain").mkdir()
     assert (tmp_path / "stack").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_errors_name_the_folder_asked_for(tmp_path: Path) -> None:
+    def fails(path: Path) -> None:
+        with atomic_folder(tmp_path / "stack") as place:
+            (place / "dark").mkdir()
+            raise FileError(place / "dark" / path, "is truncated", 3)
+
+    with pytest.raises(FileError) as caught:
+        fails(Path("1.tif"))
+    assert str(caught.value) == f"{tmp_path / 'stack' / 'dark' / '1.tif'}:3: is truncated"
+    with pytest.raises(FileError) as caught:
+        fails(tmp_path / "elsewhere.tif")
+    assert caught.value.path == str(tmp_path / "elsewhere.tif")
+
+
+@pytest.mark.parametrize(
+    ("free", "said"), [(0, os.strerror(errno.ENOSPC)), (1 << 30, "26000 requested and 3680 written")]
+)
+def test_a_full_disk_is_called_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, said: str) -> None:
+    """NumPy's tofile raises without an error number."""
+
+    def writes(file: Path) -> None:
+        with atomic_folder(tmp_path / "stack") as place, atomic_path(place / file):
+            raise OSError("26000 requested and 3680 written")
+
+    usage = shutil.disk_usage(tmp_path)._replace(free=free)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    with pytest.raises(FileError) as caught:
+        writes(Path("1.tif"))
+    assert str(caught.value) == f"{tmp_path / 'stack' / '1.tif'}: cannot be written: {said}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_added_to_what_is_there(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "a").write_text("of last time")
+
+    def adds(*, failing: bool) -> None:
+        with atomic_folder(tmp_path, add=True) as place:
+            (place / "a").write_text("a")
+            (place / "sub").mkdir()
+            assert (tmp_path / "a").read_text() == "of last time"
+            if failing:
+                raise KeyError("b")
+
+    with pytest.raises(KeyError, match="b"):
+        adds(failing=True)
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"mine": "mine", "a": "of last time"}
+    adds(failing=False)
+    assert {file.name for file in tmp_path.iterdir()} == {"mine", "a", "sub"}
+    assert (tmp_path / "a").read_text() == "a"
+    with atomic_folder(tmp_path / "new", add=True):
+        pass
+    assert (tmp_path / "new").is_dir()

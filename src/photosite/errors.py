@@ -44,6 +44,7 @@ class FileError(PhotositeError):
     def __init__(self, path: str | PathLike[str], message: str, line: int | None = None) -> None:
         self.path = fspath(path)
         self.line = line
+        self.message = message
         place = self.path if line is None else f"{self.path}:{line}"
         super().__init__(f"{place}: {message}")
 
