@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +13,11 @@ from photosite.cli.output import Stages, print_json, say, table
 from photosite.cli.shoot import prepared_sensor
 
 if TYPE_CHECKING:
+    from photosite.sensor.model import Sensor
     from photosite.studies.closed_loop import ClosedLoop
 
 REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml", "frames"
+PROTOCOL_NAME = "protocol.yaml"
 
 
 @click.command("demo")
@@ -26,7 +28,8 @@ REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml",
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=options.shared_folder,
+    metavar="FOLDER",
     default="photosite-demo",
     help="Folder for the report and the calibrated sensor file.",
 )
@@ -35,37 +38,44 @@ REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml",
 def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, keep_frames: bool, as_json: bool) -> None:
     """Close the loop on a virtual Nikon D200, and report how well the calibration finds the truth.
 
-    Shoots the 2008 paper's 405 frames of darkness and flat light with a virtual sensor, writes them to disk and reads
-    them back, calibrates from them, simulates a ColorChecker with the true and with the calibrated sensor, compares
-    the two and writes a self-contained HTML report. The chip has half the D200's rows and half its columns: about a
+    Shoots the 2008 paper's 405 frames of darkness and metered flat light with a virtual sensor, writes them to disk,
+    reads them back, calibrates from them, simulates a ColorChecker with the true and with the calibrated sensor,
+    compares the two and writes a self-contained HTML report. The chip has half the D200's rows and half its columns: about a
     minute on two cores, and 2 GB on the disk while it runs.
 
     Example: photosite demo -o photosite-demo
     """
+    from photosite.atomic import atomic_folder
     from photosite.errors import FileError
-    from photosite.report.demo import write_demo_report
-    from photosite.studies.closed_loop import closed_loop
 
     sensor, note = prepared_sensor(sensor_name, rows, cols, None)
-    stages = Stages()
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        scratch = tempfile.TemporaryDirectory(prefix=".frames-", dir=output)
-    except OSError as error:
-        raise FileError(output, f"cannot be written: {error.strerror or error}") from None
+    if keep_frames and (output / FRAMES_NAME).exists():
+        raise FileError(output / FRAMES_NAME, "exists already; choose another folder, or leave out --keep-frames")
     if note:
         say(note)
-    with scratch:
-        folder = output / FRAMES_NAME if keep_frames else Path(scratch.name) / FRAMES_NAME
-        loop = closed_loop(sensor, seed=seed, folder=folder, watcher=stages)
-    stages.stage("writing the report")
-    loop.calibration.sensor.save(output / SENSOR_NAME)
-    write_demo_report(loop, output / REPORT_NAME)
+    with atomic_folder(output, add=True) as place:
+        source = str(output / FRAMES_NAME / PROTOCOL_NAME) if keep_frames else "virtual frames, not kept"
+        loop = _loop(sensor, seed, place, source)
+        if not keep_frames:
+            shutil.rmtree(place / FRAMES_NAME)
     if as_json:
         print_json(loop.to_dict() | {"report": str(output / REPORT_NAME), "seconds": loop.seconds})
     else:
         _show(loop)
         click.echo(f"\nreport: {output / REPORT_NAME}")
+
+
+def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
+    """The study, its frames, its sensor file and its report in a folder."""
+    from photosite.report.demo import write_demo_report
+    from photosite.studies.closed_loop import closed_loop
+
+    stages = Stages()
+    loop = closed_loop(sensor, photons_known=True, seed=seed, folder=place / FRAMES_NAME, source=source, watcher=stages)
+    stages.stage("writing the report")
+    loop.calibration.sensor.save(place / SENSOR_NAME)
+    write_demo_report(loop, place / REPORT_NAME)
+    return loop
 
 
 def _show(loop: ClosedLoop) -> None:

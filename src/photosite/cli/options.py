@@ -73,6 +73,15 @@ def output_folder(text: str) -> Path:
     return path
 
 
+def shared_folder(text: str) -> Path:
+    """A folder to be written, or to be added to where it exists."""
+    path = Path(text)
+    _check_place(path)
+    if path.exists() and not path.is_dir():
+        raise FileError(path, "cannot be written: it is a file, not a folder")
+    return path
+
+
 def _check_place(path: Path) -> None:
     if not path.absolute().parent.is_dir():
         raise FileError(path, f"cannot be written: there is no folder {path.parent}")

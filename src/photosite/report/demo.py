@@ -107,10 +107,12 @@ def demo_page(result: ClosedLoop) -> Page:
 
 
 def _story(result: ClosedLoop) -> tuple[Block, ...]:
+    metered = any(row.name == "quantum_efficiency_percent" and row.estimated is not None for row in result.parameters)
+    light = " and the photons per pixel of each exposure" if metered else ""
     steps = (
         f"The virtual sensor shot its protocol ({result.protocol.name}): {result.frames_shot} raw frames.",
-        "The calibration read the frames. Beforehand it knew the pixel's geometry, the converter, the voltage swing "
-        "and the spectral response, and none of the parameters below.",
+        "The calibration read the frames. Beforehand it knew the pixel's geometry, the converter, the voltage swing, "
+        f"the spectral response{light}, and none of the parameters below.",
         f"The true and the calibrated sensor each photographed the same scene ({result.scene.name}) behind the same "
         "lens, as two chips of one design: with other noise and another fixed pattern.",
         "Patch means, noise and colours of the two raw frames were compared.",

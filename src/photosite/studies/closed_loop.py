@@ -5,17 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, Protocol
+
+import numpy as np
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
 from photosite.camera import Camera
+from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.patches import patch_statistics
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
@@ -27,6 +31,8 @@ from photosite.validation.result import Validation
 from photosite.validation.validate import validate
 
 CHART_EXPOSURE_S = 1 / 3
+FEWEST_PIXELS = 4
+"""Of a channel in a patch, for its noise to be compared."""
 TOLERANCE_PERCENT = 1.0
 """Difference of patch means and noise let pass: what the calibration's uncertainty may do; many pixels resolve less."""
 
@@ -158,6 +164,7 @@ def closed_loop(
     photons_known: bool = False,
     seed: int = 0,
     folder: str | PathLike[str] | None = None,
+    source: str | None = None,
     watcher: Watcher | None = None,
 ) -> ClosedLoop:
     """Shoot, calibrate, simulate a ColorChecker with the true and with the calibrated sensor, compare.
@@ -175,6 +182,8 @@ def closed_loop(
     folder
         Where to write the frames and read them back from, as someone with a camera would; it must not hold anything.
         None makes each frame when it is read, from the same numbers.
+    source
+        What the calibration calls its frames, if not by the folder: one that is to be moved or removed, say.
     watcher
         Is told of stages and frames.
 
@@ -183,7 +192,8 @@ def closed_loop(
     CalibrationError
         If the frames cannot support a calibration.
     InputError, FileError
-        If an argument cannot be, or the folder cannot be written.
+        If an argument cannot be, a patch of the ColorChecker would hold too few pixels, or the folder cannot be
+        written.
 
     Examples
     --------
@@ -197,15 +207,17 @@ def closed_loop(
     watch = watcher or _Silence()
     protocol = protocol or paper_d200_protocol()
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known)
+    chart = charts.macbeth("A", 40)
+    _check_patches(sensor, chart)
     seconds: dict[str, float] = {}
     with _timed(seconds, "shoot"):
         frames = _shoot(lab, folder, watch)
+        frames = frames if source is None else replace(frames, source=source)
     with _timed(seconds, "calibrate"):
         watch.stage(f"calibrating from {protocol.frame_count} frames")
         calibration = calibrate(frames, progress=watch)
     with _timed(seconds, "simulate"):
         watch.stage("simulating a ColorChecker with the true and with the calibrated sensor")
-        chart = charts.macbeth("A", 40)
         true_raw = _portrait(sensor, chart, seed, protocol.frame_count)
         simulated = calibration.sensor.with_(serial=f"{sensor.serial}, calibrated")
         calibrated_raw = _portrait(simulated, chart, seed, protocol.frame_count + 1)
@@ -253,10 +265,25 @@ def _shoot(lab: VirtualLab, folder: str | PathLike[str] | None, watch: Watcher) 
     return open_frames(folder)
 
 
+def _check_patches(sensor: Sensor, chart: Scene) -> None:
+    """Whether the comparison at the end can be made: worth knowing before hundreds of frames are shot."""
+    array = sensor.array
+    blank = RawFrame(np.zeros((array.rows, array.cols), np.uint16), sensor.readout.bits, array.cfa)
+    pixels = patch_statistics(blank, _camera(sensor).image_regions(chart)).pixels
+    if pixels.min() < FEWEST_PIXELS:
+        raise InputError(
+            f"frames of {array.rows} x {array.cols} pixels leave {pixels.min()} of a channel in a patch of the chart; "
+            f"comparing its noise needs {FEWEST_PIXELS}: take more rows and columns"
+        )
+
+
+def _camera(sensor: Sensor) -> Camera:
+    return Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+
+
 def _portrait(sensor: Sensor, chart: Scene, seed: int, frame: int) -> RawFrame:
     """The chart at the paper's conditions."""
-    camera = Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
-    return camera.capture(chart, CHART_EXPOSURE_S, seed=seed, frame=frame)
+    return _camera(sensor).capture(chart, CHART_EXPOSURE_S, seed=seed, frame=frame)
 
 
 @contextmanager
