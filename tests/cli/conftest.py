@@ -44,6 +44,12 @@ def photosite(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     return call
 
 
+@pytest.fixture(autouse=True)
+def kernels_lie_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command says does not depend on whether this machine has compiled before."""
+    monkeypatch.setattr("photosite.engine.jit.kernels_are_cached", lambda: True)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def one_thread() -> Iterator[None]:
     """A frame is the same whatever the threads, and test processes on few cores would wait for each other's."""

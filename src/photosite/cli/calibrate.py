@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
-from photosite.cli.output import Stages, print_json, table
+from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
@@ -60,6 +60,7 @@ def command(
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
     if output is not None and sensor is None:
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
+    say_if_compiling()
     calibration = calibrate(frames, sensor, progress=Stages())
     _save(calibration, output, report)
     if as_json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
-from photosite.cli.output import Stages, print_json, say, table
+from photosite.cli.output import Stages, print_json, say, say_if_compiling, table
 from photosite.cli.shoot import prepared_sensor
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
     Shoots the 2008 paper's 405 frames of darkness and metered flat light with a virtual sensor, writes them to disk,
     reads them back, calibrates from them, simulates a ColorChecker with the true and with the calibrated sensor,
-    compares the two and writes a self-contained HTML report. The chip has half the D200's rows and half its columns: about a
-    minute on two cores, and 2 GB on the disk while it runs.
+    compares the two and writes a self-contained HTML report. The chip has half the D200's rows and half its columns:
+    about a minute on two cores, and 2 GB on the disk while it runs.
 
     Example: photosite demo -o photosite-demo
     """
@@ -53,6 +53,7 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
         raise FileError(output / FRAMES_NAME, "exists already; choose another folder, or leave out --keep-frames")
     if note:
         say(note)
+    say_if_compiling()
     with atomic_folder(output, add=True) as place:
         source = str(output / FRAMES_NAME / PROTOCOL_NAME) if keep_frames else "virtual frames, not kept"
         loop = _loop(sensor, seed, place, source)

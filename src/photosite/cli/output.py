@@ -60,6 +60,14 @@ def say(message: str) -> None:
     click.echo(message, err=True)
 
 
+def say_if_compiling() -> None:
+    """Say why the first computation takes longer than any later one; nothing where the kernels lie ready."""
+    from photosite.engine.jit import kernels_are_cached
+
+    if not kernels_are_cached():
+        say("compiling kernels (once; about 20 s) ...")
+
+
 class Stages:
     """Progress on standard error: a line per stage, and a count within it where a terminal is watching.
 

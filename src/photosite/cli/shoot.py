@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
-from photosite.cli.output import Stages, print_json, say
+from photosite.cli.output import Stages, print_json, say, say_if_compiling
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
@@ -66,6 +66,7 @@ def command(
     protocol = paper_d200_protocol()
     if note:
         protocol = replace(protocol, name=f"{protocol.name}; {note}")
+    say_if_compiling()
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
     if note:
         say(f"{note} (--black-level shoots with another)")

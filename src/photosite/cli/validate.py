@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
-from photosite.cli.output import print_json, table
+from photosite.cli.output import print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
@@ -49,9 +49,11 @@ def command(
     """
     from photosite.validation.validate import validate
 
+    measured_raw, simulated_raw = (_frames(path, bits, cfa) for path in (measured, simulated))
+    say_if_compiling()
     result = validate(
-        _frames(measured, bits, cfa),
-        _frames(simulated, bits, cfa),
+        measured_raw,
+        simulated_raw,
         chart=chart,
         level=level,
         tolerance_percent=tolerance,
