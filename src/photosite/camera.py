@@ -14,7 +14,7 @@ from photosite.cfa import shifted
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
-from photosite.mosaic import electron_rate, placement
+from photosite.mosaic import electron_rate, electrons_per_weight, placement
 from photosite.optics.lens import Optics
 from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
@@ -255,6 +255,39 @@ class Camera:
             noise_profile=noise_profile(self.sensor, exposure_s),
             metadata=MappingProxyType(metadata),
         )
+
+    def as_shot_neutral(self, light: Scene) -> str | None:
+        """What an even gray reads in R, G and B, the largest 1: a frame's metadata hold it for DNG's AsShotNeutral.
+
+        Parameters
+        ----------
+        light
+            A uniform field of the light.
+
+        Returns
+        -------
+        str or None
+            Three numbers with commas between; None where the channels are not R, G and B, or one sees none of it.
+
+        Notes
+        -----
+        DNG specification 1.7, AsShotNeutral.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), ps.load_sensor("nikon-d200"))
+        >>> camera.as_shot_neutral(ps.charts.uniform("A", 1))
+        '1,0.927022,0.323447'
+        """
+        names = self.sensor.channel_names
+        if set(names) != {"R", "G", "B"}:
+            return None
+        electrons = electrons_per_weight(light, self.optics, self.sensor, self.integration).sum(axis=(1, 2))
+        reading = np.array([electrons[names.index(name)] for name in "RGB"])
+        if not reading.min() > 0:
+            return None
+        return ",".join(f"{part:.6g}" for part in reading / reading.max())
 
     def image_regions(self, scene: Scene) -> tuple[Region, ...]:
         """The scene's named regions in pixels of the frame.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +31,13 @@ def test_json_tells_what_was_written(photosite: Any, tmp_path: Path) -> None:
     assert said["saturated_fraction"] == (raw.dn == 4095).mean()
 
 
+def test_the_first_run_says_what_it_waits_for(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photosite.engine.jit.kernels_are_cached", lambda: False)
+    done = photosite("simulate", *SMALL, "-o", tmp_path / "shot.dng", "--json")
+    assert done.err == "compiling kernels (once; about 20 s) ...\n"
+    assert done.json["rows"] == 66
+
+
 def test_is_what_the_library_gives(photosite: Any, tmp_path: Path) -> None:
     photosite("simulate", *SMALL, "--seed", 7, "--black-level", 64, "-o", tmp_path / "shot.tif")
     sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98, black_level_dn=64)
@@ -53,6 +61,21 @@ def test_preview_is_a_picture_of_the_frame(photosite: Any, tmp_path: Path) -> No
     photosite("simulate", *SMALL, "-o", tmp_path / "shot.dng", "--preview", tmp_path / "shot.png")
     with Image.open(tmp_path / "shot.png") as picture:
         assert (picture.size, picture.mode) == ((98, 66), "RGB")
+
+
+@pytest.mark.parametrize("illuminant", ["A", "D65"])
+def test_libraw_balances_by_the_light(photosite: Any, tmp_path: Path, illuminant: str) -> None:
+    """An even gray comes out gray by the file's own balance: its channels' means, good to 0.3 %, against the tag."""
+    file = tmp_path / "gray.dng"
+    photosite("simulate", *SMALL, "--scene", "uniform", "--illuminant", illuminant, "--black-level", 64, "-o", file)
+    code = "import json,sys,rawpy; print(json.dumps(rawpy.imread(sys.argv[1]).camera_whitebalance[:3]))"
+    gains = json.loads(subprocess.run([sys.executable, "-I", "-c", code, file], capture_output=True, check=True).stdout)
+    dn = ps.read_raw(file).dn.astype(float) - 64
+    means = np.array(
+        [dn[0::2, 0::2].mean(), (dn[0::2, 1::2].mean() + dn[1::2, 0::2].mean()) / 2, dn[1::2, 1::2].mean()]
+    )
+    balanced = means * gains
+    np.testing.assert_allclose(balanced / balanced[1], 1, atol=0.01)
 
 
 def test_full_size_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_path: Path) -> None:

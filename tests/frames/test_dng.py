@@ -116,15 +116,16 @@ def test_libraw_uses_the_colour_matrix(tmp_path, cfa):
     tile = cfa_from(cfa)
     frame = make_frame((30, 30), 12, cfa, metadata=MappingProxyType({"camera": "Nikon D200"}))
     rows = ["RGB".index(name) for name in frame.channels]
-    frame = RawFrame(frame.dn, bits=12, cfa=tile, color_matrix=MATRIX_RGB[rows], metadata=frame.metadata)
+    neutral = [0.75, 1.0, 0.3125]
+    said = MappingProxyType({**frame.metadata, "as_shot_neutral": ",".join(map(str, neutral))})
+    frame = RawFrame(frame.dn, bits=12, cfa=tile, color_matrix=MATRIX_RGB[rows], metadata=said)
     (seen,) = in_a_fresh_process([saved(tmp_path / "a.dng", frame)])
     to_camera = MATRIX_RGB @ SRGB_TO_XYZ
     to_camera /= to_camera.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(seen["to_srgb"], np.linalg.inv(to_camera), rtol=0, atol=2e-6)
     assert not np.any(seen["xyz_to_camera"])  # LibRaw's own table has no say
     assert seen["white"] == 4095
-    white = MATRIX_RGB @ [0.9504559, 1.0, 1.0890578]  # CIE 15: D65, 2 degree observer
-    np.testing.assert_allclose(seen["balance"], white.max() / white, rtol=1e-5)
+    np.testing.assert_allclose(seen["balance"], 1 / np.array(neutral), rtol=1e-6)
 
 
 @pytest.mark.parametrize("cfa", ["gbrg", "mono"])
@@ -166,6 +167,7 @@ def test_tags_as_tifffile_reads_them(tmp_path, cfa):
     ratios = np.reshape(tags[50721], (9, 2)).astype(np.float64)
     np.testing.assert_allclose((ratios[:, 0] / ratios[:, 1]).reshape(3, 3), MATRIX_RGB, rtol=1e-9)
     assert tags[50778] == 21
+    assert 50728 not in tags  # nobody said what the light was
 
 
 @pytest.mark.parametrize("black", [0.5, 63.9999, 256 / 3, 1e-6, 1000.123456789])
@@ -199,6 +201,8 @@ def test_frames_too_small_for_libraw_are_written_with_a_warning(tmp_path):
         ({"exposure_s": 1e-12}, "cannot hold a exposure|too small"),
         ({"color_matrix": np.eye(2)}, r"is \(3, 3\), not \(2, 2\)"),
         ({"color_matrix": -np.eye(3)}, "white of D65"),
+        ({"color_matrix": np.eye(3), "metadata": {"as_shot_neutral": "1,0,1"}}, "as_shot_neutral is three numbers"),
+        ({"color_matrix": np.eye(3), "metadata": {"as_shot_neutral": "A"}}, "as_shot_neutral is three numbers"),
         ({"noise_profile": np.ones((1, 2))}, r"is \(3, 2\), not \(1, 2\)"),
     ],
 )

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
-from photosite.cli.output import print_json
+from photosite.cli.output import print_json, say_if_compiling
 from photosite.exposure import format_exposure
 
 if TYPE_CHECKING:
+    from photosite.camera import Camera
     from photosite.frames.raw_frame import RawFrame
 
 
@@ -67,7 +70,8 @@ def command(
     sensor = options.load_sensor_resized(sensor_name, rows, cols, black_level)
     camera = Camera(options.lens(f_number, focal_length), sensor)
     scene = options.scene(scene_name, illuminant, luminance, distance)
-    raw = camera.capture(scene, exposure, seed=seed)
+    say_if_compiling()
+    raw = _balanced(camera.capture(scene, exposure, seed=seed), camera, illuminant)
     _save(raw, output, preview)
     if as_json:
         print_json(_facts(raw, output, preview) | {"scene": scene.name, "sensor": sensor.name, "seed": seed})
@@ -80,6 +84,16 @@ def command(
     )
     if preview is not None:
         click.echo(f"wrote {preview}")
+
+
+def _balanced(raw: RawFrame, camera: Camera, illuminant: str) -> RawFrame:
+    """The frame with what gray reads under its light, which a DNG keeps as its white balance."""
+    from photosite.scene.charts import uniform
+
+    neutral = camera.as_shot_neutral(uniform(illuminant, 1.0))
+    if neutral is None:
+        return raw
+    return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))
 
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:

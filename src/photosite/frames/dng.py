@@ -4,6 +4,8 @@ One directory, uncompressed 16-bit. A mosaic is CFA, a chip of one channel is Li
 exposure, colour matrix and noise profile are in DNG's own tags; what these cannot say, or say only as a ratio of
 32-bit integers, is in ImageDescription (`photosite.frames.header`).
 
+White balance (AsShotNeutral) is written where the frame's metadata say "as_shot_neutral"; else readers choose it.
+
 LibRaw takes BlackLevel as a whole number, cutting off the fraction that the file has, and opens nothing under 22
 pixels on a side. It looks cameras up by maker and model and puts its own white level and matrix for known ones beside
 the file's: Make is therefore "photosite", and the camera's name is in Model.
@@ -30,7 +32,11 @@ CFA_REPEAT_DIM, CFA_PATTERN, CFA_PLANE_COLOR = 33421, 33422, 50710
 BLACK_LEVEL, WHITE_LEVEL, ACTIVE_AREA = 50714, 50717, 50829
 COLOR_MATRIX_1, ILLUMINANT_1, NOISE_PROFILE = 50721, 50778, 51041
 MAKE, MODEL, ORIENTATION, ISO = 271, 272, 274, 34855
+AS_SHOT_NEUTRAL = 50728
 D65 = 21
+
+NEUTRAL_NAME = "as_shot_neutral"
+"""Of the metadata: what a gray surface reads in R, G and B above black, the largest 1, such as "1,0.9,0.4"."""
 
 PLANES = ("R", "G", "B")
 """The colours in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
@@ -128,17 +134,29 @@ def _colour_tags(frame: RawFrame) -> list[Tag]:
     if frame.color_matrix is None:
         return tags
     matrix = _by_plane(frame, frame.color_matrix, 3, "colour matrix")
-    # A raw frame does not say under which light it was taken: neutral is daylight's until somebody balances it.
-    neutral = matrix @ np.array(_D65_WHITE_XYZ)
-    if neutral.min() <= 0:
-        raise InputError(f"the colour matrix turns the white of D65 into {neutral.tolist()}; all must be above 0")
-    neutral /= neutral.max()
+    white = matrix @ np.array(_D65_WHITE_XYZ)
+    if white.min() <= 0:
+        raise InputError(f"the colour matrix turns the white of D65 into {white.tolist()}; all must be above 0")
     return [
         *tags,
         (COLOR_MATRIX_1, "2i", 9, sum((ratio(x, "colour matrix", signed=True) for x in matrix.ravel()), ()), True),
         (ILLUMINANT_1, "H", 1, D65, True),
-        (50728, "2I", 3, sum((ratio(x, "neutral") for x in neutral), ()), True),  # AsShotNeutral
+        *_neutral_tags(frame),
     ]
+
+
+def _neutral_tags(frame: RawFrame) -> list[Tag]:
+    """AsShotNeutral where the metadata say what gray reads; a frame does not tell the light it was taken in."""
+    said = frame.metadata.get(NEUTRAL_NAME)
+    if said is None:
+        return []
+    try:
+        neutral = [float(part) for part in str(said).split(",")]
+    except ValueError:
+        neutral = []
+    if len(neutral) != 3 or not all(0 < part <= 1 for part in neutral):
+        raise InputError(f"{NEUTRAL_NAME} is three numbers above 0 up to 1, for R, G and B, not {said!r}")
+    return [(AS_SHOT_NEUTRAL, "2I", 3, sum((ratio(x, "neutral") for x in neutral), ()), True)]
 
 
 def _by_plane(frame: RawFrame, rows: NDArray[np.float64], cols: int, what: str) -> NDArray[np.float64]:
