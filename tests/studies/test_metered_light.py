@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import photosite as ps
@@ -17,7 +19,10 @@ def test_saturation_is_that_of_the_channel_that_saturates_first() -> None:
     green = cal.channels["G"].saturation_capacity_e
     assert green.value is not None
     assert cal.saturation_capacity_e.value == pytest.approx(green.value, rel=0.02)  # its own gain or that of all
-    assert cal.saturation_capacity_photons == cal.channels["G"].saturation_capacity_photons
+    photons = cal.channels["G"].saturation_capacity_photons
+    assert cal.saturation_capacity_photons == replace(
+        photons, method=f"{photons.method}; channel G, the first to saturate"
+    )
     assert cal.saturation_capacity_e.standard_uncertainty is not None
     off = abs(cal.saturation_capacity_e.value - sensor.saturation_capacity_e)
     assert off < 2 * cal.saturation_capacity_e.standard_uncertainty
