@@ -57,6 +57,17 @@ def channel_names(cfa: Cfa) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for row in cfa for name in row))
 
 
+def tile_text(cfa: Sequence[Sequence[str]]) -> str:
+    """The tile on one line, for messages and tables.
+
+    Examples
+    --------
+    >>> tile_text(cfa_from("rggb"))
+    'RG/GB'
+    """
+    return "/".join("".join(row) for row in cfa)
+
+
 def channel_sites(cfa: Cfa, channel: str) -> tuple[tuple[int, int], ...]:
     """Where in the tile the channel sits: `mosaic[r :: len(cfa), c :: len(cfa[0])]` for each (r, c).
 

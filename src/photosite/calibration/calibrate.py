@@ -53,7 +53,8 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     sensor
         What is known beforehand, for millivolts and for `Calibration.sensor`; `frames.sensor` if None.
     progress
-        Called with (frames read, frames to read) after each frame; the second number may grow once.
+        Called with (frames read, frames to read) after each frame; the second number grows where frames
+        must be read again.
 
     Returns
     -------

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.fit import Fit, fit_linear
 from photosite.calibration.groups import Level
@@ -14,6 +14,11 @@ from photosite.calibration.uncertain import Missing, Uncertain, Value, correlate
 
 SAME_EXPOSURE = 1e-6
 """Relative difference up to which two exposure times are the same one."""
+
+
+def same_exposure(exposure_s: ArrayLike, other_s: ArrayLike) -> NDArray[np.bool_]:
+    """Whether exposure times are the same but for rounding."""
+    return np.asarray(np.isclose(exposure_s, other_s, rtol=SAME_EXPOSURE, atol=0.0))
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,7 @@ class DarkLine:
         """
         weights = np.zeros((len(exposure_s), len(self.exposure_s)))
         for row, t in zip(weights, exposure_s, strict=True):
-            same = np.isclose(self.exposure_s, t, rtol=SAME_EXPOSURE, atol=0.0)
+            same = same_exposure(self.exposure_s, t)
             if same.any():
                 row[same] = (1.0 / self.variance[same]) / np.sum(1.0 / self.variance[same])
             elif self.fit is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from statistics import NormalDist
 
 from photosite.calibration.groups import GroupStatistics, Level, group_label
-from photosite.cfa import channel_names
+from photosite.cfa import channel_names, tile_text
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.sensor.model import Sensor
@@ -58,13 +58,9 @@ def check_sensor(frames: FrameSet, sensor: Sensor | None) -> None:
         )
     if sensor.array.cfa != frames.cfa:
         raise InputError(
-            f"sensor '{sensor.name}' has the colour filter array {_tile(sensor.array.cfa)}, the frames have "
-            f"{_tile(frames.cfa)}; calibrate with the sensor that took them"
+            f"sensor '{sensor.name}' has the colour filter array {tile_text(sensor.array.cfa)}, the frames have "
+            f"{tile_text(frames.cfa)}; calibrate with the sensor that took them"
         )
-
-
-def _tile(cfa: Sequence[Sequence[str]]) -> str:
-    return "/".join("".join(row) for row in cfa)
 
 
 def check_plan(frames: FrameSet) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.dark import SAME_EXPOSURE, Darkness
+from photosite.calibration.dark import Darkness, same_exposure
 from photosite.calibration.groups import GroupStatistics
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
@@ -112,13 +112,13 @@ def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], ref
     same = [
         i
         for i, entry in enumerate(darks)
-        if entry.frames > 1 and np.isclose(entry.group.exposure_s, light.group.exposure_s, rtol=SAME_EXPOSURE, atol=0.0)
+        if entry.frames > 1 and same_exposure(entry.group.exposure_s, light.group.exposure_s)
     ]
     return max(same, key=lambda i: darks[i].frames) if same else reference
 
 
 class PatternReader:
-    """Reads again what the fixed-pattern figures need, and works them out.
+    """Looks again at the mean frames that the fixed-pattern figures need, and works them out.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ SMALLEST_SIDE = 2 * MARGIN + 16
 
 @dataclass(frozen=True)
 class Parts:
-    """Spatial variance, DN^2, temporal noise taken off: total = row + column + pixel."""
+    """Spatial variance, DN^2 or relative to a squared signal, temporal noise off: total = row + column + pixel."""
 
     total: Uncertain
     row: Uncertain

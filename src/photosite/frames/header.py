@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import MONOCHROME, Cfa, cfa_from
+from photosite.cfa import MONOCHROME, Cfa, cfa_from, tile_text
 from photosite.errors import FileError, InputError
 from photosite.frames.raw_frame import RawFrame
 
@@ -104,12 +104,10 @@ def agreed_cfa(path: Path, header: FrameHeader, cfa: Cfa | None) -> Cfa | None:
         If the two contradict each other.
     """
     if header.cfa is not None and cfa is not None and header.cfa != cfa:
-        raise FileError(path, f"has the colour filter array {_tile(header.cfa)}, not the {_tile(cfa)} asked for")
+        raise FileError(
+            path, f"has the colour filter array {tile_text(header.cfa)}, not the {tile_text(cfa)} asked for"
+        )
     return header.cfa or cfa
-
-
-def _tile(cfa: Cfa) -> str:
-    return "/".join("".join(row) for row in cfa)
 
 
 def describe(frame: RawFrame) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration, Estimate, LinearRange, Parameters
+from photosite.cfa import tile_text
 from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_uncertain
 
@@ -125,7 +126,7 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
 
 def frames_table(calibration: Calibration) -> Table:
     """What was calibrated."""
-    tile = "/".join("".join(row) for row in calibration.cfa)
+    tile = tile_text(calibration.cfa)
     known = "nothing" if calibration.base is None else calibration.base.name
     rows = (
         ("Source", calibration.source),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cfa import Cfa
+from photosite.cfa import tile_text
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
@@ -123,14 +123,10 @@ def _first(frames: Frames, what: str) -> RawFrame:
     return frames[0]
 
 
-def _tile(cfa: Cfa) -> str:
-    return "/".join("".join(row) for row in cfa)
-
-
 def _check_same_kind(measured: RawFrame, simulated: RawFrame) -> None:
     facts = (
         ("size", *(f"{rows} x {cols}" for rows, cols in (measured.shape, simulated.shape))),
-        ("colour filter array", _tile(measured.cfa), _tile(simulated.cfa)),
+        ("colour filter array", tile_text(measured.cfa), tile_text(simulated.cfa)),
         ("bits", str(measured.bits), str(simulated.bits)),
     )
     for what, one, other in facts:
