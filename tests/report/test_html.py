@@ -89,3 +89,16 @@ def _full_disk(*args: object, **keywords: object) -> int:
 def test_missing_folder_is_a_file_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"):
         write_page(Page("t", "l", ()), tmp_path / "absent" / "page.html")
+
+
+def test_wide_tables_scroll_by_themselves(read_page) -> None:
+    """Each table stands in a box that scrolls sideways, by keyboard too, so that a narrow screen cuts nothing off."""
+    table = Table("All of it", (Column("A"), Column("B", numeric=True)), (("a", "1"),))
+    page = read_page(render_page(Page("Tables", "", (Section("One", (table, Details("more", (table,)))),))))
+    tables = [index for index, (tag, _) in enumerate(page.elements) if tag == "table"]
+    assert len(tables) == 2
+    for index in tables:
+        assert page.elements[index - 1] == (
+            "div",
+            {"class": "scroll", "role": "region", "aria-label": "All of it", "tabindex": "0"},
+        )
