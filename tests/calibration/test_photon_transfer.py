@@ -55,6 +55,13 @@ def test_a_well_that_fills_below_the_converter_s_top_is_saturation_too():
     assert found.level_dn.standard_uncertainty == pytest.approx(0.01)
 
 
+def test_of_single_frames_place_and_signal_are_those_of_the_brightest():
+    curve = levels([*RISING, 500.2, 500.1], [np.nan] * 6, white_share=[0, 0, 0, 0, 1, 1])
+    found = find_saturation(curve, white=564)
+    assert (found.index, found.signal) == (4, 500.2)
+    assert "no light level has two frames" in found.x.reason
+
+
 def test_a_rising_variance_is_no_saturation():
     found = find_saturation(levels(RISING, [20.0, 41.0, 62.0, 80.0]), white=4095)
     assert found.index is None

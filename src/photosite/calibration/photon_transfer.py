@@ -112,7 +112,8 @@ class Saturation:
     Parameters
     ----------
     index
-        The light level with the largest temporal variance (EMVA 1288 R4.0), or None where saturation was not seen.
+        The light level with the largest temporal variance (EMVA 1288 R4.0), of single frames the brightest one; None
+        where saturation was not seen.
     signal
         Its signal, DN, dark taken off; None where saturation was not seen.
     x
@@ -137,8 +138,10 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     if repeated.size == 0:
         seen = isinstance(level_dn, Uncertain)
         reason = "no light level has two frames, and the variance shows saturation"
-        index = int(np.argmax(levels.signal)) if seen else None
-        return Saturation(index, float(levels.signal[-1]) if seen else None, Missing(reason), level_dn, method)
+        if not seen:
+            return Saturation(None, None, Missing(reason), level_dn, method)
+        brightest = int(np.argmax(levels.signal))
+        return Saturation(brightest, float(levels.signal[brightest]), Missing(reason), level_dn, method)
     peak = int(repeated[np.argmax(levels.shot[repeated])])
     beyond = repeated[repeated > peak]
     fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_SHARE * levels.shot[peak]
