@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 import photosite as ps
@@ -19,10 +17,11 @@ def test_saturation_is_that_of_the_channel_that_saturates_first() -> None:
     green = cal.channels["G"].saturation_capacity_e
     assert green.value is not None
     assert cal.saturation_capacity_e.value == pytest.approx(green.value, rel=0.02)  # its own gain or that of all
-    photons = cal.channels["G"].saturation_capacity_photons
-    assert cal.saturation_capacity_photons == replace(
-        photons, method=f"{photons.method}; channel G, the first to saturate"
+    # The paper's exposures are too far apart for EMVA's variance maximum: the saturated level tells, and tells well.
+    assert "too far apart" in cal.saturation_capacity_photons.method
+    assert cal.saturation_capacity_photons.value == pytest.approx(
+        cal.channels["G"].saturation_capacity_photons.value, rel=1e-3
     )
     assert cal.saturation_capacity_e.standard_uncertainty is not None
     off = abs(cal.saturation_capacity_e.value - sensor.saturation_capacity_e)
-    assert off < 2 * cal.saturation_capacity_e.standard_uncertainty
+    assert off < 3 * cal.saturation_capacity_e.standard_uncertainty < 0.02 * sensor.saturation_capacity_e

@@ -21,6 +21,10 @@ from photosite.calibration.uncertain import (
 QUANTISATION = 1.0 / 12.0
 """Variance of rounding to whole numbers, DN^2."""
 
+COARSEST_STEP = 0.15
+"""Of the exposure at saturation: EMVA 1288 wants 50 equal steps or more; where neighbours leave the largest variance
+more uncertain than this, it does not say where saturation is."""
+
 LEAST_DARK_VARIANCE = 0.24
 """DN^2; EMVA 1288: below it quantisation hides the temporal dark noise, and this is its upper limit."""
 
@@ -221,20 +225,40 @@ def _temporal_dark_noise(dark_variance: Value, per_e: Value) -> Estimate:
     return result
 
 
-def _capacity(m: Measurements) -> tuple[Value, str]:
-    """Electrons at saturation."""
+@dataclass(frozen=True)
+class _Capacity:
+    """Saturation in electrons and in photons, how it was found, and the measurement it rests on."""
+
+    electrons: Value
+    photons: Value
+    text: str
+    photons_text: str
+    figure: str
+
+
+def _capacity(m: Measurements) -> _Capacity:
+    """Saturation by EMVA's variance maximum where the exposures locate it, else by what clipped pixels read."""
     efficiency = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
-    if isinstance(m.saturation_photons, Uncertain) and isinstance(efficiency, Uncertain):
-        return (
-            efficiency * m.saturation_photons,
-            m.method(
-                "quantum efficiency times photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
-                "saturation_photons",
-            ),
-        )
-    value = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
+    peak = m.saturation_photons
+    known = isinstance(peak, Uncertain) and isinstance(efficiency, Uncertain)
+    fine = isinstance(peak, Uncertain) and peak.standard_uncertainty <= COARSEST_STEP * peak.value
+    if known and (fine or isinstance(m.saturation_dn, Missing)):
+        text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
+        electrons = derive(lambda q, photons: q * photons, efficiency, peak)
+        return _Capacity(electrons, peak, f"quantum efficiency times {text}", text, "saturation_photons")
+    electrons = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
     text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
-    return value, m.method(text, "saturation_dn")
+    if not known:
+        return _Capacity(electrons, peak, text, text, "saturation_dn")
+    photons = derive(lambda e, q: e / q, electrons, efficiency)
+    coarse = "the exposures are too far apart for EMVA's largest variance"
+    return _Capacity(
+        electrons,
+        photons,
+        f"{text}; {coarse}",
+        f"saturation in electrons / quantum efficiency; {coarse}",
+        "saturation_dn",
+    )
 
 
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
@@ -248,8 +272,8 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
     threshold_e = _threshold_e(m.dark_variance, m.gain)
     threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
-    capacity, capacity_method = _capacity(m)
-    of_capacity = "saturation_photons" if isinstance(m.saturation_photons, Uncertain) else "saturation_dn"
+    saturation = _capacity(m)
+    capacity, of_capacity = saturation.electrons, saturation.figure
     range_db = derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e)
     texts: dict[str, tuple[Value, str, str]] = {
         "responsivity_dn_per_photon": (
@@ -267,11 +291,7 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
             "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
             "responsivity",
         ),
-        "saturation_capacity_photons": (
-            m.saturation_photons,
-            "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)",
-            "saturation_photons",
-        ),
+        "saturation_capacity_photons": (saturation.photons, saturation.photons_text, saturation.figure),
         "snr_max_db": (
             derive(lambda e: e.decibel(10.0), capacity),
             "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
@@ -286,7 +306,7 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     return {
         **{name: Estimate.of(value, m.method(text, figure)) for name, (value, text, figure) in texts.items()},
         "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e),
-        "saturation_capacity_e": Estimate.of(capacity, capacity_method),
+        "saturation_capacity_e": Estimate.of(capacity, m.method(saturation.text, saturation.figure)),
     }
 
 

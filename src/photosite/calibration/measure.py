@@ -172,6 +172,7 @@ def _measure_channel(
 
 
 def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
+    responsivity = _responsivity(channel)
     return replace(
         measured,
         response_variance=patterns.response_variance,
@@ -179,8 +180,8 @@ def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) ->
         saturation_dn=channel.saturation.level_dn,
         saturation_method=channel.saturation.level_method,
         saturation_photons=_photons(channel, channel.saturation.x),
-        responsivity=_responsivity(channel),
-        saturation_responsivity=_responsivity(channel),
+        responsivity=responsivity,
+        saturation_responsivity=responsivity,
         dsnu1288=patterns.dsnu1288,
         prnu1288=patterns.prnu1288,
         prnu1288_unfiltered=patterns.prnu1288_unfiltered,
@@ -258,6 +259,8 @@ def _stand_for_the_sensor(m: Measurements) -> Measurements:
         black_level=_for_the_sensor(m.black_level, m.dsnu_variance, m.pixels),
         dark_slope=_for_the_sensor(m.dark_slope, m.dark_slope_variance, m.pixels),
         responsivity=response,
+        # One channel's own responsivity; of channels together it already stands for the sensor.
+        saturation_responsivity=response if m.saturation_responsivity is m.responsivity else m.saturation_responsivity,
     )
 
 

@@ -18,10 +18,7 @@ def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
     Each case runs in turn with its baseline in one process: transforms per wavelength in SciPy, NumPy's draws,
     NumPy's mean and variance, plain reads of the files. The memory is that of a fresh process without the baseline.
 
-    \b
-    Example:
-      photosite bench --quick
-      photosite bench --case noise_d200 --json
+    Example: photosite bench --quick
     """
     from photosite.studies.bench.cases import run_cases
     from photosite.studies.bench.scaling import scaling
