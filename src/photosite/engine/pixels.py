@@ -1,8 +1,7 @@
 """The pixel kernels: fixed pattern maps, and mean electrons to digital numbers in one pass.
 
-Pixels are taken in short runs of a row. Over a run the common work (random words, first trials, quantiles, conversion)
-is done in straight loops, which become vector instructions; the fewer pixels that need more (rejected trials, tails)
-are listed and worked off after. What a pixel gets depends on its counter alone, not on the run it was in.
+Pixels are taken in short runs of a row, in straight loops that become vector instructions; `runs` has their random
+numbers.
 """
 
 from __future__ import annotations
@@ -13,30 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.elementary import exp
 from photosite.engine.jit import compiled, prange
 from photosite.engine.philox import philox4x32
-from photosite.engine.variates import (
-    INVERSE,
-    MOST_SMALL,
-    SMALL_MEAN,
-    normal,
-    normal_central,
-    normal_tail,
-    poisson,
-    poisson_accept,
-    poisson_after,
-    poisson_candidate,
-    poisson_squeeze,
-    uniform,
-    uniform_53,
-)
-
-# Uses of random blocks: the third counter word. A number once given never changes: seeds keep their meaning.
-# A block is four words: EXPOSURE's first two are the Poisson trial, its third the read noise; FIXED_PATTERN's are PRNU,
-# DSNU and dark current.
-EXPOSURE = np.uint32(0)
-FIXED_PATTERN = np.uint32(1)
+from photosite.engine.runs import EXPOSURE, FIXED_PATTERN, normal_run, poisson_run, random_words
+from photosite.engine.variates import normal, poisson
 
 DEVIATE_GRAIN = 2.0**-12
 """Fixed patterns are kept as 16-bit whole numbers of this many standard deviations; they reach 8, deviates 6.3."""
@@ -58,8 +37,8 @@ def normal_deviates(rows: int, cols: int, word: int, k0: np.uint32, k1: np.uint3
         words = np.empty((3, cols), np.uint32)
         deviates = np.empty(cols, np.float64)
         late = np.empty(cols, np.int64)
-        _random_words(np.uint32(r * cols), cols, np.uint32(0), FIXED_PATTERN, k0, k1, words)
-        _normal_run(cols, words[word], deviates, late)
+        random_words(np.uint32(r * cols), cols, np.uint32(0), FIXED_PATTERN, k0, k1, words)
+        normal_run(cols, words[word], deviates, late, np.empty(cols, np.float64))
         for c in range(cols):
             out[r, c] = np.int16(math.floor(deviates[c] / DEVIATE_GRAIN + 0.5))
     return out
@@ -111,16 +90,17 @@ def expose(
         electrons = np.empty(_RUN, np.float64)
         deviates = np.empty(_RUN, np.float64)
         late = np.empty(_RUN, np.int64)
-        work = np.empty((5, _RUN), np.float64)
+        tails = np.empty(_RUN, np.float64)
+        trials = np.empty((2, _RUN), np.uint32)
         for c in range(0, cols, _RUN):
             n = min(_RUN, cols - c)
             first = np.uint32((r + corner[0]) * chip_cols + c + corner[1])
-            _random_words(first, n, frame, EXPOSURE, k0, k1, words)
+            random_words(first, n, frame, EXPOSURE, k0, k1, words)
             _mean_run(n, photo_e[r, c:], _row(prnu, r, c), prnu_scale, mean)
             _add_dark_run(n, _row(dark_rate_e_per_s, r, c), exposure_s, mean)
-            _poisson_run(n, mean, words, first, frame, k0, k1, electrons, late, work)
+            poisson_run(n, mean, words, first, frame, k0, k1, electrons, late, trials)
             if read_noise_e > 0.0:
-                _normal_run(n, words[2], deviates, late)
+                normal_run(n, words[2], deviates, late, tails)
             else:
                 deviates[:n] = 0.0
             _convert_run(
@@ -146,24 +126,6 @@ def _row(values: NDArray[Any], r: int, c: int) -> NDArray[Any]:
 
 
 @compiled()
-def _random_words(
-    first: np.uint32,
-    n: int,
-    frame: np.uint32,
-    use: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    words: NDArray[np.uint32],
-) -> None:
-    zero = np.uint32(0)
-    for i in range(n):
-        w0, w1, w2, _ = philox4x32(np.uint32(first + np.uint32(i)), frame, use, zero, k0, k1)
-        words[0, i] = w0
-        words[1, i] = w1
-        words[2, i] = w2
-
-
-@compiled()
 def _mean_run(
     n: int, photo_e: NDArray[np.float32], prnu: NDArray[np.int16], scale: float, mean: NDArray[np.float64]
 ) -> None:
@@ -185,111 +147,6 @@ def _add_dark_run(n: int, rate: NDArray[np.float32], exposure_s: float, mean: ND
     else:
         for i in range(n):
             mean[i] += float(rate[i]) * exposure_s
-
-
-@compiled()
-def _poisson_run(
-    n: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    first: np.uint32,
-    frame: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-    work: NDArray[np.float64],
-) -> None:
-    """Poisson counts of a run: first trials for all, then those that the squeeze left, then small means."""
-    for i in range(n):
-        electrons[i] = poisson_candidate(mean[i], words[0, i])
-    left = 0
-    for i in range(n):
-        late[left] = i
-        taken = poisson_squeeze(mean[i], words[0, i], words[1, i])
-        left += int((mean[i] >= SMALL_MEAN) & (not taken))
-    _poisson_late(left, mean, words, first, frame, k0, k1, electrons, late, work)
-    left = 0
-    for i in range(n):
-        late[left] = i
-        left += int(mean[i] < SMALL_MEAN)
-    if left:
-        _poisson_small(left, mean, words, electrons, late, work)
-
-
-@compiled()
-def _poisson_late(
-    left: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    first: np.uint32,
-    frame: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-    work: NDArray[np.float64],
-) -> None:
-    """The listed pixels' candidates judged by the exact ratio, and drawn again where that refuses them."""
-    for j in range(left):
-        i = late[j]
-        # Below 16 the ratio's series does not hold: any number will do, the draw is looked at again.
-        candidate = max(electrons[i], 16.0)
-        work[0, j] = 1.0 if poisson_accept(mean[i], candidate, words[0, i], words[1, i]) else 0.0
-    for j in range(left):
-        i = late[j]
-        if electrons[i] < 16.0 or work[0, j] == 0.0:
-            draw = np.uint32(0) if electrons[i] < 16.0 else np.uint32(1)
-            electrons[i] = poisson_after(mean[i], np.uint32(first + np.uint32(i)), frame, EXPOSURE, draw, k0, k1)
-
-
-@compiled()
-def _poisson_small(
-    left: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-    work: NDArray[np.float64],
-) -> None:
-    """Inversion for the listed pixels, all a count further at a time: the same sums as `poisson_small`'s."""
-    p, term, total, small, count = work
-    for j in range(left):
-        i = late[j]
-        small[j] = mean[i]
-        p[j] = uniform_53(words[0, i], words[1, i])
-    for j in range(left):
-        term[j] = exp(-small[j])
-        total[j] = term[j]
-        count[j] = 1.0 if p[j] > total[j] else 0.0
-    step = 1
-    more = True
-    while more and step < MOST_SMALL:
-        open_ = 0.0
-        for j in range(left):
-            term[j] *= small[j] * INVERSE[step]
-            total[j] += term[j]
-            beyond = 1.0 if p[j] > total[j] else 0.0
-            count[j] += beyond
-            open_ = max(open_, beyond)
-        more = open_ > 0.0
-        step += 1
-    for j in range(left):
-        electrons[late[j]] = count[j]
-
-
-@compiled()
-def _normal_run(n: int, words: NDArray[np.uint32], deviates: NDArray[np.float64], late: NDArray[np.int64]) -> None:
-    """Standard normal deviates of a run: the central range for all, then the tails."""
-    for i in range(n):
-        deviates[i] = normal_central(uniform(words[i]) - 0.5)
-    left = 0
-    for i in range(n):
-        late[left] = i
-        left += int(abs(uniform(words[i]) - 0.5) > 0.425)
-    for j in range(left):
-        i = late[j]
-        deviates[i] = normal_tail(uniform(words[i]) - 0.5)
 
 
 @compiled()

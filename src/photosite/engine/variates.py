@@ -126,7 +126,7 @@ def poisson_small(mean: float, w0: np.uint32, w1: np.uint32) -> int:
 # Poisson random variables", Insurance: Mathematics and Economics 12 (1993) 39), in parts.
 
 
-@compiled()
+@compiled(inline=True)
 def poisson_candidate(mean: float, w0: np.uint32) -> float:
     """The count that a trial proposes; may be negative."""
     b = 0.931 + 2.53 * math.sqrt(mean)
@@ -135,7 +135,7 @@ def poisson_candidate(mean: float, w0: np.uint32) -> float:
     return math.floor((2.0 * a / (0.5 - abs(u)) + b) * u + mean + 0.43)
 
 
-@compiled()
+@compiled(inline=True)
 def poisson_squeeze(mean: float, w0: np.uint32, w1: np.uint32) -> bool:
     """Whether the candidate is accepted at once: about four times in five."""
     b = 0.931 + 2.53 * math.sqrt(mean)
@@ -143,7 +143,7 @@ def poisson_squeeze(mean: float, w0: np.uint32, w1: np.uint32) -> bool:
     return (us >= 0.07) & (uniform(w1) <= 0.9277 - 3.6224 / (b - 2.0))
 
 
-@compiled()
+@compiled(inline=True)
 def poisson_accept(mean: float, candidate: float, w0: np.uint32, w1: np.uint32) -> bool:
     """Whether a candidate of 16 or more that the squeeze did not take is accepted, by the exact ratio.
 
@@ -165,7 +165,7 @@ def _accept_below_16(mean: float, candidate: float, w0: np.uint32, w1: np.uint32
     return _accepted(mean, density, w0, w1)
 
 
-@compiled()
+@compiled(inline=True)
 def _accepted(mean: float, log_density: float, w0: np.uint32, w1: np.uint32) -> bool:
     b = 0.931 + 2.53 * math.sqrt(mean)
     a = -0.059 + 0.02483 * b

@@ -1,0 +1,199 @@
+"""Random numbers for short runs of pixels: blocks of words, Poisson counts, normal deviates.
+
+Over a run the common work is done in straight loops, which become vector instructions; the fewer pixels that need more
+(rejected trials, tails, small means) are listed and worked off after, together. What a pixel gets depends on its
+counter alone, not on the run it was in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.elementary import exp
+from photosite.engine.jit import compiled
+from photosite.engine.philox import philox4x32
+from photosite.engine.variates import (
+    INVERSE,
+    MOST_SMALL,
+    SMALL_MEAN,
+    normal_central,
+    normal_tail,
+    poisson_accept,
+    poisson_after,
+    poisson_candidate,
+    poisson_squeeze,
+    uniform,
+    uniform_53,
+)
+
+# Uses of random blocks: the third counter word. A number once given never changes: seeds keep their meaning.
+# A block is four words: EXPOSURE's first two are the Poisson trial, its third the read noise; FIXED_PATTERN's are PRNU,
+# DSNU and dark current.
+EXPOSURE = np.uint32(0)
+FIXED_PATTERN = np.uint32(1)
+
+
+@compiled()
+def random_words(
+    first: np.uint32,
+    n: int,
+    frame: np.uint32,
+    use: np.uint32,
+    k0: np.uint32,
+    k1: np.uint32,
+    words: NDArray[np.uint32],
+) -> None:
+    zero = np.uint32(0)
+    for i in range(n):
+        w0, w1, w2, _ = philox4x32(np.uint32(first + np.uint32(i)), frame, use, zero, k0, k1)
+        words[0, i] = w0
+        words[1, i] = w1
+        words[2, i] = w2
+
+
+@compiled()
+def poisson_run(
+    n: int,
+    mean: NDArray[np.float64],
+    words: NDArray[np.uint32],
+    first: np.uint32,
+    frame: np.uint32,
+    k0: np.uint32,
+    k1: np.uint32,
+    electrons: NDArray[np.float64],
+    late: NDArray[np.int64],
+    trials: NDArray[np.uint32],
+) -> None:
+    """Poisson counts of a run: first trials for all, then those that the squeeze left, then small means."""
+    for i in range(n):
+        electrons[i] = poisson_candidate(mean[i], words[0, i])
+    for i in range(n):
+        taken = poisson_squeeze(mean[i], words[0, i], words[1, i])
+        trials[0, i] = np.uint32((mean[i] >= SMALL_MEAN) & (not taken))
+    left = 0
+    for i in range(n):
+        late[left] = i
+        left += int(trials[0, i])
+    _poisson_late(left, mean, words, first, frame, k0, k1, electrons, late, trials)
+    left = 0
+    for i in range(n):
+        late[left] = i
+        left += int(mean[i] < SMALL_MEAN)
+    if left:
+        _poisson_small(left, mean, words, electrons, late)
+
+
+@compiled()
+def _poisson_late(
+    left: int,
+    mean: NDArray[np.float64],
+    words: NDArray[np.uint32],
+    first: np.uint32,
+    frame: np.uint32,
+    k0: np.uint32,
+    k1: np.uint32,
+    electrons: NDArray[np.float64],
+    late: NDArray[np.int64],
+    trials: NDArray[np.uint32],
+) -> None:
+    """The listed pixels' candidates judged by the exact ratio; those refused are drawn again, until none is left.
+
+    Each gets what `poisson_after` would give it from draw 0 on.
+    """
+    # Arrays of their own: of rows of one array LLVM cannot tell that they do not overlap, and leaves the loops scalar.
+    means = np.empty(left, np.float64)
+    candidates = np.empty(left, np.float64)
+    accepted = np.empty(left, np.float64)
+    for j in range(left):
+        i = late[j]
+        means[j] = mean[i]
+        candidates[j] = electrons[i]
+        trials[0, j] = words[0, i]
+        trials[1, j] = words[1, i]
+    draw = np.uint32(0)
+    while left > 0:
+        for j in range(left):
+            u, v = trials[0, j], trials[1, j]
+            # Below 16 the ratio's series does not hold: any number will do, the draw is looked at again.
+            likely = poisson_accept(means[j], max(candidates[j], 16.0), u, v)
+            accepted[j] = 1.0 if poisson_squeeze(means[j], u, v) | likely else 0.0
+        kept = 0
+        for j in range(left):
+            i = late[j]
+            if candidates[j] < 16.0:
+                electrons[i] = poisson_after(mean[i], np.uint32(first + np.uint32(i)), frame, EXPOSURE, draw, k0, k1)
+            elif accepted[j] > 0.0:
+                electrons[i] = candidates[j]
+            else:
+                late[kept] = i
+                means[kept] = means[j]
+                kept += 1
+        left = kept
+        draw += np.uint32(1)
+        for j in range(left):
+            w0, w1, _, _ = philox4x32(np.uint32(first + np.uint32(late[j])), frame, EXPOSURE, draw, k0, k1)
+            trials[0, j] = w0
+            trials[1, j] = w1
+            candidates[j] = poisson_candidate(means[j], w0)
+
+
+@compiled()
+def _poisson_small(
+    left: int,
+    mean: NDArray[np.float64],
+    words: NDArray[np.uint32],
+    electrons: NDArray[np.float64],
+    late: NDArray[np.int64],
+) -> None:
+    """Inversion for the listed pixels, all a count further at a time: the same sums as `poisson_small`'s."""
+    p = np.empty(left, np.float64)
+    term = np.empty(left, np.float64)
+    total = np.empty(left, np.float64)
+    small = np.empty(left, np.float64)
+    count = np.empty(left, np.float64)
+    for j in range(left):
+        i = late[j]
+        small[j] = mean[i]
+        p[j] = uniform_53(words[0, i], words[1, i])
+    for j in range(left):
+        term[j] = exp(-small[j])
+        total[j] = term[j]
+        count[j] = 1.0 if p[j] > total[j] else 0.0
+    step = 1
+    more = True
+    while more and step < MOST_SMALL:
+        open_ = 0.0
+        for j in range(left):
+            term[j] *= small[j] * INVERSE[step]
+            total[j] += term[j]
+            beyond = 1.0 if p[j] > total[j] else 0.0
+            count[j] += beyond
+            open_ = max(open_, beyond)
+        more = open_ > 0.0
+        step += 1
+    for j in range(left):
+        electrons[late[j]] = count[j]
+
+
+@compiled()
+def normal_run(
+    n: int,
+    words: NDArray[np.uint32],
+    deviates: NDArray[np.float64],
+    late: NDArray[np.int64],
+    tails: NDArray[np.float64],
+) -> None:
+    """Standard normal deviates of a run: the central range for all, then the tails."""
+    for i in range(n):
+        deviates[i] = normal_central(uniform(words[i]) - 0.5)
+    left = 0
+    for i in range(n):
+        late[left] = i
+        left += int(abs(uniform(words[i]) - 0.5) > 0.425)
+    for j in range(left):
+        tails[j] = uniform(words[late[j]]) - 0.5
+    for j in range(left):
+        tails[j] = normal_tail(tails[j])
+    for j in range(left):
+        deviates[late[j]] = tails[j]
