@@ -74,6 +74,28 @@ def test_mean_electrons_equal_the_sum_over_wavelengths(f_number: float) -> None:
     assert np.abs(ours - oracle).max() < 1e-5 * oracle.max()
 
 
+def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The chart's 24 spectra as some ten maps, against all 24 as they are: within 1e-5 of full scale."""
+    from photosite import mosaic
+
+    camera = ps.Camera(LENS, D200.with_(rows=264, cols=392))
+    made: list[int] = []
+    plain = mosaic._reduced_transfer
+
+    def counted(*arguments: object) -> object:
+        transfer, mixing = plain(*arguments)  # type: ignore[arg-type]
+        made.append(len(mixing))
+        return transfer, mixing
+
+    monkeypatch.setattr(mosaic, "_reduced_transfer", counted)
+    combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
+    monkeypatch.setattr(mosaic, "_MAP_TOLERANCE", 0.0)
+    apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
+    assert made[0] < 16
+    assert made[1] == 24
+    assert np.abs(combined - apart).max() < 1e-5 * apart.max()
+
+
 def test_mean_electrons_are_never_negative_beside_an_edge() -> None:
     sensor = D200.with_(rows=64, cols=96)
     edge = ps.charts.slanted_edge("A", 40, contrast=math.inf, rows=64, cols=96)
