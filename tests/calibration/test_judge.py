@@ -79,6 +79,22 @@ def test_one_exposure_only_is_refused():
     assert one_line(error)
 
 
+def test_several_gain_settings_are_refused_and_one_of_them_passes():
+    frames = [(*entry, None, gain) for gain in (100.0, 400.0) for entry in measurement()]
+    with pytest.raises(
+        CalibrationError, match=r"2 gain settings \(100, 400\).*at_gain\(setting\), or calibrate_series"
+    ) as e:
+        calibrate(frame_set(frames))
+    assert one_line(e)
+    one = calibrate(frame_set(frames).at_gain(400))
+    assert one.read_noise_dn == calibrate(frame_set(measurement())).read_noise_dn
+
+
+def test_what_was_noted_of_the_frames_is_among_the_warnings():
+    noted = replace(frame_set(measurement()), notes=("the lamp hummed",))
+    assert calibrate(noted).warnings[0] == "the lamp hummed"
+
+
 def test_one_light_exposure_is_refused():
     with pytest.raises(CalibrationError, match=r"all light frames have one exposure, 0\.01 s"):
         calibrate(frame_set(measurement(lights=((0.01, 500.0),))))

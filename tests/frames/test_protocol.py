@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 from photosite.cfa import cfa_from
-from photosite.errors import FileError
+from photosite.errors import FileError, PhotositeWarning
 from photosite.frames.open import open_frames
 from photosite.frames.protocol import Protocol, ProtocolFrames, read_protocol, write_protocol
 from photosite.frames.raw_frame import RawFrame
@@ -33,6 +35,7 @@ def test_what_is_written_is_read(tmp_path, cfa):
             ProtocolFrames("dark", 1 / 8000, ("dark/*.png",)),
             ProtocolFrames("light", 0.1 + 0.2, ("a b.png", "no: 1.png", "#c.png"), 1234.5),
             ProtocolFrames("dark", 30.0, ("1e3",)),
+            ProtocolFrames("dark", 30.0, ("cold.png",), None, None, 400.0, -10.5),
         ),
         name="1.5",
         bits=12,
@@ -42,7 +45,7 @@ def test_what_is_written_is_read(tmp_path, cfa):
     )
     write_protocol(written, tmp_path / "protocol.yaml")
     read = read_protocol(tmp_path / "protocol.yaml")
-    plain = tuple(ProtocolFrames(f.kind, f.exposure_s, f.files, f.photons_per_pixel) for f in read.frames)
+    plain = tuple(replace(frames, line=None) for frames in read.frames)
     assert Protocol(plain, read.name, read.bits, read.cfa, read.black_level_dn, read.sensor) == written
     assert [f.line for f in read.frames] == sorted(f.line for f in read.frames)
 
@@ -151,6 +154,9 @@ def test_errors_name_the_line(tmp_path, text, line, why):
         ("{kind: dark, exposure: 1, files: []}", "a path, a pattern or a list"),
         ("{kind: dark, exposure: 1, files: [a.png, 3]}", "a path, a pattern or a list"),
         ("{kind: dark, exposure: 1, files: a.png, photons_per_pixel: many}", "'photons_per_pixel' is a number"),
+        ("{kind: dark, exposure: 1, files: a.png, gain_setting: -1}", "'gain_setting' is a number, 0 or above, not -1"),
+        ("{kind: dark, exposure: 1, files: a.png, temperature_c: -300}", "is a number, -273.15 or above, not -300"),
+        ("{kind: dark, exposure: 1, files: a.png, temperature_c: cold}", "'temperature_c' is a number, -273.15"),
     ],
 )
 def test_errors_of_an_entry_name_its_line(tmp_path, entry, why):
@@ -193,3 +199,30 @@ def test_binary_is_no_protocol(tmp_path):
         read_protocol(path)
     with pytest.raises(FileError, match="no such file"):
         read_protocol(tmp_path / "other.yaml")
+
+
+def test_settings_by_the_protocol_and_by_the_files(tmp_path):
+    """What the protocol says of an entry stands before what its files say."""
+    put(tmp_path, "a.png", exposure_s=1.0, metadata=MappingProxyType({"iso": 100, "temperature_c": 20.0}))
+    put(tmp_path, "b.png", value=65, metadata=MappingProxyType({"gain_setting": 3.5, "iso": 200}))
+    path = protocol(tmp_path, "photosite_protocol: 1\nframes:\n  - {kind: dark, exposure: 1, files: [a.png, b.png]}\n")
+    assert [(g.gain_setting, g.temperature_c) for g in open_frames(path).groups] == [(3.5, None), (100.0, 20.0)]
+    said = "{kind: dark, exposure: 1, files: [a.png, b.png], gain_setting: 800, temperature_c: -5}"
+    path = protocol(tmp_path, f"photosite_protocol: 1\nframes:\n  - {said}\n")
+    assert [(g.gain_setting, g.temperature_c) for g in open_frames(path).groups] == [(800.0, -5.0)]
+    put(tmp_path, "b.png", metadata=MappingProxyType({"iso": "auto"}))
+    with pytest.raises(FileError, match=r"b\.png: states iso 'auto', which is no number"):
+        open_frames(protocol(tmp_path, "photosite_protocol: 1\nframes: [{kind: dark, exposure: 1, files: b.png}]\n"))
+
+
+def test_temperatures_far_apart_are_told(tmp_path):
+    entries = "".join(
+        f"  - {{kind: dark, exposure: {n}, files: {n}.png, temperature_c: {celsius}}}\n"
+        for n, celsius in ((1, 20), (2, 22))
+    )
+    put(tmp_path, "1.png", "2.png")
+    assert open_frames(protocol(tmp_path, f"photosite_protocol: 1\nframes:\n{entries}")).notes == ()
+    path = protocol(tmp_path, f"photosite_protocol: 1\nframes:\n{entries.replace('22', '22.1')}")
+    with pytest.warns(PhotositeWarning, match=r"temperature went from 20 to 22\.1 degrees Celsius"):
+        frames = open_frames(path)
+    assert "from 20 to 22.1" in frames.notes[0]

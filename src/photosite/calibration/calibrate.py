@@ -64,8 +64,8 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     Raises
     ------
     CalibrationError
-        If the frames cannot support a calibration: clipped blacks, one exposure only, no repeated darks, light
-        frames darker than the dark ones.
+        If the frames cannot support a calibration: several gain settings, clipped blacks, one exposure only, no
+        repeated darks, light frames darker than the dark ones.
     FileError
         If a frame cannot be read or has another size.
     InputError
@@ -129,7 +129,8 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
         },
         linear_range={name: linear_range(c) for name, c in zip(names, channels, strict=False) if c.used.any()},
         warnings=tuple(
-            judge.frame_warnings(frames, dark.groups, lights)
+            list(frames.notes)
+            + judge.frame_warnings(frames, dark.groups, lights)
             + _warnings(names, reader, dark, channels, together, gain_fit)
             + _negative(estimates)
         ),

@@ -9,7 +9,7 @@ from statistics import NormalDist
 from photosite.calibration.groups import GroupStatistics, Level, group_label
 from photosite.cfa import channel_names, tile_text
 from photosite.errors import CalibrationError, InputError
-from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.frames.frame_set import FrameGroup, FrameSet, gain_settings_text
 from photosite.sensor.model import Sensor
 
 CLIPPED_BLACK = 0.005
@@ -69,9 +69,15 @@ def check_plan(frames: FrameSet) -> None:
     Raises
     ------
     CalibrationError
-        If no dark exposure was taken twice, there is one exposure only, or an exposure time is not above zero.
+        If there are several gain settings, no dark exposure was taken twice, there is one exposure only, or an
+        exposure time is not above zero.
     """
     source = frames.source
+    if len(frames.gain_settings) > 1:
+        raise CalibrationError(
+            f"{source}: holds frames of {len(frames.gain_settings)} gain settings ({gain_settings_text(frames)}); one "
+            f"calibration is of one: take FrameSet.at_gain(setting), or calibrate_series for all of them"
+        )
     for group in frames.groups:
         if not (math.isfinite(group.exposure_s) and group.exposure_s > 0):
             raise CalibrationError(

@@ -7,8 +7,10 @@ as one line of JSON, so that a frame comes back as it was saved, to the last dig
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -93,6 +95,26 @@ def agreed_bits(path: Path, header: FrameHeader, bits: int | None) -> int:
     if agreed is None:
         raise FileError(path, "does not say how many bits its converter has; say how many")
     return agreed
+
+
+def stated_number(path: Path, header: FrameHeader, *names: str) -> float | None:
+    """The first of these metadata that the file states, as a number, or None.
+
+    `gain_setting` (or `iso`), `temperature_c` and `photons_per_pixel` are read this way.
+
+    Raises
+    ------
+    FileError
+        If what it states is no finite number.
+    """
+    for name in names:
+        value = header.metadata.get(name)
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            raise FileError(path, f"states {name} {value!r}, which is no number")
+        return float(value)
+    return None
 
 
 def agreed_cfa(path: Path, header: FrameHeader, cfa: Cfa | None) -> Cfa | None:

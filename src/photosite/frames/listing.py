@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 from photosite.cfa import MONOCHROME, Cfa
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.frame_set import FrameSet, FrameSource, Kind, ListedFrame, group_frames
-from photosite.frames.header import FrameHeader, agreed_bits, agreed_cfa
+from photosite.frames.header import FrameHeader, agreed_bits, agreed_cfa, stated_number
 from photosite.frames.read import read_frame, read_header
 from photosite.sensor.model import Sensor
 
 Value = TypeVar("Value", bound=object)
+
+STEADY_TEMPERATURE_C = 2.0
+"""Range of the stated temperatures from which on a set is warned of: dark current then changes by a fifth."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class FileEntry:
         The file.
     kind, exposure_s, photons_per_pixel
         As in `FrameGroup`.
+    gain_setting, temperature_c
+        As in `ListedFrame`; None where the file's own word, if it has one, is to be taken.
     listed_in, line
         Where the file was listed, for messages; None where it was found in a folder.
     """
@@ -43,6 +48,8 @@ class FileEntry:
     photons_per_pixel: float | None = None
     listed_in: Path | None = None
     line: int | None = None
+    gain_setting: float | None = None
+    temperature_c: float | None = None
 
     def error(self, message: str) -> FileError:
         """An error about the listing, with its line; about the file where nothing lists it."""
@@ -90,8 +97,12 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
             entry.exposure_s,
             FrameSource(str(entry.path), partial(_read, entry.path, bits, cfa, (rows, cols)), thread_safe=True),
             entry.photons_per_pixel,
+            stated_number(entry.path, header, "gain_setting", "iso")
+            if entry.gain_setting is None
+            else entry.gain_setting,
+            stated_number(entry.path, header, "temperature_c") if entry.temperature_c is None else entry.temperature_c,
         )
-        for entry in entries
+        for entry, header in zip(entries, headers, strict=True)
     ]
     try:
         groups = group_frames(listed)
@@ -100,7 +111,20 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
     stated = expected.black_level_dn
     if stated is None and len(blacks) == 1:
         (stated,) = blacks
-    return FrameSet(groups, rows, cols, bits, cfa or MONOCHROME, source, sensor, stated)
+    notes = _temperature_notes(listed)
+    for note in notes:
+        warnings.warn(f"{source}: {note}", PhotositeWarning, stacklevel=4)
+    return FrameSet(groups, rows, cols, bits, cfa or MONOCHROME, source, sensor, stated, notes)
+
+
+def _temperature_notes(listed: Sequence[ListedFrame]) -> tuple[str, ...]:
+    stated = [frame.temperature_c for frame in listed if frame.temperature_c is not None]
+    if not stated or max(stated) - min(stated) <= STEADY_TEMPERATURE_C:
+        return ()
+    return (
+        f"the sensor's temperature went from {min(stated):g} to {max(stated):g} degrees Celsius; dark current doubles "
+        f"about every 7, so what is said of it holds for a mean of them",
+    )
 
 
 def _read(path: Path, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> NDArray[np.uint16]:

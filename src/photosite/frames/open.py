@@ -11,7 +11,7 @@ from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError
 from photosite.frames.emva import looks_like_descriptor, read_descriptor
 from photosite.frames.frame_set import KINDS, FrameSet, Kind
-from photosite.frames.header import FrameHeader
+from photosite.frames.header import FrameHeader, stated_number
 from photosite.frames.listing import Expected, FileEntry, frame_set_of_files
 from photosite.frames.protocol import file_entries, read_protocol
 from photosite.frames.read import SUFFIXES, read_header
@@ -137,9 +137,7 @@ def _images_one_level_down(folder: Path) -> list[Path]:
 def _entry(image: Path, header: FrameHeader, subfolder: str = "") -> FileEntry:
     if header.exposure_s is None:
         raise FileError(image, f"does not state its exposure; say it in a protocol.yaml: {_EXAMPLE}")
-    photons = header.metadata.get("photons_per_pixel")
-    if photons is not None and not isinstance(photons, int | float):
-        raise FileError(image, f"states photons_per_pixel {photons!r}, which is no number")
+    photons = stated_number(image, header, "photons_per_pixel")
     return FileEntry(image, _kind(image, header, subfolder), header.exposure_s, photons)
 
 

@@ -9,6 +9,7 @@ sensor: d200.sensor.yaml        # what is known beforehand; relative to the prot
 frames:
   - {kind: dark, exposure: 1/8000, files: dark/*.dng}
   - {kind: light, exposure: 0.04, files: [flat/a.dng, flat/b.dng], photons_per_pixel: 12000}
+  - {kind: light, exposure: 1/60, files: iso400/*.dng, gain_setting: 400, temperature_c: 21.5}
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ from photosite.atomic import atomic_path
 from photosite.cfa import NAMED, Cfa, cfa_from
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.exposure import format_exposure, parse_exposure
-from photosite.frames.frame_set import KINDS, Kind
+from photosite.frames.frame_set import ABSOLUTE_ZERO_C, KINDS, Kind
 from photosite.frames.listing import FileEntry
 
 VERSION_KEY = "photosite_protocol"
 
 _KEYS = (VERSION_KEY, "name", "bits", "cfa", "black_level_dn", "sensor", "frames")
-_FRAME_KEYS = ("kind", "exposure", "files", "photons_per_pixel")
+_SETTINGS = ("photons_per_pixel", "gain_setting", "temperature_c")
+_FRAME_KEYS = ("kind", "exposure", "files", *_SETTINGS)
 _GLOB = frozenset("*?[")
 
 
@@ -51,6 +53,10 @@ class ProtocolFrames:
         Mean photons that fell on a pixel, or None.
     line
         Where the protocol says so, counted from 1.
+    gain_setting
+        The camera's gain as it was set (ISO, or in any unit, the same throughout), or None: what the files say.
+    temperature_c
+        Temperature of the sensor in degrees Celsius, or None: what the files say.
     """
 
     kind: Kind
@@ -58,6 +64,8 @@ class ProtocolFrames:
     files: tuple[str, ...]
     photons_per_pixel: float | None = None
     line: int | None = None
+    gain_setting: float | None = None
+    temperature_c: float | None = None
 
 
 @dataclass(frozen=True)
@@ -127,8 +135,9 @@ def write_protocol(protocol: Protocol, path: str | PathLike[str]) -> None:
         text = format_exposure(frames.exposure_s)
         entry = CommentedMap(kind=frames.kind, exposure=text if "/" in text else frames.exposure_s)
         entry["files"] = frames.files[0] if len(frames.files) == 1 else in_flow(CommentedSeq(frames.files))
-        if frames.photons_per_pixel is not None:
-            entry["photons_per_pixel"] = frames.photons_per_pixel
+        for key in _SETTINGS:
+            if getattr(frames, key) is not None:
+                entry[key] = getattr(frames, key)
         content["frames"].append(in_flow(entry))
     yaml = YAML()
     yaml.width = 1 << 16
@@ -178,8 +187,18 @@ def file_entries(protocol: Protocol, path: Path) -> list[FileEntry]:
     for frames in protocol.frames:
         for pattern in frames.files:
             for found in _matching(path, pattern, frames.line):
-                settings = (frames.kind, frames.exposure_s, frames.photons_per_pixel)
-                entries.append(FileEntry(found, *settings, path, frames.line))
+                entries.append(
+                    FileEntry(
+                        found,
+                        frames.kind,
+                        frames.exposure_s,
+                        frames.photons_per_pixel,
+                        path,
+                        frames.line,
+                        frames.gain_setting,
+                        frames.temperature_c,
+                    )
+                )
     return entries
 
 
@@ -252,16 +271,27 @@ def _frames(file: Path, entry: Any, line: int | None) -> ProtocolFrames:
         or not all(isinstance(pattern, str) and pattern for pattern in patterns)
     ):
         raise FileError(file, f"'files' is a path, a pattern or a list of them, not {files!r}", _line(entry, "files"))
-    photons = _not_negative(file, entry, "photons_per_pixel", _line(entry, "photons_per_pixel") or line)
-    return ProtocolFrames(kind, exposure_s, tuple(str(pattern) for pattern in patterns), photons, line)
+    return ProtocolFrames(
+        kind,
+        exposure_s,
+        tuple(str(pattern) for pattern in patterns),
+        _not_negative(file, entry, "photons_per_pixel", _line(entry, "photons_per_pixel") or line),
+        line,
+        _not_negative(file, entry, "gain_setting", _line(entry, "gain_setting") or line),
+        _number(file, entry, "temperature_c", _line(entry, "temperature_c") or line, ABSOLUTE_ZERO_C),
+    )
 
 
 def _not_negative(file: Path, data: Mapping[Any, Any], key: str, line: int | None) -> float | None:
+    return _number(file, data, key, line, 0.0)
+
+
+def _number(file: Path, data: Mapping[Any, Any], key: str, line: int | None, lowest: float) -> float | None:
     value = data.get(key)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-        raise FileError(file, f"'{key}' is a number, 0 or above, not {value!r}", line)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not lowest <= value < math.inf:
+        raise FileError(file, f"'{key}' is a number, {lowest:g} or above, not {value!r}", line)
     return float(value)
 
 
