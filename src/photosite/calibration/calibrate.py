@@ -24,6 +24,7 @@ from photosite.calibration.patterns import Channel, PatternReader
 from photosite.calibration.photon_transfer import fit_gain, gain_value
 from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.snr import snr_curve
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
 from photosite.errors import InputError
@@ -127,6 +128,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
         curves={
             name: channel_curves(darkness(dark, k), channels[k] if channels else None) for k, name in enumerate(names)
         },
+        snr={name: snr_curve(c) for name, c in zip(names, channels, strict=False)},
         linear_range={name: linear_range(c) for name, c in zip(names, channels, strict=False) if c.used.any()},
         warnings=tuple(
             list(frames.notes)

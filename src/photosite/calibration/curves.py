@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.dark import DarkLine, Darkness
+from photosite.calibration.fit import Fit
 from photosite.calibration.groups import CLIPPED_SHARE
 from photosite.calibration.patterns import Channel
 from photosite.calibration.photon_transfer import LINEAR_SHARE, fit_gain, fit_response
@@ -36,6 +38,7 @@ def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:
         None if fit is None else float(fit.parameters[0]),
         None if fit is None else float(fit.parameters[1]),
         0.0 if fit is None else fit.extra_variance,
+        None if fit is None else fit.covariance,
     )
 
 
@@ -53,6 +56,7 @@ def _response(channel: Channel) -> Curve:
         None if fit is None else 0.0,
         None if fit is None else float(fit.parameters[0]),
         0.0 if fit is None else fit.extra_variance,
+        None if fit is None else _through_origin(fit),
     )
 
 
@@ -71,7 +75,15 @@ def _photon_transfer(channel: Channel) -> Curve:
         None if fit is None else 0.0,
         None if fit is None else float(fit.parameters[0]),
         0.0 if fit is None else fit.extra_variance,
+        None if fit is None else _through_origin(fit),
     )
+
+
+def _through_origin(fit: Fit) -> NDArray[np.float64]:
+    """(2, 2) covariance of intercept and slope of a line whose intercept is 0 by definition."""
+    covariance = np.zeros((2, 2))
+    covariance[1, 1] = fit.covariance[0, 0]
+    return covariance
 
 
 def linear_range(channel: Channel) -> LinearRange:

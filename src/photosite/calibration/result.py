@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.uncertain import Missing, Value
 from photosite.errors import CalibrationError
 from photosite.measured import COVERAGE_95, Measured
 
 if TYPE_CHECKING:
+    from photosite.calibration.snr import SnrCurve
     from photosite.sensor.model import Sensor
 
 
@@ -143,6 +144,8 @@ class Curve:
         The line, or None where none could be fitted.
     extra_variance
         Variance per point that the scatter about the line asked for beyond sampling; 0 for ideal frames.
+    line_covariance
+        (2, 2) of intercept and slope; None where there is no line.
     """
 
     title: str
@@ -155,6 +158,26 @@ class Curve:
     intercept: float | None = None
     slope: float | None = None
     extra_variance: float = 0.0
+    line_covariance: NDArray[np.float64] | None = None
+
+    def line(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The line and its standard uncertainty at some abscissae, or None where no line could be fitted.
+
+        With a the intercept and b the slope, u^2 = u^2(a) + 2 x u(a, b) + x^2 u^2(b): where the true line lies, not
+        where another point would.
+
+        Examples
+        --------
+        >>> none, used = np.array([]), np.array([], dtype=bool)
+        >>> curve = Curve("", "s", "DN", none, none, none, used, 1.0, 2.0, 0.0, np.array([[4.0, -1.0], [-1.0, 1.0]]))
+        >>> [numbers.tolist() for numbers in curve.line([0.0, 1.0])]
+        [[1.0, 3.0], [2.0, 1.7320508075688772]]
+        """
+        if self.intercept is None or self.slope is None or self.line_covariance is None:
+            return None
+        at = np.asarray(x, dtype=np.float64)
+        (aa, ab), (_, bb) = self.line_covariance
+        return self.intercept + self.slope * at, np.sqrt(aa + 2.0 * ab * at + bb * at**2)
 
 
 @dataclass(frozen=True)
@@ -197,6 +220,8 @@ class Calibration(Parameters):
         "response" and "photon_transfer", where they could be measured.
     linear_range
         Per channel, the range found.
+    snr
+        Per channel, the signal-to-noise ratio against the amount of light, or why it is missing.
     warnings
         What the reader should know.
     rejected
@@ -222,6 +247,7 @@ class Calibration(Parameters):
     bits: int
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
+    snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
 
     @property
     def sensor(self) -> Sensor:
