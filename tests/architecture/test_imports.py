@@ -9,7 +9,7 @@ import pytest
 
 SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 
-COMMON = {"errors", "measured", "cfa", "regions", "exposure", "atomic", "cie"}
+COMMON = {"errors", "measured", "cfa", "regions", "exposure", "atomic", "cie", "yaml_file"}
 """Leaves at the top that say nothing of scenes, lenses, sensors or frames."""
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -20,6 +20,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "exposure": {"errors"},
     "atomic": {"errors"},
     "cie": set(),
+    "yaml_file": {"errors"},
     "spectra": {"errors", "cie"},
     "engine": set(),
     "scene": COMMON | {"spectra", "engine"},

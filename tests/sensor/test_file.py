@@ -155,7 +155,7 @@ def test_missing_field_and_missing_file(tmp_path: Path) -> None:
     text = "\n".join(line for line in dump_sensor(load_sensor("nikon-d200")).splitlines() if "bits:" not in line)
     with pytest.raises(FileError, match="field 'bits' is missing from readout"):
         parse_sensor(text, "x.yaml")
-    with pytest.raises(FileError, match="there is no such sensor file"):
+    with pytest.raises(FileError, match="there is no such file"):
         load_sensor(tmp_path / "none.yaml")
 
 

@@ -24,10 +24,11 @@ from typing import Any
 
 from photosite.atomic import atomic_path
 from photosite.cfa import NAMED, Cfa, cfa_from
-from photosite.errors import FileError, InputError, did_you_mean
+from photosite.errors import FileError, InputError
 from photosite.exposure import format_exposure, parse_exposure
 from photosite.frames.frame_set import ABSOLUTE_ZERO_C, KINDS, Kind
 from photosite.frames.listing import FileEntry
+from photosite.yaml_file import check_keys, line_of, optional_text, read_yaml
 
 VERSION_KEY = "photosite_protocol"
 
@@ -156,22 +157,22 @@ def read_protocol(path: str | PathLike[str]) -> Protocol:
         If the file cannot be read, is not YAML, or does not describe a protocol; with the line.
     """
     file = Path(path)
-    data = _load(file)
+    data = read_yaml(file, "a protocol")
     if not isinstance(data, Mapping) or data.get(VERSION_KEY) != 1:
         said = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
         message = f"expected '{VERSION_KEY}: 1' (the file format's version), got {said!r}"
-        raise FileError(file, message, _line(data, VERSION_KEY))
-    _check_keys(file, data, _KEYS, "a protocol")
+        raise FileError(file, message, line_of(data, VERSION_KEY))
+    check_keys(file, data, _KEYS, "a protocol")
     frames = data.get("frames")
     if not isinstance(frames, Sequence) or isinstance(frames, str) or not frames:
-        raise FileError(file, "'frames' is a list of {kind, exposure, files}", _line(data, "frames"))
+        raise FileError(file, "'frames' is a list of {kind, exposure, files}", line_of(data, "frames"))
     return Protocol(
-        tuple(_frames(file, entry, _line(frames, number)) for number, entry in enumerate(frames)),
-        name=_optional_text(file, data, "name"),
-        bits=_bits(file, data),
-        cfa=_cfa(file, data),
-        black_level_dn=_not_negative(file, data, "black_level_dn", _line(data, "black_level_dn")),
-        sensor=_optional_text(file, data, "sensor"),
+        tuple(_frames(file, entry, line_of(frames, number)) for number, entry in enumerate(frames)),
+        name=optional_text(file, data, "name"),
+        bits=stated_bits(file, data),
+        cfa=stated_cfa(file, data),
+        black_level_dn=_not_negative(file, data, "black_level_dn", line_of(data, "black_level_dn")),
+        sensor=optional_text(file, data, "sensor"),
     )
 
 
@@ -186,7 +187,7 @@ def file_entries(protocol: Protocol, path: Path) -> list[FileEntry]:
     entries = []
     for frames in protocol.frames:
         for pattern in frames.files:
-            for found in _matching(path, pattern, frames.line):
+            for found in matching_files(path, pattern, frames.line):
                 entries.append(
                     FileEntry(
                         found,
@@ -202,7 +203,14 @@ def file_entries(protocol: Protocol, path: Path) -> list[FileEntry]:
     return entries
 
 
-def _matching(path: Path, pattern: str, line: int | None) -> list[Path]:
+def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:
+    """The files that a path or pattern stands for, relative to the protocol at `path`; hidden ones left out.
+
+    Raises
+    ------
+    FileError
+        If a pattern matches none; with the line.
+    """
     literal = path.parent / pattern
     if not _GLOB & set(pattern) or literal.is_file():
         return [literal]
@@ -216,53 +224,23 @@ def _matching(path: Path, pattern: str, line: int | None) -> list[Path]:
     return found
 
 
-def _load(file: Path) -> Any:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
-
-    try:
-        return YAML(typ="rt").load(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise FileError(file, "is not a protocol: it is not text in UTF-8") from None
-    except MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise FileError(file, f"is not YAML: {error.problem}", line) from None
-    except YAMLError as error:
-        raise FileError(file, f"is not YAML: {' '.join(str(error).split())}") from None
-
-
-def _line(node: Any, key: Any) -> int | None:
-    positions = getattr(getattr(node, "lc", None), "data", None) or {}
-    return positions[key][0] + 1 if key in positions else None
-
-
-def _check_keys(file: Path, data: Mapping[Any, Any], known: Sequence[str], what: str) -> None:
-    for key in data:
-        if key not in known:
-            raise FileError(file, f"{what} has no key '{key}'; {did_you_mean(str(key), known)}", _line(data, key))
-
-
 def _frames(file: Path, entry: Any, line: int | None) -> ProtocolFrames:
     if not isinstance(entry, Mapping):
         raise FileError(file, f"an entry of 'frames' is {{kind, exposure, files}}, not {entry!r}", line)
-    _check_keys(file, entry, _FRAME_KEYS, "an entry of 'frames'")
+    check_keys(file, entry, _FRAME_KEYS, "an entry of 'frames'")
     for key in ("kind", "exposure", "files"):
         if entry.get(key) is None:
             raise FileError(file, f"an entry of 'frames' lacks '{key}'", line)
     kind = entry["kind"]
     if kind not in KINDS:
-        raise FileError(file, f"'kind' is {' or '.join(KINDS)}, not '{kind}'", _line(entry, "kind") or line)
+        raise FileError(file, f"'kind' is {' or '.join(KINDS)}, not '{kind}'", line_of(entry, "kind") or line)
     exposure = entry["exposure"]
     try:
         if isinstance(exposure, bool) or not isinstance(exposure, str | int | float):
             raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not {exposure!r}")
         exposure_s = parse_exposure(exposure)
     except InputError as error:
-        raise FileError(file, str(error), _line(entry, "exposure") or line) from None
+        raise FileError(file, str(error), line_of(entry, "exposure") or line) from None
     files = entry["files"]
     patterns = [files] if isinstance(files, str) else files
     if (
@@ -270,15 +248,15 @@ def _frames(file: Path, entry: Any, line: int | None) -> ProtocolFrames:
         or not patterns
         or not all(isinstance(pattern, str) and pattern for pattern in patterns)
     ):
-        raise FileError(file, f"'files' is a path, a pattern or a list of them, not {files!r}", _line(entry, "files"))
+        raise FileError(file, f"'files' is a path, a pattern or a list of them, not {files!r}", line_of(entry, "files"))
     return ProtocolFrames(
         kind,
         exposure_s,
         tuple(str(pattern) for pattern in patterns),
-        _not_negative(file, entry, "photons_per_pixel", _line(entry, "photons_per_pixel") or line),
+        _not_negative(file, entry, "photons_per_pixel", line_of(entry, "photons_per_pixel") or line),
         line,
-        _not_negative(file, entry, "gain_setting", _line(entry, "gain_setting") or line),
-        _number(file, entry, "temperature_c", _line(entry, "temperature_c") or line, ABSOLUTE_ZERO_C),
+        _not_negative(file, entry, "gain_setting", line_of(entry, "gain_setting") or line),
+        _number(file, entry, "temperature_c", line_of(entry, "temperature_c") or line, ABSOLUTE_ZERO_C),
     )
 
 
@@ -295,24 +273,19 @@ def _number(file: Path, data: Mapping[Any, Any], key: str, line: int | None, low
     return float(value)
 
 
-def _optional_text(file: Path, data: Mapping[Any, Any], key: str) -> str | None:
-    value = data.get(key)
-    if value is not None and not isinstance(value, str):
-        raise FileError(file, f"'{key}' is text, not {value!r}", _line(data, key))
-    return None if value is None else str(value)
-
-
-def _bits(file: Path, data: Mapping[Any, Any]) -> int | None:
+def stated_bits(file: Path, data: Mapping[Any, Any]) -> int | None:
+    """The bits that a protocol states, or None; `FileError` with the line where they cannot be."""
     bits = data.get("bits")
     if bits is not None and (isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 16):
-        raise FileError(file, f"'bits' is a whole number from 1 to 16, not {bits!r}", _line(data, "bits"))
+        raise FileError(file, f"'bits' is a whole number from 1 to 16, not {bits!r}", line_of(data, "bits"))
     return None if bits is None else int(bits)
 
 
-def _cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
+def stated_cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
+    """The colour filter array that a protocol states, or None; `FileError` with the line where it cannot be."""
     if data.get("cfa") is None:
         return None
     try:
         return cfa_from(data["cfa"])
     except (InputError, TypeError) as error:
-        raise FileError(file, f"'cfa': {error}", _line(data, "cfa")) from None
+        raise FileError(file, f"'cfa': {error}", line_of(data, "cfa")) from None

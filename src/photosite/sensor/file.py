@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.sensor.model import Array, Channel, Noise, Pixel, Provenance, Readout, Sensor
+from photosite.yaml_file import line_of, parse_yaml, read_yaml
 
 _SUFFIX = ".sensor.yaml"
 _SECTIONS: dict[str, type[BaseModel]] = {
@@ -72,13 +73,7 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
         if text not in names:
             raise InputError(f"unknown sensor '{text}'; presets are: {', '.join(names)}; a file's name ends in .yaml")
         return _load_preset(text)
-    try:
-        content = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise FileError(path, "there is no such sensor file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read as a sensor file: {error}") from None
-    return parse_sensor(content, path)
+    return _sensor_of(read_yaml(path, "a sensor file"), path)
 
 
 @lru_cache(maxsize=8)
@@ -95,16 +90,10 @@ def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
     FileError
         If the text is not YAML or does not describe a sensor; with the line.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    return _sensor_of(parse_yaml(content, path), path)
 
-    try:
-        data = YAML(typ="rt").load(content)
-    except MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise FileError(path, f"is not YAML: {error.problem}", line) from None
-    except YAMLError as error:
-        raise FileError(path, f"is not YAML: {' '.join(str(error).split())}") from None
+
+def _sensor_of(data: Any, path: str | PathLike[str]) -> Sensor:
     if not isinstance(data, dict):
         raise FileError(path, "does not describe a sensor: expected 'photosite_sensor: 1' and the sensor's fields")
     if data.get("photosite_sensor") != 1:
@@ -148,10 +137,9 @@ def _line(data: Any, location: Sequence[str | int]) -> int | None:
     """Line of the deepest part of the location that the file has."""
     line: int | None = None
     for part in location:
-        positions = getattr(getattr(data, "lc", None), "data", None) or {}
-        if part not in positions:
+        if (found := line_of(data, part)) is None:
             break
-        line = positions[part][0] + 1
+        line = found
         data = data[part]
     return line
 
