@@ -8,35 +8,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.jit import compiled, prange, threads_for
-
-_BAND = 64
-"""Rows that a thread takes at a time."""
+from photosite.engine.jit import compiled
 
 LONGEST_LINE = 1 << 16
 """Pixels of a row or column, so that a sum of 16-bit numbers stays below 2^32."""
 
 
-@compiled(parallel=True)
-def _line_sums(frame: NDArray[Any], rows_out: NDArray[np.uint32], bands: NDArray[np.uint32]) -> None:
+@compiled()
+def _line_sums(frame: NDArray[Any], rows_out: NDArray[np.uint32], columns_out: NDArray[np.uint32]) -> None:
     rows, cols = frame.shape
-    tile_cols, tile_rows = rows_out.shape[1], bands.shape[1]
-    for band in prange(bands.shape[0]):
-        for r in range(band * _BAND, min(rows, (band + 1) * _BAND)):
-            row, columns = frame[r], bands[band, r % tile_rows]
-            for c in range(cols):
-                columns[c] += row[c]
-            for phase in range(tile_cols):
-                total = np.uint32(0)
-                for c in range(phase, cols, tile_cols):
-                    total += row[c]
-                rows_out[r, phase] = total
+    tile_cols, tile_rows = rows_out.shape[1], columns_out.shape[0]
+    for r in range(rows):
+        row, columns = frame[r], columns_out[r % tile_rows]
+        for c in range(cols):
+            columns[c] += row[c]
+        for phase in range(tile_cols):
+            total = np.uint32(0)
+            for c in range(phase, cols, tile_cols):
+                total += row[c]
+            rows_out[r, phase] = total
 
 
 def line_sums(
     frames: Iterable[NDArray[np.unsignedinteger]], tile: tuple[int, int] = (1, 1)
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Row sums and column sums of each frame, exact, kept apart by the sites of a repeating tile.
+
+    One thread works on a frame, so that threads which read frames may call it.
 
     The plane of the tile's site (r, c), which holds rows r, r + tile rows ... and columns c, c + tile cols ..., has the
     row sums `row_sums[:, r::tile_rows, c]` and the column sums `column_sums[:, r, c::tile_cols]`.
@@ -78,11 +76,10 @@ def line_sums(
             raise ValueError(f"a row or column has at most {LONGEST_LINE} pixels, not {max(shape)}")
         rows, cols = shape
         row_sums = np.empty((rows, tile[1]), np.uint32)
-        bands = np.zeros((-(-rows // _BAND), tile[0], cols), np.uint32)
-        with threads_for(frame.size):
-            _line_sums(np.ascontiguousarray(frame), row_sums, bands)
+        column_sums = np.zeros((tile[0], cols), np.uint32)
+        _line_sums(np.ascontiguousarray(frame), row_sums, column_sums)
         by_row.append(row_sums)
-        by_column.append(bands.sum(axis=0, dtype=np.uint32))
+        by_column.append(column_sums)
     if not by_row:
         raise ValueError("line sums need a frame")
     return np.stack(by_row), np.stack(by_column)
