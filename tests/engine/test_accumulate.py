@@ -191,3 +191,32 @@ def test_moments_of_a_map():
         assert moments.mean == pytest.approx(chosen.mean(), rel=1e-14)
         assert moments.variance == pytest.approx(chosen.var(ddof=1), rel=1e-9)
         assert moments.fourth == pytest.approx((deviation**4).mean(), rel=1e-9)
+
+
+def test_sums_begun_again_in_the_same_memory_hold_only_what_came_after() -> None:
+    rng = np.random.default_rng(5)
+    first, second = rng.integers(0, 4096, (2, 11, 37, 50)).astype(np.uint16)
+    again = FrameSums((37, 50), white=4095).add(first).clear().add(second)
+    fresh = FrameSums((37, 50), white=4095).add(second)
+    assert np.array_equal(again.sum, fresh.sum)
+    assert np.array_equal(again.sum_of_squares, fresh.sum_of_squares)
+    assert again.label_totals() == fresh.label_totals()
+    assert again.frame_totals() == fresh.frame_totals() == second.sum(axis=(1, 2), dtype=np.uint64).tolist()
+
+
+def test_a_mean_frame_outlives_the_memory_of_its_sums() -> None:
+    sums = FrameSums((2, 3)).add(np.full((4, 2, 3), 60_000, np.uint16))
+    kept = sums.mean_frame()
+    sums.clear().add(np.zeros((2, 3), np.uint16))
+    assert kept.mean().tolist() == [[60_000.0] * 3] * 2
+
+
+def test_maps_fill_the_memory_given_and_refuse_one_that_does_not_fit() -> None:
+    stack = np.random.default_rng(6).integers(0, 1000, (5, 8, 9)).astype(np.uint16)
+    sums, out = FrameSums((8, 9)).add(stack), np.full((8, 9), np.nan)
+    assert sums.mean(out) is out
+    assert np.array_equal(out, sums.mean())
+    assert np.array_equal(sums.variance(out), sums.variance())
+    for wrong in (np.empty((9, 8)), np.empty((8, 9), np.float32)):
+        with pytest.raises(ValueError, match=r"is \(8, 9\) of float64 here"):
+            sums.mean(wrong)

@@ -41,8 +41,8 @@ FAR_BELOW_ZERO = 4.75
 def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progress | None = None) -> Calibration:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
-    Every group of frames is reduced to exact integer sums; the next frames are read and hashed meanwhile, and memory
-    does not grow with their number. The per-pixel slopes need the light levels of the linear range once more: their
+    Every group of frames is reduced to exact integer sums; the next frames are read meanwhile, and memory does
+    not grow with their number. The per-pixel slopes need the light levels of the linear range once more: their
     mean frames are kept in a fixed room, and those that it does not hold are read again. Methods: EMVA 1288 R4.0, and
     for read noise, DSNU, PRNU and dark voltage Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008); each estimate
     names its own.
@@ -137,8 +137,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
             + _negative(estimates)
         ),
         rejected=tuple(reader.rejected),
-        frames_sha256=tuple(sorted(reader.sha256)),
-        frame_count=len(reader.sha256),
+        frames_used=tuple(reader.used_frames),
         source=frames.source,
         rows=frames.rows,
         cols=frames.cols,

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_STEPS = 80
-"""Halvings of the bracket of the extra variance: far below rounding."""
-
 
 @dataclass(frozen=True)
 class Fit:
@@ -94,16 +91,16 @@ def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: 
 def _extra_variance(
     design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64], freedom: int
 ) -> float:
+    from scipy.optimize import brentq
+
     identity = np.eye(len(y))
+
+    def excess(extra: float) -> float:
+        return _solve(design, y, covariance + extra * identity)[3] - freedom
+
     low, high = 0.0, float(np.trace(covariance)) / len(y)
-    while _solve(design, y, covariance + high * identity)[3] > freedom:
+    while excess(high) > 0.0:
         low, high = high, 4.0 * high
         if not math.isfinite(high):
             raise np.linalg.LinAlgError("no extra variance explains the scatter")
-    for _ in range(_STEPS):
-        middle = 0.5 * (low + high)
-        if _solve(design, y, covariance + middle * identity)[3] > freedom:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    return float(brentq(excess, low, high, xtol=1e-12 * high, rtol=1e-12))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.groups import group_label, label_tile
+from photosite.calibration.provenance import UsedFrame
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -28,6 +29,9 @@ _TOGETHER, _TOGETHER_BYTES = 8, 160 << 20
 _AHEAD, _AHEAD_BYTES = 4, 80 << 20
 """Frames that are read ahead of those; two at least."""
 
+_SAMPLED = 16
+"""Rows that are looked at first, to tell frames apart."""
+
 KEPT_BYTES = 240 << 20
 """What the mean frames may take that are kept for the second look; groups beyond are read again."""
 
@@ -38,17 +42,16 @@ def _frames_within(frame_bytes: int, most: int, limit: int, least: int) -> int:
 
 @dataclass(frozen=True)
 class _Read:
-    """A frame as read, and its SHA-256 where that was asked for."""
+    """A frame as read."""
 
     source: FrameSource
     dn: NDArray[np.unsignedinteger]
-    digest: str
 
 
 class FrameReader:
     """Reads groups of a frame set into exact sums; some frames in memory at a time, however many there are.
 
-    Threads read and hash the next frames while those that came are reduced. Each frame is checked against what the
+    Threads read the next frames while those that came are reduced. Each frame is checked against what the
     set promised, and one whose pixels repeat an earlier one of its group to the last bit is left out: a copy would pass
     for a frame without noise. To be used in a `with` statement, which ends the threads.
 
@@ -64,7 +67,7 @@ class FrameReader:
         self.frames = frames
         self.tile = label_tile(frames)
         self.white = (1 << frames.bits) - 1
-        self.sha256: list[str] = []
+        self.used_frames: list[UsedFrame] = []
         self.rejected: list[str] = []
         self._progress = progress
         self._done = 0
@@ -78,7 +81,8 @@ class FrameReader:
         self._threads = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
-        self._first_pass = self._read_ahead((source for group in order for source in group.frames), hashed=True)
+        self._first_pass = self._read_ahead(source for group in order for source in group.frames)
+        self._sums: FrameSums | None = None
 
     def __enter__(self) -> FrameReader:
         return self
@@ -95,21 +99,26 @@ class FrameReader:
     def sums(self, group: FrameGroup) -> FrameSums:
         """The exact sums of a group's frames. The first time, groups are asked for darks first, in the set's order.
 
+        They are good until the next group is asked for: its sums take the same memory.
+
         Raises
         ------
         FileError
             If a frame cannot be read, or has another size or range than the set.
         """
-        result = FrameSums((self.frames.rows, self.frames.cols), self.tile, white=self.white)
+        if self._sums is None:
+            self._sums = FrameSums((self.frames.rows, self.frames.cols), self.tile, white=self.white)
+        result = self._sums.clear()
         if (used := self._used.get(id(group))) is not None:
-            again = self._read_ahead((group.frames[i] for i in used), hashed=False)
-            self._add(result, again)
+            self._add(result, self._read_ahead(group.frames[i] for i in used))
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass has its order"
         used_now: list[int] = []
         self._add(result, self._new(group, used_now))
         self._used[id(group)] = tuple(used_now)
+        totals = result.frame_totals()
+        self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(used_now, totals, strict=True)]
         return result
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
@@ -138,7 +147,7 @@ class FrameReader:
 
     def _new(self, group: FrameGroup, used: list[int]) -> Iterator[_Read]:
         """The group's frames of the first pass, repeats left out; `used` becomes the places of the others."""
-        seen: dict[str, str] = {}
+        seen: dict[bytes, list[FrameSource]] = {}
         for index, read in enumerate(islice(self._first_pass, len(group))):
             if self._is_new(read, seen, group):
                 used.append(index)
@@ -166,14 +175,15 @@ class FrameReader:
             if self._progress is not None:
                 self._progress(self._done, self._expected)
 
-    def _read_ahead(self, sources: Iterable[FrameSource], *, hashed: bool) -> Iterator[_Read]:
-        """The frames in order. What is not safe to read in threads is read here, and hashed there."""
+    def _read_ahead(self, sources: Iterable[FrameSource]) -> Iterator[_Read]:
+        """The frames in order, read in threads where that is safe."""
         pending: deque[Future[_Read]] = deque()
         for source in sources:
             if source.thread_safe:
-                pending.append(self._threads.submit(lambda s: _digested(s, self._checked(s), hashed), source))
+                pending.append(self._threads.submit(lambda s: _Read(s, self._checked(s)), source))
             else:
-                pending.append(self._threads.submit(_digested, source, self._checked(source), hashed))
+                pending.append(Future())
+                pending[-1].set_result(_Read(source, self._checked(source)))
             if len(pending) > self._ahead:
                 yield pending.popleft().result()
         while pending:
@@ -190,19 +200,19 @@ class FrameReader:
             )
         return dn
 
-    def _is_new(self, read: _Read, seen: dict[str, str], group: FrameGroup) -> bool:
-        name, dn = read.source.name, read.dn
-        if (first := seen.get(read.digest)) is not None:
-            # Frames that are all black or all white repeat lawfully; any other needs noise to differ.
-            inside = np.count_nonzero((dn > 0) & (dn < self.white))
-            if 2 * inside >= dn.size:
-                self.rejected.append(f"{name} repeats {first} pixel for pixel ({group_label(group)})")
-                return False
-        seen[read.digest] = name
-        self.sha256.append(read.digest)
+    def _is_new(self, read: _Read, seen: dict[bytes, list[FrameSource]], group: FrameGroup) -> bool:
+        """Whether no earlier frame of the group has the same pixels: by some rows first, then by all."""
+        some = read.dn[:: max(1, read.dn.shape[0] // _SAMPLED)]
+        alike = seen.setdefault(hashlib.sha256(some.tobytes()).digest(), [])
+        # Frames that are all black or all white repeat lawfully; any other needs noise to differ.
+        if alike and self._mostly_inside(read.dn):
+            for first in alike:
+                if np.array_equal(self._checked(first), read.dn):
+                    name = read.source.name
+                    self.rejected.append(f"{name} repeats {first.name} pixel for pixel ({group_label(group)})")
+                    return False
+        alike.append(read.source)
         return True
 
-
-def _digested(source: FrameSource, dn: NDArray[np.unsignedinteger], hashed: bool) -> _Read:
-    digest = hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest() if hashed else ""
-    return _Read(source, dn, digest)
+    def _mostly_inside(self, dn: NDArray[np.unsignedinteger]) -> bool:
+        return bool(2 * np.count_nonzero((dn > 0) & (dn < self.white)) >= dn.size)

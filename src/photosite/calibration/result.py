@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.calibration.provenance import UsedFrame, frames_sha256
 from photosite.calibration.uncertain import Missing, Value
 from photosite.errors import CalibrationError
 from photosite.measured import COVERAGE_95, Measured
@@ -226,10 +228,8 @@ class Calibration(Parameters):
         What the reader should know.
     rejected
         Frames left out, and why.
-    frames_sha256
-        One digest per frame used, of its digital numbers (little-endian uint16, row by row), sorted.
-    frame_count
-        Frames used.
+    frames_used
+        The frames behind it.
     source
         What was opened.
     """
@@ -239,8 +239,7 @@ class Calibration(Parameters):
     linear_range: Mapping[str, LinearRange]
     warnings: tuple[str, ...]
     rejected: tuple[str, ...]
-    frames_sha256: tuple[str, ...]
-    frame_count: int
+    frames_used: tuple[UsedFrame, ...]
     source: str
     rows: int
     cols: int
@@ -248,6 +247,24 @@ class Calibration(Parameters):
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
+
+    @property
+    def frame_count(self) -> int:
+        """Frames used."""
+        return len(self.frames_used)
+
+    @cached_property
+    def frames_sha256(self) -> tuple[str, ...]:
+        """One digest per frame used, of its digital numbers (little-endian uint16, row by row), sorted.
+
+        Taken when first asked for, from the frames, which must be there still.
+
+        Raises
+        ------
+        FileError
+            If a frame is gone or has changed since.
+        """
+        return tuple(sorted(frames_sha256(self.frames_used)))
 
     @property
     def sensor(self) -> Sensor:

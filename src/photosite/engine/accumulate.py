@@ -8,7 +8,7 @@ stack was split and merged. A *label* is an integer that a repeating tile gives 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -118,7 +118,19 @@ class MeanFrame:
 
     def mean(self) -> NDArray[np.float64]:
         """(rows, cols) mean over the frames."""
-        return mean_map(self.sum, self.count)
+        return _filled(None, self.sum.shape, mean_map, self.sum, self.count)
+
+
+def _filled(
+    out: NDArray[np.float64] | None, shape: tuple[int, ...], fill: Callable[..., None], *arguments: object
+) -> NDArray[np.float64]:
+    """The map that a kernel fills: the one given, or a new one."""
+    if out is None:
+        out = np.empty(shape)
+    elif out.shape != shape or out.dtype != np.float64:
+        raise ValueError(f"the map to fill is {shape} of float64 here, not {out.shape} of {out.dtype}")
+    fill(*arguments, out)
+    return out
 
 
 class FrameSums:
@@ -175,6 +187,17 @@ class FrameSums:
         self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
 
+    def clear(self) -> FrameSums:
+        """Forget all frames and begin again in the same memory, which takes less time than new memory; returns itself.
+
+        The first frames added afterwards overwrite the maps; until then the maps hold what they held.
+        """
+        self.count = 0
+        self.highest = []
+        self._clipped = np.zeros_like(self._clipped)
+        self._frame_totals = []
+        return self
+
     def add(self, frames: NDArray[np.unsignedinteger] | Iterable[NDArray[np.unsignedinteger]]) -> FrameSums:
         """Add a frame (rows, cols), a stack (frames, rows, cols) or an iterable of frames; returns itself.
 
@@ -219,7 +242,7 @@ class FrameSums:
         like = np.empty(0, frames[0].dtype)
         paired = like.itemsize == 2 and self.shape[1] % 2 == 0 and not (addresses % 4).any()
         add_frames(
-            addresses, like, paired, self.labels, self.black, self.white,
+            addresses, like, paired, self.labels, self.black, self.white, self.count == 0,
             self.sum, self.sum_of_squares, totals, clipped, highest,
         )  # fmt: skip
         self._frame_totals.extend(totals.sum(axis=0))
@@ -252,22 +275,29 @@ class FrameSums:
         both._frame_totals = self._frame_totals + other._frame_totals
         return both
 
-    def mean(self) -> NDArray[np.float64]:
-        """(rows, cols) mean over the frames."""
-        return mean_map(self.sum, self.count)
+    def mean(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """(rows, cols) mean over the frames, in `out` where that is given."""
+        return _filled(out, self.shape, mean_map, self.sum, self.count)
 
     def mean_frame(self) -> MeanFrame:
-        """The mean alone, to be kept when the sums of squares are not needed any more."""
+        """The mean alone, in memory of its own, to be kept when the sums are not needed any more."""
         fits = self.count * max(self.highest, default=0) < 1 << 16
-        return MeanFrame(self.sum.astype(np.uint16) if fits else self.sum, self.count, self.labels)
+        return MeanFrame(self.sum.astype(np.uint16 if fits else np.uint32), self.count, self.labels)
 
-    def variance(self) -> NDArray[np.float64]:
-        """(rows, cols) unbiased temporal variance: the integer n sum(y^2) - sum(y)^2 over n (n - 1)."""
-        return variance_map(self.sum, self.sum_of_squares, self.count)
+    def variance(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """(rows, cols) unbiased temporal variance, in `out` where that is given.
+
+        It is the integer n sum(y^2) - sum(y)^2 over n (n - 1).
+        """
+        return _filled(out, self.shape, variance_map, self.sum, self.sum_of_squares, self.count)
 
     def frame_means(self) -> NDArray[np.float64]:
         """(frames, labels) mean of each frame, in the order they were added."""
         return np.array(self._frame_totals, dtype=np.float64) / label_pixels(self.shape, self.labels)
+
+    def frame_totals(self) -> list[int]:
+        """The sum of each frame's numbers, exact, in the order they were added."""
+        return [int(labels.sum()) for labels in self._frame_totals]
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
         """The totals of each label, exact."""

@@ -50,6 +50,7 @@ def add_frames(
     labels: _Ints,
     black: int,
     white: int,
+    anew: bool,
     sums: _Ints,
     squares: _Ints,
     totals: _Ints,
@@ -70,6 +71,8 @@ def add_frames(
         (tile rows, tile cols); at most LANES columns.
     black, white
         The clips.
+    anew
+        Whether these frames are the first, so that what the sums hold is overwritten.
     sums, squares
         (rows, cols) uint32 and uint64, added to.
     totals
@@ -91,6 +94,9 @@ def add_frames(
             row_labels = labels[r % tile_rows]
             for c in range(0, cols, run):
                 m = min(run, cols - c)
+                if anew:
+                    sums[r, c : c + m] = 0
+                    squares[r, c : c + m] = 0
                 for first in range(0, addresses.size, _TOGETHER):
                     present = min(_TOGETHER, addresses.size - first)
                     top = np.uint32(0)
@@ -303,24 +309,20 @@ def _lane_squares(
 
 
 @compiled(parallel=True)
-def mean_map(sums: _Ints, n: int) -> NDArray[np.float64]:
-    """(rows, cols) S / n."""
+def mean_map(sums: _Ints, n: int, out: NDArray[np.float64]) -> None:
+    """(rows, cols) S / n, into `out`."""
     rows, cols = sums.shape
-    out = np.empty((rows, cols), np.float64)
     for r in prange(rows):
-        for c in range(cols):
+        for c in range(np.uint64(cols)):
             out[r, c] = np.float64(sums[r, c]) / np.float64(n)
-    return out
 
 
 @compiled(parallel=True)
-def variance_map(sums: _Ints, squares: _Ints, n: int) -> NDArray[np.float64]:
-    """(rows, cols) (n Q - S^2) / (n (n - 1)), the numerator exact."""
+def variance_map(sums: _Ints, squares: _Ints, n: int, out: NDArray[np.float64]) -> None:
+    """(rows, cols) (n Q - S^2) / (n (n - 1)), the numerator exact, into `out`."""
     rows, cols = sums.shape
-    out = np.empty((rows, cols), np.float64)
     divisor = np.float64(n) * np.float64(n - 1)
     for r in prange(rows):
-        for c in range(cols):
+        for c in range(np.uint64(cols)):
             s = np.uint64(sums[r, c])
             out[r, c] = np.float64(np.int64(np.uint64(n) * squares[r, c] - s * s)) / divisor
-    return out

@@ -36,9 +36,17 @@ def work_calibrate(folder: str) -> None:
 
 
 def work_read(folder: str) -> None:
-    """The files' bytes, one file after another."""
+    """The files' bytes, one file after another into the same memory: nothing reads faster from Python.
+
+    `Path.read_bytes` takes as long, or six times as long where the system gives each file new memory.
+    """
+    room = bytearray()
     for path in sorted(Path(folder).rglob("*.tif")):
-        path.read_bytes()
+        with path.open("rb", buffering=0) as file:
+            size = path.stat().st_size
+            if size != len(room):
+                room = bytearray(size)
+            file.readinto(room)
 
 
 def measured(folder: Path, quick: bool = False) -> Case:
