@@ -87,7 +87,8 @@ def test_a_measured_chip_with_a_drawn_ones_maps_gives_its_frame() -> None:
     offset = rng.integers(-9000, 9000, (ROWS, COLS)).astype(np.int16)
     dark = rng.random((ROWS, COLS)).astype(np.float32)
     drawn = expose(
-        photo, prnu, 1e-5, offset, 2e-3, dark, EXPOSURE_S, WELL, 12.5, GAIN, BLACK, WHITE, CORNER, CHIP_COLS, FRAME, *KEY
+        photo, prnu, 1e-5, offset, 2e-3, dark, EXPOSURE_S, WELL, 12.5, GAIN, BLACK, WHITE,
+        CORNER, CHIP_COLS, FRAME, *KEY,
     )  # fmt: skip
     measured = expose_measured(
         photo, (prnu * 1e-5).astype(np.float32), (offset * 2e-3 * GAIN).astype(np.float32),
