@@ -2,11 +2,15 @@
 
 First-order propagation after the GUM (JCGM 100:2008, 5.1 and 5.2): a result keeps its sensitivity to every
 independent source, so that what two results share, a system gain say, is counted once in their ratio.
+
+A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those (Graybill
+and Wang, J. Am. Stat. Assoc. 75 (1980) 869, extended to differences by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135):
+to each side the root of the summed squares. It is exact for one source, a mean square over few lines say, whose
+interval is chi-square's and not symmetric, and the usual one where all sources are normal.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +21,52 @@ from numpy.typing import NDArray
 
 from photosite.measured import COVERAGE_95
 
-_sources = itertools.count()
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Source:
+    """An independent cause of uncertainty, itself and no other.
+
+    Parameters
+    ----------
+    below, above
+        How far the end of the 95 % interval lies below and above what was found, in standard uncertainties.
+    """
+
+    below: float = COVERAGE_95
+    above: float = COVERAGE_95
+
+    @classmethod
+    def student(cls, freedom: float) -> Source:
+        """A mean, or a fitted line's parameter, whose uncertainty was found from so many degrees of freedom.
+
+        Examples
+        --------
+        >>> round(Source.student(3.0).above, 3)
+        3.182
+        """
+        from scipy.special import stdtrit
+
+        reach = float(stdtrit(freedom, 0.975))
+        return cls(reach, reach)
+
+    @classmethod
+    def mean_square(cls, freedom: float) -> Source:
+        """A variance found from so many degrees of freedom: chi-square's interval.
+
+        Examples
+        --------
+        >>> source = Source.mean_square(7.0)  # of 8 frames
+        >>> round(source.below, 2), round(source.above, 2)
+        (1.05, 5.88)
+        """
+        from scipy.special import chdtri
+
+        # In standard uncertainties, the value times sqrt(2 / freedom).
+        scale = math.sqrt(0.5 * freedom)
+        return cls(
+            (1.0 - freedom / float(chdtri(freedom, 0.025))) * scale,
+            (freedom / float(chdtri(freedom, 0.975)) - 1.0) * scale,
+        )
 
 
 @dataclass(frozen=True)
@@ -34,19 +83,59 @@ class Uncertain:
     """
 
     value: float
-    parts: dict[int, float] = field(default_factory=dict)
+    parts: dict[Source, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, value: float, standard_uncertainty: float = 0.0) -> Uncertain:
-        """A new, independent input; exact where the uncertainty is 0."""
+    def of(cls, value: float, standard_uncertainty: float = 0.0, source: Source | None = None) -> Uncertain:
+        """A new, independent input; exact where the uncertainty is 0.
+
+        Parameters
+        ----------
+        value, standard_uncertainty
+            What was found.
+        source
+            The shape of its interval; normal if None.
+        """
         if standard_uncertainty == 0.0:
             return cls(value)
-        return cls(value, {next(_sources): standard_uncertainty})
+        return cls(value, {source or Source(): standard_uncertainty})
+
+    @classmethod
+    def of_variance(cls, value: float, standard_uncertainty: float = 0.0) -> Uncertain:
+        """A new, independent mean square; its degrees of freedom are 2 (value / uncertainty)^2 (Satterthwaite).
+
+        Examples
+        --------
+        >>> low, high = Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)).interval_95
+        >>> round(low, 2), round(high, 2)
+        (1.75, 16.57)
+        """
+        if standard_uncertainty == 0.0 or value <= 0.0:
+            return cls.of(value, standard_uncertainty)
+        return cls.of(value, standard_uncertainty, Source.mean_square(2.0 * (value / standard_uncertainty) ** 2))
 
     @property
     def standard_uncertainty(self) -> float:
         """Root of the summed squares of the parts."""
         return math.hypot(*self.parts.values())
+
+    @property
+    def interval_95(self) -> tuple[float, float]:
+        """The 95 % interval, lower and upper end."""
+        below = math.hypot(*(p * (source.below if p > 0.0 else source.above) for source, p in self.parts.items()))
+        above = math.hypot(*(p * (source.above if p > 0.0 else source.below) for source, p in self.parts.items()))
+        return self.value - below, self.value + above
+
+    def covariance(self, other: Uncertain) -> float:
+        """Covariance with another result, from the sources that they share.
+
+        Examples
+        --------
+        >>> gain = Uncertain.of(2.0, 0.1)
+        >>> round((3.0 * gain).covariance(1.0 / gain), 6)
+        -0.0075
+        """
+        return math.fsum(part * other.parts[source] for source, part in self.parts.items() if source in other.parts)
 
     @property
     def relative(self) -> float:
@@ -99,8 +188,17 @@ def _lift(number: Uncertain | float) -> Uncertain:
     return number if isinstance(number, Uncertain) else Uncertain(float(number))
 
 
-def correlated(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[Uncertain, ...]:
+def correlated(
+    values: NDArray[np.float64], covariance: NDArray[np.float64], freedom: float = math.inf
+) -> tuple[Uncertain, ...]:
     """Inputs that share a covariance matrix, such as the intercept and slope of a fitted line.
+
+    Parameters
+    ----------
+    values, covariance
+        (p,) and (p, p).
+    freedom
+        Degrees of freedom that the covariance was found from.
 
     Examples
     --------
@@ -109,7 +207,7 @@ def correlated(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> 
     0.0
     """
     scales, vectors = np.linalg.eigh(covariance)
-    keys = [next(_sources) for _ in scales]
+    keys = [Source.student(freedom) if math.isfinite(freedom) else Source() for _ in scales]
     loads = vectors * np.sqrt(np.clip(scales, 0.0, None))  # rounding alone makes an eigenvalue negative
     return tuple(
         Uncertain(float(value), {key: float(load) for key, load in zip(keys, row, strict=True)})
@@ -130,6 +228,18 @@ def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Unce
     for value, weight in zip(values, weights, strict=True):
         result = result + value * (weight / total)
     return result
+
+
+def covariance_matrix(values: Sequence[Uncertain]) -> NDArray[np.float64]:
+    """(n, n) covariance of results that may share sources.
+
+    Examples
+    --------
+    >>> a, b = Uncertain.of(1.0, 0.5), Uncertain.of(2.0, 0.1)
+    >>> covariance_matrix([a, a + b]).round(4).tolist()
+    [[0.25, 0.25], [0.25, 0.26]]
+    """
+    return np.array([[a.covariance(b) for b in values] for a in values]).reshape(len(values), len(values))
 
 
 def signed_root(x: float) -> float:
@@ -160,6 +270,19 @@ def spread(variance: Uncertain) -> Uncertain:
     above = signed_root(variance.value + COVERAGE_95 * u) - s
     slope = max(below, above) / (COVERAGE_95 * u)
     return Uncertain(s, {source: slope * part for source, part in variance.parts.items()})
+
+
+def spread_interval_95(variance: Uncertain) -> tuple[float, float]:
+    """The 95 % interval of `spread`: the signed roots of the ends of the variance's interval.
+
+    Examples
+    --------
+    >>> low, high = spread_interval_95(Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)))
+    >>> round(low, 2), round(high, 2)
+    (1.32, 4.07)
+    """
+    low, high = variance.interval_95
+    return signed_root(low), signed_root(high)
 
 
 def upper_limit_95(variance: Uncertain) -> float | None:

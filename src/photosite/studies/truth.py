@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,10 @@ from photosite.optics.lens import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import integration_weights
+
+if TYPE_CHECKING:
+    from photosite.calibration.result import Calibration
+    from photosite.studies.virtual_lab import VirtualLab
 
 QUANTISATION_DN2 = 1 / 12
 """Variance of rounding to whole numbers; EMVA 1288 counts it in the sensitivity threshold."""
@@ -132,3 +137,64 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
     return [
         share * float(sensor.channels[name].quantum_efficiency_at(grid) @ spectrum) for name in sensor.channel_names
     ]
+
+
+def variance_peak_e(sensor: Sensor) -> float:
+    """Mean electrons from light at which the temporal variance of a flat, mean over pixels, is largest: EMVA's saturation.
+
+    Before the well or the converter clips, the variance rises with the light; the pixels do not clip all at once,
+    because PRNU, DSNU and dark-free offsets spread them, so that the largest mean variance lies a few per cent below.
+    Each pixel's noise is taken as normal, and its clipped variance is in closed form.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> d200 = ps.load_sensor("nikon-d200")
+    >>> round(variance_peak_e(d200) / d200.saturation_capacity_e, 3)
+    0.957
+    """
+    from scipy.special import ndtr
+
+    noise = sensor.noise
+    read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
+    limit_e = sensor.saturation_capacity_e
+    by_well = sensor.pixel.well_capacity_e.value <= limit_e
+    # The well clips electrons before read noise and offset are added, the converter all of them together.
+    inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
+    electrons = np.linspace(0.7, 1.1, 4001)[:, None] * limit_e
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
+    spread = np.hypot(noise.prnu_percent.value / 100 * electrons, 0.0 if by_well else dsnu_e)
+    mean = electrons + nodes * spread
+    sigma = np.sqrt(electrons + inside)
+    a = (limit_e - mean) / sigma
+    density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
+    first = ndtr(a) * mean - sigma * density + limit_e * ndtr(-a)
+    second = ndtr(a) * (mean**2 + sigma**2) - sigma * density * (mean + limit_e) + limit_e**2 * ndtr(-a)
+    variance = (second - first**2 + outside) @ (weights / weights.sum())
+    return float(electrons[np.argmax(variance), 0])
+
+
+def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
+    """`true_parameters` of a laboratory's sensor and light, by the definitions that a calibration of it used.
+
+    Saturation is that at the largest temporal variance where the calibration could take that, else where all is
+    clipped; the virtual chip's pattern has no rows and columns of its own.
+    """
+    sensor = lab.camera.sensor
+    truth = true_parameters(sensor, lab.light, lab.camera.optics)
+    truth |= {
+        "dsnu1288_row_e": 0.0,
+        "dsnu1288_column_e": 0.0,
+        "dsnu1288_pixel_e": truth["dsnu1288_e"],
+        "prnu1288_row_percent": 0.0,
+        "prnu1288_column_percent": 0.0,
+        "prnu1288_pixel_percent": truth["prnu1288_percent"],
+        "prnu1288_unfiltered_percent": truth["prnu1288_percent"],
+    }
+    if "largest temporal variance" in calibration.saturation_capacity_e.method:
+        old, new = truth["saturation_capacity_e"], variance_peak_e(sensor)
+        truth["saturation_capacity_e"] = new
+        truth["saturation_capacity_photons"] *= new / old
+        truth["snr_max_db"] += 10 * math.log10(new / old)
+        truth["dynamic_range_db"] += 20 * math.log10(new / old)
+    return truth
