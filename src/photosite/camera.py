@@ -200,8 +200,9 @@ class Camera:
         checked = [check_exposure(exposure_s) for exposure_s in times]
         rate = self._electron_rate(scene)
         number = first_frame
+        mean = rate if len(checked) == 1 else np.empty_like(rate)
         for exposure_s in checked:
-            mean = _exposed(rate, exposure_s)
+            _exposed(rate, exposure_s, out=mean)
             for _ in range(frames):
                 yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device)
                 number += 1
@@ -300,7 +301,7 @@ class Camera:
         return placement(scene, self.optics, self.sensor).regions(scene.regions)
 
 
-def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
     """Electrons in a time, or an error where 32-bit floats do not hold them."""
     with np.errstate(over="raise"):
         try:
