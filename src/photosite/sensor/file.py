@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.sensor.model import Array, Channel, Noise, Pixel, Provenance, Readout, Sensor
+from photosite.sensor.model import Array, Channel, Maps, Noise, Pixel, Provenance, Readout, Sensor
 from photosite.yaml_file import line_of, parse_yaml, read_yaml
 
 _SUFFIX = ".sensor.yaml"
@@ -24,6 +24,7 @@ _SECTIONS: dict[str, type[BaseModel]] = {
     "noise": Noise,
     "readout": Readout,
     "provenance": Provenance,
+    "maps": Maps,
 }
 
 
@@ -103,12 +104,17 @@ def _sensor_of(data: Any, path: str | PathLike[str]) -> Sensor:
             _line(data, ("photosite_sensor",)),
         )
     try:
-        return Sensor.model_validate(data)
+        sensor = Sensor.model_validate(data)
     except ValidationError as error:
         # A misspelt field is also a missing one; the misspelling is what helps.
         found = error.errors()
         first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
         raise FileError(path, _explain(first), _line(data, first["loc"])) from None
+    if sensor.maps is None:
+        return sensor
+    # Absolute from here on, so that a sensor may be handed around and saved elsewhere; a folder's name stays as given.
+    full = Path(path).absolute().parent / sensor.maps.file
+    return sensor.model_copy(update={"maps": Maps(file=fspath(full), sha256=sensor.maps.sha256)})
 
 
 def _explain(error: Any) -> str:
@@ -145,13 +151,17 @@ def _line(data: Any, location: Sequence[str | int]) -> int | None:
 
 
 def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
-    """Write a sensor file, whole or not at all.
+    """Write a sensor file, whole or not at all. A measured chip's maps go with it: first a copy of them, then the file.
 
     Raises
     ------
     FileError
-        If it cannot be written.
+        If it cannot be written, or the maps it names are missing or changed.
     """
+    if sensor.maps is not None:
+        from photosite.sensor.maps_file import copy_maps
+
+        sensor = sensor.model_copy(update={"maps": copy_maps(sensor.maps, Path(path))})
     with atomic_path(path) as temporary:
         temporary.write_text(dump_sensor(sensor), encoding="utf-8")
 

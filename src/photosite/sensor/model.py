@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,9 @@ from pydantic import (
 from photosite.cfa import Cfa, cfa_from, channel_names
 from photosite.errors import InputError, did_you_mean
 from photosite.measured import Measured
+
+if TYPE_CHECKING:
+    from photosite.sensor.measured_chip import MeasuredChip
 
 _QUANTITY_KEYS = ("value", "standard_uncertainty", "source", "assumed")
 
@@ -212,6 +215,14 @@ class Provenance(_Section):
     frames_sha256: tuple[str, ...] = ()
 
 
+class Maps(_Section):
+    """The measured chip's maps beside the sensor file: what every pixel does, in place of a drawn fixed pattern."""
+
+    file: str = Field(min_length=1)
+    """HDF5, named from the sensor file's folder; once loaded, a full path."""
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
 class Sensor(_Section):
     """An image sensor, as its file describes it.
 
@@ -235,6 +246,7 @@ class Sensor(_Section):
     noise: Noise
     readout: Readout
     provenance: Provenance = Provenance()
+    maps: Maps | None = None
 
     @model_validator(mode="after")
     def _channels_match_cfa(self) -> Self:
@@ -295,8 +307,25 @@ class Sensor(_Section):
         """Area of a pixel, photodetector and the rest, in m^2."""
         return self.pixel.width_um.value * self.pixel.height_um.value * 1e-12
 
+    @property
+    def measured_chip(self) -> MeasuredChip | None:
+        """The chip that the maps beside the sensor file hold; None where the fixed pattern is drawn from the serial.
+
+        The maps are read when this is first asked for, or the first frame simulated.
+
+        Raises
+        ------
+        FileError
+            If the file of maps is missing, or is not the one that the sensor file hashed.
+        """
+        from photosite.sensor.maps_file import load_maps
+
+        return None if self.maps is None else load_maps(self.maps)
+
     def with_(self, **changes: Any) -> Sensor:
         """The same sensor with some fields changed, named as in the file, whatever section they are in.
+
+        Another serial is another chip: it leaves measured maps behind. `maps=None` does that alone.
 
         Raises
         ------
@@ -311,9 +340,11 @@ class Sensor(_Section):
         (0.0, '12', 8)
         """
         data = self.model_dump()
-        homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels"), data)
+        homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps"), data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
             homes |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
+        if "serial" in changes:
+            data["maps"] = None
         for name, value in changes.items():
             if name not in homes:
                 raise InputError(f"a sensor has no field '{name}'; {did_you_mean(name, homes)}")

@@ -13,6 +13,7 @@ from photosite.engine.philox import key_from_seed
 from photosite.engine.pixels import expose
 from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
+from photosite.sensor.measured_readout import expose_chip
 from photosite.sensor.model import Sensor
 
 Rectangle = tuple[int, int, int, int]
@@ -32,10 +33,11 @@ def digital_numbers(
     region: Rectangle | None = None,
     device: Device = "cpu",
 ) -> NDArray[np.uint16]:
-    """One frame of the chip that the sensor's serial stands for, or a rectangle of it.
+    """One frame of the chip that the sensor's maps hold, or its serial stands for; or a rectangle of the frame.
 
     For pixel i of frame n: mean_i = photo_i (1 + prnu_i) + dark_rate_i t; e_i = min(Poisson(mean_i), well);
-    dn_i = clip(round(gain (e_i + offset_i + read noise) + black level), 0, 2^bits - 1).
+    dn_i = clip(round(gain (e_i + offset_i + read noise) + black level), 0, 2^bits - 1). A sensor with measured maps
+    takes prnu, dark rate, offset and read noise of each pixel from them (`measured_readout`).
 
     Parameters
     ----------
@@ -63,7 +65,9 @@ def digital_numbers(
     ------
     InputError
         If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region are out of range,
-        or the device is unknown or missing.
+        the device is unknown or missing, or measured maps are of another size or wanted on a GPU.
+    FileError
+        If a file of measured maps is missing or not the one that the sensor file hashed.
 
     Examples
     --------
@@ -88,10 +92,15 @@ def digital_numbers(
         raise InputError(
             f"a region is (r0, r1, c0, c1) within the chip's {shape[0]} rows and {shape[1]} columns, not {region}"
         )
+    photo_e = np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32)
+    if (measured := sensor.measured_chip) is not None:
+        if device != "cpu":
+            raise InputError("a measured chip is simulated on the CPU: take device='cpu', or maps=None for a drawn one")
+        return expose_chip(measured, sensor, photo_e, exposure_s, (r0, c0), np.uint32(frame), key_from_seed(int(seed)))
     chip = draw_chip(sensor)
     return _exposed(
         device,
-        np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32),
+        photo_e,
         _part(chip.prnu.deviates, r0, r1, c0, c1),
         chip.prnu.scale,
         _part(chip.offset_e.deviates, r0, r1, c0, c1),
