@@ -63,17 +63,17 @@ def expose_chip(
     gain = chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e
     even_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
     part = (slice(r0, r0 + rows), slice(c0, c0 + cols))
-    maps = [
+    maps: list[Any] = [
         np.ascontiguousarray(np.full(photo_e.shape, even, np.float32) if values is None else values[part])
         for values, even in ((chip.prnu, np.float32(0)), (chip.offset_dn, 0), (chip.dark_rate_dn_per_s, even_dark))
     ]
     # A variance of lines that came out negative is no noise.
     spreads = [max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)]
-    lines = [
+    lines: list[Any] = [
         spread * line_deviates(first, count, word, frame, *key) if spread else np.zeros(count)
         for word, (spread, first, count) in enumerate(zip(spreads, corner, photo_e.shape, strict=True))
     ]
-    scalars = (
+    scalars: tuple[Any, ...] = (
         math.hypot(*spreads) ** 2,
         gain,
         exposure_s,
