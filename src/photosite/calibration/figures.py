@@ -14,6 +14,7 @@ from photosite.calibration.uncertain import (
     Value,
     derive,
     spread,
+    spread_interval_95,
     upper_limit_95,
     weighted_mean,
 )
@@ -52,8 +53,8 @@ class Measurements:
         What clipped pixels read; photons at the largest temporal variance.
     responsivity, saturation_responsivity
         DN per photon; of the channel that `saturation_photons` is of.
-    dsnu1288, prnu1288, prnu1288_unfiltered
-        Spatial variances after EMVA 1288: DN^2; relative; relative.
+    dsnu1288, dsnu1288_filtered, prnu1288, prnu1288_unfiltered
+        Spatial variances after EMVA 1288: DN^2, plain and high-passed; relative, high-passed and plain.
     read_method, saturation_method
         How those were read.
     from_channels
@@ -74,6 +75,7 @@ class Measurements:
     responsivity: Value
     saturation_responsivity: Value
     dsnu1288: Parts | Missing
+    dsnu1288_filtered: Parts | Missing
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
     read_method: str
@@ -93,6 +95,7 @@ _MEANS_OVER_CHANNELS = (
     "saturation_dn",
     "responsivity",
     "dsnu1288",
+    "dsnu1288_filtered",
     "prnu1288",
     "prnu1288_unfiltered",
 )
@@ -164,7 +167,12 @@ def _spread(variance: Value, scale: Value, method: str) -> Estimate:
         missing = variance if isinstance(variance, Missing) else scale
         return Estimate.of(missing, method)
     limit = upper_limit_95(variance)
-    return Estimate.of(spread(variance) * scale, method, None if limit is None else limit * scale.value)
+    return Estimate.of(
+        spread(variance) * scale,
+        method,
+        None if limit is None else limit * scale.value,
+        spread_interval_95(variance * scale * scale),
+    )
 
 
 def _part_estimates(parts: Parts | Missing, scale: Value, method: str) -> dict[str, Estimate]:
@@ -311,23 +319,20 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
 
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
-    dark = m.method("spatial variance of the mean dark less temporal variance / n (EMVA 1288 R4.0, DSNU)", "dsnu1288")
-    light = m.method(
-        "spatial variance at half saturation less the dark's, high-passed (EMVA 1288 R4.0, PRNU)", "prnu1288"
-    )
-    plain = m.method(
-        "spatial variance at half saturation less the dark's, no high-pass (EMVA 1288 R3.0)", "prnu1288_unfiltered"
-    )
+    dark = "spatial variance of the mean dark less temporal variance / n, {} (EMVA 1288 R4.0, DSNU)"
+    light = "spatial variance at half saturation less the dark's, {} (EMVA 1288 {}, PRNU)"
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}
-    for prefix, unit, entries in (
-        ("dsnu1288", "e", _part_estimates(m.dsnu1288, per_e, dark)),
-        ("prnu1288", "percent", _part_estimates(m.prnu1288, percent, light)),
+    for prefix, unit, parts, scale, text in (
+        ("dsnu1288", "e", m.dsnu1288, per_e, dark.format("no high-pass")),
+        ("dsnu1288_filtered", "e", m.dsnu1288_filtered, per_e, dark.format("high-passed")),
+        ("prnu1288", "percent", m.prnu1288, percent, light.format("high-passed", "R4.0")),
+        ("prnu1288_unfiltered", "percent", m.prnu1288_unfiltered, percent, light.format("no high-pass", "R3.1")),
     ):
+        entries = _part_estimates(parts, scale, m.method(text, prefix))
         result[f"{prefix}_{unit}"] = entries["total"]
         for part in ("row", "column", "pixel"):
             result[f"{prefix}_{part}_{unit}"] = entries[part]
-    result["prnu1288_unfiltered_percent"] = _part_estimates(m.prnu1288_unfiltered, percent, plain)["total"]
     return result
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.uncertain import Uncertain, correlated
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -33,6 +35,22 @@ class Fit:
     extra_variance: float
     chi_square: float
     degrees_of_freedom: int
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the covariance, by Welch and Satterthwaite: infinite where sampling explains all.
+
+        The scatter that sampling does not explain was found from the residuals, a share 1 - (degrees of freedom) /
+        (chi square) of the whole.
+        """
+        if self.extra_variance == 0.0:
+            return math.inf
+        return self.degrees_of_freedom / (1.0 - self.degrees_of_freedom / self.chi_square) ** 2
+
+    @property
+    def uncertain(self) -> tuple[Uncertain, ...]:
+        """The parameters as new inputs that share their covariance."""
+        return correlated(self.parameters, self.covariance, self.freedom)
 
 
 def _solve(

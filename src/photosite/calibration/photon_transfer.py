@@ -230,7 +230,7 @@ def gain_value(fit: Fit | None) -> Value:
             f"the temporal variance does not rise with the signal (slope {gain:.3g} +- {uncertainty:.3g} DN); "
             f"photon transfer needs brighter flats or more frames"
         )
-    return Uncertain.of(gain, uncertainty)
+    return fit.uncertain[0]
 
 
 def fit_response(levels: LightLevels, used: NDArray[np.bool_]) -> Fit | None:

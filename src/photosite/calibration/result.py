@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.provenance import UsedFrame, frames_sha256
-from photosite.calibration.uncertain import Missing, Value
+from photosite.calibration.uncertain import Missing, Source, Uncertain, Value
 from photosite.errors import CalibrationError
 from photosite.measured import COVERAGE_95, Measured
 
@@ -36,6 +36,11 @@ class Estimate:
         difference that comes out negative is not cut off: the value is then -sqrt(-variance).
     method
         How it was estimated, with the clause of the standard where there is one.
+    interval_95
+        The 95 % interval, lower and upper end: not symmetric where few lines, frames or points stand behind the value.
+        If None, value and uncertainty give the normal one.
+    parts
+        What one standard uncertainty of each independent source does to the value; estimates may share sources.
 
     Examples
     --------
@@ -48,21 +53,39 @@ class Estimate:
     reason: str | None = None
     upper_limit_95: float | None = None
     method: str = ""
+    interval_95: tuple[float, float] | None = None
+    parts: Mapping[Source, float] = field(default_factory=dict, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.interval_95 is None and self.value is not None and self.standard_uncertainty is not None:
+            half = COVERAGE_95 * self.standard_uncertainty
+            object.__setattr__(self, "interval_95", (self.value - half, self.value + half))
 
     @classmethod
-    def of(cls, value: Value, method: str, upper_limit_95: float | None = None) -> Estimate:
+    def of(
+        cls,
+        value: Value,
+        method: str,
+        upper_limit_95: float | None = None,
+        interval_95: tuple[float, float] | None = None,
+    ) -> Estimate:
         """From a propagated value, or from what was missing for it."""
         if isinstance(value, Missing):
             return cls(reason=value.reason, method=method)
-        return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method)
+        return cls(
+            value.value,
+            value.standard_uncertainty,
+            None,
+            upper_limit_95,
+            method,
+            interval_95 or value.interval_95,
+            value.parts,
+        )
 
     @property
-    def interval_95(self) -> tuple[float, float] | None:
-        """The 95 % interval, lower and upper end."""
-        if self.value is None or self.standard_uncertainty is None:
-            return None
-        half = COVERAGE_95 * self.standard_uncertainty
-        return self.value - half, self.value + half
+    def uncertain(self) -> Value:
+        """The value with its sources, to compute with."""
+        return Missing(self.reason or "") if self.value is None else Uncertain(self.value, dict(self.parts))
 
     def measured(self, source: str) -> Measured:
         """The estimate as a sensor file keeps it.
@@ -77,8 +100,10 @@ class Estimate:
         return Measured(self.value, self.standard_uncertainty, source)
 
     def to_dict(self) -> dict[str, Any]:
-        """`value` and `standard_uncertainty`, and what else there is to say."""
+        """`value`, `standard_uncertainty` and `interval_95`, and what else there is to say."""
         entry: dict[str, Any] = {"value": self.value, "standard_uncertainty": self.standard_uncertainty}
+        if self.interval_95 is not None:
+            entry["interval_95"] = list(self.interval_95)
         for name in ("reason", "upper_limit_95", "method"):
             if getattr(self, name):
                 entry[name] = getattr(self, name)
@@ -119,11 +144,18 @@ class Parameters:
     dsnu1288_row_e: Estimate
     dsnu1288_column_e: Estimate
     dsnu1288_pixel_e: Estimate
+    dsnu1288_filtered_e: Estimate
+    dsnu1288_filtered_row_e: Estimate
+    dsnu1288_filtered_column_e: Estimate
+    dsnu1288_filtered_pixel_e: Estimate
     prnu1288_percent: Estimate
     prnu1288_row_percent: Estimate
     prnu1288_column_percent: Estimate
     prnu1288_pixel_percent: Estimate
     prnu1288_unfiltered_percent: Estimate
+    prnu1288_unfiltered_row_percent: Estimate
+    prnu1288_unfiltered_column_percent: Estimate
+    prnu1288_unfiltered_pixel_percent: Estimate
 
     def estimates(self) -> dict[str, Estimate]:
         """All of them by name, in the order above."""
@@ -254,8 +286,8 @@ class Calibration(Parameters):
         return len(self.frames_used)
 
     @cached_property
-    def frames_sha256(self) -> tuple[str, ...]:
-        """One digest per frame used, of its digital numbers (little-endian uint16, row by row), sorted.
+    def frame_digests(self) -> tuple[str, ...]:
+        """One SHA-256 per frame of `frames_used`, of its digital numbers (little-endian uint16, row by row).
 
         Taken when first asked for, from the frames, which must be there still.
 
@@ -264,7 +296,12 @@ class Calibration(Parameters):
         FileError
             If a frame is gone or has changed since.
         """
-        return tuple(sorted(frames_sha256(self.frames_used)))
+        return frames_sha256(self.frames_used)
+
+    @property
+    def frames_sha256(self) -> tuple[str, ...]:
+        """`frame_digests`, sorted, as a sensor file keeps them."""
+        return tuple(sorted(self.frame_digests))
 
     @property
     def sensor(self) -> Sensor:

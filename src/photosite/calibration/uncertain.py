@@ -68,6 +68,10 @@ class Source:
             (freedom / float(chdtri(freedom, 0.975)) - 1.0) * scale,
         )
 
+    def scaled(self, factor: float) -> Source:
+        """One whose interval reaches `factor` times as far, in the same standard uncertainties."""
+        return Source(factor * self.below, factor * self.above)
+
 
 @dataclass(frozen=True)
 class Uncertain:
