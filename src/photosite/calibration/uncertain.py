@@ -3,10 +3,10 @@
 First-order propagation after the GUM (JCGM 100:2008, 5.1 and 5.2): a result keeps its sensitivity to every
 independent source, so that what two results share, a system gain say, is counted once in their ratio.
 
-A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those (Graybill
-and Wang, J. Am. Stat. Assoc. 75 (1980) 869, extended to differences by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135):
-to each side the root of the summed squares. It is exact for one source, a mean square over few lines say, whose
-interval is chi-square's and not symmetric, and the usual one where all sources are normal.
+A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those:
+to each side the root of the summed squares (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869, and for differences
+by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, a mean square over few lines say,
+whose interval is chi-square's and not symmetric, and the usual one where all sources are normal.
 """
 
 from __future__ import annotations
