@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from photosite.scene.charts import macbeth_reflectance
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import sensor_noise_profile
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     illuminant,
@@ -16,9 +17,6 @@ from photosite.spectra import (
     photons_from_energy,
     xyz,
 )
-
-QUANTISATION_DN2 = 1 / 12
-"""Variance of rounding to whole numbers."""
 
 _Response = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -85,10 +83,5 @@ def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
     >>> float((1 / scale / 4095).round(2)), float((offset**0.5 * 4095).round(2))
     (7.98, 3.17)
     """
-    noise = sensor.noise
-    gain = sensor.system_gain_dn_per_e
-    span = sensor.white_level_dn - sensor.readout.black_level_dn.value
-    dark_e = sensor.electrons(noise.dark_voltage_mv_per_s.value) * exposure_s
-    electrons2 = sensor.electrons(noise.read_noise_mv.value) ** 2 + sensor.electrons(noise.dsnu_mv.value) ** 2 + dark_e
-    offset = (electrons2 * gain**2 + QUANTISATION_DN2) / span**2
-    return np.tile([gain / span, offset], (len(sensor.channel_names), 1))
+    profile = sensor_noise_profile(sensor, exposure_s)
+    return np.array([(slope.value, offset.value) for slope, offset in zip(profile.slope, profile.offset, strict=True)])

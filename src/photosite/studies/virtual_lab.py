@@ -23,10 +23,10 @@ from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
 from photosite.measured import Measured
 from photosite.optics.lens import DiffractionLimited
-from photosite.profile import QUANTISATION_DN2
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.spectra import integration_weights
 from photosite.studies.protocol import ShootingProtocol, Step
 

@@ -1,0 +1,232 @@
+"""The noise profile of a gain setting: variance as a straight line in the signal, which is what files pass on.
+
+Here stand the line and its two ways: from a sensor's description, and back to as much of one as the line holds. The
+files that carry it are read and written in `photosite.frames.noise_profiles`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+
+from photosite.errors import InputError
+from photosite.measured import Measured
+from photosite.sensor.model import Sensor
+
+QUANTISATION_DN2 = 1 / 12
+"""Variance of rounding to whole numbers."""
+
+LOST = "PRNU, dark current, the well, quantum efficiency and how read noise and DSNU share the offset"
+"""What no noise profile of two numbers holds."""
+
+
+@dataclass(frozen=True)
+class NoiseProfile:
+    """Noise of one frame at one gain setting: a signal x in 0..1 (black to white) has variance slope x + offset.
+
+    Parameters
+    ----------
+    channels
+        Names of the colour channels, `("M",)` for a monochrome chip.
+    slope, offset
+        One for each channel. The slope is the photons' noise, system gain / (white - black); the offset is what
+        darkness has: read noise, DSNU and rounding.
+    gain_setting
+        ISO or gain as the file or the frames say; None where they do not.
+    black_level_dn, white_level_dn
+        The levels that 0 and 1 stand for; None where the file does not say.
+    camera
+        The camera's name, "" where it is not known.
+    notes
+        What the reader should know: what was assumed, and what was lost.
+
+    Raises
+    ------
+    InputError
+        If the lengths differ, a slope is not above 0, or the white level is not above the black level.
+
+    Notes
+    -----
+    DNG specification 1.7, NoiseProfile.
+
+    Examples
+    --------
+    >>> profile = NoiseProfile(("M",), (Measured(2.5e-4),), (Measured(1e-6),), black_level_dn=95, white_level_dn=4095)
+    >>> profile.system_gain_dn_per_e.value, profile.dark_noise_dn.value
+    (1.0, 4.0)
+    """
+
+    channels: tuple[str, ...]
+    slope: tuple[Measured, ...]
+    offset: tuple[Measured, ...]
+    gain_setting: float | None = None
+    black_level_dn: float | None = None
+    white_level_dn: float | None = None
+    camera: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not len(self.channels) == len(self.slope) == len(self.offset) > 0:
+            raise InputError("a noise profile has one slope and one offset for each channel")
+        if min(entry.value for entry in self.slope) <= 0:
+            raise InputError(f"a noise profile's slope is above 0, not {min(entry.value for entry in self.slope):g}")
+        black, white = self.black_level_dn, self.white_level_dn
+        if (black is None) != (white is None) or (black is not None and white is not None and not 0 <= black < white):
+            raise InputError(f"levels must obey 0 <= black < white, not black {black}, white {white}")
+
+    @property
+    def span_dn(self) -> float:
+        """White less black level.
+
+        Raises
+        ------
+        InputError
+            If the levels are not known.
+        """
+        if self.black_level_dn is None or self.white_level_dn is None:
+            raise InputError("this noise profile does not say its black and white level; name a sensor that does")
+        return self.white_level_dn - self.black_level_dn
+
+    @property
+    def system_gain_dn_per_e(self) -> Measured:
+        """System gain K, DN per electron: slope times (white - black), the channels' mean.
+
+        It assumes that the slope is photon noise alone.
+        """
+        return _scaled(_mean(self.slope), self.span_dn)
+
+    @property
+    def dark_noise_dn(self) -> Measured:
+        """Noise of a dark frame over its pixels, DN, rounding included: the root of offset times (white - black)^2.
+
+        Raises
+        ------
+        InputError
+            If the offset is negative: no noise has that variance.
+        """
+        return _root(_scaled(_mean(self.offset), self.span_dn**2), "an offset")
+
+    def at_levels(self, black_level_dn: float, white_level_dn: float) -> NoiseProfile:
+        """The same noise with other numbers for black and white: those of another converter, or those of a file.
+
+        Levels that were not known are taken to be these. Between known ones the ratio of the converters' ranges counts,
+        2^bits: a number of 12 bits is 16 times as large in 16.
+
+        Examples
+        --------
+        >>> of_12_bits = NoiseProfile(("M",), (Measured(1e-3),), (Measured(0.0),), None, 95, 4095)
+        >>> round(of_12_bits.at_levels(95 * 16, 65535).system_gain_dn_per_e.value, 9)
+        64.0
+        """
+        if self.black_level_dn is None or self.white_level_dn is None:
+            return replace(self, black_level_dn=black_level_dn, white_level_dn=white_level_dn)
+        bits = math.ceil(math.log2(white_level_dn + 1)) - math.ceil(math.log2(self.white_level_dn + 1))
+        scale = self.span_dn * 2.0**bits / (white_level_dn - black_level_dn)
+        return replace(
+            self,
+            slope=tuple(_scaled(entry, scale) for entry in self.slope),
+            offset=tuple(_scaled(entry, scale**2) for entry in self.offset),
+            black_level_dn=black_level_dn,
+            white_level_dn=white_level_dn,
+        )
+
+    def sensor(self, base: Sensor) -> Sensor:
+        """As much of a sensor as the profile tells, on a description of the rest.
+
+        Conversion gain follows from the slope and the base's volts. Read noise is the whole offset less rounding, and
+        DSNU is 0: a profile does not part them, and one frame looks alike either way. All else is the base's.
+
+        Raises
+        ------
+        InputError
+            If the offset is less than the variance of rounding: no read noise follows.
+        """
+        profile = self.at_levels(base.readout.black_level_dn.value, base.white_level_dn)
+        source = f"noise profile{f' of {self.camera}' if self.camera else ''}"
+        if self.gain_setting is not None:
+            source += f" at gain setting {self.gain_setting:g}"
+        analog = _scaled(_mean(profile.offset), profile.span_dn**2)
+        read_dn = _root(replace(analog, value=analog.value - QUANTISATION_DN2), f"{source}: an offset less rounding")
+        read_mv = _scaled(read_dn, base.mv_per_dn)
+        conversion = _scaled(profile.system_gain_dn_per_e, base.mv_per_dn * 1e3)
+        kept = base.provenance.source or base.name
+        return base.with_(
+            conversion_gain_uv_per_e=replace(conversion, source=f"{source}: the slope as photon noise, at these volts"),
+            read_noise_mv=replace(read_mv, source=f"{source}: all of the offset but rounding"),
+            dsnu_mv=Measured(0.0, source=f"{source}: in the read noise", assumed=True),
+            source=f"{source}; the rest as in: {kept}",
+        )
+
+
+def _mean(entries: Sequence[Measured]) -> Measured:
+    """Mean over channels, whose errors are taken to be shared: one gain and one converter serve them all."""
+    return Measured(fmean(e.value for e in entries), fmean(e.standard_uncertainty for e in entries))
+
+
+def _scaled(entry: Measured, factor: float) -> Measured:
+    return Measured(entry.value * factor, entry.standard_uncertainty * factor)
+
+
+def _root(variance: Measured, what: str) -> Measured:
+    if variance.value < 0:
+        raise InputError(f"{what} of {variance.value:.3g} DN^2 is no variance: the profile tells no dark noise")
+    value = math.sqrt(variance.value)
+    if variance.standard_uncertainty == 0:
+        return Measured(value)
+    # First order, u / (2 sqrt(v)), has no value at zero: the larger distance to the roots of v +- u has.
+    below = math.sqrt(max(variance.value - variance.standard_uncertainty, 0.0))
+    return Measured(value, max(math.sqrt(variance.value + variance.standard_uncertainty) - value, value - below))
+
+
+def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: float | None = None) -> NoiseProfile:
+    """The noise profile that follows from a sensor's description.
+
+    The offset is read noise, DSNU, the dark current's shot noise and rounding.
+
+    Parameters
+    ----------
+    sensor
+        The sensor; what is uncertain in it is uncertain in the profile.
+    exposure_s
+        Exposure time, for the dark current's shot noise.
+    gain_setting
+        What the camera calls the setting that the description is of.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> profile = sensor_noise_profile(ps.load_sensor("nikon-d200"))
+    >>> round(1 / profile.slope[0].value / 4095, 2), round(profile.dark_noise_dn.value, 2)
+    (7.98, 3.17)
+    """
+    noise, pixel, readout = sensor.noise, sensor.pixel, sensor.readout
+    span = sensor.white_level_dn - readout.black_level_dn.value
+    gain, volts = sensor.system_gain_dn_per_e, sensor.mv_per_dn
+    of_volts = math.hypot(*(q.standard_uncertainty / q.value for q in (pixel.voltage_swing_v, readout.analog_gain)))
+    of_conversion = pixel.conversion_gain_uv_per_e.standard_uncertainty / pixel.conversion_gain_uv_per_e.value
+    of_span = readout.black_level_dn.standard_uncertainty / span
+    slope = gain / span
+
+    fixed = [(q.value / volts, q.standard_uncertainty / volts) for q in (noise.read_noise_mv, noise.dsnu_mv)]
+    dark = noise.dark_voltage_mv_per_s
+    shot = gain * dark.value * exposure_s / volts
+    analog = sum(value**2 for value, _ in fixed)
+    uncertainty = math.hypot(
+        *(2 * value * u for value, u in fixed),
+        gain * dark.standard_uncertainty * exposure_s / volts,
+        (2 * analog + 2 * shot) * of_volts,
+        shot * of_conversion,
+        2 * (analog + shot + QUANTISATION_DN2) * of_span,
+    )
+    count = len(sensor.channel_names)
+    return NoiseProfile(
+        sensor.channel_names,
+        (Measured(slope, slope * math.hypot(of_volts, of_conversion, of_span)),) * count,
+        (Measured((analog + shot + QUANTISATION_DN2) / span**2, uncertainty / span**2),) * count,
+        gain_setting,
+        readout.black_level_dn.value,
+        sensor.white_level_dn,
+        sensor.name,
+    )

@@ -1,0 +1,48 @@
+"""A calibration as a noise profile: closed forms from its own figures, and the truth within its uncertainty."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+import photosite as ps
+from photosite.calibration.noise_profile import calibration_noise_profile
+from photosite.calibration.result import Estimate
+from photosite.errors import CalibrationError
+from photosite.sensor.noise_profile import sensor_noise_profile
+
+
+@pytest.fixture(scope="module", params=["mono", "rggb"])
+def measured(request, virtual):
+    sensor = virtual.sensor(6, rows=64, cols=96, cfa=request.param)
+    return sensor, ps.calibrate(virtual.frame_set(sensor, 6, dark_frames=12, stack=8, repeats=4))
+
+
+def test_closed_forms(measured):
+    _, calibration = measured
+    profile = calibration_noise_profile(calibration, 100.0)
+    span = 4095 - calibration.black_level_dn.value
+    assert profile.gain_setting == 100.0
+    for index, parameters in enumerate(calibration.channels.values() or [calibration]):
+        assert profile.slope[index].value == pytest.approx(calibration.system_gain_dn_per_e.value / span, rel=1e-14)
+        variance = parameters.read_noise_dn.value**2 + parameters.dsnu_dn.value**2 + 1 / 12
+        assert profile.offset[index].value == pytest.approx(variance / span**2, rel=1e-14)
+
+
+def test_truth_within_its_uncertainty(measured):
+    """4.5 standard uncertainties, 8 figures: a false alarm in 10^4 or so."""
+    sensor, calibration = measured
+    profile, true = calibration_noise_profile(calibration), sensor_noise_profile(sensor)
+    assert profile.channels == true.channels
+    for name in ("slope", "offset"):
+        for found, expected in zip(getattr(profile, name), getattr(true, name), strict=True):
+            assert 0 < found.standard_uncertainty < 0.2 * expected.value
+            assert abs(found.value - expected.value) < 4.5 * found.standard_uncertainty
+
+
+def test_what_is_missing_is_said(measured):
+    _, calibration = measured
+    blind = dataclasses.replace(calibration, system_gain_dn_per_e=Estimate(reason="no light frames"))
+    with pytest.raises(CalibrationError, match="needs system_gain_dn_per_e, which could not be estimated: no light"):
+        calibration_noise_profile(blind)
