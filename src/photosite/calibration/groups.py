@@ -39,6 +39,9 @@ class Level:
         Share of the digital numbers at 0 and at the converter's highest number.
     frame_shift
         Standard deviation of the shifts common to a whole frame, signed where its variance came out negative.
+    shared_mean, shared_variance
+        Standard uncertainties that all clipped dark levels of the channel share: they do not drop out of a difference
+        with a light level, and do out of one between two of them. 0 where nothing was clipped.
     """
 
     pixels: int
@@ -51,6 +54,8 @@ class Level:
     low_fraction: float
     high_fraction: float
     frame_shift: float
+    shared_mean: float = 0.0
+    shared_variance: float = 0.0
 
     @classmethod
     def of(cls, totals: LabelTotals) -> Level:
@@ -111,19 +116,22 @@ def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
     def mean(name: str, power: int = 1) -> float:
         return float(sum(s**power * getattr(level, name) for s, level in zip(share, levels, strict=True)))
 
+    def independent(name: str) -> float:
+        return math.hypot(*(s * getattr(level, name) for s, level in zip(share, levels, strict=True)))
+
     return Level(
         pixels=pixels,
         frames=levels[0].frames,
         mean=mean("mean"),
         mean_variance=mean("mean_variance", 2),
         variance=mean("variance"),
-        variance_uncertainty=math.hypot(
-            *(s * level.variance_uncertainty for s, level in zip(share, levels, strict=True))
-        ),
+        variance_uncertainty=independent("variance_uncertainty"),
         spatial_variance=mean("spatial_variance"),
         low_fraction=mean("low_fraction"),
         high_fraction=mean("high_fraction"),
         frame_shift=mean("frame_shift"),
+        shared_mean=independent("shared_mean"),
+        shared_variance=independent("shared_variance"),
     )
 
 
