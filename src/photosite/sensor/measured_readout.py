@@ -87,10 +87,13 @@ def expose_chip(
         *key,
     )
     with threads_for(photo_e.size):
-        out = expose_measured(photo_e, *maps, np.ascontiguousarray(chip.read_noise_dn[part]), *lines, *scalars)
+        read_noise = np.ascontiguousarray(chip.read_noise_dn[part])
+        arguments: tuple[Any, ...] = (photo_e, *maps, read_noise, *lines, *scalars)
+        out = expose_measured(*arguments)
     if len(chip.blinking):
         place, columns = _within(chip.blinking, corner, photo_e.shape)
-        blink(out, place, *columns, photo_e, *maps, *lines, *scalars)
+        arguments = (out, place, *columns, photo_e, *maps, *lines, *scalars)
+        blink(*arguments)
     return out
 
 
