@@ -1,8 +1,8 @@
 """Clipped darks: the likelihood against one written out, estimates against the truth, refusals.
 
-Statistical tests have fixed seeds. Of 120 intervals of 95 % at least 105 cover: of honest ones fewer do once in 3000
-seeds. Pulls (error over uncertainty) have a mean within 3.3 / sqrt(120) = 0.3 and a width within 0.8 to 1.2, 3.1 standard
-errors either way.
+Statistical tests have fixed seeds. Of 120 intervals of 95 % at least 105 cover; of honest ones fewer do once in 3000
+seeds. Pulls (error over uncertainty) have a mean within 3.3 / sqrt(120) = 0.3 and a width within 0.8 to 1.2, 3.1
+standard errors either way.
 """
 
 import re

@@ -83,7 +83,7 @@ def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[n
     return np.array([mean, float(pixels.share @ pixels.variance), spatial])
 
 
-def _slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def moment_slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) change of the moments with mean, DSNU variance and read variance."""
     steps = np.array([1e-3 * math.sqrt(theta[2]), 1e-3 * max(abs(theta[1]), 1e-2 * theta[2]), 1e-3 * theta[2]])
     return np.column_stack(
@@ -146,7 +146,7 @@ def unclip(level: Level, like: CensoredDark) -> Level | Missing:
 
 def _restored(level: Level, theta: NDArray[np.float64], free: NDArray[np.int64]) -> Level:
     pixels = _Pixels.of(*(float(value) for value in theta))
-    back = np.linalg.inv(_slopes(theta)[np.ix_(free, free)])
+    back = np.linalg.inv(moment_slopes(theta)[np.ix_(free, free)])
     temporal = back @ _temporal_covariance(pixels, level.frames)[np.ix_(free, free)] @ back.T / level.pixels
     mean = float(pixels.share @ pixels.mean)
     variance = float(pixels.share @ pixels.variance)
