@@ -9,6 +9,7 @@ import pytest
 
 from photosite.calibration import reading
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.line_noise import LINE_FRAMES
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Parameters
 from photosite.errors import CalibrationError
@@ -165,7 +166,7 @@ def test_few_frames_are_held_at_a_time(mono, monkeypatch, thread_safe):
 
     groups = tuple(replace(group, frames=tuple(map(guard, group.frames))) for group in frames.groups)
     assert calibrate(replace(frames, groups=groups)).to_dict() == calibrate(frames).to_dict()
-    assert len(alive) == frames.frame_count
+    assert len(alive) == frames.frame_count + 2 * LINE_FRAMES  # of the dark and the light stack, for their lines
     assert max(held) <= 3 + 2 + 2  # to be added together, ahead, and one on either side of being handed over
     assert (threads == {threading.main_thread()}) is not thread_safe
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from photosite.calibration.line_noise import TemporalParts
 from photosite.calibration.spatial import (
     MARGIN,
     channel_parts,
@@ -13,6 +14,9 @@ from photosite.calibration.spatial import (
     split_parts,
 )
 from photosite.calibration.uncertain import Missing, Uncertain
+
+NONE = Uncertain(0.0)
+NO_NOISE = TemporalParts(NONE, NONE, NONE)
 
 
 def test_high_pass_is_the_image_less_its_three_smoothings():
@@ -41,7 +45,7 @@ def test_parts_of_a_plain_plane_are_the_standard_s():
     total, cav, rav = plane.var(ddof=1), plane.mean(0).var(), plane.mean(1).var()
     m, n = rows, cols
     d = m * n - m - n
-    parts = split_parts(plane, Uncertain(0.0), filtered=False)
+    parts = split_parts(plane, NO_NOISE, filtered=False)
     assert parts.column.value == pytest.approx((m * n - n) / d * cav - n / d * (total - rav), rel=4e-3)
     assert parts.row.value == pytest.approx((m * n - m) / d * rav - m / d * (total - cav), rel=4e-3)
     assert parts.pixel.value == pytest.approx(m * n / d * (total - cav - rav), rel=4e-3)
@@ -56,7 +60,7 @@ def test_parts_of_a_plain_plane_are_the_analysis_of_variance():
     pixel = (residual**2).sum() / ((rows - 1) * (cols - 1))
     column = (rows * plane.mean(0).var(ddof=1) - pixel) / rows
     row = (cols * plane.mean(1).var(ddof=1) - pixel) / cols
-    parts = split_parts(plane, Uncertain(0.0), filtered=False)
+    parts = split_parts(plane, NO_NOISE, filtered=False)
     for name, value in (("pixel", pixel), ("column", column), ("row", row), ("total", pixel + row + column)):
         assert getattr(parts, name).value == pytest.approx(value, rel=1e-12)
 
@@ -72,7 +76,7 @@ def test_parts_come_out_unbiased_and_covered(filtered, truth):
     for _ in range(200):
         plane = rng.normal(0, pixel, (60, 80)) + rng.normal(0, column, 80) + rng.normal(0, row, (60, 1))
         noise = rng.normal(0, 0.5, plane.shape)
-        parts = split_parts(plane + noise, Uncertain.of(0.25), filtered=filtered)
+        parts = split_parts(plane + noise, TemporalParts(Uncertain.of(0.25), NONE, NONE), filtered=filtered)
         for name, values in found.items():
             part = getattr(parts, name)
             values.append((part.value, part.standard_uncertainty))
@@ -89,8 +93,8 @@ def test_shading_is_left_out_by_the_filter_and_not_without_it():
     rng = np.random.default_rng(5)
     y, x = np.mgrid[-1:1:200j, -1:1:300j]
     plane = 1000.0 * (1 - 0.2 * (x**2 + y**2)) + rng.normal(0, 2.0, x.shape)
-    assert split_parts(plane, Uncertain(0.0), filtered=True).total.value == pytest.approx(4.0, rel=0.03)
-    assert split_parts(plane, Uncertain(0.0), filtered=False).total.value > 1000.0
+    assert split_parts(plane, NO_NOISE, filtered=True).total.value == pytest.approx(4.0, rel=0.03)
+    assert split_parts(plane, NO_NOISE, filtered=False).total.value > 1000.0
 
 
 def test_each_site_of_a_mosaic_is_a_plane_of_its_own():
@@ -99,11 +103,11 @@ def test_each_site_of_a_mosaic_is_a_plane_of_its_own():
     mosaic = rng.normal(0.0, 1.0, (120, 160))
     mosaic[0::2, 1::2] += 50.0
     tile = np.array([[0, 1], [1, 2]])
-    parts = channel_parts(mosaic, tile, 1, Uncertain(0.0), filtered=True)
+    parts = channel_parts(mosaic, tile, 1, NO_NOISE, filtered=True)
     assert parts.total.value == pytest.approx(1.0, rel=0.1)
 
 
 def test_a_plane_too_small_for_the_filter_is_said_so():
-    result = channel_parts(np.zeros((60, 160)), np.array([[0, 1], [1, 2]]), 0, Uncertain(0.0), filtered=True)
+    result = channel_parts(np.zeros((60, 160)), np.array([[0, 1], [1, 2]]), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
     assert "30 pixels" in result.reason

@@ -112,7 +112,9 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
     if lights:
         channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
-        patterns = PatternReader(reader, dark.groups, lights, dark.reference, dark.mean, channels, dark.slopes).read()
+        patterns = PatternReader(
+            reader, dark.groups, lights, dark.reference, dark.mean, channels, dark.slopes, dark.noise, dark.scatter
+        ).read()
         measured = measure_channels(dark, channels, patterns)
     else:
         measured = measure_channels(dark, (), ())

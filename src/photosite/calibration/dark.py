@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.fit import Fit, fit_linear
 from photosite.calibration.groups import Level
-from photosite.calibration.uncertain import Missing, Uncertain, Value, correlated
+from photosite.calibration.uncertain import Missing, Uncertain, Value
+
+BEYOND_SAMPLING = 0.001
+"""Share of ideal measurements whose dark variances may be said to scatter more than their sampling."""
 
 SAME_EXPOSURE = 1e-6
 """Relative difference up to which two exposure times are the same one."""
@@ -54,7 +58,7 @@ class DarkLine:
         if self.fit is None:
             reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
-        intercept, slope = correlated(self.fit.parameters, self.fit.covariance)
+        intercept, slope = self.fit.uncertain
         return intercept, slope
 
     @property
@@ -65,6 +69,22 @@ class DarkLine:
             return intercept
         weight = 1.0 / self.variance
         return Uncertain.of(float(weight @ self.y / weight.sum()), float(np.sqrt(1.0 / weight.sum())))
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the points about the line beyond sampling, relative to their mean; 0 if by chance.
+
+        Of dark variances it says how far the noise is from independent frames: interference that keeps its pattern
+        from frame to frame adds to some combinations of frames and cancels in others.
+        """
+        from scipy.stats import chi2
+
+        fit = self.fit
+        if fit is None or fit.degrees_of_freedom == 0:
+            return 0.0
+        if fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, fit.degrees_of_freedom)):
+            return 0.0
+        return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 
     def weights_at(self, exposure_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(exposures, m): the dark value at each exposure is this times `y`.

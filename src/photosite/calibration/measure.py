@@ -13,6 +13,7 @@ from photosite.calibration.dark import Darkness, temporal_variances
 from photosite.calibration.figures import QUANTISATION, Measurements, pool
 from photosite.calibration.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.judge import check_darks, reference_dark, zero_clip_uncertainty
+from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
@@ -53,12 +54,18 @@ class DarkSide:
         The group of read noise and DSNU: the most frames, then the shortest exposure; and its mean frame.
     slopes
         Per channel, mean and spread of the pixels' dark slopes; None with one dark exposure.
+    scatter
+        By how much, relatively, the noise differs between combinations of frames beyond sampling (`DarkLine.scatter`).
+    noise
+        Per channel, the temporal variance left in `mean`.
     """
 
     groups: list[GroupStatistics]
     reference: int
     mean: MeanFrame
     slopes: tuple[SlopeSpread, ...] | None
+    scatter: float
+    noise: list[TemporalParts]
 
 
 def read_statistics(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
@@ -99,14 +106,17 @@ def read_darks(reader: FrameReader) -> DarkSide:
         # Repeats were left out of the group that had the most frames.
         reader.expect(len(planned[reference]))
         kept = reader.mean(planned[reference])
+    seconds = [entry.group.exposure_s for entry in groups]
+    scatter = Darkness.of(seconds, [pooled_level(entry.levels) for entry in groups]).variance.scatter
+    noise = mean_frame_parts(reader, groups[reference], scatter)
     if slopes is None or coefficients is None:
-        return DarkSide(groups, reference, kept, None)
-    noise = []
+        return DarkSide(groups, reference, kept, None, scatter, noise)
+    of_slopes = []
     for k in range(len(groups[0].levels)):
         levels = [entry.levels[k] for entry in groups]
         frames = np.array([level.frames for level in levels])
-        noise.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels)))
-    return DarkSide(groups, reference, kept, slopes.spreads(noise))
+        of_slopes.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels), scatter))
+    return DarkSide(groups, reference, kept, slopes.spreads(of_slopes), scatter, noise)
 
 
 def read_lights(reader: FrameReader) -> list[GroupStatistics]:
@@ -158,12 +168,14 @@ def _measure_channel(
     reference = dark.groups[dark.reference]
     level = reference.levels[index]
     dark_only = _measure_dark(darkness(dark, index), level, reference.label)
-    parts = channel_parts(mean, dark.mean.labels, index, mean_frame_noise(level), filtered=False)
-    dsnu = excess_variance(moments, mean_frame_noise(level))
+    noise = dark.noise[index]
+    parts = channel_parts(mean, dark.mean.labels, index, noise, filtered=False)
+    dsnu = excess_variance(moments, mean_frame_noise(level, dark.scatter))
     if isinstance(parts, Parts):
         # With a row or column pattern the pixels are fewer independent samples than they are pixels.
         dsnu = Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
-    measured = replace(dark_only, dsnu_variance=dsnu, dsnu1288=parts)
+    filtered = channel_parts(mean, dark.mean.labels, index, noise, filtered=True)
+    measured = replace(dark_only, dsnu_variance=dsnu, dsnu1288=parts, dsnu1288_filtered=filtered)
     if dark.slopes is not None:
         measured = replace(measured, dark_slope_variance=dark.slopes[index].variance)
     if channel is not None and patterns is not None:
@@ -183,6 +195,7 @@ def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) ->
         responsivity=responsivity,
         saturation_responsivity=responsivity,
         dsnu1288=patterns.dsnu1288,
+        dsnu1288_filtered=patterns.dsnu1288_filtered,
         prnu1288=patterns.prnu1288,
         prnu1288_unfiltered=patterns.prnu1288_unfiltered,
     )
@@ -205,7 +218,7 @@ def _measure_dark(background: Darkness, level: Level, label: str) -> Measurement
     """What the dark frames alone tell; the rest says that there is no light."""
     black, slope = background.mean.line
     clipping = zero_clip_uncertainty(level)
-    read = Uncertain.of(level.variance - QUANTISATION, math.hypot(level.variance_uncertainty, clipping))
+    read = Uncertain.of_variance(level.variance, level.variance_uncertainty) + Uncertain.of(-QUANTISATION, clipping)
     return Measurements(
         pixels=level.pixels,
         read_variance=read,
@@ -221,6 +234,7 @@ def _measure_dark(background: Darkness, level: Level, label: str) -> Measurement
         responsivity=NO_LIGHT,
         saturation_responsivity=NO_LIGHT,
         dsnu1288=NO_LIGHT,
+        dsnu1288_filtered=NO_LIGHT,
         prnu1288=NO_LIGHT,
         prnu1288_unfiltered=NO_LIGHT,
         read_method=f"{level.frames} {label}",
@@ -274,4 +288,4 @@ def _responsivity(channel: Channel) -> Value:
     fit = fit_response(channel.levels, channel.used)
     if fit is None:
         return Missing("no light level lies in the linear range")
-    return Uncertain.of(float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0])))
+    return fit.uncertain[0]

@@ -26,9 +26,10 @@ def excess_variance(moments: Moments, noise: Uncertain) -> Uncertain:
     return Uncertain.of(moments.variance, math.sqrt(sampling)) - noise
 
 
-def mean_frame_noise(level: Level) -> Uncertain:
-    """Temporal variance left in the mean of a level's frames, DN^2."""
-    return Uncertain.of(level.variance / level.frames, level.variance_uncertainty / level.frames)
+def mean_frame_noise(level: Level, scatter: float = 0.0) -> Uncertain:
+    """Temporal variance left in the mean of a level's frames, DN^2; `scatter` as for `slope_noise`."""
+    noise = level.variance / level.frames
+    return Uncertain.of(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
 
 
 def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -85,10 +86,16 @@ def slope_noise(
     frames: NDArray[np.int64],
     variance: NDArray[np.float64],
     variance_uncertainty: NDArray[np.float64],
+    scatter: float = 0.0,
 ) -> Uncertain:
-    """Variance that temporal noise gives a pixel's slope: sum of c^2 v / n over the levels."""
+    """Variance that temporal noise gives a pixel's slope: sum of c^2 v / n over the levels.
+
+    `scatter` is by how much, relatively, the noise differs from one combination of frames to the next beyond
+    sampling; the slope is one such combination.
+    """
     share = coefficients**2 / frames
-    return Uncertain.of(float(share @ variance), float(np.linalg.norm(share * variance_uncertainty)))
+    noise = float(share @ variance)
+    return Uncertain.of(noise, math.hypot(float(np.linalg.norm(share * variance_uncertainty)), scatter * noise))
 
 
 def relative_response_variance(light: SlopeSpread, dark: SlopeSpread | None, seconds_per_unit: float) -> Uncertain:

@@ -68,11 +68,18 @@ PARAMETER_LABELS: dict[str, ParameterLabel] = {
         dsnu1288_row_e=("DSNU1288, rows", "e⁻"),
         dsnu1288_column_e=("DSNU1288, columns", "e⁻"),
         dsnu1288_pixel_e=("DSNU1288, pixels", "e⁻"),
+        dsnu1288_filtered_e=("DSNU1288 after high-pass", "e⁻"),
+        dsnu1288_filtered_row_e=("DSNU1288 after high-pass, rows", "e⁻"),
+        dsnu1288_filtered_column_e=("DSNU1288 after high-pass, columns", "e⁻"),
+        dsnu1288_filtered_pixel_e=("DSNU1288 after high-pass, pixels", "e⁻"),
         prnu1288_percent=("PRNU1288", "%"),
         prnu1288_row_percent=("PRNU1288, rows", "%"),
         prnu1288_column_percent=("PRNU1288, columns", "%"),
         prnu1288_pixel_percent=("PRNU1288, pixels", "%"),
         prnu1288_unfiltered_percent=("PRNU1288 without high-pass", "%"),
+        prnu1288_unfiltered_row_percent=("PRNU1288 without high-pass, rows", "%"),
+        prnu1288_unfiltered_column_percent=("PRNU1288 without high-pass, columns", "%"),
+        prnu1288_unfiltered_pixel_percent=("PRNU1288 without high-pass, pixels", "%"),
     ),
 }
 """By the parameter's name in `Parameters`, in its order."""

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from photosite.calibration.dark import Darkness, same_exposure
 from photosite.calibration.groups import GroupStatistics
+from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
-    mean_frame_noise,
     relative_response_variance,
     slope_coefficients,
     slope_noise,
@@ -51,6 +51,7 @@ class Patterns:
 
     response_variance: Value
     dsnu1288: Parts | Missing
+    dsnu1288_filtered: Parts | Missing
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
 
@@ -132,6 +133,8 @@ class PatternReader:
         What the first pass told.
     dark_slopes
         Per channel, the spread of dark slopes; None with one dark exposure.
+    dark_noise, scatter
+        Per channel, the temporal variance left in `reference_mean`; see `DarkLine.scatter`.
     """
 
     def __init__(
@@ -143,12 +146,16 @@ class PatternReader:
         reference_mean: MeanFrame,
         channels: Sequence[Channel],
         dark_slopes: Sequence[SlopeSpread] | None,
+        dark_noise: Sequence[TemporalParts],
+        scatter: float,
     ) -> None:
         self._reader = reader
         self._darks = darks
         self._lights = lights
         self._channels = channels
         self._dark_slopes = dark_slopes
+        self._dark_noise = {reference: dark_noise}
+        self._scatter = scatter
         self._plans = [_plan_slopes(channel, lights) for channel in channels]
         self._half = [_half_saturated(channel, lights) for channel in channels]
         self._dark_of = [
@@ -168,6 +175,7 @@ class PatternReader:
         )
         for i in dark_again:
             self._dark_means[i] = self._reader.mean(self._darks[i].group).mean()
+            self._dark_noise[i] = mean_frame_parts(self._reader, self._darks[i], self._scatter)
 
         slopes = PixelSlopes((self._reader.frames.rows, self._reader.frames.cols), self._reader.tile)
         plans = [plan if isinstance(plan, _SlopePlan) else None for plan in self._plans]
@@ -176,11 +184,13 @@ class PatternReader:
         for i in again:
             level = self._reader.mean(self._lights[i].group)
             slopes.add(level, [plan.coefficients.get(i, 0.0) if plan else 0.0 for plan in plans])
-            for k, half in enumerate(self._half):
-                if half == i:
-                    mean = level.mean()
-                    filtered[k] = self._light_parts(k, i, mean, filtered=True)
-                    plain[k] = self._light_parts(k, i, mean, filtered=False)
+            of_half = [k for k, half in enumerate(self._half) if half == i]
+            if of_half:
+                mean = level.mean()
+                noise = mean_frame_parts(self._reader, self._lights[i], self._scatter)
+            for k in of_half:
+                filtered[k] = self._light_parts(k, i, mean, noise[k], filtered=True)
+                plain[k] = self._light_parts(k, i, mean, noise[k], filtered=False)
         spreads = slopes.spreads([plan.noise if plan else Uncertain(0.0) for plan in plans])
         result = []
         for k, half in enumerate(self._half):
@@ -189,6 +199,7 @@ class PatternReader:
                 Patterns(
                     response_variance=self._response_variance(k, spreads[k]),
                     dsnu1288=self._dark_parts(k, filtered=False),
+                    dsnu1288_filtered=self._dark_parts(k, filtered=True),
                     prnu1288=why or filtered[k],
                     prnu1288_unfiltered=why or plain[k],
                 )
@@ -212,14 +223,15 @@ class PatternReader:
     def _dark_parts(self, k: int, *, filtered: bool) -> Parts | Missing:
         if (k, filtered) not in self._dark_found:
             dark = self._dark_of[k]
-            noise = mean_frame_noise(self._darks[dark].levels[k])
+            noise = self._dark_noise[dark][k]
             found = channel_parts(self._dark_means[dark], self._reader.tile, k, noise, filtered=filtered)
             self._dark_found[k, filtered] = found
         return self._dark_found[k, filtered]
 
-    def _light_parts(self, k: int, group: int, mean: NDArray[np.float64], *, filtered: bool) -> Parts | Missing:
+    def _light_parts(
+        self, k: int, group: int, mean: NDArray[np.float64], noise: TemporalParts, *, filtered: bool
+    ) -> Parts | Missing:
         """Light less dark, relative to the signal, squared."""
-        noise = mean_frame_noise(self._lights[group].levels[k])
         light = channel_parts(mean, self._reader.tile, k, noise, filtered=filtered)
         dark = self._dark_parts(k, filtered=filtered)
         if isinstance(light, Missing) or isinstance(dark, Missing):

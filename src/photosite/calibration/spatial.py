@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.line_noise import TemporalParts
 from photosite.calibration.uncertain import Missing, Uncertain, weighted_mean
 from photosite.engine.planes import line_means, residual_moments, smooth_separable
 
@@ -159,7 +160,7 @@ def _mean_products(n: int) -> tuple[float, float, float]:
     return float(straight @ straight), float(straight @ smoothed), float(smoothed @ smoothed)
 
 
-def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool) -> Parts:
+def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: bool) -> Parts:
     """Row, column and pixel parts of a mean frame's spatial variance.
 
     EMVA 1288 R4.0 has three equations for the three parts: the variance of the plane, of its column means and
@@ -172,7 +173,7 @@ def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool)
     plane
         (rows, cols) mean frame of one colour plane, DN.
     noise
-        Temporal variance in it, DN^2.
+        Temporal variance in it, DN^2: each part is taken off its own.
     filtered
         Whether to take the high-pass first.
     """
@@ -195,14 +196,14 @@ def split_parts(plane: NDArray[np.float64], noise: Uncertain, *, filtered: bool)
         uncertainty = max(found, pixels.value) * math.sqrt(2.0 / (means.size - 1))
         return (Uncertain.of(found, uncertainty) - pixels) * (1.0 / (share.line - lost))
 
-    column = of_lines(columns, share.column_mean, share.columns_mean)
-    row = of_lines(lines, share.row_mean, share.rows_mean)
-    alone = of_pixels - noise
+    column = of_lines(columns, share.column_mean, share.columns_mean) - noise.column
+    row = of_lines(lines, share.row_mean, share.rows_mean) - noise.row
+    alone = of_pixels - noise.pixel
     return Parts(total=alone + column + row, row=row, column=column, pixel=alone)
 
 
 def channel_parts(
-    mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: Uncertain, *, filtered: bool
+    mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts, *, filtered: bool
 ) -> Parts | Missing:
     """The parts of one channel: each of its sites in the tile is a plane of its own; their mean.
 
