@@ -21,15 +21,20 @@ def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
     Example: photosite bench --quick
     """
     from photosite.studies.bench.cases import run_cases
+    from photosite.studies.bench.memory import memory
     from photosite.studies.bench.scaling import scaling
 
     cases = run_cases(names, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
-    laws = () if quick or names else scaling()
+    whole = not (quick or names)
+    if whole:
+        click.echo("measuring how time and memory grow ...", err=True)
+    laws, room = (scaling(), memory()) if whole else ((), None)
     if as_json:
         print_json(
             {
                 "cases": {name: case.to_dict() for name, case in cases.items()},
                 "scaling": {law.what: law.to_dict() for law in laws},
+                "memory": room.to_dict() if room else {},
             }
         )
         return
@@ -41,3 +46,8 @@ def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
     for law in laws:
         points = ", ".join(f"{size:g}: {seconds:.3f} s" for size, seconds in zip(law.sizes, law.seconds, strict=True))
         click.echo(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")
+    if room:
+        points = ", ".join(
+            f"{size:.0f}: {each:.1f}" for size, each in zip(room.megapixels, room.bytes_per_pixel, strict=True)
+        )
+        click.echo(f"\npeak memory of a stream of captures, bytes a pixel (by megapixels)\n  {points}")
