@@ -1,0 +1,89 @@
+"""Bands: rows or columns that rise and fall with a period, found as peaks of the profiles' spectrum."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FALSE_ALARMS = 1e-3
+"""Probability that profiles of independent lines show a band."""
+
+_WINDOW = 65
+"""Frequencies whose median is the background of the middle one."""
+
+SHORTEST = 2 * _WINDOW
+"""Lines that a profile needs."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """A period in the rows or columns.
+
+    Parameters
+    ----------
+    cycles_per_pixel
+        Its frequency; 0.5 is every other line. Known to half of 1 / lines.
+    amplitude_dn, standard_uncertainty_dn
+        Of the sine. Where the frequency lies between two that the spectrum has, up to 18 % more than this.
+    false_alarm_probability
+        Probability that independent lines show as high a peak at any frequency.
+    """
+
+    cycles_per_pixel: float
+    amplitude_dn: float
+    standard_uncertainty_dn: float
+    false_alarm_probability: float
+
+
+def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
+    """The periods in profiles, strongest first.
+
+    The power at each frequency, mean over the profiles, against the median of its neighbours: over n profiles of
+    independent lines n times the power over its mean follows the gamma distribution of shape n (for one profile, the
+    exponential one), so that the probability of the highest of m is known. Hann's window keeps a strong band from
+    leaking into its neighbours. Of a peak the highest frequency counts.
+
+    Parameters
+    ----------
+    profiles
+        (profiles, lines) line means in DN: one of the mean frame, or one for each frame. Too short ones have no bands.
+
+    Examples
+    --------
+    >>> lines = np.arange(600)
+    >>> wave = 0.5 * np.sin(2 * np.pi * 0.1 * lines) + np.random.default_rng(1).normal(0, 0.3, 600)
+    >>> [(band.cycles_per_pixel, round(band.amplitude_dn, 1)) for band in find_bands(wave[None])]
+    [(0.1, 0.5)]
+    """
+    from scipy.ndimage import median_filter
+    from scipy.special import gammaincc
+    from scipy.stats import gamma
+
+    count, lines = profiles.shape
+    if lines < SHORTEST:
+        return ()
+    trend = np.vander(np.linspace(-1.0, 1.0, lines), 3)
+    level = profiles.T - trend @ np.linalg.lstsq(trend, profiles.T, rcond=None)[0]
+    window = np.hanning(lines + 1)[:-1, None]
+    squares = float(np.sum(window**2))
+    power = np.mean(np.abs(np.fft.rfft(level * window, axis=0)) ** 2, axis=1)[1:] / squares
+    if lines % 2 == 0:
+        power = power[:-1]  # Nyquist has one quadrature, and another distribution
+    background = median_filter(power, _WINDOW, mode="reflect") / (gamma.median(count) / count)
+    if not (background > 0).all():
+        return ()
+    single = gammaincc(count, count * power / background)
+    alarm = -np.expm1(power.size * np.log1p(-np.minimum(single, 1.0 - 1e-12)))
+    padded = np.pad(power, 1)
+    peak = (alarm < FALSE_ALARMS) & (power >= padded[:-2]) & (power >= padded[2:])
+    found = []
+    for k in np.flatnonzero(peak):
+        # The noise's own power is in the peak.
+        scale = math.sqrt(squares) / float(window.sum())
+        amplitude = 2.0 * scale * math.sqrt(power[k] - background[k])
+        uncertainty = scale * math.sqrt(2.0 * background[k] / count)
+        found.append(Band(float((k + 1) / lines), amplitude, uncertainty, float(alarm[k])))
+    return tuple(sorted(found, key=lambda band: -band.amplitude_dn))

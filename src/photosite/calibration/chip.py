@@ -1,0 +1,306 @@
+"""The chip itself: maps of offset, response, dark rate and read noise, defects, and temporal noise of all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration import blinking, defects
+from photosite.calibration.chip_lights import ResponseMap, needed_lights, read_response
+from photosite.calibration.figures import QUANTISATION
+from photosite.calibration.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.judge import reference_dark
+from photosite.calibration.nonuniformity import PixelSlopes, slope_coefficients
+from photosite.calibration.pixel_noise import NoiseSpread, moderated, noise_spread
+from photosite.calibration.reading import FrameReader, Progress
+from photosite.calibration.result import Calibration
+from photosite.calibration.second_look import SecondLook, look_again
+from photosite.calibration.temporal import TemporalNoise, measure_temporal
+from photosite.engine.accumulate import FrameSums, MeanFrame
+from photosite.errors import CalibrationError, FileError
+from photosite.frames.frame_set import FrameSet
+from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
+
+CLIPPED_DARK = 1e-3
+"""Share of numbers at 0 in the darks above which there are no maps: those pixels' offset and noise are not seen."""
+
+MOST_SUSPECTS = 4096
+"""Pixels whose readings are looked at one by one for two levels: those with the largest variance for their channel."""
+
+_SUSPECT = 1e-3
+"""Probability below which an ordinary pixel's variance makes it one of them."""
+
+FloatMap = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _DarkMaps:
+    """What the darks tell of each pixel, DN and seconds."""
+
+    groups: Sequence[GroupStatistics]
+    reference: int
+    mean: MeanFrame
+    variance: FloatMap
+    rate: FloatMap | None
+    coefficients: NDArray[np.float64]
+
+    @property
+    def stack(self) -> GroupStatistics:
+        return self.groups[self.reference]
+
+
+def measure_chip(
+    frames: FrameSet, calibration: Calibration, progress: Progress | None = None
+) -> tuple[MeasuredChip, TemporalNoise]:
+    """The chip that took some frames, pixel by pixel.
+
+    The darks and the flats of the linear range are read once more, and the reference darks (those of the read noise)
+    once again after that; memory does not grow with their number. What each map is, and its uncertainty:
+    `MeasuredChip`. Offset and dark rate are intercept and slope of a pixel's darks against exposure, the response is
+    the slope of its flats less its dark rate; weights depend on the level, not on the pixel, so that all maps are
+    linear in the frames and without bias. Uncertainties are those of temporal noise, of which a pixel's own variance
+    and that of its channel tell together (`pixel_noise`).
+
+    Parameters
+    ----------
+    frames
+        The measurement.
+    calibration
+        What `calibrate` made of it.
+    progress
+        As for `calibrate`.
+
+    Returns
+    -------
+    MeasuredChip
+        The maps and defects; without flats no response, with darks of one exposure no dark rate.
+    TemporalNoise
+        Noise of pixels, rows and columns, its tail, and bands.
+
+    Raises
+    ------
+    CalibrationError
+        If the darks are clipped at zero.
+    FileError
+        If a frame cannot be read.
+    """
+    lights = needed_lights(frames, calibration)
+    again = replace(frames, groups=(*frames.of_kind("dark"), *lights))
+    with FrameReader(again, progress) as reader:
+        dark = _read_darks(reader)
+        response = read_response(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
+        spreads = _spreads(dark, reader.tile)
+        look = look_again(
+            _used_again(reader, dark.stack),
+            dark.mean,
+            float(np.sqrt(np.median([spread.variance for spread in spreads]))),
+            _suspects(dark, spreads, reader.tile),
+        )
+        temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, reader.tile)
+        chip = _chip(calibration, dark, response, spreads, look, temporal, reader.tile)
+    return chip, temporal
+
+
+def _read_darks(reader: FrameReader) -> _DarkMaps:
+    planned = reader.frames.of_kind("dark")
+    exposure = np.array([group.exposure_s for group in planned])
+    slopes, coefficients = None, np.zeros(len(planned))
+    if len(np.unique(exposure)) > 1:
+        slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
+        coefficients = slope_coefficients(exposure, np.array([float(len(group)) for group in planned]))
+    wanted = reference_dark(planned)
+    groups: list[GroupStatistics] = []
+    stack: tuple[MeanFrame, FloatMap] | None = None
+    for index, group in enumerate(planned):
+        sums = reader.sums(group)
+        groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
+        if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
+            raise CalibrationError(
+                f"{groups[-1].label}: more than {100 * CLIPPED_DARK:g} % of the numbers are 0, and what a pixel reads "
+                f"below 0 is not seen; maps of the chip need darks with a pedestal"
+            )
+        if index == wanted:
+            stack = _mean_and_variance(sums)
+        if slopes is not None:
+            slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(groups[-1].levels))
+    if stack is None or (reference := reference_dark(groups)) != wanted:
+        reader.expect(len(planned[reference_dark(groups)]))
+        reference = reference_dark(groups)
+        stack = _mean_and_variance(reader.sums(planned[reference]))
+    rate = None if slopes is None else slopes.slopes.astype(np.float32)
+    return _DarkMaps(groups, reference, *stack, rate, coefficients)
+
+
+def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
+    mean = sums.mean_frame()
+    # The next group's sums take the memory of these.
+    return replace(mean, sum=mean.sum.copy()), sums.variance().astype(np.float32)
+
+
+def _used_again(reader: FrameReader, stack: GroupStatistics) -> Iterator[NDArray[np.unsignedinteger]]:
+    """The stack's frames once more, repeats left out."""
+    used = {id(entry.source) for entry in reader.used_frames}
+    shape = reader.frames.rows, reader.frames.cols
+    for source in stack.group.frames:
+        if id(source) in used:
+            dn = source.read()
+            if dn.shape != shape:
+                raise FileError(source.name, f"has changed while it was used: it is {dn.shape} now, and was {shape}")
+            yield dn
+
+
+def _spreads(dark: _DarkMaps, tile: NDArray[np.int64]) -> list[NoiseSpread]:
+    """Per channel, how the pixels' temporal variances are spread."""
+    freedom = dark.stack.frames - 1
+    return [
+        noise_spread(defects.channel_values(dark.variance, tile, k), freedom) for k in range(len(dark.stack.levels))
+    ]
+
+
+def _by_channel(
+    shape: tuple[int, ...], tile: NDArray[np.int64], values: Callable[[int, tuple[slice, slice]], NDArray[np.floating]]
+) -> FloatMap:
+    """A map from a function of the channel and of a plane's rows and columns."""
+    out = np.empty(shape, np.float32)
+    for k in range(int(tile.max()) + 1):
+        for part in defects.sites(tile, k):
+            out[part] = values(k, part)
+    return out
+
+
+def _excess(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> FloatMap:
+    """Probability that an ordinary pixel of the channel has so much noise."""
+    freedom = dark.stack.frames - 1
+    return _by_channel(
+        dark.variance.shape, tile, lambda k, part: spreads[k].excess_probability(dark.variance[part], freedom)
+    )
+
+
+def _suspects(
+    dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the pixels whose noise is most unlike that of an ordinary pixel."""
+    ratio = _by_channel(dark.variance.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
+    row, col = np.nonzero(_excess(dark, spreads, tile) < _SUSPECT)
+    order = np.argsort(-ratio[row, col], kind="stable")[:MOST_SUSPECTS]
+    keep = np.sort(order)
+    return row[keep], col[keep]
+
+
+def _chip(
+    calibration: Calibration,
+    dark: _DarkMaps,
+    response: ResponseMap | None,
+    spreads: Sequence[NoiseSpread],
+    look: SecondLook,
+    temporal: TemporalNoise,
+    tile: NDArray[np.int64],
+) -> MeasuredChip:
+    gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
+    freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
+    level = dark.mean.mean().astype(np.float32)
+    black = float(level.mean(dtype=np.float64)) if black is None else black
+    # Shot noise of the dark current, DN^2 per second: a rate measured below 0 has none.
+    shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
+    noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
+    offset = level - np.float32(black)
+    of_mean = np.zeros(len(dark.groups))
+    of_mean[dark.reference] = 1.0
+    if dark.rate is not None:
+        offset -= np.float32(reference_s) * dark.rate
+        of_mean -= reference_s * dark.coefficients
+    read = dark.variance - np.float32(QUANTISATION)
+    if shot is not None:
+        read -= np.float32(reference_s) * shot
+    maps: dict[str, FloatMap] = {
+        "offset_dn": offset,
+        "offset_uncertainty_dn": _uncertainty(of_mean, dark, noise, shot),
+        "read_noise_dn": np.copysign(np.sqrt(np.abs(read)), read),
+    }
+    if dark.rate is not None:
+        maps["dark_rate_dn_per_s"] = dark.rate
+        maps["dark_rate_uncertainty_dn_per_s"] = _uncertainty(dark.coefficients, dark, noise, shot)
+    if response is not None:
+        rate = dark.rate if dark.rate is not None else np.zeros((1, 1), np.float32)
+        of_rate = maps.get("dark_rate_uncertainty_dn_per_s", rate)
+        maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
+    found, jumping = _defects(dark, spreads, look, temporal, maps, shot, tile)
+    return MeasuredChip(
+        **maps,
+        read_noise_freedom=freedom,
+        row_noise_dn=temporal.row_noise_dn.value or 0.0,
+        column_noise_dn=temporal.column_noise_dn.value or 0.0,
+        black_level_dn=black,
+        system_gain_dn_per_e=gain,
+        reference_exposure_s=reference_s,
+        defects=found,
+        blinking=jumping,
+    )
+
+
+def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap, shot: FloatMap | None) -> FloatMap:
+    """Standard uncertainty of a combination of the dark groups' means, from each pixel's noise in each group.
+
+    That is the noise of the reference stack and the shot noise of as much more dark current as the group's exposure is
+    longer; no reading is steadier than its rounding.
+    """
+    share = weights**2 / np.array([entry.frames for entry in dark.groups])
+    longer = np.array([entry.group.exposure_s for entry in dark.groups]) - dark.stack.group.exposure_s
+    variance = noise * np.float32(share.sum())
+    if shot is not None:
+        variance += shot * np.float32(share @ longer)
+    least = np.float32(QUANTISATION * share.sum())
+    return np.asarray(np.sqrt(np.maximum(variance, least)), np.float32)
+
+
+def _defects(
+    dark: _DarkMaps,
+    spreads: Sequence[NoiseSpread],
+    look: SecondLook,
+    temporal: TemporalNoise,
+    maps: dict[str, FloatMap],
+    shot: FloatMap | None,
+    tile: NDArray[np.int64],
+) -> tuple[Defects, Blinking]:
+    far, found = defects.FAR_SIGMA, []
+    off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], tile)
+    found.append(defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off))
+    if "dark_rate_dn_per_s" in maps:
+        rate = maps["dark_rate_dn_per_s"]
+        off = defects.deviations(rate, maps["dark_rate_uncertainty_dn_per_s"], tile)
+        found.append(defects.listed(DefectKind.HOT, off > far, rate, off))
+    if "prnu" in maps:
+        relative = 1.0 + maps["prnu"]
+        off = defects.deviations(maps["prnu"], maps["prnu_uncertainty"], tile)
+        dead = relative < defects.DEAD_RESPONSE
+        found.append(defects.listed(DefectKind.DEAD, dead, relative, off))
+        found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
+
+    row, col = _suspects(dark, spreads, tile)
+    jumping, distance = _blinking(dark, look, (row, col), shot)
+    steady = _excess(dark, spreads, tile) < defects.NOISY_PROBABILITY
+    steady[jumping.row, jumping.col] = False
+    of_typical = _by_channel(steady.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
+    found.append(defects.listed(DefectKind.NOISY, steady, np.sqrt(dark.variance), np.sqrt(of_typical)))
+    kind = np.full(len(jumping), DefectKind.BLINKING, np.uint8)
+    found.append(Defects(jumping.row, jumping.col, kind, jumping.amplitude_dn, distance))
+    return defects.together(found), jumping
+
+
+def _blinking(
+    dark: _DarkMaps, look: SecondLook, place: tuple[NDArray[np.int64], NDArray[np.int64]], shot: FloatMap | None
+) -> tuple[Blinking, NDArray[np.float64]]:
+    """The suspects that blink, and the distance of their levels in units of the noise within them."""
+    if look.series.shape[1] < blinking.LEAST_FRAMES or not len(look.series):
+        return no_blinking(), np.zeros(0)
+    jumps, levels = blinking.blinking(look.series)
+    row, col = place[0][jumps], place[1][jumps]
+    within = levels.within[jumps] - QUANTISATION
+    if shot is not None:
+        within = within - dark.stack.group.exposure_s * shot[row, col]
+    amplitude = (levels.upper - levels.lower)[jumps]
+    noise = np.copysign(np.sqrt(np.abs(within)), within)
+    return Blinking(row, col, amplitude, levels.high_fraction[jumps], noise), levels.distance[jumps]
