@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.patterns import Channel
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.calibration.result import Estimate
+from photosite.calibration.uncertain import Missing, Uncertain, weighted_mean
 
 RANGE = (0.05, 0.95)
 """EMVA 1288: the regression takes signals from 5 to 95 % of that at saturation."""
@@ -74,6 +76,38 @@ class Linearity:
     used: NDArray[np.bool_]
     relative: LinearityFit
     full_scale: LinearityFit
+
+
+def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Estimate]:
+    """The linearity errors as parameters: of one channel, or of several together.
+
+    Parameters
+    ----------
+    channels
+        One or more. Of several, the errors are the mean over the channels, the extremes those of all.
+    """
+    known = [entry for entry in channels if isinstance(entry, Linearity)]
+    of_several = f"; over {len(known)} of {len(channels)} channels" if len(channels) > 1 else ""
+    relative = f"of least relative squares, relative to it (EMVA 1288 R4.0, equations 61 and 62){of_several}"
+    range_text = "signals from 5 to 95 % of saturation about the line"
+    methods = {
+        "linearity_error_percent": f"mean absolute deviation of {range_text} {relative}",
+        "linearity_error_min_percent": f"lowest deviation of {range_text} {relative}",
+        "linearity_error_max_percent": f"highest deviation of {range_text} {relative}",
+        "linearity_error_full_scale_percent": f"half the range of the deviations of {range_text} of least squares, "
+        f"over 0.9 of the signal at saturation (EMVA 1288 R3.0){of_several}",
+    }
+    if not known:
+        missing = next((entry for entry in channels if isinstance(entry, Missing)), Missing("no light frames"))
+        return {name: Estimate.of(missing, text) for name, text in methods.items()}
+    even = [1.0] * len(known)
+    values = (
+        weighted_mean([entry.relative.error for entry in known], even),
+        min((entry.relative.lowest for entry in known), key=lambda part: part.value),
+        max((entry.relative.highest for entry in known), key=lambda part: part.value),
+        weighted_mean([entry.full_scale.error for entry in known], even),
+    )
+    return {name: Estimate.of(value, text) for (name, text), value in zip(methods.items(), values, strict=True)}
 
 
 def channel_linearity(channel: Channel) -> Linearity | Missing:
