@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
@@ -7,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pytest
 
 from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.errors import FileError
+from photosite.frames.frame_set import FrameSource
 from photosite.report.calibration import write_calibration_report
 
 
@@ -115,9 +119,10 @@ def test_darks_alone_have_the_figures_of_darks_and_no_empty_ones(darks_only, rea
     write_calibration_report(darks_only, path)
     page = read_page(path.read_text(encoding="utf-8"))
     figures = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
-    assert figures == ["Dark signal: points and fitted lines", "Dark temporal variance: points and fitted lines"]
-    assert "sensor" not in page.values("id")
-    assert "no light frames" in page.text
+    bands = "points and fitted lines with 95 % bands"
+    assert figures == [f"Dark signal: {bands}", f"Dark temporal variance: {bands}"]
+    assert page.text.count("Not shown: No light frames.") == 3, "response, photon transfer, signal-to-noise ratio"
+    assert "none: all frames are dark ones" in page.text
 
 
 def test_curve_of_one_point_has_no_figure(darks_only, read_page, tmp_path: Path) -> None:
@@ -127,4 +132,61 @@ def test_curve_of_one_point_has_no_figure(darks_only, read_page, tmp_path: Path)
     write_calibration_report(replace(darks_only, curves={"M": {"dark_signal": single}}), path)
     page = read_page(path.read_text(encoding="utf-8"))
     assert page.values("src") == []
-    assert "fits" not in page.values("id")
+    assert "Not shown: Darks at one exposure only" in page.text
+
+
+def test_every_figure_says_in_words_what_it_shows(page) -> None:
+    shown = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
+    assert len(shown) == len(set(shown)) > 1
+    assert all(len(words.split()) > 3 for words in shown)
+
+
+def test_tables_have_captions_and_heads(page) -> None:
+    tags = [tag for tag, _ in page.elements]
+    assert tags.count("caption") == tags.count("table") > 4
+    scopes = {attributes.get("scope") for tag, attributes in page.elements if tag == "th"}
+    assert scopes == {"col", "row", "rowgroup"}
+
+
+def test_sections_follow_the_data_sheet(loop, read_page, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_calibration_report(loop.calibration, path)
+    assert read_page(path.read_text(encoding="utf-8")).values("id") == [
+        "data-sheet",
+        "warnings-and-frames-left-out",
+        "sensitivity",
+        "photon-transfer",
+        "signal-to-noise-ratio",
+        "dark-current",
+        "2008-paper",
+        "all-parameters",
+        "channels",
+        "provenance",
+        "how-to-read-this-report",
+    ]
+
+
+def test_each_frame_stands_beside_its_digest(loop, read_page, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_calibration_report(loop.calibration, path)
+    rows = {tuple(row) for row in read_page(path.read_text(encoding="utf-8")).rows if len(row) == 2}
+    for frame in loop.calibration.frames_used[::7]:
+        digest = hashlib.sha256(np.ascontiguousarray(frame.source.read(), "<u2").data).hexdigest()
+        assert any(name and frame.name.endswith(name) and found == digest for name, found in rows)
+
+
+def test_frames_that_are_gone_are_said_to_be(darks_only, read_page, tmp_path: Path) -> None:
+    def gone() -> np.ndarray:
+        raise FileError("dark-7.tif", "is not there any more")
+
+    frame = replace(darks_only.frames_used[0], source=FrameSource("dark-7.tif", gone))
+    path = tmp_path / "report.html"
+    write_calibration_report(replace(darks_only, frames_used=(frame,)), path)
+    page = read_page(path.read_text(encoding="utf-8"))
+    assert "The frames could not be hashed: dark-7.tif: is not there any more." in page.text
+
+
+def test_page_is_light(loop, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_calibration_report(loop.calibration, path)
+    assert path.stat().st_size < 2_000_000

@@ -16,7 +16,9 @@ from photosite.report.html import (
     Page,
     Paragraph,
     Section,
+    Subheading,
     Table,
+    Terms,
     render_page,
     write_page,
 )
@@ -36,6 +38,8 @@ def page_of_everything(text: str) -> Page:
         Images((image,), text),
         Images((image, image), text),
         Details(text, (Paragraph(text), Details(text, (table,)))),
+        Subheading(text),
+        Terms(((text, text),)),
     )
     return Page(text, text, (Section("One", blocks), Section("Two & three", blocks)), footer=text)
 
@@ -44,8 +48,9 @@ def test_whatever_a_text_holds_is_shown_as_it_is(read_page) -> None:
     page = read_page(render_page(page_of_everything(NASTY)))
     assert "script" not in {tag for tag, _ in page.elements}
     # Twice each: paragraph, two notices, two lines, two tables of six texts, two captions, three titles over images,
-    # two summaries and the paragraph within; once each: title in head and page, lead, footer.
-    assert page.text.count(NASTY) == 2 * (1 + 2 + 2 + 2 * 6 + 2 + 3 + 2 + 1) + 4
+    # two summaries and the paragraph within, a subheading, a term and its meaning; once each: title in head and page,
+    # lead, footer.
+    assert page.text.count(NASTY) == 2 * (1 + 2 + 2 + 2 * 6 + 2 + 3 + 2 + 1 + 1 + 2) + 4
     assert page.values("alt") == [NASTY] * 6
 
 
@@ -53,7 +58,7 @@ def test_page_has_one_of_each_id_and_links_that_lead_somewhere(read_page) -> Non
     page = read_page(render_page(page_of_everything("x")))
     ids = page.values("id")
     assert ids == ["one", "two-three"]
-    assert page.values("href") == ["#one", "#two-three"]
+    assert page.values("href") == ["#one", "#one", "#two-three"], "past the navigation, and the navigation"
 
 
 def test_sections_without_blocks_are_left_out(read_page) -> None:

@@ -83,6 +83,35 @@ class SnrCurve:
             of_response = np.zeros_like(snr)
         return snr, np.sqrt(of_dark**2 + of_gain**2 + of_response**2)
 
+    def with_pattern(self, x: ArrayLike, dsnu_dn: float, prnu: float) -> NDArray[np.float64]:
+        """The linear model's ratio with the fixed pattern among the noise: that of pixels side by side in one frame.
+
+        Parameters
+        ----------
+        x
+            Amounts of light above 0, any shape.
+        dsnu_dn
+            DSNU1288 in DN; a spread below zero, whose variance came out negative, takes away.
+        prnu
+            PRNU1288, as a share of the signal.
+
+        Notes
+        -----
+        EMVA 1288 R4.0 Linear, the total SNR.
+
+        Examples
+        --------
+        >>> one, none = Uncertain(1.0), np.array([])
+        >>> curve = SnrCurve(none, none, none, none.astype(bool), True, one, one, Uncertain(0.0))
+        >>> curve.with_pattern([1e4, 1e8], 0.0, 0.01).round(1).tolist()
+        [70.7, 100.0]
+        """
+        light = np.asarray(x, dtype=np.float64)
+        signal = light * (self.response_dn.value if self.photons else self.gain_dn_per_e.value)
+        variance = self.dark_variance_dn2.value + self.gain_dn_per_e.value * signal
+        variance = variance + dsnu_dn * abs(dsnu_dn) + prnu * abs(prnu) * signal**2
+        return np.asarray(signal / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
+
 
 def snr_curve(channel: Channel) -> SnrCurve | Missing:
     """The signal-to-noise ratios of a channel's light levels, or why there are none.
@@ -95,7 +124,8 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     Returns
     -------
     SnrCurve or Missing
-        Levels with one frame, and those whose noise or signal is not above zero, have no ratio and no point.
+        Levels with one frame, those whose noise or signal is not above zero, and those brighter than that of the
+        largest noise, where clipping takes the noise away, have no ratio and no point.
     """
     levels, gain, dark = channel.levels, channel.gain, channel.dark.variance
     photons = levels.abscissa == "photons_per_pixel"
@@ -109,6 +139,8 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     of_dark = np.sum(weights**2 * dark.variance, axis=1)
     variance_u2 = np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)  # rounding alone makes it negative
     there = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
+    if channel.saturation.index is not None:
+        there[channel.saturation.index + 1 :] = False
     signal, variance, variance_u2 = levels.signal[there], variance[there], variance_u2[there]
     snr = signal / np.sqrt(variance)
     relative = np.sqrt(np.diag(levels.signal_covariance)[there] / signal**2 + variance_u2 / (2.0 * variance) ** 2)

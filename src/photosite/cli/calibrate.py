@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.gain_series import calibrate_gain_series
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
@@ -30,7 +31,10 @@ if TYPE_CHECKING:
     help="Sensor file to write (YAML), as measured.",
 )
 @click.option(
-    "--report", type=options.output_file(".html"), metavar="FILE", help="Report to write: one self-contained HTML file."
+    "--report",
+    type=options.output_file(".html", ".pdf"),
+    metavar="FILE",
+    help="Report to write: a data sheet in one self-contained HTML page, or a PDF, by the file's ending.",
 )
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
@@ -47,7 +51,9 @@ def command(
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
     PATH is a folder of frames, a protocol (YAML) or an EMVA 1288 descriptor. What cannot be estimated is said with the
-    reason. Millivolts and the sensor file need what frames do not tell: the pixel's size, the voltage swing and the
+    reason. Frames of several gain settings (ISO) are a series: each setting is calibrated, the switch of the conversion
+    gain and the two parts of the read noise are looked for, and -o writes a sensor file for each setting,
+    mine.gain400.sensor.yaml and so on. Millivolts and the sensor file need what frames do not tell: the pixel's size, the voltage swing and the
     spectral response, from the sensor file that the protocol names or from --sensor.
 
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
@@ -61,6 +67,9 @@ def command(
     if output is not None and sensor is None:
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
     say_if_compiling()
+    if len(frames.gain_settings) > 1:
+        calibrate_gain_series(frames, sensor, output, report, as_json)
+        return
     calibration = calibrate(frames, sensor, progress=Stages())
     _save(calibration, output, report)
     if as_json:

@@ -1,73 +1,52 @@
-"""The report of a calibration: every parameter, every fit, what was left out and why."""
+"""The report of a calibration: an EMVA 1288 data sheet, the 2008 paper's view, what was left out and why."""
 
 from __future__ import annotations
 
+import os
 from os import PathLike
 
-from matplotlib.figure import Figure
-
 from photosite.calibration.result import Calibration
-from photosite.report.figures.curve import Residuals, curve_figure
-from photosite.report.figures.noise_budget import noise_budget_figure
-from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
+from photosite.errors import FileError
+from photosite.report.blocks import sentence
+from photosite.report.datasheet import data_sheet_blocks
+from photosite.report.glossary import reading_blocks
 from photosite.report.html import (
     Block,
+    Column,
     Details,
-    Image,
-    Images,
     Listing,
     Notice,
     Page,
     Paragraph,
     Section,
-    write_page,
+    Table,
 )
-from photosite.report.style import svg_bytes
-from photosite.report.tables import channel_table, frames_table, linear_range_table, parameter_tables
+from photosite.report.paper import paper_blocks
+from photosite.report.plots import plot_sections
+from photosite.report.tables import channel_table, parameter_tables
+from photosite.report.write import write_report
 
-FOOTER = "Values are estimate ± one standard uncertainty (GUM); intervals are estimate ± 1.96 standard uncertainties."
+FOOTER = (
+    "Values are estimate ± one standard uncertainty (GUM). The 95 % intervals are those of each estimate's own "
+    "distribution, and need not lie evenly around it."
+)
 
 _SHOWN_WARNINGS = 12
 
-_CURVES: tuple[tuple[str, Residuals, str], ...] = (
-    (
-        "photon_transfer",
-        "standard",
-        "Photon transfer: temporal variance against signal, both less the dark's. The slope of the line is the system "
-        "gain K. Below: what the line leaves, in standard uncertainties; 95 % should lie between the dotted lines.",
-    ),
-    (
-        "response",
-        "percent",
-        "Response: signal against the amount of light, and its deviation from the fitted line; bars are 95 % intervals "
-        "from sampling alone.",
-    ),
-    (
-        "dark_signal",
-        "standard",
-        "Dark signal: mean of the dark frames against exposure. The slope of the line is the dark current. Below: "
-        "what the line leaves, in standard uncertainties.",
-    ),
-    (
-        "dark_variance",
-        "standard",
-        "Dark noise: temporal variance of the dark frames against exposure; without dark current it stays that of the "
-        "read noise. Below: what the line leaves, in standard uncertainties.",
-    ),
-)
+_DIGESTS = "SHA-256 of a frame's digital numbers as little-endian 16-bit integers, row by row."
 
 
 def write_calibration_report(
     calibration: Calibration, path: str | PathLike[str], *, virtual_camera: bool = False
 ) -> None:
-    """Write the report of a calibration: one HTML file that needs no other.
+    """Write the report of a calibration: one file that needs no other.
 
     Parameters
     ----------
     calibration
         What `calibrate` gave.
     path
-        The file.
+        The file: a PDF where it ends in .pdf, an HTML page otherwise.
     virtual_camera
         Whether the frames were simulated; the page then says so.
 
@@ -76,11 +55,11 @@ def write_calibration_report(
     FileError
         If it cannot be written; a file that had the name stays as it was.
     """
-    write_page(calibration_page(calibration, virtual_camera=virtual_camera), path)
+    write_report(calibration_page(calibration, virtual_camera=virtual_camera), path)
 
 
 def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) -> Page:
-    """The report of a calibration as a page, before it is HTML.
+    """The report of a calibration as a page, before it is HTML or PDF.
 
     Parameters
     ----------
@@ -88,46 +67,23 @@ def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) 
         As for `write_calibration_report`.
     """
     name = "an image sensor" if calibration.base is None else calibration.base.name
-    by_channel: list[Block] = [channel_table(calibration.channels)] if calibration.channels else []
-    if calibration.linear_range:
-        by_channel.append(linear_range_table(calibration.linear_range))
+    channels: tuple[Block, ...] = (channel_table(calibration.channels),) if calibration.channels else ()
     sections = (
-        Section("Measurement", (*_virtual(virtual_camera), frames_table(calibration), *warning_blocks(calibration))),
-        Section("Parameters", parameter_tables(calibration)),
-        Section("Channels" if calibration.channels else "Linear range", tuple(by_channel)),
-        Section("Fits", curve_blocks(calibration)),
-        Section("Sensor", _sensor_blocks(calibration)),
+        Section("Data sheet", (*_virtual(virtual_camera), *data_sheet_blocks(calibration))),
+        Section("Warnings and frames left out", (*rejected_blocks(calibration), *warning_blocks(calibration))),
+        *plot_sections(calibration),
+        Section("2008 paper", paper_blocks(calibration)),
+        Section("All parameters", parameter_tables(calibration)),
+        Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
+        Section("How to read this report", reading_blocks()),
     )
     lead = (
         f"{calibration.frame_count} frames of darkness and flat light, reduced to the parameters of the sensor. "
-        "Terms are those of EMVA 1288 release 4.0 and of Farrell, Okincha and Parmar (2008)."
+        "Terms are those of EMVA 1288 release 4.0 and of Farrell, Okincha and Parmar (2008); what they mean stands at "
+        "the end."
     )
     return Page(f"Calibration of {name}", lead, sections, FOOTER)
-
-
-def figure_block(figure: Figure, alternative: str, caption: str) -> Images:
-    """A figure with its caption, as a block of a page."""
-    return Images((Image(svg_bytes(figure), "image/svg+xml", alternative),), caption)
-
-
-def curve_blocks(calibration: Calibration, kinds: tuple[str, ...] | None = None) -> tuple[Block, ...]:
-    """A figure for each kind of curve that has two points or more in some channel.
-
-    Parameters
-    ----------
-    calibration
-        Whose curves.
-    kinds
-        Which; None for all.
-    """
-    blocks: list[Block] = []
-    for kind, residuals, caption in _CURVES:
-        curves = {channel: found[kind] for channel, found in calibration.curves.items() if kind in found}
-        if (kinds is None or kind in kinds) and any(len(curve.x) > 1 for curve in curves.values()):
-            title = next(iter(curves.values())).title
-            blocks.append(figure_block(curve_figure(curves, residuals), f"{title}: points and fitted lines", caption))
-    return tuple(blocks)
 
 
 def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:
@@ -139,61 +95,39 @@ def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:
     return (*notices[:_SHOWN_WARNINGS], Details(f"{len(rest)} more warnings", rest))
 
 
-def sentence(text: str) -> str:
-    """With a capital at the beginning.
-
-    Examples
-    --------
-    >>> sentence("no light frames")
-    'No light frames'
-    """
-    return text[:1].upper() + text[1:]
+def rejected_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Frames left out, and why."""
+    if not calibration.rejected:
+        return (Paragraph(f"All {calibration.frame_count} frames were used, none was left out."),)
+    title = f"{len(calibration.rejected)} frames left out, and why"
+    return (Details(title, (Listing(calibration.rejected),)),)
 
 
 def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Frames left out and why; digests of those that were used."""
-    blocks: list[Block] = []
-    if calibration.rejected:
-        title = f"{len(calibration.rejected)} frames left out, and why"
-        blocks.append(Details(title, (Listing(calibration.rejected),)))
-    else:
-        blocks.append(Paragraph("No frame was left out."))
-    blocks.append(
-        Details(
-            f"SHA-256 digests of the {len(calibration.frames_sha256)} frames used",
-            (
-                Paragraph("Of the digital numbers as little-endian 16-bit integers, row by row; sorted."),
-                Listing(calibration.frames_sha256, code=True),
-            ),
-        )
-    )
-    return tuple(blocks)
+    """What was opened, which frames were used, and their digests."""
+    folder, names = _without_folder([frame.name for frame in calibration.frames_used])
+    place = f" The frames lie in {folder}." if folder else ""
+    opened = Paragraph(f"What was opened: {calibration.source}.{place}")
+    title = f"The {len(names)} frames used"
+    try:
+        digests = calibration.frame_digests
+    except FileError as error:
+        reason = Notice(f"The frames could not be hashed: {error}.", warning=True)
+        return opened, reason, Details(title, (Listing(tuple(names), code=True),))
+    rows = tuple(zip(names, digests, strict=True))
+    table = Table(_DIGESTS, (Column("Frame"), Column("SHA-256")), rows)
+    return opened, Details(f"{title}, with their digests", (table,))
+
+
+def _without_folder(names: list[str]) -> tuple[str, list[str]]:
+    """The folder that all paths share, "" if none, and the paths from there."""
+    folders = [os.path.dirname(name) for name in names]
+    try:
+        folder = os.path.commonpath(folders)
+    except ValueError:  # some are relative and some are not, or they lie on two drives
+        return "", names
+    return (folder, [os.path.relpath(name, folder) for name in names]) if folder.strip(os.sep) else ("", names)
 
 
 def _virtual(virtual_camera: bool) -> tuple[Block, ...]:
     return (Notice("These frames were made by a virtual camera, not by a real one."),) if virtual_camera else ()
-
-
-def _sensor_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """The noise budget of the sensor as measured, and its spectral response as known beforehand."""
-    if calibration.base is None:
-        return ()
-    blocks: list[Block] = []
-    needed = ("read_noise_mv", "dsnu_mv", "prnu_percent")
-    if all((getattr(calibration, name).value or 0.0) > 0.0 for name in needed):
-        blocks.append(
-            figure_block(
-                noise_budget_figure(calibration.sensor),
-                "Signal-to-noise ratio against signal, total and by cause",
-                "Signal-to-noise ratio of one frame of an even surface, from the measured read noise, DSNU and PRNU "
-                "(Farrell, Okincha and Parmar 2008, Figure 6). Each line but the total's is that of one noise alone.",
-            )
-        )
-    blocks.append(
-        figure_block(
-            spectral_sensitivity_figure(calibration.base),
-            "Quantum efficiency against wavelength",
-            "Quantum efficiency as known beforehand; darkness and flat light of one colour do not measure it.",
-        )
-    )
-    return tuple(blocks)

@@ -9,14 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.measured import COVERAGE_95
-from photosite.report.calibration import (
-    FOOTER,
-    curve_blocks,
-    figure_block,
-    provenance_blocks,
-    sentence,
-    warning_blocks,
-)
+from photosite.report.blocks import figure_block, sentence
+from photosite.report.calibration import FOOTER, provenance_blocks, rejected_blocks, warning_blocks
 from photosite.report.figures.color_difference import color_difference_figure
 from photosite.report.figures.deviations import deviations_figure
 from photosite.report.figures.noise_budget import noise_budget_figure
@@ -37,6 +31,7 @@ from photosite.report.html import (
 )
 from photosite.report.numbers import format_number, format_uncertain
 from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnified, shrink
+from photosite.report.plots import curve_blocks
 from photosite.scene.charts import macbeth_regions
 
 if TYPE_CHECKING:
@@ -101,7 +96,9 @@ def demo_page(result: ClosedLoop) -> Page:
         Section("Comparison", _comparison_blocks(result)),
         Section("Noise budget", _budget_blocks(result)),
         Section("Fits", curve_blocks(calibration)),
-        Section("Provenance", (*warning_blocks(calibration), *provenance_blocks(calibration))),
+        Section(
+            "Provenance", (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
+        ),
     )
     return Page(f"The loop closed on a virtual {sensor.name}", lead, sections, FOOTER)
 

@@ -24,6 +24,22 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
+class Subheading:
+    """A heading within a section."""
+
+    text: str
+    kind: ClassVar[str] = "subheading"
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms and what they mean, one pair each."""
+
+    pairs: tuple[tuple[str, str], ...]
+    kind: ClassVar[str] = "terms"
+
+
+@dataclass(frozen=True)
 class Notice:
     """Something the reader must not miss: a warning, or what a picture is."""
 
@@ -133,7 +149,7 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-Block = Paragraph | Notice | Listing | Table | Images | Details
+Block = Paragraph | Subheading | Terms | Notice | Listing | Table | Images | Details
 
 
 @dataclass(frozen=True)

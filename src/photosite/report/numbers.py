@@ -9,6 +9,7 @@ from photosite.errors import InputError
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW_SPACE = "\u202f"
 _NO_BREAK = "\u00a0"
+_TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def format_number(value: float, significant: int = 4) -> str:
@@ -97,6 +98,19 @@ def format_interval(lower: float, upper: float, standard_uncertainty: float) -> 
         ends = f"{_fixed(lower / scale, digits + largest)} to {_fixed(upper / scale, digits + largest)}"
         return f"({ends}){_power(largest)}"
     return f"{_fixed(lower, digits)} to {_fixed(upper, digits)}"
+
+
+def format_time(seconds: float) -> str:
+    """A time above 0 in the unit that suits it, to four digits.
+
+    Examples
+    --------
+    >>> format_time(4e-5), format_time(0.01402), format_time(30.0)
+    ('40\xa0µs', '14.02\xa0ms', '30\xa0s')
+    """
+    _finite(seconds)
+    scale, unit = next((pair for pair in _TIMES if seconds >= pair[0]), _TIMES[-1])
+    return f"{seconds / scale:.4g}{_NO_BREAK}{unit}"
 
 
 def _finite(value: float) -> None:

@@ -40,6 +40,9 @@ _OTHERS: tuple[tuple[str, str, LineStyle], ...] = (
 
 WIDTH_IN, HEIGHT_IN = 7.0, 4.5
 
+BAND = 0.22
+"""Opacity of an uncertainty band."""
+
 _STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
@@ -111,7 +114,7 @@ def svg_bytes(figure: Figure) -> bytes:
     """The figure as SVG; text is drawn as outlines. The same figure gives the same bytes."""
     stream = io.BytesIO()
     with styled():
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return stream.getvalue()
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.result import Calibration, Estimate, LinearRange, Parameters
-from photosite.cfa import tile_text
+from photosite.calibration.result import Estimate, LinearRange, Parameters
 from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_uncertain
 
@@ -52,7 +51,7 @@ def _by_topic(estimates: Mapping[str, Estimate]) -> tuple[tuple[str, ...] | Head
 
 def _estimate_row(name: str, entry: Estimate) -> tuple[str, ...]:
     label, unit = _label_and_unit(name)
-    return label, format_estimate(entry), unit, _interval(entry), entry.method
+    return label, format_estimate(entry), unit, interval_text(entry), entry.method
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
@@ -73,7 +72,14 @@ def format_estimate(entry: Estimate) -> str:
     return format_uncertain(entry.value, entry.standard_uncertainty)
 
 
-def _interval(entry: Estimate) -> str:
+def interval_text(entry: Estimate) -> str:
+    """The 95 % interval, with the upper limit where the value is not distinguishable from zero; "" without a value.
+
+    Examples
+    --------
+    >>> interval_text(Estimate(0.5218, 0.0034))
+    '0.5151 to 0.5285'
+    """
     interval = entry.interval_95
     if interval is None or entry.standard_uncertainty is None:
         return ""
@@ -122,19 +128,3 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
         Column("Rule"),
     )
     return Table("Linear range", columns, tuple(rows))
-
-
-def frames_table(calibration: Calibration) -> Table:
-    """What was calibrated."""
-    tile = tile_text(calibration.cfa)
-    known = "nothing" if calibration.base is None else calibration.base.name
-    rows = (
-        ("Source", calibration.source),
-        ("Frames used", str(calibration.frame_count)),
-        ("Frames left out", str(len(calibration.rejected))),
-        ("Size", f"{calibration.rows} × {calibration.cols} pixels (rows × columns)"),
-        ("Converter", f"{calibration.bits} bits"),
-        ("Colour filter array", "monochrome" if tile == "M" else tile),
-        ("Known beforehand", known),
-    )
-    return Table("The measurement", (Column("What"), Column("Value")), rows)

@@ -16,6 +16,8 @@ from matplotlib.transforms import Bbox
 
 import photosite as ps
 from photosite.calibration.result import Curve
+from photosite.calibration.snr import SnrCurve
+from photosite.calibration.uncertain import Uncertain
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
@@ -26,6 +28,7 @@ from photosite.report.figures.deviations import deviations_figure
 from photosite.report.figures.noise_budget import noise_budget_figure
 from photosite.report.figures.overview import overview_figure
 from photosite.report.figures.patches import _snr_error_db, patch_means_figure, patch_snr_figure
+from photosite.report.figures.snr import snr_figure
 from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
 from photosite.report.style import styled, svg_bytes
 from photosite.sensor.model import Channel
@@ -45,6 +48,7 @@ def all_figures(loop) -> dict[str, Figure]:
     figures["noise budget"] = noise_budget_figure(loop.true_sensor, loop.calibration.sensor)
     figures["noise budget of a small pixel"] = noise_budget_figure(ps.load_sensor("vendor-2.2um"))
     figures["sensitivity"] = spectral_sensitivity_figure(loop.true_sensor)
+    figures["signal-to-noise"] = snr_figure(loop.calibration.snr)
     figures["means"] = patch_means_figure(loop.validation, "true sensor", "calibrated sensor")
     figures["snr"] = patch_snr_figure(loop.validation)
     figures["colours"] = color_difference_figure(loop.validation.color)
@@ -68,7 +72,7 @@ def texts(figure: Figure) -> list[Text]:
     """Texts that are seen: tick labels outside their axis' range are not drawn."""
     found = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
     seen = []
-    for axes in figure.axes:
+    for axes in (*figure.axes, *(child for axes in figure.axes for child in axes.child_axes)):
         if not axes.axison:
             continue
         for axis in (axes.xaxis, axes.yaxis):
@@ -86,7 +90,8 @@ def texts(figure: Figure) -> list[Text]:
 
 
 def test_axes_have_names_with_units_and_something_in_them(figures: dict[str, Figure]) -> None:
-    units = r"\((DN|DN²|s|V|dB|nm|%|std\. unc\.|ΔE units|standard uncertainties)\)$"
+    bracketed = "DN|DN²|e⁻|s|V|dB|nm|%|std\\. unc\\.|ΔE units|standard uncertainties"
+    units = rf"^signal-to-noise ratio$|photons per pixel$|\(({bracketed})\)$"
     for name, figure in figures.items():
         for axes in shown_axes(figure):
             assert axes.lines or axes.collections, f"{name}: empty axes"
@@ -150,6 +155,9 @@ def curve(**changes: object) -> Curve:
 def test_curve_shows_fitted_and_left_out_points_and_the_line() -> None:
     upper, lower = curve_figure({"M": curve()}).axes
     filled, hollow, below, line = upper.lines
+    bars = [bar.get_segments() for bar in upper.collections[:2]]
+    assert [len(segments) for segments in bars] == [4, 1]
+    np.testing.assert_allclose(bars[0][2], [[100, 51 - 1.959964], [100, 51 + 1.959964]], rtol=1e-6)
     np.testing.assert_array_equal(filled.get_xdata(), [1, 10, 100, 1000])
     assert filled.get_markerfacecolor() == filled.get_color()
     np.testing.assert_array_equal(hollow.get_xdata(), [1200])
@@ -160,6 +168,60 @@ def test_curve_shows_fitted_and_left_out_points_and_the_line() -> None:
     np.testing.assert_allclose(line.get_xdata()[[0, -1]], [1, 1000])
     expected = (np.array([0.6, 5.0, 51.0, 500.0]) - [0.5, 5, 50, 500]) / np.sqrt([0.76, 0.79, 1.75, 81.75])
     np.testing.assert_allclose(lower.lines[0].get_ydata(), expected)
+
+
+def band_of(axes: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Abscissae, lower and upper edge of the last band drawn."""
+    vertices = axes.collections[-1].get_paths()[0].vertices
+    x = np.unique(vertices[:, 0])
+    edges = np.array([[vertices[vertices[:, 0] == at, 1].min(), vertices[vertices[:, 0] == at, 1].max()] for at in x])
+    return x, edges[:, 0], edges[:, 1]
+
+
+def test_band_of_a_line_is_that_of_its_covariance() -> None:
+    """u^2(a + b x) = u^2(a) + 2 x u(a, b) + x^2 u^2(b), here narrowest at x = 50."""
+    covariance = np.array([[4.0, -0.05], [-0.05, 0.001]])
+    line = curve(intercept=2.0, line_covariance=covariance)
+    upper, lower = curve_figure({"M": line}).axes
+    x, low, high = band_of(upper)
+    u = np.sqrt(4.0 - 0.1 * x + 0.001 * x**2)
+    shown = 2.0 + 0.5 * x - 1.959964 * u > 0
+    assert shown.sum() > 60
+    np.testing.assert_allclose(high[shown], (2.0 + 0.5 * x + 1.959964 * u)[shown], rtol=1e-6)
+    np.testing.assert_allclose(low[shown], (2.0 + 0.5 * x - 1.959964 * u)[shown], rtol=1e-6)
+    x, low, high = band_of(lower)
+    np.testing.assert_array_equal(x, [1, 10, 100, 1000])
+    u = np.sqrt(4.0 - 0.1 * x + 0.001 * x**2)
+    np.testing.assert_allclose(high, 1.959964 * u / np.sqrt([0.76, 0.79, 1.75, 81.75]), rtol=1e-6)
+    np.testing.assert_allclose(low, -high)
+
+
+def snr(photons: bool = True) -> SnrCurve:
+    x = np.array([10.0, 100.0, 1000.0])
+    used = np.array([True, True, False])
+    response, gain, dark = Uncertain.of(0.25, 0.01), Uncertain.of(0.5, 0.02), Uncertain.of(2.0, 0.1)
+    return SnrCurve(x, np.sqrt(x) / 2, np.sqrt(x) / 20, used, photons, response, gain, dark)
+
+
+def test_snr_shows_points_model_band_and_the_ideal_sensor() -> None:
+    figure = snr_figure({"M": snr()}, {"M": (1.0, 0.01)})
+    axes = figure.axes[0]
+    filled, hollow, model, total, ideal = axes.lines
+    np.testing.assert_array_equal(filled.get_xdata(), [10, 100])
+    np.testing.assert_array_equal(hollow.get_xdata(), [1000])
+    x = ideal.get_xdata()
+    np.testing.assert_allclose(ideal.get_ydata(), np.sqrt(x))
+    np.testing.assert_allclose(model.get_ydata(), 0.25 * x / np.sqrt(2.0 + 0.125 * x))
+    pattern = 1.0 + (0.01 * 0.25 * x) ** 2
+    np.testing.assert_allclose(total.get_ydata(), 0.25 * x / np.sqrt(2.0 + 0.125 * x + pattern))
+    at, low, high = band_of(axes)
+    value, uncertainty = snr().model(at)
+    np.testing.assert_allclose(high - low, 2 * 1.959964 * uncertainty, rtol=1e-6)
+    np.testing.assert_allclose(high + low, 2 * value, rtol=1e-6)
+
+
+def test_snr_says_what_stands_for_the_light() -> None:
+    assert snr_figure({"M": snr(photons=False)}).axes[0].get_xlabel() == "signal (e⁻)"
 
 
 def test_residuals_in_percent_of_the_line() -> None:

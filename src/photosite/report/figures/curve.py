@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,10 +13,14 @@ from matplotlib.lines import Line2D
 
 from photosite.calibration.result import Curve
 from photosite.measured import COVERAGE_95
+from photosite.report.figures.marks import draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
 
 _WIDE = 30.0
 """An axis may be logarithmic where the largest number is more than this many times the smallest."""
+
+_POINTS = 120
+"""Of a line and its band."""
 
 Residuals = Literal["percent", "standard"]
 
@@ -38,6 +43,9 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
         Filled points were fitted, hollow ones were not. The abscissa is logarithmic where every point allows it and
         the points span more than a factor of 30; the ordinate too, where the fitted points do. A point that was not
         fitted and is not above 0 is then a triangle at the lower border.
+
+        Bars are 95 % intervals of the points from sampling alone; the bands are those of the lines, from the
+        covariance of each fit.
 
     Notes
     -----
@@ -68,18 +76,8 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
 
 def _finite(curve: Curve) -> Curve:
     keep = np.isfinite(curve.x) & np.isfinite(curve.y)
-    return Curve(
-        curve.title,
-        curve.x_label,
-        curve.y_label,
-        curve.x[keep],
-        curve.y[keep],
-        curve.y_uncertainty[keep],
-        curve.used[keep],
-        curve.intercept,
-        curve.slope,
-        curve.extra_variance,
-    )
+    points = {name: getattr(curve, name)[keep] for name in ("x", "y", "y_uncertainty", "used")}
+    return replace(curve, **points)
 
 
 def _scales(curves: Collection[Curve]) -> dict[str, str]:
@@ -95,10 +93,7 @@ def _scales(curves: Collection[Curve]) -> dict[str, str]:
 
 def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
     color, marker, line = channel_style(channel, position)
-    for used in (True, False):
-        which = curve.used == used
-        face = color if used else "white"
-        axes.plot(curve.x[which], curve.y[which], marker, color=color, markerfacecolor=face, zorder=2 + used)
+    draw_points(axes, curve.x, curve.y, COVERAGE_95 * curve.y_uncertainty, curve.used, (color, marker))
     below = curve.x[curve.y <= 0] if axes.get_yscale() == "log" else curve.x[:0]
     if below.size:
         border = axes.get_xaxis_transform()
@@ -106,26 +101,32 @@ def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
     if curve.intercept is None or curve.slope is None or not curve.used.any():
         return
     ends = curve.x[curve.used].min(), curve.x[curve.used].max()
-    log_x, log_y = axes.get_xscale() == "log", axes.get_yscale() == "log"
-    x = np.geomspace(*ends, 200) if log_x else np.linspace(*ends, 2)
+    x = np.geomspace(*ends, _POINTS) if axes.get_xscale() == "log" else np.linspace(*ends, _POINTS)
     y = curve.intercept + curve.slope * x
-    shown = y > 0 if log_y else np.isfinite(y)
+    shown = y > 0 if axes.get_yscale() == "log" else np.isfinite(y)
     axes.plot(x[shown], y[shown], line, color=color, linewidth=1.3)
+    if (band := curve.line(x)) is not None:
+        draw_band(axes, x, y, COVERAGE_95 * band[1], color)
 
 
 def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, residuals: Residuals) -> None:
     if curve.intercept is None or curve.slope is None:
         return
     color, marker, _ = channel_style(channel, position)
-    x, y, u = curve.x[curve.used], curve.y[curve.used], curve.y_uncertainty[curve.used]
+    order = np.flatnonzero(curve.used)[np.argsort(curve.x[curve.used], kind="stable")]
+    x, u = curve.x[order], curve.y_uncertainty[order]
     line = curve.intercept + curve.slope * x
+    left = curve.y[order] - line
     if residuals == "percent":
         scale = 100.0 / np.abs(line)
-        axes.errorbar(x, (y - line) * scale, COVERAGE_95 * u * scale, fmt=marker, color=color, elinewidth=0.9)
+        draw_points(axes, x, left * scale, COVERAGE_95 * u * scale, np.ones_like(x, dtype=np.bool_), (color, marker))
     else:
         spread = np.sqrt(u**2 + curve.extra_variance)
         known = spread > 0
-        axes.plot(x[known], (y - line)[known] / spread[known], marker, color=color)
+        x, left, scale = x[known], left[known], 1.0 / spread[known]
+        axes.plot(x, left * scale, marker, color=color)
+    if (band := curve.line(x)) is not None and len(x) > 1:
+        draw_band(axes, x, np.zeros_like(x), COVERAGE_95 * band[1] * scale, color)
 
 
 def _legend(curves: Mapping[str, Curve]) -> list[Line2D]:

@@ -1,0 +1,191 @@
+"""The first page of a calibration's report, an EMVA 1288 summary sheet: what was measured, how, and the figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
+from photosite.calibration.result import Calibration, Curve, Estimate
+from photosite.cfa import tile_text
+from photosite.report.html import Block, Column, Heading, Table
+from photosite.report.numbers import format_number, format_time
+from photosite.report.tables import format_estimate, interval_text
+
+_PAIRS = (Column("What"), Column("Value"))
+
+SHEET: dict[str, dict[str, str]] = {
+    "Sensitivity": {
+        "quantum_efficiency_percent": "η",
+        "responsivity_dn_per_photon": "R = K η",
+        "system_gain_dn_per_e": "K",
+        "conversion_gain_uv_per_e": "",
+    },
+    "Temporal noise and range": {
+        "temporal_dark_noise_e": "σd",
+        "snr_max_db": "SNRmax",
+        "sensitivity_threshold_photons": "μp.min",
+        "saturation_capacity_photons": "μp.sat",
+        "saturation_capacity_e": "μe.sat",
+        "dynamic_range_db": "DR",
+    },
+    "Non-uniformity": {
+        "dsnu1288_e": "DSNU1288",
+        "dsnu1288_row_e": "DSNU1288.row",
+        "dsnu1288_column_e": "DSNU1288.col",
+        "dsnu1288_pixel_e": "DSNU1288.pixel",
+        "prnu1288_percent": "PRNU1288",
+        "prnu1288_row_percent": "PRNU1288.row",
+        "prnu1288_column_percent": "PRNU1288.col",
+        "prnu1288_pixel_percent": "PRNU1288.pixel",
+        "prnu1288_unfiltered_percent": "PRNU1288, R3.1",
+    },
+    "Dark signal": {
+        "dark_current_e_per_s": "μI.mean",
+        "black_level_dn": "μy.dark",
+    },
+}
+"""By the summary sheet's headings, the parameters and the standard's symbols for them."""
+
+
+def data_sheet_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """What was measured, the operating point, the light, and the standard's figures.
+
+    Parameters
+    ----------
+    calibration
+        What `calibrate` gave.
+
+    Notes
+    -----
+    EMVA 1288 R4.0 Linear, the summary sheet of an operation point.
+    """
+    return _sensor_table(calibration), _operating_table(calibration), figures_table(calibration)
+
+
+def _sensor_table(calibration: Calibration) -> Table:
+    base, tile = calibration.base, tile_text(calibration.cfa)
+    rows = [
+        ("Camera or sensor", "not stated" if base is None else base.name),
+        ("Measurement", calibration.source),
+        ("Size", f"{calibration.rows} × {calibration.cols} pixels (rows × columns)"),
+        ("Converter", f"{calibration.bits} bits"),
+        ("Colour filter array", "monochrome" if tile == "M" else tile),
+    ]
+    if base is not None:
+        pixel = base.pixel
+        rows += [
+            (
+                "Pixel",
+                f"{pixel.width_um.value:g} × {pixel.height_um.value:g} µm, fill factor {pixel.fill_factor.value:g}",
+            ),
+            ("Known beforehand", "pixel, voltage swing, analog gain and spectral response, from the sensor file"),
+        ]
+    rows += [
+        ("Frames used", str(calibration.frame_count)),
+        ("Frames left out", str(len(calibration.rejected))),
+    ]
+    return Table("What was measured", _PAIRS, tuple(rows))
+
+
+def _operating_table(calibration: Calibration) -> Table:
+    """How: exposures, levels, light and model."""
+    rows = []
+    if (dark := _first(calibration, "dark_signal")) is not None:
+        rows.append(("Dark frames", _exposures(dark.x)))
+    response = _first(calibration, "response")
+    if response is None:
+        rows.append(("Light", "none: all frames are dark ones"))
+        return Table("Operating point and light", _PAIRS, tuple(rows))
+    photons = response.x_label.startswith("photons")
+    levels = f"{len(response.x)} level{'s' * (len(response.x) != 1)}"
+    if photons:
+        ends = " to ".join(format_number(float(x), 4) for x in (response.x.min(), response.x.max()))
+        rows.append(("Light", f"{levels}, {ends} photons per pixel as the measurement states them"))
+    else:
+        rows.append(("Light", f"{levels} by {_exposures(response.x)}; the photons are not known"))
+    model = "EMVA 1288 R4.0 Linear, photon transfer"
+    rows.append(("Model", model if photons else f"{model}; without photons there is no quantum efficiency"))
+    return Table("Operating point and light", _PAIRS, tuple(rows))
+
+
+def _first(calibration: Calibration, kind: str) -> Curve | None:
+    """A kind of curve, of the first channel that has it."""
+    return next((found[kind] for found in calibration.curves.values() if kind in found), None)
+
+
+def _exposures(exposure_s: NDArray[np.float64]) -> str:
+    shortest, longest = (format_time(float(t)) for t in (exposure_s.min(), exposure_s.max()))
+    return (
+        f"one exposure, {shortest}" if len(exposure_s) == 1 else f"{len(exposure_s)} exposures, {shortest} to {longest}"
+    )
+
+
+def figures_table(calibration: Calibration) -> Table:
+    """The figures of the standard that could be estimated, under its headings, with 95 % intervals.
+
+    Those that could not are in the report's table of all parameters, with the reasons.
+    """
+    estimates = calibration.estimates()
+    listed = {name for names in SHEET.values() for name in names}
+    rows: list[tuple[str, ...] | Heading] = []
+    for heading, names in SHEET.items():
+        found = {name: estimates[name] for name in names if estimates[name].value is not None}
+        rows += [Heading(heading)] if found else []
+        rows += [_row(calibration, name, names[name], entry) for name, entry in found.items()]
+    further = [
+        name
+        for name, shown in PARAMETER_LABELS.items()
+        if shown.topic.startswith("EMVA") and name not in listed and estimates[name].value is not None
+    ]
+    rows += [Heading("Further figures of the standard")] if further else []
+    rows += [_row(calibration, name, "", estimates[name]) for name in further]
+    columns = ("Figure", "Symbol", "Value", "Unit", "95 % interval", "In other units")
+    titles = tuple(Column(title, numeric=title == "Value") for title in columns)
+    together = ", all channels together" if calibration.channels else ""
+    return Table(f"Figures of EMVA 1288 R4.0{together}, ± one standard uncertainty", titles, tuple(rows))
+
+
+def _row(calibration: Calibration, name: str, symbol: str, entry: Estimate) -> tuple[str, ...]:
+    shown = parameter_label(name)
+    others = _OTHER_UNITS.get(name)
+    text = "" if others is None or entry.value is None else others(calibration, entry.value)
+    return shown.label, symbol, format_estimate(entry), shown.unit, interval_text(entry), text
+
+
+def _levels(calibration: Calibration, decibel: float) -> str:
+    """A ratio of amplitudes, as a number and in bits."""
+    ratio = 10.0 ** (decibel / 20.0)
+    return f"{format_number(ratio, 4)} : 1, {format_number(math.log2(ratio), 3)} bit"
+
+
+def _per_area(calibration: Calibration, count: float) -> str:
+    if calibration.base is None:
+        return ""
+    pixel = calibration.base.pixel
+    return f"{format_number(count / (pixel.width_um.value * pixel.height_um.value), 4)} per µm²"
+
+
+def _in_dn(calibration: Calibration, electrons: float) -> str:
+    gain = calibration.system_gain_dn_per_e.value
+    return "" if gain is None else f"{format_number(gain * electrons, 4)} DN"
+
+
+def _inverse(calibration: Calibration, gain: float) -> str:
+    return f"1 / K = {format_number(1.0 / gain, 4)} e⁻/DN"
+
+
+_OTHER_UNITS: dict[str, Callable[[Calibration, float], str]] = {
+    "system_gain_dn_per_e": _inverse,
+    "temporal_dark_noise_e": _in_dn,
+    "dsnu1288_e": _in_dn,
+    "dark_current_e_per_s": lambda calibration, rate: _in_dn(calibration, rate).replace("DN", "DN/s"),
+    "snr_max_db": _levels,
+    "dynamic_range_db": _levels,
+    "sensitivity_threshold_photons": _per_area,
+    "saturation_capacity_photons": _per_area,
+    "saturation_capacity_e": _per_area,
+}

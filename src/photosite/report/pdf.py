@@ -1,0 +1,329 @@
+"""The same page as a PDF, on A4: written by fpdf2, without a browser or libraries of the system.
+
+Figures stay drawings; text can be searched and read aloud, and the sections are in the outline. What HTML folds away
+is laid open. Fonts are matplotlib's DejaVu, of which the letters used go into the file.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+
+import matplotlib
+from fpdf import FPDF
+from fpdf.fonts import FontFace
+from fpdf.util import Padding
+from PIL import Image as Picture
+
+from photosite.atomic import atomic_path
+from photosite.report.html import (
+    Block,
+    Details,
+    Heading,
+    Image,
+    Images,
+    Listing,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Subheading,
+    Table,
+    Terms,
+)
+
+_TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5
+"""Sizes of letters, in points."""
+
+_LINE = 1.35
+"""Distance of lines, in sizes of letters."""
+
+_INK, _QUIET, _ACCENT, _ALARM = (31, 35, 40), (89, 99, 110), (0, 114, 178), (213, 94, 0)
+_TINT, _ALARM_TINT, _RULE = (246, 248, 250), (255, 246, 240), (216, 222, 228)
+
+_DRAWING_MM = 124.0
+"""Width of a figure; two fit one above the other."""
+
+_GAP = 4.0
+"""Between images side by side, in mm."""
+
+_MM_PER_POINT = 25.4 / 72.0
+
+_WHOLE = ("SHA-256",)
+"""Columns whose texts stay on one line, as those of numbers do."""
+
+_NARROW, _WIDE = 14.0, 62.0
+"""Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
+
+
+def write_pdf(page: Page, path: str | PathLike[str]) -> None:
+    """Write the page as a PDF, whole or not at all.
+
+    Parameters
+    ----------
+    page
+        What to say.
+    path
+        The file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written; a file that had the name stays as it was.
+    """
+    content = pdf_bytes(page)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def pdf_bytes(page: Page) -> bytes:
+    """The page as a PDF; the same page gives the same bytes.
+
+    Parameters
+    ----------
+    page
+        What to say.
+
+    Examples
+    --------
+    >>> pdf_bytes(Page("Chip", "A chip.", (Section("Result", (Paragraph("3 e⁻"),)),)))[:5]
+    b'%PDF-'
+    """
+    document = _Document(page)
+    for section in page.sections:
+        if section.blocks:
+            document.section(section)
+    return bytes(document.output())
+
+
+class _Document(FPDF):
+    """A page's blocks from top to bottom, with page breaks where a block does not fit."""
+
+    def __init__(self, page: Page) -> None:
+        super().__init__(format="A4")
+        # The page says when it was measured if that is known; the file says nothing of the hour it was written.
+        self.set_creation_date(datetime(1970, 1, 1, tzinfo=UTC))
+        logging.getLogger("fontTools").setLevel(logging.ERROR)
+        fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        for family, style, name in (
+            ("text", "", "DejaVuSans"),
+            ("text", "B", "DejaVuSans-Bold"),
+            ("code", "", "DejaVuSansMono"),
+        ):
+            self.add_font(family, style, fonts / f"{name}.ttf")
+        self._page = page
+        self.set_title(page.title)
+        self.set_lang("en")
+        self.set_margins(16, 15, 16)
+        self.set_auto_page_break(True, margin=18)
+        self.add_page()
+        self._write(page.title, size=17, style="B")
+        self._write(page.lead, size=10.5, color=_QUIET)
+
+    def footer(self) -> None:
+        """Title and number of the page."""
+        self.set_y(-13)
+        self._look(_SMALL, color=_QUIET)
+        self.cell(0, 5, f"{self._page.title}   ·   page {self.page_no()}", align="R")
+
+    def section(self, section: Section) -> None:
+        """A section with its heading in the outline."""
+        self._room(16 + self._asked(section.blocks))
+        self.ln(4)
+        self.set_draw_color(*_RULE)
+        self.line(self.l_margin, self.get_y(), self.w - self.r_margin, self.get_y())
+        self.ln(2)
+        self.start_section(section.title)
+        self._write(section.title, size=13.5, style="B")
+        for index, block in enumerate(section.blocks):
+            if isinstance(block, Subheading):
+                self._room(self._asked(section.blocks[index:]))
+            self._block(block)
+
+    def _asked(self, blocks: Sequence[Block]) -> float:
+        """Room in mm that the first of the blocks wants below a heading, so that this does not stand alone."""
+        match blocks:
+            case [Subheading(), *rest]:
+                return 10 + self._asked(rest)
+            case [Images() as images, *_]:
+                return self._images_height(images)
+            case []:
+                return 0.0
+        return 30.0
+
+    def _block(self, block: Block) -> None:
+        match block:
+            case Paragraph(text):
+                self._write(text)
+            case Subheading(text):
+                self._write(text, size=11, style="B", above=2)
+            case Notice(text, warning):
+                self._notice(text, warning)
+            case Listing(lines, code):
+                for line in lines:
+                    self._write(line if code else f"•  {line}", size=_TINY if code else _TEXT, code=code, below=0.6)
+            case Terms(pairs):
+                for term, meaning in pairs:
+                    self._room(12)
+                    self._write(term, style="B", below=0)
+                    self._write(meaning)
+            case Table():
+                self._table(block)
+            case Images():
+                self._images(block)
+            case Details(summary, blocks):
+                self._room(25)
+                self._write(summary, style="B", above=1.5)
+                for inner in blocks:
+                    self._block(inner)
+
+    def _look(self, size: float, style: str = "", color: tuple[int, int, int] = _INK, *, code: bool = False) -> None:
+        self.set_font("code" if code else "text", style, size)
+        self.set_text_color(*color)
+
+    def _write(
+        self,
+        text: str,
+        *,
+        size: float = _TEXT,
+        style: str = "",
+        color: tuple[int, int, int] = _INK,
+        code: bool = False,
+        above: float = 0.0,
+        below: float = 1.6,
+    ) -> None:
+        """A paragraph over the whole width."""
+        self.ln(above)
+        self._look(size, style, color, code=code)
+        self.multi_cell(0, _LINE * size * _MM_PER_POINT, text, align="L", new_x="LMARGIN", new_y="NEXT")
+        self.ln(below)
+
+    def _notice(self, text: str, warning: bool) -> None:
+        self._room(14)
+        self._look(_TEXT)
+        self.set_fill_color(*(_ALARM_TINT if warning else _TINT))
+        self.set_draw_color(*(_ALARM if warning else _ACCENT))
+        self.set_line_width(0.9)
+        line = _LINE * _TEXT * _MM_PER_POINT
+        self.multi_cell(
+            0,
+            line,
+            text,
+            border="L",
+            fill=True,
+            align="L",
+            padding=Padding(1.2, 2, 1.2, 3),
+            new_x="LMARGIN",
+            new_y="NEXT",
+        )
+        self.set_line_width(0.2)
+        self.set_fill_color(0)
+        self.ln(1.6)
+
+    def _room(self, height_mm: float) -> None:
+        """A new page where less than so much is left of this one."""
+        if self.get_y() + height_mm > self.h - self.b_margin:
+            self.add_page()
+
+    def _image_width(self, block: Images) -> float:
+        count = len(block.images)
+        return min(_DRAWING_MM, (self.epw - _GAP * (count - 1)) / count)
+
+    def _images_height(self, block: Images) -> float:
+        """Of the images, their titles and the caption, in mm."""
+        self._look(_SMALL)
+        line = _LINE * _SMALL * _MM_PER_POINT
+        caption = self.multi_cell(0, line, block.caption, dry_run=True, output="HEIGHT")
+        assert isinstance(caption, float)
+        tallest = max(_height_over_width(image) for image in block.images) * self._image_width(block)
+        return tallest + (6.0 if any(image.title for image in block.images) else 0.0) + caption + 4.0
+
+    def _images(self, block: Images) -> None:
+        self._room(self._images_height(block))
+        width = self._image_width(block)
+        lefts = [self.l_margin + number * (width + _GAP) for number in range(len(block.images))]
+        if any(image.title for image in block.images):
+            self._look(_SMALL, "B")
+            for image, left in zip(block.images, lefts, strict=True):
+                self.set_x(left)
+                self.cell(width, 5, image.title)
+            self.ln(6)
+        top = self.get_y()
+        self.set_draw_color(0)  # what a drawing does not say is black, and fpdf2 takes the colour in force
+        self.set_fill_color(0)
+        for image, left in zip(block.images, lefts, strict=True):
+            self.image(io.BytesIO(image.content), x=left, y=top, w=width, alt_text=image.alternative)
+        self.set_y(top + max(_height_over_width(image) for image in block.images) * width + 1)
+        self._write(block.caption, size=_SMALL, color=_QUIET, below=4)
+
+    def _table(self, table: Table) -> None:
+        code = any(column.title in _WHOLE for column in table.columns)
+        size = _TINY if code else _SMALL
+        self._room(30)
+        self._write(table.caption, size=_SMALL, color=_QUIET, above=1, below=0.8)
+        self._look(size, code=code)
+        self.set_draw_color(*_RULE)
+        heading = FontFace(emphasis="BOLD", color=_INK) if not code else FontFace(color=_QUIET)
+        with self.table(
+            col_widths=self._widths(table),
+            width=self.epw,
+            align="LEFT",
+            text_align=tuple("RIGHT" if column.numeric else "LEFT" for column in table.columns),
+            v_align="TOP",
+            borders_layout="HORIZONTAL_LINES",
+            headings_style=heading,
+            line_height=1.3 * size * _MM_PER_POINT,
+            padding=(0.7, 1.2, 0.7, 0),
+        ) as laid:
+            laid.row([column.title for column in table.columns])
+            for row in table.rows:
+                if isinstance(row, Heading):
+                    style = FontFace(emphasis="BOLD", color=_ACCENT)
+                    laid.row().cell(row.text, colspan=len(table.columns), style=style)
+                else:
+                    laid.row(row)
+        self.ln(2)
+
+    def _widths(self, table: Table) -> list[float]:
+        """Widths of the columns: what each asks for, and what is left given to those that would fill it."""
+        rows = [row for row in table.rows if not isinstance(row, Heading)]
+        texts = [[column.title, *cells] for column, cells in zip(table.columns, _columns(table, rows), strict=True)]
+        wanted = [max(self.get_string_width(text) for text in column) + 3.0 for column in texts]
+        if sum(wanted) <= self.epw:
+            return [*wanted[:-1], wanted[-1] + self.epw - sum(wanted)]
+        words = [max(self.get_string_width(word) for text in column for word in _words(text)) + 3.0 for column in texts]
+        least = [min(width, max(_NARROW, min(word, _WIDE))) for width, word in zip(wanted, words, strict=True)]
+        whole = [column.numeric or column.title in _WHOLE for column in table.columns]
+        least = [width if keep else floor for width, floor, keep in zip(wanted, least, whole, strict=True)]
+        spare = self.epw - sum(least)
+        asked = [width - floor for width, floor in zip(wanted, least, strict=True)]
+        if spare <= 0 or sum(asked) == 0:
+            return least
+        # A column of sentences asks for more than it can use: its root says how much more than a short one it gets.
+        weights = [ask**0.5 for ask in asked]
+        return [floor + spare * weight / sum(weights) for floor, weight in zip(least, weights, strict=True)]
+
+
+def _columns(table: Table, rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    return [tuple(row[index] for row in rows) for index in range(len(table.columns))]
+
+
+def _words(text: str) -> list[str]:
+    return re.split(r"[ \n-]", text) or [""]
+
+
+def _height_over_width(image: Image) -> float:
+    """Of an SVG by its own size, of a picture by its pixels."""
+    if image.media_type == "image/svg+xml":
+        head = image.content[:2000].decode("utf-8", "replace")
+        found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', head)
+        if found is None:
+            raise ValueError(f"the drawing '{image.alternative}' does not say its size")
+        return float(found[2]) / float(found[1])
+    with Picture.open(io.BytesIO(image.content)) as picture:
+        return picture.height / picture.width

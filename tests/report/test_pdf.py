@@ -1,0 +1,148 @@
+"""The PDF holds what the page holds: read back by a small reader of text, outline and fonts."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+
+import pytest
+
+from photosite.errors import FileError
+from photosite.report.calibration import calibration_page, write_calibration_report
+from photosite.report.html import (
+    Column,
+    Details,
+    Heading,
+    Listing,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Subheading,
+    Table,
+    Terms,
+)
+from photosite.report.pdf import pdf_bytes, write_pdf
+
+
+def objects(pdf: bytes) -> dict[int, bytes]:
+    """Objects by number, streams inflated."""
+    found = {}
+    for number, body in re.findall(rb"(?:^|\n)(\d+) 0 obj\n(.*?)\nendobj", pdf, re.DOTALL):
+        head, stream, rest = body.partition(b"\nstream\n")
+        if stream:
+            data = rest.rpartition(b"\nendstream")[0]
+            body = head + b"\nstream\n" + (zlib.decompress(data) if b"FlateDecode" in head else data)
+        found[int(number)] = body
+    return found
+
+
+def text_of(pdf: bytes) -> list[str]:
+    """The text of each page, white space evened out, by the fonts' own maps from glyphs to characters."""
+    parts = objects(pdf)
+    fonts: dict[bytes, dict[str, str]] = {}
+    names = dict(re.findall(rb"/(F\d+) (\d+) 0 R", b"\n".join(parts.values())))
+    for name, number in names.items():
+        unicode_map = parts[int(re.search(rb"/ToUnicode (\d+)", parts[int(number)])[1])].decode("ascii")
+        pairs = re.findall(r"<([0-9A-Fa-f]{4})> <([0-9A-Fa-f]{4,})>\n", unicode_map)
+        fonts[name] = {code.upper(): bytes.fromhex(to).decode("utf-16-be") for code, to in pairs}
+    pages = []
+    for body in parts.values():
+        if b"/Type /Page\n" not in body:
+            continue
+        content = parts[int(re.search(rb"/Contents (\d+)", body)[1])].partition(b"\nstream\n")[2]
+        said, font = [], {}
+        for switch, string in re.findall(rb"/(F\d+) [\d.]+ Tf|\(((?:[^()\\]|\\.)*)\)", content, re.DOTALL):
+            if switch:
+                font = fonts[switch]
+                continue
+            raw = re.sub(rb"\\([nrtbf()\\])", lambda m: ESCAPES.get(m[1], m[1]), string)
+            said.append("".join(font[raw[i : i + 2].hex().upper()] for i in range(0, len(raw), 2)))
+        pages.append(" ".join(" ".join(said).split()))
+    return pages
+
+
+ESCAPES = {b"n": b"\n", b"r": b"\r", b"t": b"\t", b"b": b"\b", b"f": b"\f"}
+
+
+def words(text: str) -> str:
+    """Without white space: where lines were broken does not matter."""
+    return "".join(text.split())
+
+
+@pytest.fixture(scope="module")
+def of_loop(loop) -> tuple[Page, list[str]]:
+    page = calibration_page(loop.calibration)
+    return page, text_of(pdf_bytes(page))
+
+
+def test_every_kind_of_block_is_there() -> None:
+    table = Table(
+        "caption", (Column("left"), Column("right", numeric=True)), (Heading("over"), ("cell", "−3.2 × 10⁻⁵"))
+    )
+    blocks = (
+        Paragraph("3 e⁻ ± 1, “quoted” & <not markup>"),
+        Subheading("below"),
+        Notice("mind", warning=True),
+        Listing(("first", "second")),
+        Terms((("word", "meaning"),)),
+        Details("folded", (Paragraph("laid open"), table)),
+    )
+    (text,) = text_of(pdf_bytes(Page("Title", "Lead.", (Section("One", blocks), Section("Empty", ())), "end")))
+    for said in ("Title", "Lead.", "One", "3 e⁻ ± 1, “quoted” & <not markup>", "below", "mind", "• first", "• second"):
+        assert said in text, said
+    for said in ("word", "meaning", "folded", "laid open", "caption", "left", "right", "over", "cell", "−3.2 × 10⁻⁵"):
+        assert said in text, said
+    assert "Empty" not in text
+    assert "page 1" in text
+
+
+def test_report_holds_every_value_and_interval(of_loop) -> None:
+    page, pages = of_loop
+    assert len(pages) > 5
+    whole = words("".join(pages))
+    tables = [block for section in page.sections for block in section.blocks if isinstance(block, Table)]
+    cells = [cell for table in tables for row in table.rows if not isinstance(row, Heading) for cell in row]
+    assert len(cells) > 200
+    for cell in cells:
+        # A cell of several words may be broken by a line of its neighbour.
+        for word in cell.split():
+            assert words(word) in whole, f"'{word}' of '{cell}'"
+
+
+def test_sections_are_in_the_outline_and_figures_have_words(of_loop, loop) -> None:
+    page, _ = of_loop
+    pdf = pdf_bytes(page)
+    for section in page.sections:
+        title = section.title.encode("utf-16-be").hex().upper()
+        assert title.encode() in pdf.upper() or f"({section.title})".encode() in pdf, section.title
+    assert pdf.count(b"/Alt ") == sum(block.kind == "images" for section in page.sections for block in section.blocks)
+
+
+def test_same_page_gives_the_same_bytes_and_needs_nothing_else(of_loop) -> None:
+    page, _ = of_loop
+    one, two = pdf_bytes(page), pdf_bytes(page)
+    assert one == two
+    assert one.startswith(b"%PDF-")
+    assert one.rstrip().endswith(b"%%EOF")
+    assert b"/URI" not in one
+    assert len(one) < 1_000_000
+
+
+def test_ending_decides_and_a_failure_leaves_the_old_file(
+    darks_only, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.PDF"
+    write_calibration_report(darks_only, path)
+    assert path.read_bytes()[:5] == b"%PDF-"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(Path, "write_bytes", _full_disk)
+    with pytest.raises(FileError, match=r"report\.PDF: cannot be written: No space left"):
+        write_pdf(Page("t", "l", ()), path)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def _full_disk(*args: object) -> int:
+    raise OSError(28, "No space left on device")
