@@ -62,28 +62,30 @@ class ClippedDarks:
         black, dsnu, read = (weighted_mean(entries, weights) for entries in zip(*self.estimates, strict=True))
         return black, dsnu, read
 
-    def parts(self, channel: int, plain: Parts | Missing, filtered: Parts | Missing) -> dict[bool, Parts | Missing]:
-        """Row, column and pixel parts of the fixed pattern, from those of the clipped mean frame; by "filtered".
+    def parts(
+        self, channel: int, plain: Parts | Missing, filtered: Parts | Missing
+    ) -> tuple[Parts | Missing, Parts | Missing]:
+        """Row, column and pixel parts of the fixed pattern, plain and high-passed, from those of the clipped mean.
 
         A row's offset moves the mean of its clipped pixels by the share that the mean of all moves by; the
         total is the censored DSNU. The high-pass takes the same share of the pixels' part, clipped or not.
         """
         dark, (_, dsnu, _) = self.censored[channel], self.estimates[channel]
         if isinstance(plain, Missing):
-            return {False: plain, True: filtered}
+            return plain, filtered
         theta = np.array([dark.black_level, max(dark.dsnu_variance, 0.0), dark.read_variance])
         gain = 1.0 / float(moment_slopes(theta)[0, 0]) ** 2
         row, column = plain.row * gain, plain.column * gain
         pixel = dsnu - row - column
         whole = Parts(total=dsnu, row=row, column=column, pixel=pixel)
         if isinstance(filtered, Missing):
-            return {False: whole, True: filtered}
+            return whole, filtered
         row, column = filtered.row * gain, filtered.column * gain
         if plain.pixel.value > 2.0 * plain.pixel.standard_uncertainty:
             pixel = pixel * (filtered.pixel.value / plain.pixel.value)
         else:
             pixel = filtered.pixel * gain
-        return {False: whole, True: Parts(total=pixel + row + column, row=row, column=column, pixel=pixel)}
+        return whole, Parts(total=pixel + row + column, row=row, column=column, pixel=pixel)
 
     def warning(self, names: Sequence[str]) -> str:
         """What was done, and where the model does not describe the darks."""

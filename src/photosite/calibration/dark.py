@@ -35,22 +35,34 @@ class DarkLine:
         (m,) exposure, measured quantity, its sampling variance.
     fit
         The line, or None with one exposure only.
+    shared
+        (m,) standard uncertainty that the points have in common, 0 but for clipped darks.
     """
 
     exposure_s: NDArray[np.float64]
     y: NDArray[np.float64]
     variance: NDArray[np.float64]
     fit: Fit | None
+    shared: NDArray[np.float64]
 
     @classmethod
     def through(
-        cls, exposure_s: NDArray[np.float64], y: NDArray[np.float64], variance: NDArray[np.float64]
+        cls,
+        exposure_s: NDArray[np.float64],
+        y: NDArray[np.float64],
+        variance: NDArray[np.float64],
+        shared: NDArray[np.float64],
     ) -> DarkLine:
         """Fit the line, where there are two exposures or more."""
         fit = None
         if len(np.unique(exposure_s)) > 1:
-            fit = fit_linear(_line(exposure_s), y, np.diag(variance))
-        return cls(exposure_s, y, variance, fit)
+            fit = fit_linear(_line(exposure_s), y, np.diag(variance) + np.outer(shared, shared))
+        return cls(exposure_s, y, variance, fit, shared)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(m, m) of the measured quantity."""
+        return np.asarray(np.diag(self.variance) + np.outer(self.shared, self.shared))
 
     @property
     def line(self) -> tuple[Value, Value]:
@@ -67,8 +79,8 @@ class DarkLine:
         intercept, _ = self.line
         if isinstance(intercept, Uncertain):
             return intercept
-        weight = 1.0 / self.variance
-        return Uncertain.of(float(weight @ self.y / weight.sum()), float(np.sqrt(1.0 / weight.sum())))
+        weight = 1.0 / self.variance / np.sum(1.0 / self.variance)
+        return Uncertain.of(float(weight @ self.y), float(np.sqrt(weight @ self.covariance @ weight)))
 
     @property
     def scatter(self) -> float:
@@ -121,8 +133,15 @@ class Darkness:
         repeated = np.array([level.repeated for level in levels])
         temporal, uncertainty = temporal_variances(t, levels)
         samples = np.array([level.frames * level.pixels for level in levels])
-        mean = DarkLine.through(t, np.array([level.mean for level in levels]), temporal / samples)
-        return cls(mean, DarkLine.through(t[repeated], temporal[repeated], uncertainty[repeated] ** 2))
+        own = np.array([level.mean_variance for level in levels])
+        of_mean, of_variance = (
+            np.array([getattr(level, name) for level in levels]) for name in ("shared_mean", "shared_variance")
+        )
+        mean = DarkLine.through(
+            t, np.array([level.mean for level in levels]), np.where(of_mean > 0.0, own, temporal / samples), of_mean
+        )
+        noise = DarkLine.through(t[repeated], temporal[repeated], uncertainty[repeated] ** 2, of_variance[repeated])
+        return cls(mean, noise)
 
 
 def temporal_variances(

@@ -9,16 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.groups import GroupStatistics
-from photosite.calibration.patterns import Channel
-from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.calibration.uncertain import Missing, Value
 from photosite.errors import CalibrationError
 from photosite.exposure import format_exposure
 from photosite.frames.frame_set import FrameSet
+
+if TYPE_CHECKING:
+    from photosite.calibration.patterns import Channel
 
 BEYOND_CHANCE = 2.0
 """Half-widths of a 95 % interval from which on chance is no explanation (once in 10 000 for a normal)."""
@@ -38,6 +41,11 @@ LEAK_SHARE = 0.3
 _FACTORS = {1e3: "a thousand", 1e6: "a million", 1e9: "a thousand million", 60.0: "sixty", 3600.0: "3600"}
 
 
+@dataclass(frozen=True)
+class Nonsense(Missing):
+    """A figure that came out and cannot be true, and what the likely cause is."""
+
+
 def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64]) -> Value:
     """The slope of the dark level against exposure, or why it is none: charge does not flow backwards.
 
@@ -55,7 +63,7 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64]) -> Value:
         return slope
     low, high = float(exposure_s.min()), float(exposure_s.max())
     fall, uncertainty = -slope.value * (high - low), slope.standard_uncertainty * (high - low)
-    return Missing(
+    return Nonsense(
         f"the dark level falls by {fall:.3g} +- {uncertainty:.1g} DN "
         f"from {format_exposure(low)} to {format_exposure(high)} s, and no dark current is negative: the camera takes "
         f"its dark signal off itself (black clamping), the black level drifted or the chip cooled down between the "
@@ -77,24 +85,11 @@ def efficient(responsivity: Value, gain: Value) -> Value:
     below = efficiency.value - efficiency.interval_95[0]
     if efficiency.value - BEYOND_CHANCE * below <= 1.0:
         return responsivity
-    return Missing(
+    return Nonsense(
         f"the stated photons would make a quantum efficiency of {100 * efficiency.value:.4g} %, and none is above "
-        f"100 %: the photons per pixel are too few by a factor of {efficiency.value:.2g} or more (photons for another pixel "
-        f"area, time or wavelength, or irradiance in another unit)"
+        f"100 %: the photons per pixel are too few by a factor of {efficiency.value:.2g} or more (photons for another "
+        f"pixel area, time or wavelength, or irradiance in another unit)"
     )
-
-
-def check_exposure_scale(frames: FrameSet) -> list[str]:
-    """A warning where the exposure times are in a range of which shutters are not."""
-    exposures = [group.exposure_s for group in frames.groups]
-    shortest, longest = min(exposures), max(exposures)
-    if shortest >= SHORTEST_S:
-        return []
-    return [
-        f"exposures from {shortest:.3g} to {longest:.3g} s: hardly a shutter is as fast as the shortest; if the times "
-        f"are in another unit than the protocol or descriptor says (an EMVA descriptor's are nanoseconds), dark "
-        f"current and dark voltage are wrong by the same factor"
-    ]
 
 
 def check_step(frames: FrameSet, group: GroupStatistics, sums: NDArray[np.unsignedinteger]) -> None:
@@ -127,6 +122,21 @@ def check_step(frames: FrameSet, group: GroupStatistics, sums: NDArray[np.unsign
 def _differ(group: GroupStatistics) -> bool:
     """Whether the numbers vary, so that a step between them is not one number's own."""
     return any(level.spatial_variance > 0.0 for level in group.levels)
+
+
+def check_flats(
+    frames: FrameSet, names: Sequence[str], darks: Sequence[GroupStatistics], channels: Sequence[Channel]
+) -> None:
+    """Refuse flats that cannot be what they were said to be: bits, light levels, and darks among them.
+
+    Raises
+    ------
+    CalibrationError
+        See `check_bits`, `check_proportion` and `check_dark_levels`.
+    """
+    check_bits(frames, names, channels)
+    check_proportion(frames, names, channels)
+    check_dark_levels(frames, darks, max(float(channel.levels.signal.max()) for channel in channels))
 
 
 def check_bits(frames: FrameSet, names: Sequence[str], channels: Sequence[Channel]) -> None:
@@ -257,7 +267,24 @@ def check_dark_levels(frames: FrameSet, darks: Sequence[GroupStatistics], bright
                 )
 
 
-def light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -> list[str]:
+def warnings(frames: FrameSet, darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -> list[str]:
+    """What may be another unit than was said, or light where there should be none."""
+    return _fast_shutter(frames) + _light_leak(darks, channels)
+
+
+def _fast_shutter(frames: FrameSet) -> list[str]:
+    exposures = [group.exposure_s for group in frames.groups]
+    shortest, longest = min(exposures), max(exposures)
+    if shortest >= SHORTEST_S:
+        return []
+    return [
+        f"exposures from {shortest:.3g} to {longest:.3g} s: hardly a shutter is as fast as the shortest; if the times "
+        f"are in another unit than the protocol or descriptor says (an EMVA descriptor's are nanoseconds), dark "
+        f"current and dark voltage are wrong by the same factor"
+    ]
+
+
+def _light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -> list[str]:
     """A warning where dark frames gain with time as flats do: a light leak cannot be told from dark current.
 
     The darks' slope is compared with the least that flats gain per second in their linear range.
@@ -279,6 +306,6 @@ def light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) ->
     return []
 
 
-def nonsense(named: Sequence[tuple[str, Value | Uncertain]]) -> list[str]:
+def nonsense(named: Sequence[tuple[str, Value]]) -> list[str]:
     """Warnings that say aloud which figures were nonsense: name and value with the reason."""
-    return [f"{name}: {value.reason}" for name, value in named if isinstance(value, Missing)]
+    return [f"{name} could not be true: {value.reason}" for name, value in named if isinstance(value, Nonsense)]
