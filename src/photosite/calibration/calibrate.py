@@ -6,13 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
 
-from photosite.calibration import judge
+from photosite.calibration import judge, plausible
 from photosite.calibration.curves import channel_curves, linear_range
 from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
 from photosite.calibration.fit import Fit
+from photosite.calibration.general_model import general_model
 from photosite.calibration.measure import (
     NO_LIGHT,
     DarkSide,
+    clipped_parts,
+    dark_patterns,
     darkness,
     measure_channels,
     measure_together,
@@ -20,11 +23,13 @@ from photosite.calibration.measure import (
     read_darks,
     read_lights,
 )
+from photosite.calibration.partial import PartialSums
 from photosite.calibration.patterns import Channel, PatternReader
 from photosite.calibration.photon_transfer import fit_gain, gain_value
 from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.snr import snr_curve
+from photosite.calibration.spatial_analysis import FarThresholds
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
 from photosite.errors import InputError
@@ -38,7 +43,14 @@ FAR_BELOW_ZERO = 4.75
 """A signed spread below this many of its uncertainties has a variance more than three of its own below zero."""
 
 
-def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progress | None = None) -> Calibration:
+def calibrate(
+    frames: FrameSet,
+    sensor: Sensor | None = None,
+    *,
+    far: FarThresholds | None = None,
+    progress: Progress | None = None,
+    partial: str | PathLike[str] | None = None,
+) -> Calibration:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
     Every group of frames is reduced to exact integer sums; the next frames are read meanwhile, and memory does
@@ -53,9 +65,15 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
         The measurement: dark frames, at least two of them at one exposure, and flat frames at two or more levels.
     sensor
         What is known beforehand, for millivolts and for `Calibration.sensor`; `frames.sensor` if None.
+    far
+        Beyond which deviations from the mean pixels are listed in `Calibration.spatial`.
     progress
         Called with (frames read, frames to read) after each frame; the second number grows where frames
         must be read again.
+    partial
+        A folder for partial sums, three times the size of a frame for each exposure: a run that is broken off goes on
+        from them when it is called again with the same frames, with the same result to the last bit. They are removed
+        at the end.
 
     Returns
     -------
@@ -65,10 +83,11 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     Raises
     ------
     CalibrationError
-        If the frames cannot support a calibration: several gain settings, clipped blacks, one exposure only, no
-        repeated darks, light frames darker than the dark ones.
+        If the frames cannot support a calibration: several gain settings, one exposure only, no repeated darks, blacks
+        so clipped that too little is left, light frames darker than the dark ones, flats that do not go with the
+        light stated for them, numbers of other bits than stated.
     FileError
-        If a frame cannot be read or has another size.
+        If a frame cannot be read or has another size, or the folder of partial sums holds something else.
     InputError
         If `frames` is not a FrameSet, or `sensor` cannot have taken these frames.
 
@@ -95,15 +114,19 @@ def calibrate(frames: FrameSet, sensor: Sensor | None = None, *, progress: Progr
     base = sensor if sensor is not None else frames.sensor
     judge.check_sensor(frames, base)
     judge.check_plan(frames)
-    with FrameReader(frames, progress) as reader:
-        return _calibrate(frames, base, reader)
+    kept = PartialSums(partial, frames) if partial is not None else None
+    with FrameReader(frames, progress, kept) as reader:
+        calibration = _calibrate(frames, base, reader, far)
+    if kept is not None:
+        kept.remove()
+    return calibration
 
 
-def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Calibration:
+def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: FarThresholds | None) -> Calibration:
     dark = read_darks(reader)
     judge.check_darks(frames, dark.groups, reader.rejected)
     lights = read_lights(reader)
-    judge.check_lights(frames, lights, [level.mean for level in dark.groups[0].levels])
+    judge.check_lights(frames, lights, [level.mean for level in dark.as_read[0].levels])
 
     names = channel_names(frames.cfa)
     channels: list[Channel] = []
@@ -111,13 +134,17 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
     gain_fit: Fit | None = None
     if lights:
         channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
+        plausible.check_flats(frames, names, dark.as_read, channels)
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
         patterns = PatternReader(
-            reader, dark.groups, lights, dark.reference, dark.mean, channels, dark.slopes, dark.noise, dark.scatter
-        ).read()
+            reader, dark.as_read, lights, dark.reference, dark.mean, channels, dark.slopes, dark.noise, dark.scatter,
+            clipped_parts(dark),
+        ).read(far)  # fmt: skip
         measured = measure_channels(dark, channels, patterns)
+        spatial = [entry.spatial for entry in patterns]
     else:
         measured = measure_channels(dark, (), ())
+        spatial = dark_patterns(dark, far)
     together = measure_together(dark, names, measured, gain_value(gain_fit) if lights else NO_LIGHT)
 
     mv_per_dn = _mv_per_dn(base)
@@ -131,9 +158,16 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
             name: channel_curves(darkness(dark, k), channels[k] if channels else None) for k, name in enumerate(names)
         },
         snr={name: snr_curve(c) for name, c in zip(names, channels, strict=False)},
+        spatial=dict(zip(names, spatial, strict=True)),
+        model="linear" if _photons_known(frames) else "general",
+        general={name: general_model(c) for name, c in zip(names, channels, strict=False)},
+        linearity={name: m.linearity[0] for name, m in zip(names, measured, strict=True) if m.linearity},
         linear_range={name: linear_range(c) for name, c in zip(names, channels, strict=False) if c.used.any()},
         warnings=tuple(
             list(frames.notes)
+            + ([] if dark.clipped is None else [dark.clipped.warning(names)])
+            + plausible.warnings(frames, dark.groups, channels)
+            + plausible.nonsense((("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)))
             + judge.frame_warnings(frames, dark.groups, lights)
             + _warnings(names, reader, dark, channels, together, gain_fit)
             + _negative(estimates)
@@ -147,6 +181,11 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader) -> Ca
         cfa=frames.cfa,
         base=base,
     )
+
+
+def _photons_known(frames: FrameSet) -> bool:
+    lights = frames.of_kind("light")
+    return bool(lights) and all(group.photons_per_pixel is not None for group in lights)
 
 
 def _mv_per_dn(base: Sensor | None) -> Value:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.groups import group_label, label_tile
+from photosite.calibration.partial import PartialSums, Progressed
 from photosite.calibration.provenance import UsedFrame
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.errors import FileError
@@ -61,9 +62,11 @@ class FrameReader:
         The set.
     progress
         Called after each frame.
+    partial
+        Where the sums of the first pass are kept in case it is broken off, and found again.
     """
 
-    def __init__(self, frames: FrameSet, progress: Progress | None = None) -> None:
+    def __init__(self, frames: FrameSet, progress: Progress | None = None, partial: PartialSums | None = None) -> None:
         self.frames = frames
         self.tile = label_tile(frames)
         self.white = (1 << frames.bits) - 1
@@ -81,7 +84,13 @@ class FrameReader:
         self._threads = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "photosite-read")
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
-        self._first_pass = self._read_ahead(source for group in order for source in group.frames)
+        self._partial = partial
+        left = (
+            source
+            for group in order
+            for source in group.frames[partial.looked_at(group) if partial is not None else 0 :]
+        )
+        self._first_pass = self._read_ahead(left)
         self._sums: FrameSums | None = None
 
     def __enter__(self) -> FrameReader:
@@ -114,11 +123,17 @@ class FrameReader:
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass has its order"
-        used_now: list[int] = []
-        self._add(result, self._new(group, used_now))
-        self._used[id(group)] = tuple(used_now)
+        look = _FirstLook(group)
+        if self._partial is not None and (kept := self._partial.load(group, result)) is not None:
+            look.resume(kept)
+            self.rejected += kept.rejected
+            self._count(kept.looked_at)
+        self._add(result, self._new(look), look)
+        if self._partial is not None:
+            self._partial.save(group, result, look.progressed())
+        self._used[id(group)] = tuple(look.used)
         totals = result.frame_totals()
-        self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(used_now, totals, strict=True)]
+        self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(look.used, totals, strict=True)]
         return result
 
     def keep(self, group: FrameGroup, sums: FrameSums) -> None:
@@ -145,17 +160,21 @@ class FrameReader:
             return mean
         return self.sums(group).mean_frame()
 
-    def _new(self, group: FrameGroup, used: list[int]) -> Iterator[_Read]:
-        """The group's frames of the first pass, repeats left out; `used` becomes the places of the others."""
-        seen: dict[bytes, list[FrameSource]] = {}
-        for index, read in enumerate(islice(self._first_pass, len(group))):
-            if self._is_new(read, seen, group):
-                used.append(index)
+    def _new(self, look: _FirstLook) -> Iterator[_Read]:
+        """The frames of the first pass that are left of a group, repeats left out."""
+        for read in islice(self._first_pass, len(look.group) - look.looked_at):
+            if (first := self._repeated(read, look)) is None:
+                look.used.append(look.looked_at)
+                look.looked_at += 1
                 yield read
             else:
+                name = read.source.name
+                look.rejected.append(f"{name} repeats {first.name} pixel for pixel ({group_label(look.group)})")
+                self.rejected.append(look.rejected[-1])
+                look.looked_at += 1
                 self._count(1)
 
-    def _add(self, sums: FrameSums, reads: Iterable[_Read]) -> None:
+    def _add(self, sums: FrameSums, reads: Iterable[_Read], look: _FirstLook | None = None) -> None:
         left = iter(reads)
         while batch := list(islice(left, self._together)):
             sums.add([read.dn for read in batch])
@@ -167,6 +186,8 @@ class FrameReader:
                         f"converter; correct the bits of the protocol",
                     )
                 self._count(1)
+            if look is not None and self._partial is not None and self._partial.due():
+                self._partial.save(look.group, sums, look.progressed())
             del batch, read  # before the next ones are gathered
 
     def _count(self, frames: int) -> None:
@@ -200,19 +221,42 @@ class FrameReader:
             )
         return dn
 
-    def _is_new(self, read: _Read, seen: dict[bytes, list[FrameSource]], group: FrameGroup) -> bool:
-        """Whether no earlier frame of the group has the same pixels: by some rows first, then by all."""
+    def _repeated(self, read: _Read, look: _FirstLook) -> FrameSource | None:
+        """The earlier frame of the group that has the same pixels, if there is one: by some rows first, then by all."""
         some = read.dn[:: max(1, read.dn.shape[0] // _SAMPLED)]
-        alike = seen.setdefault(hashlib.sha256(some.tobytes()).digest(), [])
+        digest = hashlib.sha256(some.tobytes()).hexdigest()
+        alike = look.alike(digest)
         # Frames that are all black or all white repeat lawfully; any other needs noise to differ.
         if alike and self._mostly_inside(read.dn):
             for first in alike:
                 if np.array_equal(self._checked(first), read.dn):
-                    name = read.source.name
-                    self.rejected.append(f"{name} repeats {first.name} pixel for pixel ({group_label(group)})")
-                    return False
-        alike.append(read.source)
-        return True
+                    return first
+        look.seen.append(digest)
+        return None
 
     def _mostly_inside(self, dn: NDArray[np.unsignedinteger]) -> bool:
         return bool(2 * np.count_nonzero((dn > 0) & (dn < self.white)) >= dn.size)
+
+
+class _FirstLook:
+    """The first pass over a group, as far as it got: see `Progressed`."""
+
+    def __init__(self, group: FrameGroup) -> None:
+        self.group = group
+        self.looked_at = 0
+        self.used: list[int] = []
+        self.seen: list[str] = []
+        self.rejected: list[str] = []
+
+    def resume(self, kept: Progressed) -> None:
+        """Go on from what was kept."""
+        self.looked_at = kept.looked_at
+        self.used, self.seen, self.rejected = list(kept.used), list(kept.seen), list(kept.rejected)
+
+    def progressed(self) -> Progressed:
+        """What is to be kept."""
+        return Progressed(self.looked_at, tuple(self.used), tuple(self.seen), tuple(self.rejected))
+
+    def alike(self, digest: str) -> list[FrameSource]:
+        """The frames used whose first rows have this digest."""
+        return [self.group.frames[i] for i, other in zip(self.used, self.seen, strict=True) if other == digest]

@@ -36,6 +36,12 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Report to write: a data sheet in one self-contained HTML page, or a PDF, by the file's ending.",
 )
+@click.option(
+    "--partial",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Keep partial sums here; a run that was broken off goes on from them.",
+)
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
 @options.json_option
@@ -44,6 +50,7 @@ def command(
     sensor_name: str | None,
     output: Path | None,
     report: Path | None,
+    partial: Path | None,
     bits: int | None,
     cfa: str | None,
     as_json: bool,
@@ -70,7 +77,7 @@ def command(
     if len(frames.gain_settings) > 1:
         calibrate_gain_series(frames, sensor, output, report, as_json)
         return
-    calibration = calibrate(frames, sensor, progress=Stages())
+    calibration = calibrate(frames, sensor, progress=Stages(), partial=partial)
     _save(calibration, output, report)
     if as_json:
         written = {"sensor": output, "report": report}

@@ -8,7 +8,7 @@ stack was split and merged. A *label* is an integer that a repeating tile gives 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -252,6 +252,55 @@ class FrameSums:
 
     def _bands(self) -> int:
         return -(-self.shape[0] // BAND)
+
+    def state(self) -> dict[str, NDArray[np.integer]]:
+        """All that the sums hold, as arrays by name; `restore` takes them back.
+
+        Examples
+        --------
+        >>> sums = FrameSums((1, 2)).add(np.array([[3, 4]], np.uint16))
+        >>> FrameSums((1, 2)).restore(sums.state()).label_totals() == sums.label_totals()
+        True
+        """
+        n_labels = len(self._clipped)
+        return {
+            "sum": self.sum,
+            "sum_of_squares": self.sum_of_squares,
+            "highest": np.array(self.highest, np.int64),
+            "clipped": self._clipped,
+            "frame_totals": np.array(self._frame_totals, np.uint64).reshape(-1, n_labels),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[np.integer]]) -> FrameSums:
+        """Hold what `state` gave, instead of what is here; returns itself.
+
+        Raises
+        ------
+        KeyError
+            If an array is missing.
+        ValueError
+            If the arrays are of another size or labels than these sums, or contradict each other.
+        """
+        frames, n_labels = state["frame_totals"].shape[0], len(self._clipped)
+        shapes = {
+            "sum": self.shape,
+            "sum_of_squares": self.shape,
+            "highest": (frames,),
+            "clipped": (n_labels, 2),
+            "frame_totals": (frames, n_labels),
+        }
+        for name, shape in shapes.items():
+            if state[name].shape != shape:
+                raise ValueError(f"{name} is {state[name].shape}, not {shape}")
+        if int(state["sum"].sum(dtype=np.uint64)) != int(state["frame_totals"].sum(dtype=np.uint64)):
+            raise ValueError("the pixels' sums and the frames' totals do not agree")
+        self.sum[...] = state["sum"]
+        self.sum_of_squares[...] = state["sum_of_squares"]
+        self.highest = state["highest"].tolist()
+        self._clipped = state["clipped"].astype(np.int64)
+        self._frame_totals = list(state["frame_totals"].astype(np.uint64))
+        self.count = frames
+        return self
 
     def merge(self, other: FrameSums) -> FrameSums:
         """A new one that holds the frames of both.

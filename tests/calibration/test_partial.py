@@ -1,0 +1,114 @@
+"""A calibration that is broken off goes on from its partial sums, and says so when they are not its own."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from photosite.calibration import partial, reading
+from photosite.calibration.calibrate import calibrate
+from photosite.errors import FileError
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+
+ROWS, COLS = 48, 40
+
+
+class Lab:
+    """A frame set in memory that counts its readings and can be told to fail."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(11)
+        self.stacks = {
+            ("dark", 0.01): self.stack(rng, 0.0, 21),
+            **{("light", t): self.stack(rng, 2e4 * t, 6) for t in (0.01, 0.02, 0.03)},
+        }
+        self.stacks["dark", 0.01][9] = self.stacks["dark", 0.01][2]  # a repeat, before the break
+        self.readings = 0
+        self.fails_at = 10**9
+
+    @staticmethod
+    def stack(rng: np.random.Generator, electrons: float, frames: int) -> NDArray[np.uint16]:
+        signal = 64 + 0.5 * rng.poisson(electrons, (frames, ROWS, COLS)) + rng.normal(0, 2, (frames, ROWS, COLS))
+        return (signal + 0.5).astype(np.uint16)
+
+    def frames(self) -> FrameSet:
+        groups = []
+        for (kind, exposure_s), stack in self.stacks.items():
+            sources = [FrameSource(f"{kind}-{exposure_s}-{i}", self.reader(dn)) for i, dn in enumerate(stack)]
+            groups.append(FrameGroup(kind, exposure_s, tuple(sources)))
+        return FrameSet(tuple(groups), rows=ROWS, cols=COLS, bits=12)
+
+    def reader(self, dn: NDArray[np.uint16]) -> Callable[[], NDArray[np.uint16]]:
+        def read() -> NDArray[np.uint16]:
+            self.readings += 1
+            if self.readings > self.fails_at:
+                raise KeyboardInterrupt
+            return dn
+
+        return read
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums kept after every batch, and small batches."""
+    monkeypatch.setattr(partial, "SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr(reading, "_TOGETHER", 4)
+
+
+@pytest.mark.usefixtures("often")
+@pytest.mark.parametrize("fails_at", [3, 14, 20, 26, 38])
+def test_a_run_broken_off_goes_on_and_gives_the_same_to_the_last_bit(tmp_path: Path, fails_at: int) -> None:
+    whole = calibrate(Lab().frames())
+    lab = Lab()
+    lab.fails_at = fails_at
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(lab.frames(), partial=tmp_path / "sums")
+    saved = sorted((tmp_path / "sums").iterdir())
+    assert all(path.name.startswith("sums-") for path in saved)
+    assert bool(saved) == (fails_at > 12)
+
+    lab.fails_at, lab.readings = 10**9, 0
+    again = calibrate(lab.frames(), partial=tmp_path / "sums")
+    readings = lab.readings
+    assert again.estimates() == whole.estimates()
+    assert again.rejected == whole.rejected
+    assert again.rejected[0].startswith("dark-0.01-9 repeats dark-0.01-2")
+    assert again.frames_sha256 == whole.frames_sha256
+    assert not (tmp_path / "sums").exists()
+    if saved:
+        fresh = Lab()
+        calibrate(fresh.frames())
+        assert readings < fresh.readings
+
+
+@pytest.mark.usefixtures("often")
+def test_sums_of_other_frames_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+    lab = Lab()
+    lab.fails_at = 30
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(lab.frames(), partial=tmp_path)
+    lab.fails_at = 10**9
+
+    other = lab.frames()
+    fewer = FrameGroup("dark", 0.01, other.groups[0].frames[:-1])
+    with pytest.raises(FileError, match=r"partial sums of other frames than dark frames at 0\.01 s"):
+        calibrate(FrameSet((fewer, *other.groups[1:]), rows=ROWS, cols=COLS, bits=12), partial=tmp_path)
+
+    lab.stacks["dark", 0.01][0, 0, 0] += 1
+    with pytest.raises(FileError, match=r"dark-0\.01-0: has changed since its sums were kept"):
+        calibrate(lab.frames(), partial=tmp_path)
+    lab.stacks["dark", 0.01][0, 0, 0] -= 1
+
+    path = tmp_path / "sums-0000.h5"
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(FileError, match=r"sums-0000\.h5: is no file of partial sums, or is damaged"):
+        calibrate(lab.frames(), partial=tmp_path)
+
+
+def test_a_folder_that_holds_other_things_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(FileError, match=r"holds thesis\.txt; partial sums need a folder of their own"):
+        calibrate(Lab().frames(), partial=tmp_path)
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
