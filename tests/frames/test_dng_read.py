@@ -14,7 +14,7 @@ from photosite.errors import FileError, PhotositeWarning
 from photosite.frames.camera_raw import read_camera_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import read_header, read_raw
+from photosite.frames.read import read_headers, read_raw
 
 BYTE, ASCII, SHORT, LONG, RATIONAL, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 10, 12
 CODES = {BYTE: "B", SHORT: "H", LONG: "I", RATIONAL: "I", SRATIONAL: "i", DOUBLE: "d"}
@@ -283,7 +283,7 @@ def test_a_folder_of_camera_raw(tmp_path, dn):
     for number in (1, 2):
         plain = {50713: None, 50714: (SHORT, [64])}
         (tmp_path / f"dark_{number}.nef").write_bytes(hand_made_dng(np.roll(dn, number), raw=plain))
-    header = read_header(tmp_path / "dark_1.nef")
+    (header,) = read_headers(tmp_path / "dark_1.nef")
     assert (header.rows, header.cols, header.bits, header.exposure_s) == (60, 70, None, 1 / 60)
     frames = open_frames(tmp_path)
     assert (frames.rows, frames.cols, frames.bits, frames.black_level_dn) == (60, 70, 12, 64.0)
@@ -311,6 +311,6 @@ def test_one_bad_tag_of_a_camera_does_not_cost_the_exposure(tmp_path, dn):
     for ending in ("nef", "dng"):
         (tmp_path / f"a.{ending}").write_bytes(bad)
     assert read_raw(tmp_path / "a.nef").exposure_s == 1 / 60
-    assert read_header(tmp_path / "a.nef").metadata["iso"] == 800
+    assert read_headers(tmp_path / "a.nef")[0].metadata["iso"] == 800
     with pytest.raises(FileError, match="truncated: tag 50708"):
         read_raw(tmp_path / "a.dng")

@@ -47,13 +47,11 @@ def test_kind_by_name(tmp_path, name, kind):
 @pytest.mark.parametrize(
     ("name", "fields", "why"),
     [
-        ("frame_1", {}, "neither in its file nor in its name; say it in a protocol"),
-        ("darkroom_1", {}, "neither in its file nor in its name"),
         ("dark_flat", {}, "both dark and light in its name"),
         (
             "dark",
             {"exposure_s": None},
-            "does not state its exposure; say it in a protocol.yaml: 'photosite_pro",
+            "does not state its exposure, nor does its name; say it in a protocol.yaml: 'photosite_pro",
         ),
         ("dark", {"metadata": MappingProxyType({"kind": "grey"})}, "states the kind 'grey'"),
         ("dark", {"metadata": MappingProxyType({"photons_per_pixel": "few"})}, "photons_per_pixel 'few'"),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 SCENES = ("macbeth", "uniform", "slanted-edge")
-RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png")
+RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png", ".h5", ".hdf5")
 PICTURE_SUFFIXES = (".png",)
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     help="Exposure time in s; 1/3 is read as such.",
 )
 @options.seed_option()
-@options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif or .png.")
+@options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif, .png or .h5.")
 @click.option(
     "--preview",
     type=options.output_file(*options.PICTURE_SUFFIXES),

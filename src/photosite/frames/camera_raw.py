@@ -1,6 +1,8 @@
 """Frames in the camera makers' own formats (NEF, CR2, CR3, ARW, RAF, ...), decoded by LibRaw through rawpy.
 
-The frame is the visible area; masked borders are left out. LibRaw knows the levels as whole numbers.
+The frame is the visible area; borders are left out, and their level is kept beside it (`photosite.frames.levels`).
+LibRaw knows the levels as whole numbers. Exposure and ISO are those of Exif or TIFF/EP where the format is built like
+TIFF (NEF, CR2, ARW, ...), and LibRaw's own for the others.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from photosite.cfa import MONOCHROME, Cfa, channel_names
 from photosite.errors import FileError
 from photosite.frames.header import FrameHeader
+from photosite.frames.levels import BORDER, border_level
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.tiff_directory import Directory, read_directories
 
@@ -46,16 +49,18 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def read_camera_raw_header(path: Path) -> FrameHeader:
-    """What a camera's raw file says of its frame without decoding it: size and exposure."""
+    """What a camera's raw file says of its frame without decoding it: size, exposure, ISO."""
     import rawpy
 
     try:
         with rawpy.imread(str(path)) as decoder:
             rows, cols = decoder.sizes.height, decoder.sizes.width
+            shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
     except rawpy.LibRawError as error:
         raise FileError(path, f"is not a raw file that LibRaw can open: {error.args[0].decode()}") from None
     tags = _tags(path)
-    return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, 0.0), metadata=MappingProxyType(_metadata(tags)))
+    metadata = MappingProxyType(_metadata(tags, iso))
+    return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata)
 
 
 def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
@@ -87,7 +92,8 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         levels = [int(level) for level in decoder.black_level_per_channel]
         white = int(decoder.white_level)
         matrix = np.asarray(decoder.rgb_xyz_matrix, dtype=np.float64)
-        shutter_s = float(decoder.other.shutter_speed)
+        shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
+        border_dn = border_level(_border(decoder))
     tile = MONOCHROME if colours is None else tuple(tuple(names[c] for c in row) for row in colours)
     tags = _tags(path)
     used = [0] if colours is None else sorted({int(c) for c in colours.ravel()})
@@ -102,7 +108,7 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         white_level_dn=float(white),
         exposure_s=_exposure_s(tags, shutter_s),
         color_matrix=_color_matrix(matrix, names, used, tile),
-        metadata=MappingProxyType(_metadata(tags)),
+        metadata=MappingProxyType(_metadata(tags, iso) | ({} if border_dn is None else {BORDER: border_dn})),
     )
     return header.frame(path, dn, bits, cfa), notes
 
@@ -152,8 +158,17 @@ def _exposure_s(tags: Directory, shutter_s: float) -> float | None:
     return exposure_of(tags) or (shutter_s if shutter_s > 0 else None)
 
 
-def _metadata(tags: Directory) -> dict[str, Any]:
-    found = {"make": tags.text(271), "model": tags.text(272), "iso": tags.exif(34855)}
-    if found["model"] is not None:
-        found["camera"] = found["model"]
-    return {name: value for name, value in found.items() if value is not None}
+def _metadata(tags: Directory, iso: float) -> dict[str, Any]:
+    """What the tags say, and LibRaw's ISO where they say none; LibRaw has 0 for one it does not know."""
+    from photosite.frames.tiff import camera_settings
+
+    found = ({"iso": iso} if iso > 0 else {}) | camera_settings(tags)
+    return found if "model" not in found else found | {"camera": found["model"]}
+
+
+def _border(decoder: Any) -> list[NDArray[np.uint16]]:
+    """The strips above and left of the visible area, edge on: (lines, pixels). Those after it are often unused."""
+    raw, sizes = decoder.raw_image, decoder.sizes
+    top, left = sizes.top_margin, sizes.left_margin
+    bottom, right = top + sizes.height, left + sizes.width
+    return [raw[:top, left:right], raw[top:bottom, :left].T]

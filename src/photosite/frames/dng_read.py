@@ -1,11 +1,13 @@
 """Frames read from DNG: photosite's own, and any other of one sample a pixel.
 
 Levels, mosaic and matrix come from the file's tags, exactly and where the tags say they start; LibRaw, which rounds
-black levels and moves odd margins, only decodes the pixels.
+black levels and moves odd margins, only decodes the pixels. The frame is the active area. Masked areas (optical black)
+are read for their mean, which is the black level where the file states none.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +20,8 @@ from photosite.errors import FileError
 from photosite.frames import dng
 from photosite.frames.camera_raw import opened
 from photosite.frames.header import FrameHeader, described
+from photosite.frames.levels import BORDER, border_note
+from photosite.frames.raw_frame import RawFrame
 from photosite.frames.tiff import (
     BITS,
     COMPRESSION,
@@ -26,12 +30,14 @@ from photosite.frames.tiff import (
     PHOTOMETRIC,
     SAMPLES,
     WIDTH,
+    camera_settings,
     checked_size,
     exposure_of,
     read_tiff_pixels,
 )
 from photosite.frames.tiff_directory import SUB_IFDS, Directory, read_directories
 
+MASKED_AREAS = 50830
 _CFA = 32803
 _COLOURS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
 """TIFF/EP CFAPattern, and white as DNG adds it."""
@@ -77,17 +83,46 @@ def _header_of_tags(path: Path, top: Directory, raw: Directory, area: tuple[int,
         noise_profile=_noise_profile(top, raw, cfa),
         metadata=MappingProxyType(_metadata(top)),
         notes=notes,
+        masked_border=bool(raw.numbers(MASKED_AREAS)),
     )
 
 
-def read_dng_pixels(path: Path) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of a DNG's active area.
+def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
+    """The active area of a DNG.
+
+    Parameters
+    ----------
+    path
+        The file.
+    bits, cfa
+        What the file should say, to have it checked.
 
     Raises
     ------
     FileError
-        If they cannot be decoded.
+        If the file cannot be decoded, or is not what was expected.
+
+    Returns
+    -------
+    RawFrame, tuple of str
+        The frame, and what its reader should know.
     """
+    header = read_dng_header(path)
+    dn, border_dn = _decoded(path)
+    if border_dn is None:
+        return header.frame(path, dn, bits, cfa), header.notes
+    stated = header.black_level_dn is not None
+    header = replace(
+        header,
+        black_level_dn=header.black_level_dn if stated else border_dn,
+        metadata=MappingProxyType({**header.metadata, BORDER: border_dn}),
+    )
+    frame = header.frame(path, dn, bits, cfa)
+    return frame, header.notes + border_note(frame)
+
+
+def _decoded(path: Path) -> tuple[NDArray[np.uint16], float | None]:
+    """The active area's numbers, and the mean of the masked areas where there are some."""
     directories = read_directories(path)
     top, raw = directories[0], _raw_directory(path, directories)
     rows, cols = int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
@@ -99,7 +134,19 @@ def read_dng_pixels(path: Path) -> NDArray[np.uint16]:
     if pixels.shape != (rows, cols):
         raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
     top_edge, left, bottom, right = _active_area(path, raw)
-    return np.ascontiguousarray(pixels[top_edge:bottom, left:right])
+    masked = [pixels[t:b, lft:r].ravel() for t, lft, b, r in _masked_areas(path, raw)]
+    border_dn = float(np.concatenate(masked).mean()) if masked else None
+    return np.ascontiguousarray(pixels[top_edge:bottom, left:right]), border_dn
+
+
+def _masked_areas(path: Path, raw: Directory) -> list[tuple[int, int, int, int]]:
+    """First row and column, and the ones after the last, of each rectangle."""
+    rows, cols = int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
+    edges = [int(edge) for edge in raw.numbers(MASKED_AREAS) or ()]
+    areas = list(zip(edges[::4], edges[1::4], edges[2::4], edges[3::4], strict=False))
+    if len(edges) % 4 or not all(0 <= t < b <= rows and 0 <= left < r <= cols for t, left, b, r in areas):
+        raise FileError(path, f"is damaged: masked areas {tuple(edges)} in {rows} x {cols} pixels")
+    return areas
 
 
 def _raw_directory(path: Path, directories: list[Directory]) -> Directory:
@@ -161,8 +208,13 @@ def _cfa(path: Path, raw: Directory) -> Cfa:
     return tuple(tuple(names[row * size[1] : (row + 1) * size[1]]) for row in range(size[0]))
 
 
-def _black_level(raw: Directory) -> tuple[float, tuple[str, ...]]:
-    """The mean black level, and a note where it is a mean of different ones."""
+def _black_level(raw: Directory) -> tuple[float | None, tuple[str, ...]]:
+    """The mean black level, and a note where it is a mean of different ones; None where masked areas are to tell it.
+
+    DNG 1.4: without a tag the level is 0, and masked areas serve to measure it.
+    """
+    if raw.numbers(dng.BLACK_LEVEL) is None and raw.numbers(MASKED_AREAS):
+        return None, ()
     levels = raw.numbers(dng.BLACK_LEVEL) or (0.0,)
     along_row, along_col = raw.numbers(50715) or (0.0,), raw.numbers(50716) or (0.0,)  # BlackLevelDeltaH, -V
     mean = float(np.mean(levels) + np.mean(along_row) + np.mean(along_col))
@@ -210,10 +262,5 @@ def _by_channel(table: NDArray[np.float64], raw: Directory, cfa: Cfa) -> NDArray
 
 
 def _metadata(top: Directory) -> dict[str, Any]:
-    found = {
-        "camera": top.text(dng.UNIQUE_CAMERA_MODEL),
-        "make": top.text(dng.MAKE),
-        "model": top.text(dng.MODEL),
-        "iso": top.exif(dng.ISO),
-    }
-    return {name: value for name, value in found.items() if value is not None}
+    camera = top.text(dng.UNIQUE_CAMERA_MODEL)
+    return camera_settings(top) if camera is None else {"camera": camera, **camera_settings(top)}

@@ -122,6 +122,8 @@ class FrameSet:
         The black level that the files or the protocol state, or None.
     notes
         What was assumed or noticed when the frames were listed, for those who read what comes of them.
+    white_level_dn
+        The number at which the output saturates, as the files state it, or None.
     """
 
     groups: tuple[FrameGroup, ...]
@@ -133,6 +135,7 @@ class FrameSet:
     sensor: Sensor | None = None
     black_level_dn: float | None = None
     notes: tuple[str, ...] = ()
+    white_level_dn: float | None = None
 
     def of_kind(self, kind: Kind) -> tuple[FrameGroup, ...]:
         """The groups of one kind, by exposure."""

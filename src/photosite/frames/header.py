@@ -27,6 +27,25 @@ MARK = "photosite_frame"
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where one frame lies in a file that can hold several.
+
+    Parameters
+    ----------
+    label
+        What to add to the file's name in messages: "[3]", ":/dark[3]".
+    part
+        The HDF5 dataset's name, the number of the FITS unit, or the byte at which the TIFF directory begins.
+    index
+        Which frame of the part, counted from 0.
+    """
+
+    label: str
+    part: str | int
+    index: int = 0
+
+
+@dataclass(frozen=True)
 class FrameHeader:
     """What a file says of its frame; None where it says nothing.
 
@@ -40,6 +59,10 @@ class FrameHeader:
         As in `RawFrame`.
     notes
         What the reader of the frame should know, for a warning.
+    place
+        Where in its file the frame lies; None where the file is the frame.
+    masked_border
+        Whether the file has pixels outside the frame that it says are kept from light.
     """
 
     rows: int
@@ -54,6 +77,8 @@ class FrameHeader:
     noise_profile: NDArray[np.float64] | None = None
     metadata: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     notes: tuple[str, ...] = ()
+    place: Place | None = None
+    masked_border: bool = False
 
     def frame(self, path: Path, dn: NDArray[np.uint16], bits: int | None, cfa: Cfa | None) -> RawFrame:
         """The raw frame, the file's gaps filled by what the caller knows.
@@ -94,6 +119,8 @@ def agreed_bits(path: Path, header: FrameHeader, bits: int | None) -> int:
     agreed = header.bits or bits or header.stored_bits
     if agreed is None:
         raise FileError(path, "does not say how many bits its converter has; say how many")
+    if not 1 <= agreed <= 16:
+        raise FileError(path, f"a raw frame has 1 to 16 bits, not {agreed}")
     return agreed
 
 

@@ -15,12 +15,20 @@ from numpy.typing import NDArray
 
 from photosite.cfa import MONOCHROME, Cfa
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.frames.frame_set import FrameSet, FrameSource, Kind, ListedFrame, group_frames
-from photosite.frames.header import FrameHeader, agreed_bits, agreed_cfa, stated_number
-from photosite.frames.read import read_frame, read_header
+from photosite.frames.by_level import Candidate, told_by_level
+from photosite.frames.frame_set import KINDS, FrameSet, FrameSource, Kind, ListedFrame, group_frames
+from photosite.frames.header import FrameHeader, Place, agreed_bits, agreed_cfa, stated_number
+from photosite.frames.levels import border_note
+from photosite.frames.names import NamedSettings, settings_in_names
+from photosite.frames.read import read_frame, read_headers, read_pixels
 from photosite.sensor.model import Sensor
 
 Value = TypeVar("Value", bound=object)
+
+EXPOSURE_EXAMPLE = (
+    "say it in a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
+    "'- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
+)
 
 STEADY_TEMPERATURE_C = 2.0
 """Range of the stated temperatures from which on a set is warned of: dark current then changes by a fifth."""
@@ -28,34 +36,44 @@ STEADY_TEMPERATURE_C = 2.0
 
 @dataclass(frozen=True)
 class FileEntry:
-    """A frame's file and the setting it was taken under.
+    """A frame's file, and what is said of the setting it was taken under.
 
     Parameters
     ----------
     path
-        The file.
-    kind, exposure_s, photons_per_pixel
-        As in `FrameGroup`.
-    gain_setting, temperature_c
-        As in `ListedFrame`; None where the file's own word, if it has one, is to be taken.
+        The file; one of several frames stands for all of them until `place` says which.
+    kind, exposure_s, photons_per_pixel, gain_setting, temperature_c
+        As in `ListedFrame`. None where the file's own word is to be taken, or that of the names.
     listed_in, line
         Where the file was listed, for messages; None where it was found in a folder.
+    names
+        What may be read as `photosite.frames.names` has it, the nearest first: the file's name, its folder's. Empty
+        where somebody listed the file.
+    place
+        Which frame of the file.
     """
 
     path: Path
-    kind: Kind
-    exposure_s: float
+    kind: Kind | None
+    exposure_s: float | None
     photons_per_pixel: float | None = None
     listed_in: Path | None = None
     line: int | None = None
     gain_setting: float | None = None
     temperature_c: float | None = None
+    names: tuple[str, ...] = ()
+    place: Place | None = None
+
+    @property
+    def name(self) -> str:
+        """What to call the frame: its file, and which frame of it."""
+        return f"{self.path}{self.place.label}" if self.place else str(self.path)
 
     def error(self, message: str) -> FileError:
         """An error about the listing, with its line; about the file where nothing lists it."""
         if self.listed_in is None:
-            return FileError(self.path, message)
-        return FileError(self.listed_in, f"{self.path}: {message}", self.line)
+            return FileError(self.name, message)
+        return FileError(self.listed_in, f"{self.name}: {message}", self.line)
 
 
 @dataclass(frozen=True)
@@ -70,7 +88,7 @@ class Expected:
 
 
 def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expected) -> FrameSet:
-    """A frame set whose frames are read when asked for. Headers are read here, pixels are not.
+    """A frame set whose frames are read when asked for. Headers are read here; pixels only where these do not suffice.
 
     Raises
     ------
@@ -80,41 +98,118 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
     """
     _check_all_there(entries)
     _check_none_twice(entries)
-    headers = _decoded_where_needed(entries, [read_header(entry.path) for entry in entries])
-    _warn_once(entries, headers)
-    rows, cols = _common("size", entries, [(h.rows, h.cols) for h in headers], expected.shape)
-    bits = _bits(entries, headers, expected)
-    cfas = [agreed_cfa(entry.path, h, expected.cfa) for entry, h in zip(entries, headers, strict=True)]
-    cfa = _common("colour filter array", entries, cfas, None)
-    blacks = {h.black_level_dn for h in headers}
+    frames, headers = _settled(entries)
+    headers, border_notes = _decoded_where_needed(frames, headers)
+    _warn_once(frames, headers)
+    rows, cols = _common("size", frames, [(h.rows, h.cols) for h in headers], expected.shape)
+    bits = _bits(frames, headers, expected)
+    cfas = [agreed_cfa(entry.path, h, expected.cfa) for entry, h in zip(frames, headers, strict=True)]
+    cfa = _common("colour filter array", frames, cfas, None)
     sensor = expected.sensor
     if sensor is not None and cfa is None:
         cfa = sensor.array.cfa
     _check_sensor(source, sensor, bits, cfa or MONOCHROME)
+    sources = [_source(entry, bits, cfa, (rows, cols)) for entry in frames]
+    candidates = [Candidate(s, e.gain_setting, e.kind) for s, e in zip(sources, frames, strict=True)]
+    kinds, level_notes = told_by_level(candidates, bits)
     listed = [
-        ListedFrame(
-            entry.kind,
-            entry.exposure_s,
-            FrameSource(str(entry.path), partial(_read, entry.path, bits, cfa, (rows, cols)), thread_safe=True),
-            entry.photons_per_pixel,
-            stated_number(entry.path, header, "gain_setting", "iso")
-            if entry.gain_setting is None
-            else entry.gain_setting,
-            stated_number(entry.path, header, "temperature_c") if entry.temperature_c is None else entry.temperature_c,
-        )
-        for entry, header in zip(entries, headers, strict=True)
+        ListedFrame(kind, e.exposure_s or 0.0, s, e.photons_per_pixel, e.gain_setting, e.temperature_c)
+        for kind, e, s in zip(kinds, frames, sources, strict=True)
     ]
     try:
         groups = group_frames(listed)
     except InputError as error:
         raise FileError(source, str(error)) from None
-    stated = expected.black_level_dn
-    if stated is None and len(blacks) == 1:
-        (stated,) = blacks
-    notes = _temperature_notes(listed)
+    notes = (*level_notes, *_exposure_notes(entries, frames, headers), *_temperature_notes(listed), *border_notes)
     for note in notes:
         warnings.warn(f"{source}: {note}", PhotositeWarning, stacklevel=4)
-    return FrameSet(groups, rows, cols, bits, cfa or MONOCHROME, source, sensor, stated, notes)
+    return FrameSet(
+        groups,
+        rows,
+        cols,
+        bits,
+        cfa or MONOCHROME,
+        source,
+        sensor,
+        _shared([h.black_level_dn for h in headers]) if expected.black_level_dn is None else expected.black_level_dn,
+        notes,
+        _shared([h.white_level_dn for h in headers]),
+    )
+
+
+def _shared(values: Sequence[float | None]) -> float | None:
+    """The value that all state, or None."""
+    return values[0] if len(set(values)) == 1 else None
+
+
+def _settled(entries: Sequence[FileEntry]) -> tuple[list[FileEntry], list[FrameHeader]]:
+    """An entry for each frame of the files, its gaps filled by the files' own words and by names; and the headers."""
+    frames: list[FileEntry] = []
+    headers: list[FrameHeader] = []
+    for entry in entries:
+        for header in read_headers(entry.path):
+            frames.append(_filled(replace(entry, place=header.place), header))
+            headers.append(header)
+    return frames, headers
+
+
+def _filled(entry: FileEntry, header: FrameHeader) -> FileEntry:
+    path, inside = Path(entry.name), entry.place.part if entry.place else ""
+    parts = inside.split("/")[::-1] if isinstance(inside, str) else []
+    named = settings_in_names(path, (*parts, *entry.names)) if entry.names else NamedSettings()
+    exposure_s = _first(entry.exposure_s, header.exposure_s, named.exposure_s)
+    if exposure_s is None:
+        raise entry.error(f"does not state its exposure{', nor does its name' * bool(entry.names)}; {EXPOSURE_EXAMPLE}")
+    return replace(
+        entry,
+        kind=entry.kind or _stated_kind(entry, header) or named.kind,
+        exposure_s=exposure_s,
+        photons_per_pixel=_first(
+            entry.photons_per_pixel, stated_number(path, header, "photons_per_pixel") if entry.names else None
+        ),
+        gain_setting=_first(entry.gain_setting, stated_number(path, header, "gain_setting", "iso"), named.gain_setting),
+        temperature_c=_first(entry.temperature_c, stated_number(path, header, "temperature_c"), named.temperature_c),
+    )
+
+
+def _first(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)
+
+
+def _stated_kind(entry: FileEntry, header: FrameHeader) -> Kind | None:
+    stated = header.metadata.get("kind")
+    if stated is None:
+        return None
+    for kind in KINDS:
+        if stated == kind:
+            return kind
+    raise entry.error(f"states the kind {stated!r}; a frame is dark or light")
+
+
+def _source(entry: FileEntry, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> FrameSource:
+    if entry.place is None:
+        read = partial(_read, entry.path, bits, cfa, shape)
+    else:
+        read = partial(_read_place, entry.path, entry.place, bits, shape)
+    return FrameSource(entry.name, read, thread_safe=True)
+
+
+def _exposure_notes(
+    entries: Sequence[FileEntry], frames: Sequence[FileEntry], headers: Sequence[FrameHeader]
+) -> tuple[str, ...]:
+    """A line where the exposure taken is not the one that the file states."""
+    other = [
+        (entry, header.exposure_s)
+        for entry, header in zip(frames, headers, strict=True)
+        if header.exposure_s and entry.exposure_s and not 1 / 1.2 < entry.exposure_s / header.exposure_s < 1.2
+    ]
+    if not other:
+        return ()
+    entry, stated = other[0]
+    return (
+        f"{len(other)} files state another exposure than the one listed, {entry.name} for one {stated:g} s for "
+        f"{entry.exposure_s:g} s; what is listed was taken, so check its unit",
+    )
 
 
 def _temperature_notes(listed: Sequence[ListedFrame]) -> tuple[str, ...]:
@@ -129,9 +224,20 @@ def _temperature_notes(listed: Sequence[ListedFrame]) -> tuple[str, ...]:
 
 def _read(path: Path, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> NDArray[np.uint16]:
     frame, _ = read_frame(path, bits, cfa)
-    if frame.shape != shape:
-        raise FileError(path, f"is now {frame.shape}; it was {shape} when the frame set was opened")
-    return frame.dn
+    return _as_before(str(path), frame.dn, shape)
+
+
+def _read_place(path: Path, place: Place, bits: int, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    dn = _as_before(f"{path}{place.label}", read_pixels(path, place), shape)
+    if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
+        raise FileError(f"{path}{place.label}", f"holds {highest} DN, which {bits} bits cannot; correct the bits")
+    return dn
+
+
+def _as_before(name: str, dn: NDArray[np.uint16], shape: tuple[int, int]) -> NDArray[np.uint16]:
+    if dn.shape != shape:
+        raise FileError(name, f"is now {dn.shape}; it was {shape} when the frame set was opened")
+    return dn
 
 
 def _check_all_there(entries: Sequence[FileEntry]) -> None:
@@ -169,23 +275,41 @@ def _common(what: str, entries: Sequence[FileEntry], values: Sequence[Value], ex
         if expected is not None and value != expected:
             raise entry.error(f"has {what} {_shown(value)}, where {_shown(expected)} is said")
         if value != values[0]:
-            other = f"{entries[0].path} has {_shown(values[0])}"
+            other = f"{entries[0].name} has {_shown(values[0])}"
             raise entry.error(f"has {what} {_shown(value)}, but {other}; all frames of a set have one {what}")
     return values[0]
 
 
-def _decoded_where_needed(entries: Sequence[FileEntry], headers: list[FrameHeader]) -> list[FrameHeader]:
-    """Camera raw tells bits and mosaic once it is decoded: the first frame's stand for all, which reading checks."""
+def _decoded_where_needed(
+    entries: Sequence[FileEntry], headers: list[FrameHeader]
+) -> tuple[list[FrameHeader], tuple[str, ...]]:
+    """Headers filled with what shows once a frame is decoded, and what its masked border shows.
+
+    Camera raw tells bits and mosaic then, and a masked border its level: one frame, the first dark one if there is one,
+    stands for all. Reading checks bits and mosaic of the others.
+    """
     unknown = [n for n, header in enumerate(headers) if header.stored_bits is None and header.bits is None]
-    if not unknown:
-        return headers
-    first, notes = read_frame(entries[unknown[0]].path)
+    masked = [n for n, header in enumerate(headers) if header.masked_border]
+    if not unknown and not masked:
+        return headers, ()
+    one = next((n for n in unknown or masked if entries[n].kind == "dark"), (unknown or masked)[0])
+    frame, notes = read_frame(entries[one].path)
     filled = list(headers)
     for n in unknown:
         filled[n] = replace(
-            headers[n], bits=first.bits, cfa=first.cfa, black_level_dn=first.black_level_dn, notes=notes
+            headers[n],
+            bits=frame.bits,
+            cfa=frame.cfa,
+            black_level_dn=frame.black_level_dn,
+            white_level_dn=frame.white_level_dn,
+            notes=notes,
         )
-    return filled
+    for n in masked:
+        if headers[n].black_level_dn is None:
+            filled[n] = replace(headers[n], black_level_dn=frame.black_level_dn)
+    # What a camera leaves out of the visible area need not be masked; in the dark that does not matter.
+    border = border_note(frame) if not unknown or entries[one].kind == "dark" else ()
+    return filled, tuple(f"{entries[one].name}: {note}" for note in border)
 
 
 def _warn_once(entries: Sequence[FileEntry], headers: Sequence[FrameHeader]) -> None:
@@ -193,7 +317,7 @@ def _warn_once(entries: Sequence[FileEntry], headers: Sequence[FrameHeader]) -> 
     if noted:
         entry, header = noted[0]
         others = f" (and {len(noted) - 1} frames more)" if len(noted) > 1 else ""
-        warnings.warn(f"{entry.path}: {'; '.join(header.notes)}{others}", PhotositeWarning, stacklevel=5)
+        warnings.warn(f"{entry.name}: {'; '.join(header.notes)}{others}", PhotositeWarning, stacklevel=5)
 
 
 def _shown(value: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -10,54 +9,61 @@ from pathlib import Path
 from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError
 from photosite.frames.emva import looks_like_descriptor, read_descriptor
-from photosite.frames.frame_set import KINDS, FrameSet, Kind
-from photosite.frames.header import FrameHeader, stated_number
+from photosite.frames.frame_set import FrameSet, Kind
 from photosite.frames.listing import Expected, FileEntry, frame_set_of_files
 from photosite.frames.protocol import file_entries, read_protocol
-from photosite.frames.read import SUFFIXES, read_header
+from photosite.frames.read import FORMATS, SUFFIXES, read_headers
 from photosite.sensor.model import Sensor
 
 PROTOCOL_NAMES = ("protocol.yaml", "protocol.yml")
 
-_KIND_WORDS: dict[str, Kind] = {
-    "dark": "dark",
-    "darks": "dark",
-    "bias": "dark",
-    "light": "light",
-    "lights": "light",
-    "flat": "light",
-    "flats": "light",
-    "bright": "light",
-}
-_EXAMPLE = "'photosite_protocol: 1', then 'frames:' with '- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
-
 
 def open_frames(
-    path: str | PathLike[str], *, bits: int | None = None, cfa: str | Sequence[Sequence[str]] | None = None
+    path: str | PathLike[str],
+    *,
+    bits: int | None = None,
+    cfa: str | Sequence[Sequence[str]] | None = None,
+    dark: str | Sequence[str] = (),
+    light: str | Sequence[str] = (),
 ) -> FrameSet:
-    """The frames of a measurement, grouped by kind and exposure, read when asked for.
+    """The frames of a measurement, grouped by kind, exposure and gain setting, read when asked for.
+
+    Each setting is told by the first that speaks of it: a protocol or descriptor; the file's metadata (exposure, ISO or
+    gain, temperature, kind: Exif and TIFF/EP in camera raw, DNG and TIFF, keywords in FITS, attributes in HDF5,
+    photosite's own description); the names of a file and of the subfolder it is in:
+
+    - dark, darks, bias, `d_012`: a dark frame; light, lights, flat, flats, bright, `b_012`: a light one;
+    - `10ms`, `0.04s`, `250us`, `1-8000s` (1/8000 s): the exposure time;
+    - `iso400`, `gain_2.5`: the gain setting; `_-10C`: the temperature.
+
+    Where none of them says dark or light, the frames are read and told by their level, and a warning says so. A file of
+    several frames (pages of TIFF; datasets, stacks and units of HDF5 and FITS) stands for all of them; they are read
+    one by one.
 
     Parameters
     ----------
     path
-        A YAML protocol, an EMVA 1288 descriptor, or a folder. A folder that holds a protocol.yaml or one descriptor
-        stands for it; in any other, all frames are taken, with the exposure and kind their files state. A folder
-        that holds none itself is searched one level down, as long as no subfolder is a measurement of its own. Where
-        a file states no kind, a word of its name does, or else of its subfolder's: dark, bias; light, flat, bright.
+        A YAML protocol, an EMVA 1288 descriptor, a folder, or a file of several frames. A folder that holds a
+        protocol.yaml or one descriptor stands for it; in any other, all frames are taken. A folder that holds none
+        itself is searched one level down, as long as no subfolder is a measurement of its own.
     bits
         Bits of the converter, where neither the files nor the protocol say.
     cfa
         The colour filter array (`"rggb"` or its tile), where neither the files nor the protocol say.
+    dark, light
+        Patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the files that are dark and light frames, whatever else says so; for
+        folders and files without a protocol or descriptor.
 
     Returns
     -------
     FrameSet
-        All files are known to be there, whole as far as their headers tell, and alike. No pixels were read.
+        All files are known to be there, whole as far as their headers tell, and alike. No pixels were read, but of
+        one frame of camera raw, or of DNG with masked areas, and where level has to tell dark from light.
 
     Raises
     ------
     InputError
-        If bits or cfa cannot be.
+        If bits or cfa cannot be, or patterns are given where a protocol or descriptor speaks.
     FileError
         If a file is missing, truncated, listed twice, unlike the others or unlike what was said, or its kind or
         exposure cannot be told.
@@ -78,36 +84,73 @@ def open_frames(
     if bits is not None and not 1 <= bits <= 16:
         raise InputError(f"a converter has 1 to 16 bits, not {bits}")
     expected = Expected(bits, None if cfa is None else cfa_from(cfa))
+    patterns: _Patterns = {"dark": _texts(dark), "light": _texts(light)}
     place = Path(path)
-    if place.is_dir():
-        return _open_folder(place, expected)
     if not place.exists():
         raise FileError(place, "there is no such file or folder")
-    if place.suffix.lower() in (".yaml", ".yml"):
-        return _open_protocol(place, expected)
-    if place.suffix.lower() in SUFFIXES:
-        raise FileError(place, "is one frame; a measurement is a folder, an EMVA 1288 descriptor or a YAML protocol")
-    if looks_like_descriptor(place):
-        return _open_descriptor(place, expected)
+    listed = _listing_in(place) if place.is_dir() else place
+    if listed is None:
+        return frame_set_of_files(_entries_of_folder(place, patterns), str(place), expected)
+    if listed is place and place.suffix.lower() in SUFFIXES:
+        return frame_set_of_files([_entry_of_stack(place, patterns)], str(place), expected)
+    if any(patterns.values()):
+        raise InputError(f"dark and light patterns are for folders; {listed} says itself what its frames are")
+    if listed.suffix.lower() in (".yaml", ".yml"):
+        return _open_protocol(listed, expected)
+    if looks_like_descriptor(listed):
+        return _open_descriptor(listed, expected)
     raise FileError(place, "is no EMVA 1288 descriptor, whose first command is 'v' or 'n', and no YAML protocol")
 
 
-def _open_folder(folder: Path, expected: Expected) -> FrameSet:
+_Patterns = dict[Kind, tuple[str, ...]]
+
+
+def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
+    return (patterns,) if isinstance(patterns, str) else tuple(patterns)
+
+
+def _listing_in(folder: Path) -> Path | None:
+    """The protocol or descriptor that stands for a folder, or None."""
     files = _files(folder)
     for name in PROTOCOL_NAMES:
         if folder / name in files:
-            return _open_protocol(folder / name, expected)
+            return folder / name
     descriptors = [p for p in files if p.suffix.lower() == ".txt" and looks_like_descriptor(p)]
     if len(descriptors) > 1:
         raise FileError(folder, f"holds {len(descriptors)} descriptors, {descriptors[0].name} and others; name one")
-    if descriptors:
-        return _open_descriptor(descriptors[0], expected)
-    images = _images(files)
-    if images:
-        entries = [_entry(image, read_header(image)) for image in images]
-    else:
-        entries = [_entry(image, read_header(image), image.parent.name) for image in _images_one_level_down(folder)]
-    return frame_set_of_files(entries, str(folder), expected)
+    return descriptors[0] if descriptors else None
+
+
+def _entries_of_folder(folder: Path, patterns: _Patterns) -> list[FileEntry]:
+    images = _images(_files(folder))
+    names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images}
+    if not names:
+        names = {image: (image.stem, image.parent.name) for image in _images_one_level_down(folder)}
+    matched = {pattern: False for texts in patterns.values() for pattern in texts}
+    entries = [
+        FileEntry(image, _kind_by_pattern(image, patterns, matched), None, names=said) for image, said in names.items()
+    ]
+    for pattern, used in matched.items():
+        if not used:
+            raise FileError(folder, f"no frame matches the pattern '{pattern}'; there is {entries[0].path.name}, say")
+    return entries
+
+
+def _kind_by_pattern(image: Path, patterns: _Patterns, matched: dict[str, bool]) -> Kind | None:
+    fitting = [(kind, pattern) for kind, texts in patterns.items() for pattern in texts if image.match(pattern)]
+    for _, pattern in fitting:
+        matched[pattern] = True
+    kinds = {kind for kind, _ in fitting}
+    if len(kinds) > 1:
+        raise FileError(image, f"matches dark and light patterns, {' and '.join(repr(p) for _, p in fitting)}")
+    return kinds.pop() if kinds else None
+
+
+def _entry_of_stack(file: Path, patterns: _Patterns) -> FileEntry:
+    if len(read_headers(file)) == 1:
+        raise FileError(file, "is one frame; a measurement is a folder, an EMVA 1288 descriptor or a YAML protocol")
+    matched = {pattern: False for texts in patterns.values() for pattern in texts}
+    return FileEntry(file, _kind_by_pattern(file, patterns, matched), None, names=(file.stem,))
 
 
 def _files(folder: Path) -> list[Path]:
@@ -126,37 +169,12 @@ def _images_one_level_down(folder: Path) -> list[Path]:
     images = _images(files)
     if images and not own:
         return images
-    why = "holds no frames (DNG, camera raw, TIFF, PNG), no protocol.yaml and no EMVA 1288 descriptor"
+    why = f"holds no frames ({FORMATS}), no protocol.yaml and no EMVA 1288 descriptor"
     if own:
         why += f"; its subfolder {own[0].parent.name} is a measurement of its own: name that"
     elif below:
         why += f", and its subfolders ({', '.join(place.name for place in below)}) hold no frames either"
     raise FileError(folder, why)
-
-
-def _entry(image: Path, header: FrameHeader, subfolder: str = "") -> FileEntry:
-    if header.exposure_s is None:
-        raise FileError(image, f"does not state its exposure; say it in a protocol.yaml: {_EXAMPLE}")
-    photons = stated_number(image, header, "photons_per_pixel")
-    return FileEntry(image, _kind(image, header, subfolder), header.exposure_s, photons)
-
-
-def _kind(image: Path, header: FrameHeader, subfolder: str) -> Kind:
-    stated = header.metadata.get("kind")
-    if stated is not None:
-        for kind in KINDS:
-            if stated == kind:
-                return kind
-        raise FileError(image, f"states the kind {stated!r}; a frame is dark or light")
-    kinds = _kinds_named(image.stem) or _kinds_named(subfolder)
-    if len(kinds) != 1:
-        why = "both dark and light in its name" if kinds else "neither in its file nor in its name"
-        raise FileError(image, f"dark or light? It says {why}; say it in a protocol.yaml: {_EXAMPLE}")
-    return kinds.pop()
-
-
-def _kinds_named(name: str) -> set[Kind]:
-    return {_KIND_WORDS[word] for word in re.findall("[a-z]+", name.lower()) if word in _KIND_WORDS}
 
 
 def _open_descriptor(path: Path, expected: Expected) -> FrameSet:

@@ -100,7 +100,7 @@ class RawFrame:
         return len(self.channels) > 1
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the frame; the format follows the name: .dng, .tif / .tiff or .png.
+        """Write the frame; the format follows the name: .dng, .tif / .tiff, .png or .h5 / .hdf5.
 
         Raises
         ------

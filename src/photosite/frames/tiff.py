@@ -1,19 +1,24 @@
-"""Frames in TIFF: one grey page of 8 or 16 bits."""
+"""Frames in TIFF: grey pages of 8 or 16 bits, each of them a frame."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.frames.header import FrameHeader, describe, described
+from photosite.frames.header import FrameHeader, Place, describe, described
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.tiff_directory import Directory, read_directories
+from photosite.frames.tiff_directory import Directory, read_directories, read_directory
 
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
 SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
+NEW_SUBFILE_TYPE, ISO_SPEED, RECOMMENDED_EXPOSURE_INDEX = 254, 34855, 34866
 FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
 
 _GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
@@ -29,23 +34,64 @@ def write_tiff(frame: RawFrame, path: Path) -> None:
     )
 
 
-def read_tiff_header(path: Path) -> FrameHeader:
-    """What a TIFF file says of its frame.
+def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
+    """What a TIFF file says of its frames, one a page. Smaller versions of a page (thumbnails) are left out.
+
+    What a page does not say of itself holds as the first page says it.
 
     Raises
     ------
     FileError
-        If the file is truncated, holds several pages, or its pixels are not one number of 8 or 16 bits.
+        If the file is truncated, or its pixels are not one number of 8 or 16 bits.
     """
-    directories = read_directories(path)
-    if len(directories) > 1:
-        raise FileError(path, f"holds {len(directories)} pages; a frame is a file of one page, so split it")
-    page = directories[0]
+    pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
+    if not pages:
+        raise FileError(path, "holds nothing but smaller versions of a picture; a raw frame is a full page")
+    first = _header(path, pages[0], None)
+    if len(pages) == 1:
+        _check_not_hidden(path, pages[0])
+        return (first,)
+    headers = [first, *(_header(path, page, first) for page in pages[1:])]
+    return tuple(
+        replace(header, place=Place(f"[{number}]", page.offset))
+        for number, (page, header) in enumerate(zip(pages, headers, strict=True))
+    )
+
+
+def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHeader:
     rows, cols, stored_bits = checked_size(path, page)
-    text = page.text(DESCRIPTION) or ""
-    if (header := described(path, text, rows, cols, stored_bits)) is not None:
-        return header
-    return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_of(page))
+    if (own := described(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
+        return own
+    exposure_s, metadata = exposure_of(page), camera_settings(page)
+    if first is None:
+        return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=MappingProxyType(metadata))
+    return replace(
+        first,
+        rows=rows,
+        cols=cols,
+        stored_bits=stored_bits,
+        exposure_s=exposure_s or first.exposure_s,
+        metadata=MappingProxyType({**first.metadata, **metadata}),
+    )
+
+
+def _check_not_hidden(path: Path, page: Directory) -> None:
+    """ImageJ writes stacks above 4 GB as one page, the others lying behind it without a directory."""
+    said = re.match(r"ImageJ=.*?^images=(\d+)", page.text(DESCRIPTION) or "", re.DOTALL | re.MULTILINE)
+    if said and int(said[1]) > 1:
+        raise FileError(path, f"is an ImageJ stack of {said[1]} frames with one page; save it as an image sequence")
+
+
+def camera_settings(page: Directory) -> dict[str, Any]:
+    """Maker, model and ISO, by what Exif or TIFF/EP say, under the names that `RawFrame.metadata` has for them.
+
+    Exif keeps ISO in 16 bits; the tag that goes on from there is RecommendedExposureIndex (CIPA DC-008, 4.6.6).
+    """
+    iso = page.exif(ISO_SPEED)
+    if iso == 65535:
+        iso = page.exif(RECOMMENDED_EXPOSURE_INDEX) or iso
+    found = {"make": page.text(271), "model": page.text(272), "iso": iso or None}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def exposure_of(page: Directory) -> float | None:
@@ -83,15 +129,15 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
     return int(rows), int(cols), int(bits)
 
 
-def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of a TIFF file's first page.
+def read_tiff_pixels(path: Path, place: Place | None = None) -> NDArray[np.uint16]:
+    """The (rows, cols) numbers of a TIFF file's page; of the first without a place.
 
     Raises
     ------
     FileError
         If they cannot be decoded.
     """
-    page = read_directories(path)[0]
+    page = read_directories(path)[0] if place is None else read_directory(path, int(place.part))
     rows, cols, bits = checked_size(path, page)
     if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
         return _stored_pixels(path, page, (rows, cols), bits)
@@ -99,7 +145,8 @@ def read_tiff_pixels(path: Path) -> NDArray[np.uint16]:
 
     try:
         with tifffile.TiffFile(path) as file:
-            pixels = file.pages[0].asarray()
+            file.filehandle.seek(page.offset)
+            pixels = tifffile.TiffPage(file, 0).asarray()
     # tifffile lets its decoders' own exceptions through; which they are depends on the compression.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -52,11 +52,14 @@ class Directory:
         Tag number to its values: a tuple of numbers (rationals as floats, nan for x/0), or bytes.
     children
         Sub-directories by the tag that points to them.
+    offset
+        The byte of the file at which it begins.
     """
 
     order: str = "<"
     tags: dict[int, tuple[float, ...] | bytes] = field(default_factory=dict)
     children: dict[int, list[Directory]] = field(default_factory=dict)
+    offset: int = 0
 
     def numbers(self, tag: int) -> tuple[Any, ...] | None:
         """The tag's numbers, or None where it is absent or text."""
@@ -101,6 +104,21 @@ def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
     try:
         with path.open("rb") as file:
             return _Reader(path, file, strict).chain()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def read_directory(path: Path, offset: int) -> Directory:
+    """The one directory that begins at a byte of the file, as `read_directories` found it.
+
+    Raises
+    ------
+    FileError
+        As `read_directories`.
+    """
+    try:
+        with path.open("rb") as file:
+            return _Reader(path, file, True).directory(offset)[0]
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
 
@@ -150,7 +168,7 @@ class _Reader:
         start = offset + struct.calcsize(f"<{count_code}")
         end = start + count * entry_bytes
         (link,) = self.numbers_at(end, link_code)
-        directory = Directory(self.order)
+        directory = Directory(self.order, offset=offset)
         for at in range(start, end, entry_bytes):
             self.entry(directory, at)
         for tag in (SUB_IFDS, EXIF_IFD):

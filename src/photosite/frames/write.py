@@ -9,13 +9,21 @@ from typing import TYPE_CHECKING
 from photosite.atomic import atomic_path
 from photosite.errors import InputError
 from photosite.frames.dng import write_dng
+from photosite.frames.hdf5 import write_hdf5
 from photosite.frames.png import write_png
 from photosite.frames.tiff import write_tiff
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
 
-_WRITERS = {".dng": write_dng, ".tif": write_tiff, ".tiff": write_tiff, ".png": write_png}
+_WRITERS = {
+    ".dng": write_dng,
+    ".tif": write_tiff,
+    ".tiff": write_tiff,
+    ".png": write_png,
+    ".h5": write_hdf5,
+    ".hdf5": write_hdf5,
+}
 
 
 def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
@@ -26,7 +34,7 @@ def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
     frame
         The frame.
     path
-        A name that ends in .dng, .tif, .tiff or .png.
+        A name that ends in .dng, .tif, .tiff, .png, .h5 or .hdf5.
 
     Raises
     ------
