@@ -1,0 +1,178 @@
+"""A gain series shot with a virtual sensor: noise before and after the amplifier, one conversion gain or two."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from os import PathLike
+
+from photosite.atomic import atomic_folder
+from photosite.errors import InputError
+from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
+from photosite.sensor.model import Sensor
+from photosite.studies.protocol import ShootingProtocol, Step, series
+from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, VirtualLab, nominal_sensor, virtual_lab
+
+
+@dataclass(frozen=True)
+class GainModel:
+    """What a sensor does as its gain is set.
+
+    Parameters
+    ----------
+    pre_amplifier_noise_mv
+        Read noise before the amplifier, at the pixel: of every setting alike, and amplified with the signal.
+    post_amplifier_noise_dn
+        Read noise after it, rounding left out: of every setting alike.
+    switch_at
+        The setting from which on the conversion gain is the high one; None for a pixel with one.
+    conversion_gain_ratio
+        High conversion gain over low.
+    keeps_proportion
+        Whether the amplifier's gain is lowered by that ratio at the switch, so that the system gain stays proportional
+        to the setting, as cameras with ISO settings do.
+    """
+
+    pre_amplifier_noise_mv: float
+    post_amplifier_noise_dn: float
+    switch_at: float | None = None
+    conversion_gain_ratio: float = 3.0
+    keeps_proportion: bool = False
+
+    def sensor(self, base: Sensor, setting: float, lowest: float) -> Sensor:
+        """The sensor at a setting; `base` is that of the lowest one, its own read noise replaced."""
+        high = self.switch_at is not None and setting >= self.switch_at
+        ratio = self.conversion_gain_ratio if high else 1.0
+        amplification = setting / lowest / (ratio if high and self.keeps_proportion else 1.0)
+        changed = base.with_(
+            analog_gain=base.readout.analog_gain.value * amplification,
+            conversion_gain_uv_per_e=base.pixel.conversion_gain_uv_per_e.value * ratio,
+        )
+        after_mv = self.post_amplifier_noise_dn * changed.mv_per_dn
+        return changed.with_(read_noise_mv=math.hypot(self.pre_amplifier_noise_mv, after_mv))
+
+    def pre_amplifier_noise_e(self, sensor: Sensor) -> float:
+        """Noise before the amplifier in electrons, of the sensor at a setting."""
+        return sensor.electrons(self.pre_amplifier_noise_mv)
+
+
+@dataclass(frozen=True)
+class GainSeriesLab:
+    """Virtual laboratories of one chip, one for each gain setting; the light suits each.
+
+    Parameters
+    ----------
+    settings
+        The gain settings, in rising order.
+    labs
+        The laboratory of each.
+    """
+
+    settings: tuple[float, ...]
+    labs: tuple[VirtualLab, ...]
+
+    @property
+    def nominal(self) -> Sensor:
+        """What is known beforehand, at the lowest setting."""
+        return nominal_sensor(self.labs[0].camera.sensor)
+
+    def frame_set(self) -> FrameSet:
+        """All frames, as a calibration reads them, made anew each time one is read."""
+        sets = [lab.frame_set() for lab in self.labs]
+        groups: list[FrameGroup] = []
+        for setting, frames in zip(self.settings, sets, strict=True):
+            groups += [replace(group, gain_setting=setting) for group in frames.groups]
+        return replace(sets[0], groups=tuple(groups), sensor=self.nominal, black_level_dn=None)
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """Shoot to a folder, whole or not at all: a subfolder of frames for each setting, and one protocol.yaml.
+
+        Raises
+        ------
+        FileError
+            If the folder holds something already or cannot be written.
+        """
+        with atomic_folder(folder) as place:
+            entries: list[ProtocolFrames] = []
+            for setting, lab in zip(self.settings, self.labs, strict=True):
+                name = f"gain{setting:g}"
+                (place / name).mkdir()
+                for number, step, frame in lab.frames():
+                    frame.save(place / name / f"{step.kind}{number:02d}_{frame.metadata['frame']:04d}.tif")
+                entries += [
+                    ProtocolFrames(
+                        step.kind,
+                        step.exposure_s,
+                        (f"{name}/{step.kind}{number:02d}_*.tif",),
+                        lab.photons_per_pixel(step),
+                        gain_setting=setting,
+                    )
+                    for number, step in enumerate(lab.protocol.steps, start=1)
+                ]
+            self.nominal.save(place / NOMINAL_NAME)
+            write_protocol(Protocol(tuple(entries), "virtual gain series", sensor=NOMINAL_NAME), place / PROTOCOL_NAME)
+
+
+def gain_series_protocol(dark_frames: int = 16, levels: int = 12, repeats: int = 3) -> ShootingProtocol:
+    """What is shot at each setting: repeated darks, darks to 1 s, and flats in equal steps past saturation.
+
+    Examples
+    --------
+    >>> gain_series_protocol().frame_count
+    60
+    """
+    flats = tuple(Step("light", round(0.04 * (k + 1) / levels, 9), repeats) for k in range(levels))
+    return ShootingProtocol("gain series", (Step("dark", 1e-4, dark_frames), *series("dark", 0.01, 1.0, 4, 2), *flats))
+
+
+def gain_series_lab(
+    sensor: Sensor,
+    model: GainModel,
+    settings: Sequence[float],
+    protocol: ShootingProtocol | None = None,
+    *,
+    seed: int = 0,
+    photons_known: bool = False,
+) -> GainSeriesLab:
+    """A laboratory that shoots a protocol at every gain setting of a sensor.
+
+    Parameters
+    ----------
+    sensor
+        The sensor at the lowest setting; its read noise is replaced by the model's.
+    model
+        What the settings do.
+    settings
+        Gains above 0, rising.
+    protocol
+        What to shoot at each; `gain_series_protocol()` if None.
+    seed, photons_known
+        As for `virtual_lab`; frames of two settings share no noise, but their fixed pattern.
+
+    Raises
+    ------
+    InputError
+        If the settings do not rise or are not above 0.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("vendor-2.2um").with_(rows=32, cols=32, black_level_dn=64)
+    >>> lab = gain_series_lab(sensor, GainModel(0.3, 0.5), [100, 200])
+    >>> lab.frame_set().gain_settings, lab.frame_set().frame_count
+    ((100.0, 200.0), 120)
+    """
+    values = tuple(float(setting) for setting in settings)
+    if not values or values[0] <= 0 or any(b <= a for a, b in pairwise(values)):
+        raise InputError(f"gain settings rise and are above 0, not {', '.join(f'{v:g}' for v in values) or 'none'}")
+    shot = protocol or gain_series_protocol()
+    labs = tuple(
+        virtual_lab(
+            model.sensor(sensor, setting, values[0]), shot, seed=seed * len(values) + index, photons_known=photons_known
+        )
+        for index, setting in enumerate(values)
+    )
+    return GainSeriesLab(values, labs)
