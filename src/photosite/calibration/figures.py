@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from photosite.calibration.linearity import Linearity, linearity_estimates
 from photosite.calibration.result import Estimate, Parameters
 from photosite.calibration.spatial import Parts, pool_parts
 from photosite.calibration.uncertain import (
@@ -43,8 +44,8 @@ class Measurements:
         DN^2.
     black_level, dark_slope, dark_slope_variance
         Intercept DN and slope DN/s of the dark mean; variance over pixels of the slope, DN^2/s^2.
-    dark_variance
-        Temporal variance at exposure zero, quantisation in it, DN^2.
+    dark_variance, dark_variance_slope
+        Temporal variance at exposure zero, quantisation in it, DN^2; its slope against exposure, DN^2/s.
     response_variance
         Relative variance over pixels of the per-pixel response: PRNU squared.
     gain
@@ -57,6 +58,10 @@ class Measurements:
         Spatial variances after EMVA 1288: DN^2, plain and high-passed; relative, high-passed and plain.
     read_method, saturation_method
         How those were read.
+    dark_method
+        How read noise, DSNU and black level were read off darks that clip at 0; "" where none do.
+    linearity
+        Of the channel, or of each of all together.
     from_channels
         Of all channels together: which channels a figure above is from, by its name, where not all share in it.
     """
@@ -68,6 +73,7 @@ class Measurements:
     dark_slope: Value
     dark_slope_variance: Value
     dark_variance: Value
+    dark_variance_slope: Value
     response_variance: Value
     gain: Value
     saturation_dn: Value
@@ -80,6 +86,8 @@ class Measurements:
     prnu1288_unfiltered: Parts | Missing
     read_method: str
     saturation_method: str
+    dark_method: str = ""
+    linearity: tuple[Linearity | Missing, ...] = ()
     from_channels: Mapping[str, str] = field(default_factory=dict)
 
     def method(self, text: str, *figures: str) -> str:
@@ -137,6 +145,7 @@ def pool(names: Sequence[str], channels: Sequence[Measurements], darkness: Measu
     changed["saturation_responsivity"] = first.saturation_responsivity
     seen = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), furthest)
     changed["saturation_method"] = seen.saturation_method
+    changed["linearity"] = tuple(found for entry in channels for found in entry.linearity)
     return replace(darkness, from_channels=notes, **changed)  # type: ignore[arg-type]
 
 
@@ -184,8 +193,11 @@ def _part_estimates(parts: Parts | Missing, scale: Value, method: str) -> dict[s
 
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     one = Uncertain(1.0)
-    read = f"{m.read_method}; mean over pixels of the temporal variance, 1/12 DN^2 taken off"
-    dsnu = m.method("spread over pixels of the mean repeated dark, temporal variance / n taken off", "dsnu_variance")
+    read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance, 1/12 DN^2 taken off"))
+    dsnu = m.method(
+        m.dark_method or "spread over pixels of the mean repeated dark, temporal variance / n taken off",
+        "dsnu_variance",
+    )
     slope = "slope of the mean dark level against exposure"
     dcnu = m.method(
         "spread of per-pixel dark slopes, their noise taken off, relative to the mean slope", "dark_slope_variance"
@@ -207,8 +219,12 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         ),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
+        "dark_current_from_variance_e_per_s": Estimate.of(
+            derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e),
+            "slope of the dark temporal variance against exposure / K^2 (EMVA 1288 R4.0, dark current)",
+        ),
         "dcnu_percent": _spread(m.dark_slope_variance, _percent_of_dark(m.dark_slope), dcnu),
-        "black_level_dn": Estimate.of(m.black_level, "mean dark level at exposure zero"),
+        "black_level_dn": Estimate.of(m.black_level, m.dark_method or "mean dark level at exposure zero"),
     }
 
 
@@ -352,6 +368,7 @@ def parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
         **_noise_and_pattern(m, mv_per_dn, per_e),
         **_emva(m, per_e),
         **_emva_pattern(m, per_e),
+        **linearity_estimates(m.linearity),
         system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
         conversion_gain_uv_per_e=Estimate.of(
             derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn), "system gain times volts per digital number"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.uncertain import Source, Uncertain
 from photosite.cfa import channel_names
 from photosite.engine.accumulate import LabelTotals
 from photosite.frames.frame_set import FrameGroup, FrameSet
@@ -42,6 +44,9 @@ class Level:
     shared_mean, shared_variance
         Standard uncertainties that all clipped dark levels of the channel share: they do not drop out of a difference
         with a light level, and do out of one between two of them. 0 where nothing was clipped.
+    sources
+        Shares of `variance_uncertainty`, in squares, by independent source: what is found with this level is
+        correlated with what else is.
     """
 
     pixels: int
@@ -56,6 +61,7 @@ class Level:
     frame_shift: float
     shared_mean: float = 0.0
     shared_variance: float = 0.0
+    sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
 
     @classmethod
     def of(cls, totals: LabelTotals) -> Level:
@@ -75,6 +81,12 @@ class Level:
             high_fraction=totals.high / samples,
             frame_shift=math.copysign(math.sqrt(abs(shift)), shift) if totals.frames > 1 else math.nan,
         )
+
+    @property
+    def noise(self) -> Uncertain:
+        """`variance` as an input that all results share which use it."""
+        u = self.variance_uncertainty
+        return Uncertain(self.variance, {source: u * math.sqrt(share) for source, share in self.sources.items()})
 
     @property
     def clipped(self) -> bool:
@@ -119,19 +131,27 @@ def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
     def independent(name: str) -> float:
         return math.hypot(*(s * getattr(level, name) for s, level in zip(share, levels, strict=True)))
 
+    whole = independent("variance_uncertainty")
+    sources = {
+        source: part * (s * level.variance_uncertainty / whole) ** 2
+        for s, level in zip(share, levels, strict=True)
+        for source, part in level.sources.items()
+        if whole > 0.0
+    }
     return Level(
         pixels=pixels,
         frames=levels[0].frames,
         mean=mean("mean"),
         mean_variance=mean("mean_variance", 2),
         variance=mean("variance"),
-        variance_uncertainty=independent("variance_uncertainty"),
+        variance_uncertainty=whole,
         spatial_variance=mean("spatial_variance"),
         low_fraction=mean("low_fraction"),
         high_fraction=mean("high_fraction"),
         frame_shift=mean("frame_shift"),
         shared_mean=independent("shared_mean"),
         shared_variance=independent("shared_variance"),
+        sources=sources,
     )
 
 

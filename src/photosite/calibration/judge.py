@@ -13,7 +13,8 @@ from photosite.frames.frame_set import FrameGroup, FrameSet, gain_settings_text
 from photosite.sensor.model import Sensor
 
 CLIPPED_BLACK = 0.005
-"""Share of a dark group's numbers at 0 from which on it is refused: the read noise would come out 0.5 % low."""
+"""Share of a dark group's numbers at 0 from which on the darks are taken as clipped (`calibration/clipped.py`): the
+read noise would come out 0.5 % low. Below it, what clipping may have done is added to the uncertainty."""
 
 LAMP_DRIFT = 0.01
 """Shift from frame to frame, as a share of the signal, that is worth a warning."""
@@ -108,7 +109,7 @@ def check_plan(frames: FrameSet) -> None:
 
 
 def check_darks(frames: FrameSet, darks: Sequence[GroupStatistics], rejected: Sequence[str] = ()) -> None:
-    """Refuse dark frames that are clipped, still, or only copies of each other.
+    """Refuse dark frames that are black or saturated all over, still, or only copies of each other.
 
     Raises
     ------
@@ -119,11 +120,10 @@ def check_darks(frames: FrameSet, darks: Sequence[GroupStatistics], rejected: Se
     for statistics in darks:
         for name, level in zip(names, statistics.levels, strict=True):
             where = f"{frames.source}: {statistics.label}" + (f", channel {name}" if len(names) > 1 else "")
-            if level.low_fraction > CLIPPED_BLACK:
+            if level.low_fraction == 1.0:
                 raise CalibrationError(
-                    f"{where}: {100 * level.low_fraction:.2g} % of the pixels are clipped at 0 DN, at most "
-                    f"{100 * CLIPPED_BLACK:g} % can be used; raise the camera's black level (pedestal) and take the "
-                    f"darks again"
+                    f"{where}: all numbers are clipped at 0 DN, and nothing is left to see; raise the camera's black "
+                    f"level (pedestal) and take the darks again"
                 )
             if level.high_fraction > CLIPPED_BLACK:
                 raise CalibrationError(

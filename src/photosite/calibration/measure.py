@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photosite.calibration.clipped import METHOD, NO_PIXEL_SLOPES, ClippedDarks, are_clipped, read_clipped
 from photosite.calibration.dark import Darkness, temporal_variances
 from photosite.calibration.figures import QUANTISATION, Measurements, pool
 from photosite.calibration.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.judge import check_darks, reference_dark, zero_clip_uncertainty
 from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
+from photosite.calibration.linearity import channel_linearity
 from photosite.calibration.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
@@ -22,7 +23,7 @@ from photosite.calibration.nonuniformity import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.patterns import Channel, Patterns
+from photosite.calibration.patterns import Channel, Patterns, mean_planes
 from photosite.calibration.photon_transfer import (
     find_saturation,
     fit_gain,
@@ -31,8 +32,10 @@ from photosite.calibration.photon_transfer import (
     light_levels,
     linear_levels,
 )
+from photosite.calibration.plausible import Nonsense, check_step, dark_current_slope, efficient
 from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
+from photosite.calibration.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.engine.moments import Moments, label_moments
@@ -58,6 +61,8 @@ class DarkSide:
         By how much, relatively, the noise differs between combinations of frames beyond sampling (`DarkLine.scatter`).
     noise
         Per channel, the temporal variance left in `mean`.
+    clipped
+        What stands for darks that clip at 0, whose `groups` are those without the clipping; None where none do.
     """
 
     groups: list[GroupStatistics]
@@ -66,6 +71,12 @@ class DarkSide:
     slopes: tuple[SlopeSpread, ...] | None
     scatter: float
     noise: list[TemporalParts]
+    clipped: ClippedDarks | None = None
+
+    @property
+    def as_read(self) -> Sequence[GroupStatistics]:
+        """The groups with their clipping."""
+        return self.groups if self.clipped is None else self.clipped.as_read
 
 
 def read_statistics(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
@@ -83,7 +94,7 @@ def read_darks(reader: FrameReader) -> DarkSide:
     Raises
     ------
     CalibrationError
-        If the frames are clipped, still, or copies of each other.
+        If the frames are still, copies of each other, or so clipped that too little is left.
     """
     planned = reader.frames.of_kind("dark")
     exposure = np.array([group.exposure_s for group in planned])
@@ -98,6 +109,7 @@ def read_darks(reader: FrameReader) -> DarkSide:
         statistics, sums = read_statistics(reader, group)
         groups.append(statistics)
         if index == wanted:
+            check_step(reader.frames, statistics, sums.sum)
             kept = sums.mean_frame()
         if slopes is not None and coefficients is not None:
             slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
@@ -107,16 +119,53 @@ def read_darks(reader: FrameReader) -> DarkSide:
         reader.expect(len(planned[reference]))
         kept = reader.mean(planned[reference])
     seconds = [entry.group.exposure_s for entry in groups]
+    as_read, clipped = groups, None
+    if are_clipped(groups):
+        clipped = read_clipped(reader, groups, reference)
+        groups = list(clipped.groups)
     scatter = Darkness.of(seconds, [pooled_level(entry.levels) for entry in groups]).variance.scatter
-    noise = mean_frame_parts(reader, groups[reference], scatter)
+    noise = mean_frame_parts(reader, as_read[reference], scatter)
     if slopes is None or coefficients is None:
-        return DarkSide(groups, reference, kept, None, scatter, noise)
+        return DarkSide(groups, reference, kept, None, scatter, noise, clipped)
     of_slopes = []
     for k in range(len(groups[0].levels)):
-        levels = [entry.levels[k] for entry in groups]
+        levels = [entry.levels[k] for entry in as_read]
         frames = np.array([level.frames for level in levels])
         of_slopes.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels), scatter))
-    return DarkSide(groups, reference, kept, slopes.spreads(of_slopes), scatter, noise)
+    spreads = slopes.spreads(of_slopes)
+    side = DarkSide(groups, reference, kept, spreads, scatter, noise, clipped)
+    return side if clipped is None else replace(side, slopes=_clipped_slopes(side, spreads))
+
+
+def _clipped_slopes(dark: DarkSide, spreads: Sequence[SlopeSpread]) -> tuple[SlopeSpread, ...]:
+    """The pixels' dark slopes where darks are clipped: the mean is that of the levels turned back, and their spread,
+    which the clipping makes less than it is, stands with an uncertainty of its own size."""
+    result = []
+    for k, entry in enumerate(spreads):
+        _, slope = darkness(dark, k).mean.line
+        mean = entry.mean if isinstance(slope, Missing) else slope.value
+        result.append(replace(entry, mean=mean, variance=entry.variance + Uncertain.of(0.0, abs(entry.variance.value))))
+    return tuple(result)
+
+
+def reference_parts(dark: DarkSide, channel: int) -> tuple[Parts | Missing, Parts | Missing]:
+    """Parts of a channel's mean reference dark, plain and high-passed."""
+    mean, tile = dark.mean.mean(), dark.mean.labels
+    plain, filtered = (
+        channel_parts(mean, tile, channel, dark.noise[channel], filtered=filtered) for filtered in (False, True)
+    )
+    return (plain, filtered) if dark.clipped is None else dark.clipped.parts(channel, plain, filtered)
+
+
+def clipped_parts(dark: DarkSide) -> dict[tuple[int, bool], Parts | Missing]:
+    """`reference_parts` of all channels of clipped darks, by channel and whether high-passed; else empty."""
+    if dark.clipped is None:
+        return {}
+    return {
+        (k, filtered): parts
+        for k in range(len(dark.clipped.censored))
+        for filtered, parts in zip((False, True), reference_parts(dark, k), strict=True)
+    }
 
 
 def read_lights(reader: FrameReader) -> list[GroupStatistics]:
@@ -145,22 +194,34 @@ def read_channel(channel: int, dark: DarkSide, lights: Sequence[GroupStatistics]
     return Channel(channel, background, levels, saturation, used, gain_value(fit_gain([levels], [used])))
 
 
+def dark_patterns(dark: DarkSide, far: FarThresholds | None) -> list[SpatialAnalysis | Missing]:
+    """Per channel, the patterns of the dark where there is no light."""
+    statistics, mean = dark.as_read[dark.reference], dark.mean.mean()
+    tile = dark.mean.labels
+    return [
+        spatial_analysis(mean_planes(statistics, mean, tile, k, noise), NO_LIGHT, far)
+        for k, noise in enumerate(dark.noise)
+    ]
+
+
 def measure_channels(dark: DarkSide, channels: Sequence[Channel], patterns: Sequence[Patterns]) -> list[Measurements]:
     """Each channel's measurements; without light frames there are no channels and no patterns."""
     mean = dark.mean.mean()
     moments = label_moments(mean, dark.mean.labels)
-    return [
-        _measure_channel(
-            k, dark, mean, moments[k], channels[k] if channels else None, patterns[k] if patterns else None
-        )
+    measured = [
+        _measure_channel(k, dark, moments[k], channels[k] if channels else None, patterns[k] if patterns else None)
         for k in range(len(moments))
     ]
+    for entry in measured:
+        if isinstance(why := entry.responsivity, Nonsense):
+            # One light fell on all channels: photons that are nonsense for one are for all.
+            return [replace(m, responsivity=why, saturation_responsivity=why, saturation_photons=why) for m in measured]
+    return measured
 
 
 def _measure_channel(
     index: int,
     dark: DarkSide,
-    mean: NDArray[np.float64],
     moments: Moments,
     channel: Channel | None,
     patterns: Patterns | None,
@@ -168,23 +229,37 @@ def _measure_channel(
     reference = dark.groups[dark.reference]
     level = reference.levels[index]
     dark_only = _measure_dark(darkness(dark, index), level, reference.label)
-    noise = dark.noise[index]
-    parts = channel_parts(mean, dark.mean.labels, index, noise, filtered=False)
+    parts, filtered = reference_parts(dark, index)
     dsnu = excess_variance(moments, mean_frame_noise(level, dark.scatter))
     if isinstance(parts, Parts):
         # With a row or column pattern the pixels are fewer independent samples than they are pixels.
         dsnu = Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
-    filtered = channel_parts(mean, dark.mean.labels, index, noise, filtered=True)
     measured = replace(dark_only, dsnu_variance=dsnu, dsnu1288=parts, dsnu1288_filtered=filtered)
     if dark.slopes is not None:
         measured = replace(measured, dark_slope_variance=dark.slopes[index].variance)
+    if dark.clipped is not None:
+        measured = _censored(measured, dark.clipped.estimates[index], reference.group.exposure_s)
     if channel is not None and patterns is not None:
         measured = _with_light(measured, channel, patterns)
     return _stand_for_the_sensor(_without_dark_shot(measured, reference.group.exposure_s))
 
 
+def _censored(m: Measurements, estimates: tuple[Uncertain, Uncertain, Uncertain], exposure_s: float) -> Measurements:
+    """With what the censored likelihood says of the darks of one exposure."""
+    black, dsnu, read = estimates
+    slope = m.dark_slope
+    return replace(
+        m,
+        read_variance=read,
+        dsnu_variance=dsnu,
+        black_level=black if isinstance(slope, Missing) else black - slope * exposure_s,
+        dark_slope_variance=slope if isinstance(slope, Missing) else NO_PIXEL_SLOPES,
+        dark_method=METHOD,
+    )
+
+
 def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
-    responsivity = _responsivity(channel)
+    responsivity = efficient(_responsivity(channel), channel.gain)
     return replace(
         measured,
         response_variance=patterns.response_variance,
@@ -198,6 +273,7 @@ def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) ->
         dsnu1288_filtered=patterns.dsnu1288_filtered,
         prnu1288=patterns.prnu1288,
         prnu1288_unfiltered=patterns.prnu1288_unfiltered,
+        linearity=(channel_linearity(channel),),
     )
 
 
@@ -207,6 +283,8 @@ def measure_together(
     """All channels together; `gain` was fitted to all of them."""
     reference = dark.groups[dark.reference]
     together = _measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
+    if dark.clipped is not None:
+        together = _censored(together, dark.clipped.together(), reference.group.exposure_s)
     if len(channels) == 1:
         return replace(channels[0], gain=gain)
     pooled = _without_dark_shot(pool(names, channels, together, gain), reference.group.exposure_s)
@@ -217,8 +295,9 @@ def measure_together(
 def _measure_dark(background: Darkness, level: Level, label: str) -> Measurements:
     """What the dark frames alone tell; the rest says that there is no light."""
     black, slope = background.mean.line
+    slope = dark_current_slope(slope, background.mean.exposure_s)
     clipping = zero_clip_uncertainty(level)
-    read = Uncertain.of_variance(level.variance, level.variance_uncertainty) + Uncertain.of(-QUANTISATION, clipping)
+    read = level.noise + Uncertain.of(-QUANTISATION, clipping)
     return Measurements(
         pixels=level.pixels,
         read_variance=read,
@@ -227,6 +306,7 @@ def _measure_dark(background: Darkness, level: Level, label: str) -> Measurement
         dark_slope=slope,
         dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
         dark_variance=background.variance.at_zero,
+        dark_variance_slope=background.variance.line[1],
         response_variance=NO_LIGHT,
         gain=NO_LIGHT,
         saturation_dn=NO_LIGHT,

@@ -7,7 +7,7 @@ inside the linear range are read once more. One map of slopes is built from them
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ from photosite.calibration.nonuniformity import (
 from photosite.calibration.photon_transfer import LightLevels, Saturation
 from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
+from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.engine.accumulate import MeanFrame
 
@@ -54,6 +55,7 @@ class Patterns:
     dsnu1288_filtered: Parts | Missing
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
+    spatial: SpatialAnalysis | Missing
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,13 @@ def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], ref
     return max(same, key=lambda i: darks[i].frames) if same else reference
 
 
+def mean_planes(
+    statistics: GroupStatistics, mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts
+) -> MeanPlanes:
+    """A channel's planes of a group's mean frame, with the temporal variance left in it."""
+    return MeanPlanes.of(mean, tile, channel, statistics.frames, statistics.group.exposure_s, noise)
+
+
 class PatternReader:
     """Looks again at the mean frames that the fixed-pattern figures need, and works them out.
 
@@ -135,6 +144,9 @@ class PatternReader:
         Per channel, the spread of dark slopes; None with one dark exposure.
     dark_noise, scatter
         Per channel, the temporal variance left in `reference_mean`; see `DarkLine.scatter`.
+    dark_parts
+        The reference's parts where they are known beforehand, by channel and whether high-passed; empty where they
+        are to be found here.
     """
 
     def __init__(
@@ -148,6 +160,7 @@ class PatternReader:
         dark_slopes: Sequence[SlopeSpread] | None,
         dark_noise: Sequence[TemporalParts],
         scatter: float,
+        dark_parts: Mapping[tuple[int, bool], Parts | Missing],
     ) -> None:
         self._reader = reader
         self._darks = darks
@@ -159,14 +172,14 @@ class PatternReader:
         self._plans = [_plan_slopes(channel, lights) for channel in channels]
         self._half = [_half_saturated(channel, lights) for channel in channels]
         self._dark_of = [
-            reference if isinstance(half, Missing) else _matching_dark(lights[half], darks, reference)
+            reference if isinstance(half, Missing) or dark_parts else _matching_dark(lights[half], darks, reference)
             for half in self._half
         ]
         self._dark_means = {reference: reference_mean.mean()}
-        self._dark_found: dict[tuple[int, bool], Parts | Missing] = {}
+        self._dark_found = dict(dark_parts)
 
-    def read(self) -> tuple[Patterns, ...]:
-        """Per channel, its fixed pattern."""
+    def read(self, far: FarThresholds | None = None) -> tuple[Patterns, ...]:
+        """Per channel, its fixed pattern; `far` says which pixels are candidates for the list of defects."""
         again = [i for i in range(len(self._lights)) if self._needed(i)]
         dark_again = sorted(set(self._dark_of) - set(self._dark_means))
         self._reader.expect(
@@ -181,6 +194,7 @@ class PatternReader:
         plans = [plan if isinstance(plan, _SlopePlan) else None for plan in self._plans]
         filtered: dict[int, Parts | Missing] = {}
         plain: dict[int, Parts | Missing] = {}
+        spatial: dict[int, SpatialAnalysis | Missing] = {}
         for i in again:
             level = self._reader.mean(self._lights[i].group)
             slopes.add(level, [plan.coefficients.get(i, 0.0) if plan else 0.0 for plan in plans])
@@ -191,6 +205,8 @@ class PatternReader:
             for k in of_half:
                 filtered[k] = self._light_parts(k, i, mean, noise[k], filtered=True)
                 plain[k] = self._light_parts(k, i, mean, noise[k], filtered=False)
+                light = mean_planes(self._lights[i], mean, self._reader.tile, k, noise[k])
+                spatial[k] = spatial_analysis(self._dark_planes(k), light, far)
         spreads = slopes.spreads([plan.noise if plan else Uncertain(0.0) for plan in plans])
         result = []
         for k, half in enumerate(self._half):
@@ -202,6 +218,7 @@ class PatternReader:
                     dsnu1288_filtered=self._dark_parts(k, filtered=True),
                     prnu1288=why or filtered[k],
                     prnu1288_unfiltered=why or plain[k],
+                    spatial=spatial_analysis(self._dark_planes(k), why, far) if why else spatial[k],
                 )
             )
         return tuple(result)
@@ -227,6 +244,11 @@ class PatternReader:
             found = channel_parts(self._dark_means[dark], self._reader.tile, k, noise, filtered=filtered)
             self._dark_found[k, filtered] = found
         return self._dark_found[k, filtered]
+
+    def _dark_planes(self, k: int) -> MeanPlanes:
+        dark = self._dark_of[k]
+        noise = self._dark_noise[dark][k]
+        return mean_planes(self._darks[dark], self._dark_means[dark], self._reader.tile, k, noise)
 
     def _light_parts(
         self, k: int, group: int, mean: NDArray[np.float64], noise: TemporalParts, *, filtered: bool

@@ -135,8 +135,8 @@ def check_flats(
         See `check_bits`, `check_proportion` and `check_dark_levels`.
     """
     check_bits(frames, names, channels)
-    check_proportion(frames, names, channels)
     check_dark_levels(frames, darks, max(float(channel.levels.signal.max()) for channel in channels))
+    check_proportion(frames, names, channels)
 
 
 def check_bits(frames: FrameSet, names: Sequence[str], channels: Sequence[Channel]) -> None:
@@ -148,13 +148,12 @@ def check_bits(frames: FrameSet, names: Sequence[str], channels: Sequence[Channe
         With where they end.
     """
     for name, channel in zip(names, channels, strict=True):
-        level = channel.saturation.level_dn
-        if isinstance(level, Missing):
-            continue
+        brightest = int(np.argmax(channel.levels.signal))
+        if channel.levels.mean_variance[brightest] > 0.0:
+            continue  # Clipped by a converter all pixels read the same; by a well they spread round any number.
         for bits in range(6, frames.bits):
             top = (1 << bits) - 1
-            # Clipped by a converter all pixels read the same; by a well they spread round any number.
-            if abs(level.value - top) < 1e-3 and level.standard_uncertainty < 1e-3:
+            if channel.levels.mean[brightest] == top:
                 of_channel = f" of channel {name}" if len(names) > 1 else ""
                 raise CalibrationError(
                     f"{frames.source}: the brightest flats{of_channel} read {top} DN in every pixel, the top of a "

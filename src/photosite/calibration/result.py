@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,10 @@ from photosite.errors import CalibrationError
 from photosite.measured import COVERAGE_95, Measured
 
 if TYPE_CHECKING:
+    from photosite.calibration.general_model import GeneralModel
+    from photosite.calibration.linearity import Linearity
     from photosite.calibration.snr import SnrCurve
+    from photosite.calibration.spatial_analysis import SpatialAnalysis
     from photosite.sensor.model import Sensor
 
 
@@ -127,6 +130,7 @@ class Parameters:
     prnu_percent: Estimate
     dark_voltage_mv_per_s: Estimate
     dark_current_e_per_s: Estimate
+    dark_current_from_variance_e_per_s: Estimate
     dcnu_percent: Estimate
     black_level_dn: Estimate
     system_gain_dn_per_e: Estimate
@@ -140,6 +144,10 @@ class Parameters:
     saturation_capacity_photons: Estimate
     snr_max_db: Estimate
     dynamic_range_db: Estimate
+    linearity_error_percent: Estimate
+    linearity_error_min_percent: Estimate
+    linearity_error_max_percent: Estimate
+    linearity_error_full_scale_percent: Estimate
     dsnu1288_e: Estimate
     dsnu1288_row_e: Estimate
     dsnu1288_column_e: Estimate
@@ -256,6 +264,16 @@ class Calibration(Parameters):
         Per channel, the range found.
     snr
         Per channel, the signal-to-noise ratio against the amount of light, or why it is missing.
+    linearity
+        Per channel, deviations from a straight line, or why they are missing.
+    spatial
+        Per channel, spectrograms, profiles and histograms of the fixed pattern, or why they are missing.
+    model
+        "linear" where the photons are known: EMVA 1288 R4.0 Linear with all its figures. "general" where they are not:
+        what R4.0 General tells of any camera stands against exposure, in `general`; the figures of the linear model
+        that need no photons (system gain, noise, full well) are given too, for what they are worth.
+    general
+        Per channel, the figures of the general model, or why they are missing.
     warnings
         What the reader should know.
     rejected
@@ -279,6 +297,10 @@ class Calibration(Parameters):
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
+    linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
+    spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
+    model: Literal["linear", "general"] = "general"
+    general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
 
     @property
     def frame_count(self) -> int:
@@ -317,7 +339,12 @@ class Calibration(Parameters):
         return measured_sensor(self)
 
     def report(self, path: str | PathLike[str]) -> None:
-        """Write one self-contained HTML file: every figure, every fit, what was left out and why.
+        """Write one file that needs no other: every figure, every fit, what was left out and why.
+
+        Parameters
+        ----------
+        path
+            A PDF where it ends in .pdf, an HTML page otherwise.
 
         Raises
         ------
