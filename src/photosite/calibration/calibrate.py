@@ -30,6 +30,7 @@ from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.snr import snr_curve
 from photosite.calibration.spatial_analysis import FarThresholds
+from photosite.calibration.stated_levels import stated_level_warnings
 from photosite.calibration.uncertain import Missing, Uncertain, Value
 from photosite.cfa import channel_names
 from photosite.errors import InputError
@@ -131,7 +132,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
     names = channel_names(frames.cfa)
     channels: list[Channel] = []
     measured: list[Measurements]
-    gain_fit: Fit | None = None
+    gain_fit: GainFit | None = None
     if lights:
         channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
         plausible.check_flats(frames, names, dark.as_read, channels)
@@ -169,6 +170,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
             + plausible.warnings(frames, dark.groups, channels)
             + plausible.nonsense((("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)))
             + judge.frame_warnings(frames, dark.groups, lights)
+            + stated_level_warnings(frames, dark.groups, lights)
             + _warnings(names, reader, dark, channels, together, gain_fit)
             + _negative(estimates)
         ),
@@ -226,7 +228,7 @@ def _warnings(
     dark: DarkSide,
     channels: Sequence[Channel],
     together: Measurements,
-    gain_fit: Fit | None,
+    gain_fit: GainFit | None,
 ) -> list[str]:
     """What the analysis showed that its reader should know."""
     warnings: list[str] = []
