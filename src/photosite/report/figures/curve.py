@@ -9,11 +9,10 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from photosite.calibration.result import Curve
 from photosite.measured import COVERAGE_95
-from photosite.report.figures.marks import draw_band, draw_points
+from photosite.report.figures.marks import channel_handles, draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
 
 _WIDE = 30.0
@@ -68,7 +67,8 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     upper.set_ylabel(some.y_label)
     lower.set_xlabel(some.x_label)
     lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
-    handles = _legend(drawn)
+    hollow = None if all(curve.used.all() for curve in drawn.values()) else "not fitted"
+    handles = channel_handles(list(drawn), "fitted", hollow)
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     figure.align_ylabels([upper, lower])
     return figure
@@ -127,17 +127,3 @@ def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, resid
         axes.plot(x, left * scale, marker, color=color)
     if (band := curve.line(x)) is not None and len(x) > 1:
         draw_band(axes, x, np.zeros_like(x), COVERAGE_95 * band[1] * scale, color)
-
-
-def _legend(curves: Mapping[str, Curve]) -> list[Line2D]:
-    looks = [channel_style(channel, position) for position, channel in enumerate(curves)]
-    names = ["fitted"] if len(curves) == 1 else list(curves)
-    handles = [
-        Line2D([], [], color=color, marker=marker, linestyle=line, label=name)
-        for name, (color, marker, line) in zip(names, looks, strict=True)
-    ]
-    if not all(curve.used.all() for curve in curves.values()):
-        color, marker = looks[0][:2] if len(curves) == 1 else (GRAY, "o")
-        hollow = Line2D([], [], color=color, marker=marker, linestyle="", markerfacecolor="white", label="not fitted")
-        handles.append(hollow)
-    return handles

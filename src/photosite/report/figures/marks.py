@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from photosite.report.style import BAND
+from photosite.report.style import BAND, GRAY, channel_style
 
 _Numbers = NDArray[np.float64]
 
@@ -56,3 +59,57 @@ def draw_band(axes: Axes, x: _Numbers, middle: _Numbers, half: _Numbers, color: 
     if axes.get_yscale() == "log":
         shown &= low > 0
     axes.fill_between(x[shown], low[shown], high[shown], color=color, alpha=BAND, linewidth=0)
+
+
+def channel_handles(
+    channels: Sequence[str], alone: str, hollow: str | None = None, *, lines: bool = True
+) -> list[Line2D]:
+    """The legend's entries: a channel each, and what hollow points are.
+
+    Parameters
+    ----------
+    channels
+        Their names, in the order they were drawn in.
+    alone
+        What to call a channel that is the only one.
+    hollow
+        What hollow points are, if there are any.
+    lines
+        Whether the channels have lines.
+    """
+    looks = [channel_style(channel, position) for position, channel in enumerate(channels)]
+    names = [alone] if len(channels) == 1 else channels
+    handles = [
+        Line2D([], [], color=color, marker=marker, linestyle=line if lines else "", label=name)
+        for name, (color, marker, line) in zip(names, looks, strict=True)
+    ]
+    if hollow is not None:
+        color, marker = looks[0][:2] if len(channels) == 1 else (GRAY, "o")
+        handles.append(Line2D([], [], color=color, marker=marker, linestyle="", markerfacecolor="white", label=hollow))
+    return handles
+
+
+def thinned(values: _Numbers, most: int = 500) -> tuple[NDArray[np.intp], _Numbers, _Numbers]:
+    """A long line for a plot: runs of neighbours by their lowest and highest value, so that no peak is lost.
+
+    Parameters
+    ----------
+    values
+        (n,).
+    most
+        Runs at most.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (runs,) index of the middle of each run, and its lowest and highest value.
+
+    Examples
+    --------
+    >>> [part.tolist() for part in thinned(np.array([1.0, 5.0, 2.0, 0.0, 3.0]), most=2)]
+    [[1, 4], [1.0, 0.0], [5.0, 3.0]]
+    """
+    step = -(-len(values) // most)
+    starts = np.arange(0, len(values), step)
+    ends = np.minimum(starts + step, len(values))
+    return (starts + ends - 1) // 2, np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)

@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.snr import SnrCurve
 from photosite.measured import COVERAGE_95
-from photosite.report.figures.marks import draw_band, draw_points
+from photosite.report.figures.marks import channel_handles, draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, channel_style, new_figure, styled
 
 _POINTS = 160
+
+_DASHES, _DOTS = (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2))
+"""Of the total ratio and of the ideal sensor's."""
 
 
 @styled()
@@ -45,7 +48,7 @@ def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[floa
     x = np.geomspace(0.7 * low, 1.4 * high, _POINTS)
     for position, (channel, curve) in enumerate(curves.items()):
         _draw_channel(axes, x, curve, channel, position, patterns.get(channel))
-    axes.plot(x, np.sqrt(x), color=BLACK, linestyle=(0, (1, 1.2)), linewidth=1.4)
+    axes.plot(x, np.sqrt(x), color=BLACK, linestyle=_DOTS, linewidth=1.4)
     photons = next(iter(curves.values())).photons
     axes.set(xscale="log", yscale="log", ylabel="signal-to-noise ratio")
     axes.set_xlabel("photons per pixel" if photons else "signal (e⁻)")
@@ -79,23 +82,14 @@ def _draw_channel(
     axes.plot(x, model, line, color=color, linewidth=1.3)
     draw_band(axes, x, model, COVERAGE_95 * uncertainty, color)
     if pattern is not None:
-        axes.plot(x, curve.with_pattern(x, *pattern), color=color, linestyle=(0, (4, 1.5, 1, 1.5)), linewidth=1.0)
+        axes.plot(x, curve.with_pattern(x, *pattern), color=color, linestyle=_DASHES, linewidth=1.0)
 
 
 def _legend(curves: Mapping[str, SnrCurve], total: bool) -> list[Line2D]:
-    looks = [channel_style(channel, position) for position, channel in enumerate(curves)]
-    names = ["measured; linear model"] if len(curves) == 1 else list(curves)
-    handles = [
-        Line2D([], [], color=color, marker=marker, linestyle=line, label=name)
-        for name, (color, marker, line) in zip(names, looks, strict=True)
-    ]
-    shared = looks[0][0] if len(curves) == 1 else GRAY
+    hollow = None if all(curve.used.all() for curve in curves.values()) else "above the linear range"
+    handles = channel_handles(list(curves), "measured; linear model", hollow)
+    color = handles[0].get_color() if len(curves) == 1 else GRAY
     if total:
-        dashes = (0, (4, 1.5, 1, 1.5))
         label = "total, with DSNU and PRNU"
-        handles.append(Line2D([], [], color=shared, linestyle=dashes, linewidth=1.0, label=label))
-    if not all(curve.used.all() for curve in curves.values()):
-        marker = looks[0][1] if len(curves) == 1 else "o"
-        label = "above the linear range"
-        handles.append(Line2D([], [], color=shared, marker=marker, linestyle="", markerfacecolor="white", label=label))
-    return [*handles, Line2D([], [], color=BLACK, linestyle=(0, (1, 1.2)), label="ideal sensor")]
+        handles.append(Line2D([], [], color=color, linestyle=_DASHES, linewidth=1.0, label=label))
+    return [*handles, Line2D([], [], color=BLACK, linestyle=_DOTS, label="ideal sensor")]
