@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 )
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@click.option("--dark", multiple=True, metavar="PATTERN", help="Files of a folder that are dark frames: 'IMG_00*'.")
+@click.option("--light", multiple=True, metavar="PATTERN", help="Files of a folder that are light frames.")
 @options.json_option
 def command(
     path: Path,
@@ -53,15 +55,35 @@ def command(
     partial: Path | None,
     bits: int | None,
     cfa: str | None,
+    dark: tuple[str, ...],
+    light: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
-    PATH is a folder of frames, a protocol (YAML) or an EMVA 1288 descriptor. What cannot be estimated is said with the
-    reason. Frames of several gain settings (ISO) are a series: each setting is calibrated, the switch of the conversion
-    gain and the two parts of the read noise are looked for, and -o writes a sensor file for each setting,
-    mine.gain400.sensor.yaml and so on. Millivolts and the sensor file need what frames do not tell: the pixel's size, the voltage swing and the
-    spectral response, from the sensor file that the protocol names or from --sensor.
+    PATH is a folder of frames, a protocol (YAML), an EMVA 1288 descriptor or a file of many frames. What cannot be
+    estimated is said with the reason. Frames of several gain settings (ISO) are a series: each setting is
+    calibrated, the switch of the conversion gain and the two parts of the read noise are looked for, and -o writes
+    a sensor file for each setting, mine.gain400.sensor.yaml and so on. Millivolts and the sensor file need what
+    frames do not tell: the pixel's size, the voltage swing and the spectral response, from the sensor file that the
+    protocol names or from --sensor.
+
+    \b
+    Frames are read from
+      DNG, camera raw   NEF, CR2, CR3, ARW, RAF, ...; exposure and ISO from their metadata
+      TIFF, PNG         8 or 16 bits, grey; pages of a TIFF are frames
+      HDF5              datasets (rows, cols) or (frames, rows, cols) of uint8 or uint16;
+                        attributes exposure_s, kind, gain_setting, bits, black_level_dn, cfa
+      FITS              EXPTIME, GAIN, CCD-TEMP, IMAGETYP, BAYERPAT (needs photosite[fits])
+
+    \b
+    What a file does not say is read from its name, or its subfolder's:
+      dark, bias, d_012; light, flat, bright, b_012   dark or light
+      10ms, 0.04s, 250us, 1-8000s                     exposure (1-8000s is 1/8000 s)
+      iso400, gain_2.5; _-10C                         gain setting; temperature
+
+    A protocol stands before files and names. Where nothing says dark or light, the level of the frames tells it, with a
+    warning; --dark and --light say otherwise.
 
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
@@ -69,13 +91,13 @@ def command(
     from photosite.frames.open import open_frames
     from photosite.sensor.file import load_sensor
 
-    frames = open_frames(path, bits=bits, cfa=cfa)
+    frames = open_frames(path, bits=bits, cfa=cfa, dark=dark, light=light)
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
     if output is not None and sensor is None:
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
-        calibrate_gain_series(frames, sensor, output, report, as_json)
+        calibrate_gain_series(frames, sensor, output, report, partial, as_json)
         return
     calibration = calibrate(frames, sensor, progress=Stages(), partial=partial)
     _save(calibration, output, report)
