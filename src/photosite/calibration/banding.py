@@ -14,6 +14,12 @@ FALSE_ALARMS = 1e-3
 _WINDOW = 65
 """Frequencies whose median is the background of the middle one."""
 
+_INDEPENDENT = _WINDOW / 1.94
+"""As many independent ones they are worth: Hann's window makes neighbours alike, by 4/9 and 1/36 of their power."""
+
+LEAST_CYCLES = 5
+"""Cycles over all lines below which a period is shading, not a band."""
+
 SHORTEST = 2 * _WINDOW
 """Lines that a profile needs."""
 
@@ -43,8 +49,9 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
 
     The power at each frequency, mean over the profiles, against the median of its neighbours: over n profiles of
     independent lines n times the power over its mean follows the gamma distribution of shape n (for one profile, the
-    exponential one), so that the probability of the highest of m is known. Hann's window keeps a strong band from
-    leaking into its neighbours. Of a peak the highest frequency counts.
+    exponential one), and over a mean that is itself known to so much only, Fisher's F; so the probability of the
+    highest of m is known. Hann's window keeps a strong band from leaking into its neighbours. Of a peak the highest
+    counts.
 
     Parameters
     ----------
@@ -59,7 +66,7 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     [(0.1, 0.5)]
     """
     from scipy.ndimage import median_filter
-    from scipy.special import gammaincc
+    from scipy.special import fdtrc
     from scipy.stats import gamma
 
     count, lines = profiles.shape
@@ -72,13 +79,17 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     power = np.mean(np.abs(np.fft.rfft(level * window, axis=0)) ** 2, axis=1)[1:] / squares
     if lines % 2 == 0:
         power = power[:-1]  # Nyquist has one quadrature, and another distribution
-    background = median_filter(power, _WINDOW, mode="reflect") / (gamma.median(count) / count)
+    median = gamma.median(count)
+    background = median_filter(power, _WINDOW, mode="reflect") / (median / count)
     if not (background > 0).all():
         return ()
-    single = gammaincc(count, count * power / background)
+    # A median's relative variance, 1 / (4 n f^2 m^2), as that of a mean of so many squares.
+    freedom = 2.0 * 4.0 * _INDEPENDENT * (gamma.pdf(median, count) * median) ** 2
+    single = fdtrc(2.0 * count, freedom, power / background)
     alarm = -np.expm1(power.size * np.log1p(-np.minimum(single, 1.0 - 1e-12)))
     padded = np.pad(power, 1)
     peak = (alarm < FALSE_ALARMS) & (power >= padded[:-2]) & (power >= padded[2:])
+    peak[: LEAST_CYCLES - 1] = False
     found = []
     for k in np.flatnonzero(peak):
         # The noise's own power is in the peak.

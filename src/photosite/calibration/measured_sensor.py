@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from datetime import date
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from photosite.errors import CalibrationError
 from photosite.measured import Measured
+from photosite.sensor.maps_file import maps_path
 from photosite.sensor.model import Sensor
 
 if TYPE_CHECKING:
@@ -54,6 +56,22 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         created=date.today().isoformat(),
         frames_sha256=calibration.frames_sha256,
     )
+
+
+def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
+    """Write a calibration's sensor file; the chip's maps, where there are some, are there before the file naming them.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing was known of the sensor beforehand.
+    FileError
+        If a file cannot be written.
+    """
+    sensor = measured_sensor(calibration)
+    if calibration.chip is not None:
+        sensor = sensor.with_(maps=calibration.chip.save(maps_path(path)))
+    sensor.save(path)
 
 
 def _not_negative(estimate: Estimate, source: str) -> Measured:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from photosite.calibration.linearity import Linearity
     from photosite.calibration.snr import SnrCurve
     from photosite.calibration.spatial_analysis import SpatialAnalysis
+    from photosite.calibration.temporal import TemporalNoise
+    from photosite.sensor.measured_chip import MeasuredChip
     from photosite.sensor.model import Sensor
 
 
@@ -274,6 +276,8 @@ class Calibration(Parameters):
         that need no photons (system gain, noise, full well) are given too, for what they are worth.
     general
         Per channel, the figures of the general model, or why they are missing.
+    chip, temporal
+        The chip's maps and defects, and its temporal noise by rows, columns and tail; None unless maps were asked for.
     warnings
         What the reader should know.
     rejected
@@ -301,6 +305,8 @@ class Calibration(Parameters):
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
     model: Literal["linear", "general"] = "general"
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
+    chip: MeasuredChip | None = None
+    temporal: TemporalNoise | None = None
 
     @property
     def frame_count(self) -> int:
@@ -338,6 +344,15 @@ class Calibration(Parameters):
 
         return measured_sensor(self)
 
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the sensor file, and before it the chip's maps beside it, `mine.maps.h5`, where there are some.
+
+        Raises `CalibrationError` as `sensor` does, and `FileError` if a file cannot be written.
+        """
+        from photosite.calibration.measured_sensor import save_measured_sensor
+
+        save_measured_sensor(self, path)
+
     def report(self, path: str | PathLike[str]) -> None:
         """Write one file that needs no other: every figure, every fit, what was left out and why.
 
@@ -362,9 +377,10 @@ class Calibration(Parameters):
         -------
         dict
             `parameters` (name to value, standard_uncertainty, and reason, upper_limit_95, method where there is
-            one), `channels` (the same per colour channel), `linear_range`, `warnings`, `rejected`.
+            one), `channels` (the same per colour channel), `linear_range`, `warnings`, `rejected`; with maps
+            `defects` (how many of each kind) and `temporal`.
         """
-        return {
+        said: dict[str, Any] = {
             "parameters": {name: entry.to_dict() for name, entry in self.estimates().items()},
             "channels": {
                 channel: {name: entry.to_dict() for name, entry in parameters.estimates().items()}
@@ -377,3 +393,6 @@ class Calibration(Parameters):
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }
+        if self.chip is not None and self.temporal is not None:
+            said |= {"defects": self.chip.defects.counts(), "temporal": self.temporal.to_dict()}
+        return said

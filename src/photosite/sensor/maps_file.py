@@ -73,11 +73,22 @@ def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
     _check_digest(maps)
     if source.parent.resolve() == sensor_path.parent.resolve():
         return Maps(file=source.name, sha256=maps.sha256)
-    stem = sensor_path.name.removesuffix(sensor_path.suffix).removesuffix(".sensor")
-    target = sensor_path.with_name(stem + SUFFIX)
+    target = maps_path(sensor_path)
     with atomic_path(target) as temporary:
         shutil.copyfile(source, temporary)
     return Maps(file=target.name, sha256=maps.sha256)
+
+
+def maps_path(sensor_path: str | PathLike[str]) -> Path:
+    """Where the maps of a sensor file lie.
+
+    Examples
+    --------
+    >>> maps_path("mine.sensor.yaml").name
+    'mine.maps.h5'
+    """
+    path = Path(sensor_path)
+    return path.with_name(path.name.removesuffix(path.suffix).removesuffix(".sensor") + SUFFIX)
 
 
 def load_maps(maps: Maps) -> MeasuredChip:

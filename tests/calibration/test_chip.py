@@ -1,0 +1,203 @@
+"""Chips measured from simulated frames, simulated again from their maps, and measured again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.chip import measure_chip
+from photosite.errors import CalibrationError
+from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.sensor.file import load_sensor
+from photosite.sensor.measured_chip import DefectKind
+from photosite.sensor.readout import digital_numbers
+from photosite.studies.planted import drawn_maps, plant_blinking, plant_dead, plant_hot
+
+ROWS, COLS = 120, 160
+PIXELS = ROWS * COLS
+DARKS, DARK_S = 40, 0.01
+MONO = {"M": {"wavelength_nm": [550], "quantum_efficiency": [0.5]}}
+SENSOR = load_sensor("nikon-d200").with_(
+    rows=ROWS, cols=COLS, cfa=[["M"]], channels=MONO, black_level_dn=64, dark_voltage_mv_per_s=3, dcnu_percent=8
+)
+MAPS = {
+    "offset_dn": "offset_uncertainty_dn",
+    "dark_rate_dn_per_s": "dark_rate_uncertainty_dn_per_s",
+    "prnu": "prnu_uncertainty",
+}
+
+
+def shoot(sensor, seed, long_darks=(10.0, 20.0), levels=11):
+    """Darks, a stack of them and longer ones, and flats up to 1.2 saturations."""
+    shape = sensor.array.rows, sensor.array.cols
+    plan = [("dark", DARK_S, DARKS, 0.0), *(("dark", t, 12, 0.0) for t in long_darks)]
+    plan += [("light", t, 8, 1e6 * t) for t in np.linspace(0.004, 0.044, levels).tolist()]
+    frames = []
+    for kind, exposure_s, count, electrons in plan:
+        mean = np.full(shape, electrons, np.float32)
+        for _ in range(count):
+            dn = digital_numbers(sensor, mean, exposure_s, seed=seed, frame=len(frames))
+            frames.append((kind, exposure_s, dn))
+    return frame_set_from_arrays(frames, bits=12, cfa=sensor.array.cfa, sensor=sensor)
+
+
+def measured(sensor, seed, **settings):
+    frames = shoot(sensor, seed, **settings)
+    calibration = calibrate(frames, sensor.with_(maps=None))
+    return calibration, *measure_chip(frames, calibration)
+
+
+@pytest.fixture(scope="module")
+def trip(tmp_path_factory):
+    """The planted chip, and the sensor, chip and temporal noise of a first and a second measurement."""
+    folder = tmp_path_factory.mktemp("trip")
+    rng = np.random.default_rng(2)
+    planted = drawn_maps(SENSOR)
+    # Counted in the spread of the map as it will be measured: that of the chip and that of the measurement.
+    spread = np.hypot(np.std(planted.dark_rate_dn_per_s), 0.08)
+    planted = plant_hot(planted, SENSOR, rng.uniform(5, 12, 300), spread)
+    planted = plant_dead(planted, rng.uniform(0, 0.4, 20))
+    planted = plant_blinking(planted, rng.uniform(7, 15, 100) * 2.2, rng.uniform(0.3, 0.7, 100))
+    planted = replace(planted, row_noise_dn=0.5, column_noise_dn=0.3)
+    first = measured(SENSOR.with_(maps=planted.save(folder / "planted.maps.h5")), 1)
+    again = first[0].sensor.with_(maps=first[1].save(folder / "first.maps.h5"))
+    return planted, first, measured(again, 2)
+
+
+def squares(true, found):
+    """By map, the mean squared deviation in standard uncertainties. A response is relative to its channel's mean."""
+    result = {}
+    for name, of_name in MAPS.items():
+        wanted = getattr(true, name).astype(float)
+        if name == "prnu":
+            wanted = (1 + wanted) / np.mean(1 + wanted) - 1
+        result[name] = np.mean(((getattr(found, name) - wanted) / getattr(found, of_name)) ** 2)
+    return result
+
+
+def places(chip, kind):
+    chosen = chip.defects.of(kind)
+    return set(zip(chosen.row.tolist(), chosen.col.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("leg", [0, 1])
+def test_maps_are_those_of_the_chip_within_their_uncertainty(trip, leg) -> None:
+    """Chi-square over all pixels, each way outside 1e-5: false alarms 1.2e-4 for the six maps.
+
+    The uncertainties are themselves estimates from 39 degrees of freedom and more, together with the other pixels', and
+    right on average.
+    """
+    planted, (_, first, _), (_, second, _) = trip
+    true, found = ((planted, first), (first, second))[leg]
+    low, high = stats.chi2.ppf([1e-5, 1 - 1e-5], PIXELS) / PIXELS
+    for name, value in squares(true, found).items():
+        assert low < value < high, name
+
+
+def test_read_noise_of_each_pixel_comes_back(trip) -> None:
+    """Over normal noise the variances over the true ones, times 39, add up to chi-square: each way 1e-4."""
+    _, (calibration, first, _), (_, second, _) = trip
+    gain = calibration.system_gain_dn_per_e.value
+
+    def variance(chip):
+        """What the frames showed: rounding and the shot noise of the dark current put back."""
+        noise = chip.read_noise_dn.astype(float)
+        return noise * abs(noise) + 1 / 12 + gain * DARK_S * np.maximum(chip.dark_rate_dn_per_s, 0)
+
+    normal = np.ones((ROWS, COLS), bool)
+    normal[first.blinking.row, first.blinking.col] = False
+    ratio = (variance(second) / variance(first))[normal]
+    freedom = DARKS - 1
+    assert second.read_noise_freedom == freedom
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], freedom * ratio.size)
+    assert low < freedom * ratio.sum() < high
+    # Row and column noise makes neighbours alike, so that single ratios are tested one in a hundred.
+    assert stats.kstest(freedom * ratio[::101], "chi2", (freedom,)).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("leg", [0, 1])
+def test_defects_are_found_at_precision_and_recall_over_98_percent(trip, leg) -> None:
+    """Hot: true dark currents 5 to 12 standard deviations of the measured map above its median."""
+    planted, (_, first, _), (_, second, _) = trip
+    true, found = ((planted, first), (first, second))[leg]
+    for kind in (DefectKind.HOT, DefectKind.DEAD, DefectKind.BLINKING):
+        there, listed = places(true, kind), places(found, kind)
+        assert len(there & listed) > 0.98 * len(there), f"recall of {kind.name}"
+        assert len(there & listed) > 0.98 * len(listed), f"precision of {kind.name}"
+
+
+def test_blinking_pixels_come_back_with_their_levels(trip) -> None:
+    """Each amplitude within 5 standard errors: 100 pixels, false alarms 6e-5; fractions within 5 binomial ones."""
+    planted, (_, first, _), _ = trip
+    wanted = {(r, c): i for i, (r, c) in enumerate(zip(planted.blinking.row, planted.blinking.col, strict=True))}
+    found = first.blinking
+    for i, place in enumerate(zip(found.row, found.col, strict=True)):
+        j = wanted[place]
+        visits = DARKS * found.high_fraction[i]
+        noise = np.hypot(found.noise_dn[i], 12**-0.5)
+        error = noise * np.sqrt(1 / visits + 1 / (DARKS - visits))
+        assert abs(found.amplitude_dn[i] - planted.blinking.amplitude_dn[j]) < 5 * error
+        fraction = planted.blinking.high_fraction[j]
+        assert abs(found.high_fraction[i] - fraction) < 5 * np.sqrt(fraction * (1 - fraction) / DARKS)
+
+
+def test_row_and_column_noise_come_back(trip) -> None:
+    planted, (_, first, noise), (_, second, _) = trip
+    for one in (first, second):
+        assert one.row_noise_dn == pytest.approx(planted.row_noise_dn, abs=4 * 0.0065)  # 4 standard uncertainties
+        assert one.column_noise_dn == pytest.approx(planted.column_noise_dn, abs=4 * 0.0045)
+    assert 0.005 < noise.row_noise_dn.standard_uncertainty < 0.008
+    assert noise.frames == DARKS
+
+
+def test_a_cfa_chip_has_its_channels_apart() -> None:
+    """Chi-square of each map at 1e-5; channels differ by a factor in response, and none is listed for it."""
+    names = {"R": 0.2, "G": 0.5, "B": 0.3}
+    channels = {k: {"wavelength_nm": [550], "quantum_efficiency": [q]} for k, q in names.items()}
+    sensor = SENSOR.with_(cfa="rggb", channels=channels, rows=60, cols=90)
+    calibration, chip, _ = measured(sensor, 3)
+    assert set(calibration.linear_range) == set(names)
+    true = drawn_maps(sensor)
+    for name, (r, c) in {"R": (0, 0), "B": (1, 1)}.items():
+        wanted = true.prnu[r::2, c::2].astype(float)
+        wanted = (1 + wanted) / np.mean(1 + wanted) - 1
+        z = (chip.prnu[r::2, c::2] - wanted) / chip.prnu_uncertainty[r::2, c::2]
+        low, high = stats.chi2.ppf([1e-5, 1 - 1e-5], z.size) / z.size
+        assert low < np.mean(z**2) < high, name
+    assert chip.defects.counts()["response"] == 0
+
+
+SMALL = SENSOR.with_(rows=40, cols=50)
+
+
+def test_without_flats_there_is_no_response_and_no_gain(tmp_path) -> None:
+    _, chip, noise = measured(SMALL, 4, long_darks=(20.0,), levels=0)
+    assert chip.prnu is None
+    assert chip.system_gain_dn_per_e is None
+    assert noise.tail.excess_kurtosis.value is not None
+    # The description stands in for what the chip lacks; means within 5 standard errors.
+    again = SMALL.with_(maps=chip.save(tmp_path / "a.maps.h5"))
+    flat = digital_numbers(again, np.full((40, 50), 8000, np.float32), 1.0, seed=1)
+    expected = 64 + 8000 * SMALL.system_gain_dn_per_e + np.mean(chip.offset_dn + 1.0 * chip.dark_rate_dn_per_s)
+    assert flat.mean() == pytest.approx(expected, abs=5 * flat.std() / np.sqrt(flat.size))
+
+
+def test_with_darks_of_one_exposure_there_is_no_dark_rate(tmp_path) -> None:
+    _, chip, _ = measured(SMALL, 4, long_darks=())
+    assert chip.dark_rate_dn_per_s is None
+    assert chip.prnu.std() == pytest.approx(0.0115, rel=0.15)  # 1.13 % and the measurement's 0.4 %
+    again = SMALL.with_(maps=chip.save(tmp_path / "a.maps.h5"))
+    dark = digital_numbers(again, np.zeros((40, 50), np.float32), 20.0, seed=1)
+    expected = 64 + chip.offset_dn.mean() + 20 * SMALL.electrons(3.0) * SMALL.system_gain_dn_per_e
+    assert dark.mean() == pytest.approx(expected, abs=5 * dark.std() / np.sqrt(dark.size))
+
+
+def test_clipped_darks_have_no_maps() -> None:
+    """Black 2 standard deviations above 0: of the chip something can be said, of a pixel below it nothing."""
+    calibration = calibrate(shoot(SMALL, 5), SMALL)
+    with pytest.raises(CalibrationError, match=r"dark frames at 0\.01 s: more than 0\.1 % of the numbers are 0"):
+        measure_chip(shoot(SMALL.with_(black_level_dn=6), 5), calibration)

@@ -1,0 +1,51 @@
+"""Which pixels are far off their channel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from photosite.calibration.defects import channel_values, deviations, listed, together
+from photosite.sensor.measured_chip import DefectKind
+
+TILE = np.array([[0, 1], [1, 2]])
+
+
+def test_channels_are_judged_apart() -> None:
+    """Channels of other levels and spreads: a robust deviation of 4000 pixels is good to 4 %."""
+    rng = np.random.default_rng(1)
+    level, spread = np.array([0.0, 50.0, -20.0]), np.array([1.0, 4.0, 0.2])
+    tile = np.tile(TILE, (60, 70))
+    values = (level[tile] + spread[tile] * rng.normal(0, 1, tile.shape)).astype(np.float32)
+    values[10, 10], values[11, 10] = level[0] + 20 * spread[0], level[1] - 20 * spread[1]
+    found = deviations(values, np.zeros_like(values), TILE)
+    for k in range(3):
+        assert np.std(np.clip(channel_values(found, TILE, k), -5, 5)) == pytest.approx(1.0, abs=0.06)
+    assert found[10, 10] == pytest.approx(20, rel=0.1)
+    assert found[11, 10] == pytest.approx(-20, rel=0.1)
+
+
+def test_a_pixel_that_was_measured_badly_is_not_listed_for_it() -> None:
+    values = np.random.default_rng(2).normal(0, 1, (100, 100)).astype(np.float32)
+    uncertainty = np.full_like(values, 0.3)
+    values[5, 5], uncertainty[5, 5] = 8.0, 4.0
+    assert deviations(values, uncertainty, np.zeros((1, 1), np.int64))[5, 5] == pytest.approx(8 / 4.1, rel=0.05)
+    uncertainty[5, 5] = 0.3
+    assert deviations(values, uncertainty, np.zeros((1, 1), np.int64))[5, 5] > 7
+
+
+def test_lists_are_joined_in_reading_order() -> None:
+    chosen = np.zeros((4, 4), bool)
+    chosen[2, 1] = chosen[0, 3] = True
+    values = np.arange(16.0).reshape(4, 4)
+    joined = together(
+        [listed(DefectKind.OFFSET, chosen, values, values), listed(DefectKind.HOT, chosen, 2 * values, values)]
+    )
+    assert list(zip(joined.row.tolist(), joined.col.tolist(), joined.kind.tolist(), strict=True)) == [
+        (0, 3, DefectKind.HOT),
+        (0, 3, DefectKind.OFFSET),
+        (2, 1, DefectKind.HOT),
+        (2, 1, DefectKind.OFFSET),
+    ]
+    assert joined.value.tolist() == [6.0, 3.0, 18.0, 9.0]
+    assert len(together([])) == 0

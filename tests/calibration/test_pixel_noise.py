@@ -1,0 +1,71 @@
+"""What a channel's pixels tell of one pixel's variance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from photosite.calibration.pixel_noise import NoiseSpread, moderated, noise_spread
+
+FREEDOM = 15
+
+
+def draw(true_variance, seed):
+    rng = np.random.default_rng(seed)
+    true = np.asarray(true_variance, float)
+    return (true * rng.chisquare(FREEDOM, true.shape) / FREEDOM).astype(np.float32)
+
+
+def inverse_chi_square(scale, freedom, count, seed):
+    return scale * freedom / np.random.default_rng([seed, 9]).chisquare(freedom, count)
+
+
+@pytest.mark.parametrize("freedom", [4.0, 20.0, 80.0])
+def test_the_spread_of_true_variances_is_found(freedom) -> None:
+    """The quartiles of 200 000 pixels give the freedom to 5 %, 15 % where it is large; the scale to 1 %."""
+    found = noise_spread(draw(inverse_chi_square(9.0, freedom, 200_000, 1), 2), FREEDOM)
+    assert found.variance == pytest.approx(9.0, rel=0.01)
+    assert found.freedom == pytest.approx(freedom, rel=0.05 if freedom < 50 else 0.15)
+
+
+def test_even_pixels_have_one_variance_whatever_the_outliers() -> None:
+    true = np.full(100_000, 9.0)
+    true[:1000] = 400.0
+    found = noise_spread(draw(true, 3), FREEDOM)
+    assert found.variance == pytest.approx(9.0, rel=0.02)
+    assert found.freedom > 200
+
+
+def test_uncertainties_from_moderated_variances_cover() -> None:
+    """Squared deviations over them average to 1 over pixels of unequal noise; own variances would give 15/13."""
+    true = inverse_chi_square(4.0, 20.0, 200_000, 4)
+    variance = draw(true, 5)
+    best = moderated(variance, FREEDOM, noise_spread(variance, FREEDOM))
+    z2 = np.random.default_rng(6).standard_normal(true.shape) ** 2 * true / best
+    assert np.mean(z2) == pytest.approx(1.0, abs=5 * z2.std() / math.sqrt(z2.size))
+    own = np.mean(np.random.default_rng(6).standard_normal(true.shape) ** 2 * true / variance)
+    assert own == pytest.approx(FREEDOM / (FREEDOM - 2), rel=0.03)
+
+
+@pytest.mark.parametrize("freedom", [8.0, math.inf])
+def test_excess_probabilities_are_uniform_over_ordinary_pixels(freedom) -> None:
+    """Kolmogorov-Smirnov over 20 000 pixels at 1e-4."""
+    true = np.full(20_000, 5.0) if math.isinf(freedom) else inverse_chi_square(5.0, freedom, 20_000, 7)
+    p = NoiseSpread(5.0, freedom).excess_probability(draw(true, 8), FREEDOM)
+    assert stats.kstest(p, "uniform").pvalue > 1e-4
+
+
+def test_a_pixel_unlike_the_others_keeps_its_variance() -> None:
+    values = np.array([3.0, 1000.0], np.float32)
+    for freedom in (30.0, math.inf):
+        assert moderated(values, FREEDOM, NoiseSpread(4.0, freedom))[1] == 1000.0
+    assert moderated(values, FREEDOM, NoiseSpread(4.0, math.inf))[0] == 4.0
+
+
+def test_noise_below_rounding_has_the_mean_of_all() -> None:
+    values = np.zeros(1000, np.float32)
+    values[::10] = 0.1
+    assert noise_spread(values, FREEDOM) == NoiseSpread(pytest.approx(0.01), math.inf)
