@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +39,13 @@ _AT_THE_PIXEL = ("read_noise_mv", "dsnu_mv", "dark_voltage_mv_per_s", "conversio
 """What is counted in volts at the pixel: inverse to the analog gain."""
 
 
-def calibrate_series(frames: FrameSet, sensor: Sensor | None = None, progress: Progress | None = None) -> GainSeries:
+def calibrate_series(
+    frames: FrameSet,
+    sensor: Sensor | None = None,
+    progress: Progress | None = None,
+    *,
+    partial: str | PathLike[str] | None = None,
+) -> GainSeries:
     """Calibrate every gain setting of a measurement, and find what they share.
 
     Per setting: all that `calibrate` gives. Of all together: whether and where the pixel's conversion gain switches
@@ -53,6 +61,8 @@ def calibrate_series(frames: FrameSet, sensor: Sensor | None = None, progress: P
         those of the others as what the settings say.
     progress
         As for `calibrate`, over all settings.
+    partial
+        As for `calibrate`: a folder, which gets one for each setting.
 
     Raises
     ------
@@ -79,7 +89,8 @@ def calibrate_series(frames: FrameSet, sensor: Sensor | None = None, progress: P
     steps = []
     for setting in stated:
         part = frames.at_gain(setting)
-        steps.append(GainStep(setting, calibrate(part, base, progress=count.of(part.frame_count))))
+        sums = None if partial is None else Path(partial) / f"gain{setting:g}"
+        steps.append(GainStep(setting, calibrate(part, base, progress=count.of(part.frame_count), partial=sums)))
     return analyse_series(steps, base, frames.source)
 
 
@@ -253,7 +264,7 @@ def _at_analog_gain(step: GainStep, lowest: float, law: LawName, base: Sensor | 
     gain = base.readout.analog_gain
     source = f"at gain setting {step.setting:g}: {factor:.4g} times that of the lowest, as the settings say"
     analog = Measured(gain.value * factor, gain.standard_uncertainty * factor, source, assumed=True)
-    own_base = base.with_(analog_gain=analog, name=f"{base.name} at gain setting {step.setting:g}")
+    own_base = base.with_(analog_gain=analog)
     scaled = {
         channel: replace(parameters, **_scaled(parameters, 1.0 / factor))
         for channel, parameters in step.calibration.channels.items()

@@ -16,12 +16,17 @@ if TYPE_CHECKING:
 
 
 def calibrate_gain_series(
-    frames: FrameSet, sensor: Sensor | None, output: Path | None, report: Path | None, as_json: bool
+    frames: FrameSet,
+    sensor: Sensor | None,
+    output: Path | None,
+    report: Path | None,
+    partial: Path | None,
+    as_json: bool,
 ) -> None:
     """Calibrate each setting and what they share; sensor files get the setting in their name."""
     from photosite.calibration.gain_series import calibrate_series
 
-    series = calibrate_series(frames, sensor, progress=Stages())
+    series = calibrate_series(frames, sensor, progress=Stages(), partial=partial)
     written: list[Path] = []
     if output is not None:
         for step in series.steps:

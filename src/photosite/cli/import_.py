@@ -1,0 +1,100 @@
+"""`photosite import`: noise profiles of other programs, as numbers and as sensor files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import print_json, say, table
+
+if TYPE_CHECKING:
+    from photosite.sensor.noise_profile import NoiseProfile
+
+
+@click.command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--model", help="The camera, of a file that holds several.")
+@click.option("--mono", is_flag=True, help="darktable: the camera has no colour filters.")
+@click.option("--gain-setting", type=float, metavar="ISO", help="The setting, of a file that holds several.")
+@click.option("--sensor", "sensor_name", metavar="NAME|FILE", help="What the profile does not tell, for -o.")
+@click.option(
+    "-o", "--output", type=options.output_file(".yaml", ".yml"), metavar="FILE", help="Sensor file to write (YAML)."
+)
+@options.json_option
+def command(
+    file: Path,
+    model: str | None,
+    mono: bool,
+    gain_setting: float | None,
+    sensor_name: str | None,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Read a noise profile: darktable's JSON, a libcamera tuning file (JSON), or a DNG file's NoiseProfile.
+
+    With -o and --sensor, writes a sensor file: gain and dark noise are the profile's, all of the noise in the dark as
+    read noise and none as DSNU; geometry, volts, spectra, well, PRNU and dark current stay those of --sensor. Frames
+    can be simulated from it.
+
+    Example: photosite import noiseprofiles.json --model "X-1" --gain-setting 400 --sensor nikon-d200 -o x1.sensor.yaml
+    """
+    from photosite.frames.noise_profiles import at_setting
+    from photosite.sensor.file import load_sensor
+
+    if (output is None) != (sensor_name is None):
+        raise click.UsageError("-o and --sensor go together: a profile is a part of a sensor, and --sensor is the rest")
+    profiles = _read(file, model, mono)
+    if output is not None and sensor_name is not None:
+        at_setting(profiles, gain_setting).sensor(load_sensor(sensor_name)).save(output)
+    elif gain_setting is not None:
+        profiles = (at_setting(profiles, gain_setting),)
+    for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
+        say(note)
+    if as_json:
+        content: dict[str, Any] = {"profiles": [_as_dict(profile) for profile in profiles]}
+        print_json(content | ({} if output is None else {"sensor": str(output)}))
+        return
+    rows = [("setting", "channel", "slope", "offset", "K, DN/e⁻", "dark noise, DN", "camera")]
+    click.echo(table([*rows, *(row for profile in profiles for row in _rows(profile))], "><>>>><"))
+    if output is not None:
+        click.echo(f"wrote {output}")
+
+
+def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]:
+    from photosite.frames.dng_profile import read_dng_profile
+    from photosite.frames.noise_profiles import looks_like_libcamera, read_darktable, read_libcamera
+
+    if file.suffix.lower() == ".dng":
+        return (read_dng_profile(file),)
+    if looks_like_libcamera(file):
+        return (read_libcamera(file),)
+    return read_darktable(file, model, mono=mono)
+
+
+def _rows(profile: NoiseProfile) -> list[tuple[str, ...]]:
+    setting = "" if profile.gain_setting is None else f"{profile.gain_setting:g}"
+    rows: list[tuple[str, ...]] = []
+    for name, slope, offset in zip(profile.channels, profile.slope, profile.offset, strict=True):
+        gain = dark = ""
+        if profile.white_level_dn is not None:
+            gain = f"{slope.value * profile.span_dn:.4g}"
+            dark = f"{offset.value**0.5 * profile.span_dn:.4g}" if offset.value >= 0 else "offset < 0"
+        rows.append((setting, name, f"{slope.value:.5g}", f"{offset.value:.5g}", gain, dark, profile.camera))
+    return rows
+
+
+def _as_dict(profile: NoiseProfile) -> dict[str, Any]:
+    return {
+        "gain_setting": profile.gain_setting,
+        "camera": profile.camera,
+        "black_level_dn": profile.black_level_dn,
+        "white_level_dn": profile.white_level_dn,
+        "channels": {
+            name: {"slope": slope.value, "offset": offset.value}
+            for name, slope, offset in zip(profile.channels, profile.slope, profile.offset, strict=True)
+        },
+        "notes": list(profile.notes),
+    }

@@ -1,0 +1,89 @@
+"""`photosite export` and `photosite import`: sensors and single measurements, and wrong calls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.cli.main import run
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shot") / "stack"
+    assert run(["shoot", "--rows", "44", "--cols", "66", "--photons", "--seed", "5", "-o", str(folder)]) == 0
+    return folder
+
+
+def test_a_sensors_profile_in_a_dng(photosite: Any, tmp_path: Path) -> None:
+    shot, output, sensor = tmp_path / "shot.dng", tmp_path / "with.dng", tmp_path / "again.sensor.yaml"
+    assert photosite("simulate", "--rows", 132, "--cols", 196, "-o", shot).status == 0
+    done = photosite("export", "nikon-d200", "dng", "--into", shot, "-o", output)
+    assert done.status == 0
+    assert "lost: uncertainties" in done.err
+    d200 = ps.load_sensor("nikon-d200")
+    profile = ps.read_raw(output).noise_profile
+    assert profile is not None
+    np.testing.assert_allclose(profile[:, 0], d200.system_gain_dn_per_e / 4095, rtol=1e-12)
+    assert photosite("import", output, "--sensor", "nikon-d200", "-o", sensor).status == 0
+    again = ps.load_sensor(sensor)
+    assert again.system_gain_dn_per_e == pytest.approx(d200.system_gain_dn_per_e, rel=1e-9)
+    assert again.noise.read_noise_mv.value == pytest.approx(np.hypot(0.52, 0.55), rel=1e-9)
+    assert again.noise.dsnu_mv.value == 0
+    assert photosite("simulate", "--sensor", sensor, "--rows", 132, "--cols", 196, "-o", shot).status == 0
+
+
+def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    folder, results = tmp_path / "emva", tmp_path / "results.xml"
+    done = photosite("export", stack, "emva", "-o", folder)
+    assert done.status == 0
+    assert "lost: colour filter array" in done.err
+    before = photosite("calibrate", stack, "--json").json["parameters"]
+    after = photosite("calibrate", folder, "--cfa", "rggb", "--json").json["parameters"]
+    for name in ("system_gain_dn_per_e", "read_noise_e", "quantum_efficiency_percent", "prnu1288_percent"):
+        assert after[name]["value"] == before[name]["value"], name
+    done = photosite("export", stack, "emva-xml", "-o", results, "--json")
+    assert done.status == 0
+    assert "covariance" in done.json["loss"]
+    root = ElementTree.parse(results).getroot()
+    assert float(root.findtext("sensitivity/K/value")) == before["system_gain_dn_per_e"]["value"]
+    uncertainty = root.findtext("sensitivity/K/standard_uncertainty")
+    assert float(uncertainty) == before["system_gain_dn_per_e"]["standard_uncertainty"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["nikon-d200", "darktable", "-o", "x.json"], "does not say its gain setting"),
+        (["nikon-d200", "dng", "-o", "x.dng"], "--into names the DNG file"),
+        (["nikon-d200", "darktable", "--into", "y.dng", "-o", "x.json"], "--into names the DNG file"),
+        (["nikon-d200", "emva-xml", "-o", "x.xml"], "is a sensor"),
+        (["nikon-d200", "darktable", "-o", "x.yaml"], "must end in .json"),
+        (["nikon-d200", "tiff", "-o", "x.tif"], "'tiff' is not one of"),
+        (["nowhere", "libcamera", "-o", "x.json"], "no such file or folder"),
+    ],
+)
+def test_wrong_exports(
+    photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = photosite("export", *arguments)
+    assert done.status == 2
+    assert why in done.err
+    assert len(done.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_imports(photosite: Any, tmp_path: Path) -> None:
+    done = photosite("import", tmp_path / "none.json")
+    assert (done.status, done.out) == (2, "")
+    assert "there is no such file" in done.err
+    profile = tmp_path / "p.json"
+    profile.write_text("{}")
+    assert "neither a darktable noise profile" in photosite("import", profile).err
+    assert "go together" in photosite("import", profile, "-o", tmp_path / "s.yaml").err
