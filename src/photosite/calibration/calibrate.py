@@ -182,12 +182,20 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
         bits=frames.bits,
         cfa=frames.cfa,
         base=base,
+        gain_setting=frames.gain_settings[0],
+        temperature_c=_temperatures(frames),
     )
 
 
 def _photons_known(frames: FrameSet) -> bool:
     lights = frames.of_kind("light")
     return bool(lights) and all(group.photons_per_pixel is not None for group in lights)
+
+
+def _temperatures(frames: FrameSet) -> tuple[float, float] | None:
+    """The lowest and the highest temperature of the sensor, where files or protocol say any."""
+    known = [group.temperature_c for group in frames.groups if group.temperature_c is not None]
+    return (min(known), max(known)) if known else None
 
 
 def _mv_per_dn(base: Sensor | None) -> Value:
