@@ -34,8 +34,8 @@ class GeneralModel:
     noise_dn
         (points,) temporal standard deviation.
     snr, snr_uncertainty
-        (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the level has no noise or the curve
-        does not rise.
+        (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the level has no noise, is notably
+        clipped, or the curve does not rise.
     threshold
         Amount of light at which that ratio is 1.
     saturation
@@ -86,7 +86,7 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     of_dark = np.sum(weights**2 * dark.variance, axis=1)
     variance_u = np.sqrt(np.maximum(np.diag(levels.shot_covariance)[place] - of_dark, 0.0))  # rounding alone
 
-    good = (variance > 0.0) & (slope > 0.0)
+    good = (variance > 0.0) & (slope > 0.0) & ~levels.clipped[place]
     noise = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     snr = np.where(good, x * slope / noise, np.nan)
     relative = np.hypot(slope_u / np.where(good, slope, np.nan), 0.5 * variance_u / np.where(good, variance, np.nan))
@@ -166,7 +166,7 @@ def _threshold(
 
 
 def _saturation(channel: Channel, x: NDArray[np.float64], snr: NDArray[np.float64]) -> Value:
-    if channel.saturation.signal is None:
+    if channel.saturation.signal is None or not np.isfinite(snr).any():
         return Missing("no flat reached saturation; take flats up to where they do not get brighter")
     peak = int(np.nanargmax(snr))
     low, high = x[max(peak - 1, 0)], x[min(peak + 1, len(x) - 1)]

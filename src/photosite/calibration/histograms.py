@@ -48,18 +48,22 @@ class Histogram:
 
     def normal(self) -> NDArray[np.float64]:
         """(bins,) how many pixels a normal distribution of the same standard deviation has in each bin."""
+        if self.sigma == 0.0:
+            return self.count.astype(np.float64)
         edges = np.append(self.lower, self.lower[-1] + self.width)
         return np.asarray(self.count.sum() * np.diff(_normal_below(edges, self.sigma)))
 
     def normal_beyond(self) -> NDArray[np.float64]:
         """(bins,) `percent_beyond` of a normal distribution of the same standard deviation."""
+        if self.sigma == 0.0:
+            return self.percent_beyond
         return np.asarray(200.0 * _normal_below(-self.deviation, self.sigma))
 
 
 def _normal_below(x: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
     from scipy.special import ndtr
 
-    return np.asarray(ndtr(x / sigma)) if sigma > 0.0 else np.where(x >= 0.0, 1.0, 0.0)
+    return np.asarray(ndtr(x / sigma))
 
 
 def histogram(deviations: NDArray[np.float64], grain: float | None = None) -> Histogram:
@@ -90,11 +94,11 @@ def histogram(deviations: NDArray[np.float64], grain: float | None = None) -> Hi
     step, steps = _bins(float(size.max()) - least, grain)
     beyond = np.cumsum(_counted(size - least, step, steps, grain)[::-1])[::-1]
     return Histogram(
-        lower=lowest + width * np.arange(bins),
+        lower=lowest + width * np.arange(bins, dtype=np.float64),
         width=width,
         count=count,
         sigma=float(deviations.std()),
-        deviation=least + step * np.arange(steps),
+        deviation=least + step * np.arange(steps, dtype=np.float64),
         percent_beyond=100.0 * beyond / deviations.size,
     )
 

@@ -1,0 +1,80 @@
+"""Spectrograms of mean frames: regular patterns are peaks, uneven light is the rise at the left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatter
+
+from photosite.calibration.spatial_analysis import FramePattern
+from photosite.calibration.spectrogram import Spectrogram
+from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
+
+
+@styled()
+def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
+    """Horizontal and vertical spectrogram, as square roots: the standard deviation that each frequency stands for.
+
+    Parameters
+    ----------
+    patterns
+        By channel; all dark or all light.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Pale: the mean frame as it is; full: after the standard's high-pass. Dashed: the white part, the median of the
+        high-passed spectrum; dotted: what temporal noise leaves in the mean frame, where there is one channel only.
+        Ordinates are logarithmic.
+
+    Notes
+    -----
+    EMVA 1288 R4.0, 8.6.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 5.6))
+    upper, lower = figure.subplots(2, 1, sharey=True)
+    for position, (channel, pattern) in enumerate(patterns.items()):
+        color = channel_style(channel, position)[0]
+        alone = len(patterns) == 1
+        _draw(upper, pattern.horizontal, pattern.horizontal_filtered, color, alone=alone)
+        _draw(lower, pattern.vertical, pattern.vertical_filtered, color, alone=alone)
+    some = next(iter(patterns.values()))
+    for axes, title in ((upper, "horizontal, along rows"), (lower, "vertical, along columns")):
+        axes.set(yscale="log", xlim=(0.0, 0.5), ylabel=f"standard deviation ({some.unit})")
+        axes.set_title(title, loc="left")
+        axes.yaxis.set_major_formatter(LogFormatter())
+        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+    lower.set_xlabel(
+        "frequency (cycles per pixel" + (")" if some.frames and len(patterns) == 1 else " of the channel)")
+    )
+    handles = _legend(patterns)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def _draw(axes: Axes, plain: Spectrogram, filtered: Spectrogram, color: str, *, alone: bool) -> None:
+    for found, opacity in ((plain, 0.35), (filtered, 1.0)):
+        # At frequency 0 stands what the lines' means differ by; it would stretch the axis.
+        axes.plot(found.frequency[1:], np.sqrt(found.power[1:]), color=color, alpha=opacity, linewidth=0.9)
+    axes.axhline(np.sqrt(filtered.white), color=BLACK if alone else color, linewidth=1.1, linestyle="--")
+    if alone and filtered.temporal > 0.0:
+        axes.axhline(np.sqrt(filtered.temporal), color=GRAY, linewidth=1.1, linestyle=":")
+
+
+def _legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
+    alone = len(patterns) == 1
+    looks = [(channel, channel_style(channel, position)[0]) for position, channel in enumerate(patterns)]
+    color = looks[0][1] if alone else GRAY
+    handles = [] if alone else [Line2D([], [], color=look, label=channel) for channel, look in looks]
+    handles += [
+        Line2D([], [], color=color, alpha=0.35, label="mean frame"),
+        Line2D([], [], color=color, label="high-passed"),
+        Line2D([], [], color=BLACK if alone else GRAY, linestyle="--", label="white part"),
+    ]
+    if alone:
+        handles.append(Line2D([], [], color=GRAY, linestyle=":", label="temporal noise left"))
+    return handles
