@@ -40,16 +40,17 @@ def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
         If it is truncated, holds no images of 8 or 16 bits, a keyword says what cannot be, or astropy is not there.
     """
     found: list[tuple[int, tuple[int, ...], FrameHeader]] = []
-    with warnings.catch_warnings(), _opened(path) as units:
-        warnings.simplefilter("ignore")  # of astropy's: what is wrong is an error below, the rest does not matter here
-        size = path.stat().st_size
-        for number, unit in enumerate(units):
-            place = unit.fileinfo()
-            if (end := place["datLoc"] + place["datSpan"]) > size:
-                raise FileError(path, f"is truncated: unit {number} ends at byte {end}, the file at {size}")
-            if unit.is_image and unit.header.get("NAXIS"):
-                shape = _checked_shape(path, number, unit.header)
-                found.append((number, shape, _header(path, shape, _Keywords(path, unit.header, units[0].header))))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # astropy's: what matters of them is an error below
+        with _opened(path) as units:
+            size = path.stat().st_size
+            for number, unit in enumerate(units):
+                place = unit.fileinfo()
+                if (end := place["datLoc"] + place["datSpan"]) > size:
+                    raise FileError(path, f"is truncated: unit {number} ends at byte {end}, the file at {size}")
+                if unit.is_image and unit.header.get("NAXIS"):
+                    shape = _checked_shape(path, number, unit.header)
+                    found.append((number, shape, _header(path, shape, _Keywords(path, unit.header, units[0].header))))
     if not found:
         raise FileError(path, "is FITS without an image")
     alone = len(found) == 1 and len(found[0][1]) == 2

@@ -1,0 +1,123 @@
+"""FITS as cameras' programs write it; without astropy one line says what to install."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from photosite.cfa import cfa_from
+from photosite.errors import FileError
+from photosite.frames.open import open_frames
+from photosite.frames.read import read_headers, read_raw
+
+fits = pytest.importorskip("astropy.io.fits")
+
+
+def dn(seed=0, shape=(6, 8)):
+    values = np.random.default_rng(seed).integers(0, 65536, shape).astype(np.uint16)
+    values.flat[:2] = 0, 65535
+    return values
+
+
+def put(path, data, unit=None, **keywords):
+    unit = fits.PrimaryHDU(data) if unit is None else unit
+    for name, value in keywords.items():
+        unit.header[name.replace("_", "-")] = value
+    fits.HDUList([unit] if isinstance(unit, fits.PrimaryHDU) else [fits.PrimaryHDU(), unit]).writeto(path)
+
+
+def test_a_frame_and_its_keywords(tmp_path):
+    data = dn()
+    put(
+        tmp_path / "a.fits", data, EXPTIME=0.25, GAIN=120, CCD_TEMP=-10.1, IMAGETYP="Dark Frame", BAYERPAT="RGGB",
+        XBAYROFF=1, INSTRUME="ZWO ASI",
+    )  # fmt: skip
+    assert fits.getheader(tmp_path / "a.fits")["BZERO"] == 32768
+    frame = read_raw(tmp_path / "a.fits")
+    assert np.array_equal(frame.dn, data)
+    assert (frame.bits, frame.cfa, frame.exposure_s) == (16, cfa_from("grbg"), 0.25)
+    (group,) = open_frames(tmp_path).groups
+    assert (group.kind, group.exposure_s, group.gain_setting, group.temperature_c) == ("dark", 0.25, 120.0, -10.1)
+
+
+@pytest.mark.parametrize(
+    ("image_type", "kind"), [("BIAS", "dark"), ("Flat Field", "light"), ("Light Frame", "light"), ("dark", "dark")]
+)
+def test_kinds(tmp_path, image_type, kind):
+    put(tmp_path / "a.fit", dn(), EXPOSURE=1.0, IMAGETYP=image_type)
+    assert [g.kind for g in open_frames(tmp_path).groups] == [kind]
+
+
+def test_a_kind_that_is_two_is_left_to_the_name(tmp_path):
+    put(tmp_path / "dark_1.fits", dn(), EXPTIME=1.0, IMAGETYP="Dark Flat")
+    assert [g.kind for g in open_frames(tmp_path).groups] == ["dark"]
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_units_and_cubes_are_bursts(tmp_path, compressed):
+    cube, single = dn(1, (5, 6, 8)), dn(2)
+    kind = fits.CompImageHDU if compressed else fits.ImageHDU
+    units = [fits.PrimaryHDU(), kind(cube), kind(single)]
+    units[0].header.update({"EXPTIME": 0.5, "IMAGETYP": "DARK"})
+    units[2].header["EXPTIME"] = 2.0
+    fits.HDUList(units).writeto(tmp_path / "burst.fits")
+    frames = open_frames(tmp_path / "burst.fits")
+    assert [(g.kind, g.exposure_s, len(g)) for g in frames.groups] == [("dark", 0.5, 5), ("dark", 2.0, 1)]
+    assert np.array_equal(np.stack(list(frames.groups[0])), cube)
+    assert np.array_equal(next(iter(frames.groups[1])), single)
+    assert frames.groups[0].frames[3].name.endswith("burst.fits[1, 3]")
+
+
+def test_eight_and_signed_bits(tmp_path):
+    put(tmp_path / "a.fits", dn().astype(np.uint8))
+    assert np.array_equal(read_raw(tmp_path / "a.fits").dn, dn().astype(np.uint8))
+    assert read_headers(tmp_path / "a.fits")[0].stored_bits == 8
+    put(tmp_path / "b.fits", (dn() >> 1).astype(np.int16))
+    assert np.array_equal(read_raw(tmp_path / "b.fits").dn, dn() >> 1)
+    put(tmp_path / "c.fits", np.array([[5, -3]], np.int16))
+    with pytest.raises(FileError, match="holds -3; the numbers of a raw frame are 0 or above"):
+        read_raw(tmp_path / "c.fits")
+
+
+@pytest.mark.parametrize(
+    ("data", "keywords", "why"),
+    [
+        (np.zeros((4, 5), np.float32), {}, "unit 0 has BITPIX -32"),
+        (np.zeros((4, 5), np.int32), {}, "unit 0 has BITPIX 32"),
+        (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "BSCALE 2.0"),
+        (np.zeros((4, 5), np.int8), {}, "BZERO -128"),
+        (np.zeros((3, 4, 5), np.uint16), {}, "3 planes, as a picture in colour has"),
+        (np.zeros(5, np.uint16), {}, "a frame is (rows, cols), a stack (frames, rows, cols)"),
+        (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "says EXPTIME = 'long', which is no number"),
+        (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0}, "above 0 s, not 0"),
+        (np.zeros((4, 5), np.uint16), {"BAYERPAT": "CYGM"}, "BAYERPAT = 'CYGM': unknown colour filter array"),
+        (None, {}, "is FITS without an image"),
+    ],
+)
+def test_what_is_refused(tmp_path, data, keywords, why):
+    put(tmp_path / "dark.fits", data, **({"EXPTIME": 1.0} | keywords))
+    with pytest.raises(FileError, match=re.escape(why)) as caught:
+        open_frames(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_truncated_anywhere(tmp_path):
+    put(tmp_path / "a.fits", dn(0, (40, 50)), EXPTIME=1.0)
+    whole = (tmp_path / "a.fits").read_bytes()
+    for length in [*range(1, len(whole), 97), len(whole) - 1]:
+        (tmp_path / "b.fits").write_bytes(whole[:length])
+        with pytest.raises(FileError) as caught:
+            read_raw(tmp_path / "b.fits")
+        assert "\n" not in str(caught.value)
+
+
+def test_without_astropy(tmp_path, monkeypatch):
+    put(tmp_path / "a.fits", dn())
+    monkeypatch.setitem(sys.modules, "astropy.io", None)
+    with pytest.raises(
+        FileError, match=r"is FITS, read with astropy, which is missing: pip install 'photosite\[fits\]'"
+    ):
+        read_raw(tmp_path / "a.fits")

@@ -1,0 +1,99 @@
+"""What names say, and what they do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from photosite.errors import FileError
+from photosite.frames.names import NamedSettings, kinds_named, settings_in_names
+
+
+def said(*names):
+    return settings_in_names(Path("frame.tif"), names)
+
+
+@pytest.mark.parametrize(
+    ("name", "exposure_s"),
+    [
+        ("dark_1-8000s_001", 1 / 8000),
+        ("dark 1-60s", 1 / 60),
+        ("flat_10ms_iso400", 0.01),
+        ("FLAT_0.04s_1", 0.04),
+        ("flat-250us-3", 250e-6),
+        ("flat_40000ns", 40e-6),
+        ("flat_3µs", 3e-6),
+        ("flat_exp5ms", 0.005),
+        ("t=2.5s", 2.5),
+        ("exposure_30sec", 30.0),
+        ("flat_1e-3s", 1e-3),
+        ("flat_10_ms", 0.01),
+        ("10ms", 0.01),
+        ("flat_10ms_again_10ms", 0.01),
+        ("b_000_snap_001", None),
+        ("flats10", None),
+        ("IMG_2024s3", None),
+        ("flat_10mss", None),
+        ("lens50mm_flat", None),
+        ("flat_0s", None),
+    ],
+)
+def test_exposures(name, exposure_s):
+    assert said(name).exposure_s == exposure_s
+
+
+@pytest.mark.parametrize("name", ["flat_10ms_20ms", "run-1-30s"])
+def test_exposures_that_are_two(name):
+    """run-1-30s: 1/30 s, or run 1 at 30 s?"""
+    with pytest.raises(FileError, match=f"two exposure times in its name, '{name}'; rename it"):
+        said(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "gain"),
+    [
+        ("flat_10ms_iso400", 400.0),
+        ("ISO_1600_dark", 1600.0),
+        ("iso-100", 100.0),
+        ("gain_2.5_dark", 2.5),
+        ("gain12dB", 12.0),
+        ("again3", None),
+        ("iso", None),
+        ("isolated_400", None),
+    ],
+)
+def test_gains(name, gain):
+    assert said(name).gain_setting == gain
+
+
+@pytest.mark.parametrize(
+    ("name", "celsius"),
+    [("dark_-10C_1", -10.0), ("dark_21.5degC", 21.5), ("temp20c", 20.0), ("dark-10C", None), ("abc", None)],
+)
+def test_temperatures(name, celsius):
+    """A hyphen after a word may be a minus or not: it is read as neither."""
+    assert said(name).temperature_c == celsius
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("b_012_snap_001", {"light"}),
+        ("d_012_snap_001", {"dark"}),
+        ("d_first", set()),
+        ("wd_012", set()),
+        ("DARKS1", {"dark"}),
+        ("Dark Frame", {"dark"}),
+        ("dark flat", {"dark", "light"}),
+        ("d_1_flat", {"light"}),
+    ],
+)
+def test_kinds(name, kinds):
+    assert kinds_named(name) == kinds
+
+
+def test_the_nearest_name_is_heard_first():
+    assert said("10ms", "flat_20ms", "dark_iso100") == NamedSettings("light", 0.01, 100.0, None)
+    with pytest.raises(FileError, match="both dark and light in its name, 'dark_flat'"):
+        said("10ms", "dark_flat")
