@@ -22,6 +22,11 @@ REFERENCE_IMPLEMENTATION = {
 }
 
 
+BETWEEN_EXPOSURES = {"saturation_capacity_photons", "saturation_capacity_e"}
+"""The reference takes the exposure with the largest variance, photosite the middle of where the largest variance can
+lie: half of a 2 % step higher, less what the clipping's gentle beginning takes."""
+
+
 @pytest.fixture(scope="module")
 def calibration(reference):
     return calibrate(open_frames(reference / "emva1288_ccd12" / "EMVA1288_Data.txt"))
@@ -30,7 +35,8 @@ def calibration(reference):
 @pytest.mark.parametrize("name", REFERENCE_IMPLEMENTATION)
 def test_agrees_with_the_reference_implementation(calibration, name):
     estimate = getattr(calibration, name)
-    assert estimate.value == pytest.approx(REFERENCE_IMPLEMENTATION[name], rel=5e-3)
+    tolerance = 1e-2 if name in BETWEEN_EXPOSURES else 5e-3
+    assert estimate.value == pytest.approx(REFERENCE_IMPLEMENTATION[name], rel=tolerance)
     low, high = estimate.interval_95
     assert low < REFERENCE_IMPLEMENTATION[name] < high
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from photosite.calibration.photon_transfer import (
     LightLevels,
@@ -25,7 +26,12 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         signal_covariance=np.diag(np.broadcast_to(signal_sigma, m) ** 2.0),
         shot=shot,
         shot_covariance=np.diag(np.broadcast_to(shot_sigma, m) ** 2.0),
+        noise=shot + 1.0,
+        noise_uncertainty=np.zeros(m),  # `shot_covariance` holds it all
+        dark_noise=(),
+        dark_share=np.zeros((m, 0)),
         mean=signal + 64,
+        spread=np.full(m, 4.0),
         mean_variance=np.full(m, 1e-4),
         clipped=white > 1e-3,
         white_share=white,
@@ -41,10 +47,25 @@ def test_saturation_is_where_the_variance_is_largest():
     found = find_saturation(curve, white=564)
     assert found.index == 3
     assert found.signal == 400.0
-    assert found.x.value == 400.0
-    assert found.x.standard_uncertainty == pytest.approx(200 / np.sqrt(12))  # between 300 and 500
     assert found.level_dn.value == 564.0
     assert linear_levels(curve, found).tolist() == [True, True, False, False, False, False]
+
+
+def test_the_largest_variance_is_where_the_levels_leave_it():
+    """Against all sensors, by the light at which half of their pixels clip, whose largest variance is met at 400."""
+    curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_share=[0, 0, 0, 0, 0.3, 1])
+    fine = np.linspace(200.0, 600.0, 4001)
+    measured = np.searchsorted(fine, [100.0 * k for k in range(3, 7)])
+    possible = []
+    for clip in np.linspace(300.0, 600.0, 3001):
+        variance = fine * norm.sf((fine - clip) / (clip * 4.0 / 300.0))
+        if np.argmax(variance[measured]) == 1:
+            possible.append(fine[np.argmax(variance)])
+    x = find_saturation(curve, white=564).x
+    low, high = min(possible), max(possible)
+    assert x.value == pytest.approx((low + high) / 2, abs=1.5)
+    assert x.standard_uncertainty == pytest.approx((high - low) / np.sqrt(12), rel=0.04)
+    assert x.interval_95 == pytest.approx((low + 0.025 * (high - low), high - 0.025 * (high - low)), abs=3.0)
 
 
 def test_a_well_that_fills_below_the_converter_s_top_is_saturation_too():

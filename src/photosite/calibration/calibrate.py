@@ -9,7 +9,6 @@ from os import PathLike
 from photosite.calibration import judge, plausible
 from photosite.calibration.curves import channel_curves, linear_range
 from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
-from photosite.calibration.fit import Fit
 from photosite.calibration.general_model import general_model
 from photosite.calibration.measure import (
     NO_LIGHT,
@@ -25,7 +24,7 @@ from photosite.calibration.measure import (
 )
 from photosite.calibration.partial import PartialSums
 from photosite.calibration.patterns import Channel, PatternReader
-from photosite.calibration.photon_transfer import fit_gain, gain_value
+from photosite.calibration.photon_transfer import GainFit, fit_gain, gain_value
 from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
 from photosite.calibration.snr import snr_curve
@@ -39,6 +38,9 @@ from photosite.sensor.model import Sensor
 
 SCATTER = 4.0
 """Chi square per degree of freedom of the photon transfer above which a warning says so."""
+
+FAR_APART = 3.29
+"""Standard uncertainties that two figures of one quantity differ by in one of 1000 ideal measurements."""
 
 FAR_BELOW_ZERO = 4.75
 """A signed spread below this many of its uncertainties has a variance more than three of its own below zero."""
@@ -230,6 +232,22 @@ def _negative(estimates: Mapping[str, Estimate]) -> list[str]:
     ]
 
 
+def _dark_currents(m: Measurements) -> list[str]:
+    """Whether the dark current of the mean and that of the variance are one."""
+    if isinstance(m.dark_slope, Missing) or isinstance(m.dark_variance_slope, Missing) or isinstance(m.gain, Missing):
+        return []
+    of_mean, of_variance = m.dark_slope / m.gain, m.dark_variance_slope / (m.gain * m.gain)
+    difference = of_variance - of_mean
+    apart = abs(difference.value) / difference.standard_uncertainty
+    if apart <= FAR_APART:
+        return []
+    return [
+        f"the dark current from the mean, {of_mean.value:.3g} e-/s, and that from the variance, "
+        f"{of_variance.value:.3g} e-/s, are {apart:.2g} standard uncertainties apart: a camera that holds its dark "
+        f"level shows its dark current in the variance alone; one whose level drifts shows the drift in the mean"
+    ]
+
+
 def _warnings(
     names: Sequence[str],
     reader: FrameReader,
@@ -267,6 +285,7 @@ def _warnings(
                 f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
                 f"uncertainties were widened accordingly"
             )
+    warnings += _dark_currents(together)
     if isinstance(together.dark_variance, Uncertain) and together.dark_variance.value < LEAST_DARK_VARIANCE:
         warnings.append(
             f"the dark temporal variance, {together.dark_variance.value:.3g} DN^2, is below "

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.fit import Fit, fit_linear
 from photosite.calibration.groups import Level
-from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.calibration.uncertain import Missing, Uncertain, Value, combined, correlated
 
 BEYOND_SAMPLING = 0.001
 """Share of ideal measurements whose dark variances may be said to scatter more than their sampling."""
@@ -37,6 +37,8 @@ class DarkLine:
         The line, or None with one exposure only.
     shared
         (m,) standard uncertainty that the points have in common, 0 but for clipped darks.
+    points
+        The quantity with its independent sources, where other results share them; else empty.
     """
 
     exposure_s: NDArray[np.float64]
@@ -44,6 +46,7 @@ class DarkLine:
     variance: NDArray[np.float64]
     fit: Fit | None
     shared: NDArray[np.float64]
+    points: tuple[Uncertain, ...] = ()
 
     @classmethod
     def through(
@@ -52,12 +55,22 @@ class DarkLine:
         y: NDArray[np.float64],
         variance: NDArray[np.float64],
         shared: NDArray[np.float64],
+        points: Sequence[Uncertain] = (),
     ) -> DarkLine:
-        """Fit the line, where there are two exposures or more."""
-        fit = None
-        if len(np.unique(exposure_s)) > 1:
-            fit = fit_linear(_line(exposure_s), y, np.diag(variance) + np.outer(shared, shared))
-        return cls(exposure_s, y, variance, fit, shared)
+        """Fit the line, where there are two exposures or more.
+
+        Points with sources are temporal variances, whose uncertainty follows their size: weights come from what the
+        line says of them, for the reason given at `photon_transfer.fit_gain`.
+        """
+        if len(np.unique(exposure_s)) < 2:
+            return cls(exposure_s, y, variance, None, shared, tuple(points))
+        design, together = _line(exposure_s), np.outer(shared, shared)
+        fit = fit_linear(design, y, np.diag(variance) + together)
+        expected = design @ fit.parameters
+        if points and (expected > 0.0).all():
+            variance = variance * (expected / y) ** 2
+            fit = fit_linear(design, y, np.diag(variance) + together)
+        return cls(exposure_s, y, variance, fit, shared, tuple(points))
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -70,7 +83,14 @@ class DarkLine:
         if self.fit is None:
             reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
-        intercept, slope = self.fit.uncertain
+        if not self.points:
+            intercept, slope = self.fit.uncertain
+            return intercept, slope
+        fit = self.fit
+        left = fit.covariance - (fit.estimator * self.variance) @ fit.estimator.T  # what the points share or scatter
+        freedom = fit.degrees_of_freedom if fit.extra_variance > 0.0 else math.inf
+        rest = correlated(np.zeros(2), left, freedom)
+        intercept, slope = (combined(self.points, row) + more for row, more in zip(fit.estimator, rest, strict=True))
         return intercept, slope
 
     @property
@@ -80,6 +100,8 @@ class DarkLine:
         if isinstance(intercept, Uncertain):
             return intercept
         weight = 1.0 / self.variance / np.sum(1.0 / self.variance)
+        if self.points:
+            return combined(self.points, weight) + Uncertain.of(0.0, abs(float(weight @ self.shared)))
         return Uncertain.of(float(weight @ self.y), float(np.sqrt(weight @ self.covariance @ weight)))
 
     @property
@@ -140,7 +162,13 @@ class Darkness:
         mean = DarkLine.through(
             t, np.array([level.mean for level in levels]), np.where(of_mean > 0.0, own, temporal / samples), of_mean
         )
-        noise = DarkLine.through(t[repeated], temporal[repeated], uncertainty[repeated] ** 2, of_variance[repeated])
+        noise = DarkLine.through(
+            t[repeated],
+            temporal[repeated],
+            uncertainty[repeated] ** 2,
+            of_variance[repeated],
+            [level.noise for level in levels if level.repeated],
+        )
         return cls(mean, noise)
 
 

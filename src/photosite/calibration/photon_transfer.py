@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.dark import Darkness
 from photosite.calibration.fit import Fit, fit_linear
 from photosite.calibration.groups import CLIPPED_SHARE, GroupStatistics
-from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.calibration.uncertain import Missing, Source, Uncertain, Value, combined
 
 LINEAR_SHARE = 0.7
 """EMVA 1288: the range for gain and responsivity ends at 70 % of the signal at saturation."""
@@ -37,8 +38,14 @@ class LightLevels:
         (m,) mean less dark, DN; (m, m).
     shot, shot_covariance
         (m,) temporal variance less the dark's, DN^2, NaN where a level has one frame; (m, m) of sampling.
+    noise, noise_uncertainty
+        (m,) temporal variance with the dark's, DN^2, and its standard uncertainty as found from the level alone.
+    dark_noise, dark_share
+        The dark temporal variances, and (m, darks) how much of each was taken off.
     mean
         (m,) mean with the dark, DN.
+    spread
+        (m,) standard deviation of single numbers over pixels and frames, DN.
     mean_variance
         (m,) variance of the mean over pixels and frames, fixed pattern included.
     clipped, white_share
@@ -54,7 +61,12 @@ class LightLevels:
     signal_covariance: NDArray[np.float64]
     shot: NDArray[np.float64]
     shot_covariance: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    noise_uncertainty: NDArray[np.float64]
+    dark_noise: tuple[Uncertain, ...]
+    dark_share: NDArray[np.float64]
     mean: NDArray[np.float64]
+    spread: NDArray[np.float64]
     mean_variance: NDArray[np.float64]
     clipped: NDArray[np.bool_]
     white_share: NDArray[np.float64]
@@ -97,7 +109,12 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: Darkness
         signal_covariance=np.diag(sampling) + take_mean @ dark.mean.covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
         shot_covariance=np.diag(spread**2) + take_variance @ dark.variance.covariance @ take_variance.T,
+        noise=variance,
+        noise_uncertainty=spread,
+        dark_noise=dark.variance.points,
+        dark_share=take_variance,
         mean=mean,
+        spread=np.sqrt([level.spatial_variance + np.nan_to_num(level.variance) for level in levels]),
         mean_variance=np.array([level.spatial_variance / level.pixels for level in levels]),
         clipped=np.array([level.clipped for level in levels]),
         white_share=np.array([level.high_fraction for level in levels]),
@@ -117,7 +134,7 @@ class Saturation:
     signal
         Its signal, DN, dark taken off; None where saturation was not seen.
     x
-        Its place on the axis of the light levels: known to lie between its neighbours.
+        Where on the axis of the light levels the variance is largest: about that level, known to a step between levels.
     level_dn
         Mean digital number of fully clipped pixels.
     level_method
@@ -148,14 +165,32 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     if not (fallen or levels.white_share[peak:].max() > CLIPPED_SHARE):
         reason = "no flat reached saturation; take flats up to where they do not get brighter"
         return Saturation(None, None, Missing(reason), level_dn, method)
-    return Saturation(peak, float(levels.signal[peak]), _between_neighbours(levels.x, peak), level_dn, method)
+    return Saturation(peak, float(levels.signal[peak]), _between_neighbours(levels, peak), level_dn, method)
 
 
-def _between_neighbours(x: NDArray[np.float64], peak: int) -> Uncertain:
-    """The exposure of the maximum: anywhere between the levels on either side (rectangular)."""
-    low = x[max(peak - 1, 0)]
-    high = x[min(peak + 1, len(x) - 1)]
-    return Uncertain.of(float(x[peak]), float((high - low) / np.sqrt(12.0)))
+def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
+    """The amount of light at the maximum, of which the levels tell only that one of them has the largest variance.
+
+    Up to the maximum the variance rises with the light; beyond, more and more pixels clip, a share ndtr(z) of them at z
+    spreads w past the middle. So the maximum is where the share grows as fast as the light, phi(z) = w ndtr(-z), and a
+    level beyond it still has more variance than the level before while the share is below the step between the two.
+    That bounds the maximum from below by the largest level, or a little less, and from above by the next, or a little
+    less; between the bounds any place is as likely (rectangular).
+    """
+    from scipy.special import log_ndtr, ndtri
+
+    x, near = levels.x, max(peak - 1, 0)
+    low, at, high = (float(x[k]) for k in (near, peak, min(peak + 1, len(x) - 1)))
+    if low < at < high:
+        width = float(levels.spread[near] / levels.signal[near])
+        grid = np.linspace(-6.0, 0.0, 6001)
+        hazard = -0.5 * grid**2 - 0.5 * math.log(2.0 * math.pi) - log_ndtr(-grid)
+        top = float(np.interp(math.log(width), hazard, grid))
+        before, after = (max(float(ndtri(step)) - top, 0.0) * width * at for step in (1.0 - low / at, 1.0 - at / high))
+        if at - before < high - after:
+            low, high = at - before, high - after
+    half = 0.5 * (high - low)
+    return Uncertain.of(low + half, half / math.sqrt(3.0), Source(0.95 * math.sqrt(3.0), 0.95 * math.sqrt(3.0)))
 
 
 def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
@@ -184,15 +219,38 @@ def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.boo
     return inside
 
 
-def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> Fit | None:
+@dataclass(frozen=True)
+class GainFit(Fit):
+    """The photon transfer line, and what the gain owes to the dark variances taken off its points.
+
+    Parameters
+    ----------
+    dark
+        Value 0; its sources are those of the dark variances, which read noise and dark noise share.
+    """
+
+    dark: Uncertain
+
+    @property
+    def uncertain(self) -> tuple[Uncertain, ...]:
+        """The gain, correlated with what else the darks tell."""
+        own = max(float(self.covariance[0, 0]) - self.dark.standard_uncertainty**2, 0.0)
+        source = Source.student(self.freedom) if math.isfinite(self.freedom) else None
+        return (Uncertain.of(float(self.parameters[0]), math.sqrt(own), source) + self.dark,)
+
+
+def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> GainFit | None:
     """System gain K: the slope through the origin of shot variance against signal, all channels together.
 
     K is one number for a chip: channels differ in light, not in what an electron is worth.
     The signal's own uncertainty enters by its effect K u(signal) on the variance axis (effective variance).
+    A variance that came out low by chance says of itself that it is known well; weights from such uncertainties draw
+    the line below the points, by twice their relative variance. So the uncertainty of each is taken relative to itself
+    and applied to what the line says of the level.
 
     Returns
     -------
-    Fit or None
+    GainFit or None
         None where no level can be used.
     """
     masks = [mask & levels.repeated for levels, mask in zip(channels, used, strict=True)]
@@ -202,11 +260,22 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
         return None
     shot = _block_diagonal([c.shot_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
     signal = _block_diagonal([c.signal_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
+    noise, uncertainty = (
+        np.concatenate([getattr(levels, name)[mask] for levels, mask in zip(channels, masks, strict=True)])
+        for name in ("noise", "noise_uncertainty")
+    )
     gain = float(y @ v / (y @ y))
-    for _ in range(2):
-        fit = fit_linear(y[:, None], v, shot + gain**2 * signal)
+    for _ in range(3):
+        expected = np.maximum(noise - v + gain * y, 0.0)
+        change = uncertainty**2 * ((expected / noise) ** 2 - 1.0)
+        fit = fit_linear(y[:, None], v, shot + np.diag(change) + gain**2 * signal)
         gain = float(fit.parameters[0])
-    return fit
+    dark, start = Uncertain(0.0), 0
+    for levels, mask in zip(channels, masks, strict=True):
+        end = start + int(mask.sum())
+        share = fit.estimator[0, start:end] @ levels.dark_share[mask]
+        dark, start = dark - combined(levels.dark_noise, share), end
+    return GainFit(**vars(fit), dark=Uncertain(0.0, dark.parts))
 
 
 def _block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -220,7 +289,7 @@ def _block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64
     return result
 
 
-def gain_value(fit: Fit | None) -> Value:
+def gain_value(fit: GainFit | None) -> Value:
     """K in DN per electron, or why there is none."""
     if fit is None:
         return Missing("no light level in the linear range has two frames; photon transfer needs their noise")

@@ -140,7 +140,7 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
 
 
 def variance_peak_e(sensor: Sensor) -> float:
-    """Mean electrons from light at which the temporal variance of a flat, mean over pixels, is largest: EMVA's saturation.
+    """Mean electrons from light at which a flat's temporal variance, mean over pixels, is largest: EMVA's saturation.
 
     Before the well or the converter clips, the variance rises with the light; the pixels do not clip all at once,
     because PRNU, DSNU and dark-free offsets spread them, so that the largest mean variance lies a few per cent below.
@@ -161,17 +161,21 @@ def variance_peak_e(sensor: Sensor) -> float:
     by_well = sensor.pixel.well_capacity_e.value <= limit_e
     # The well clips electrons before read noise and offset are added, the converter all of them together.
     inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
-    electrons = np.linspace(0.7, 1.1, 4001)[:, None] * limit_e
-    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
-    spread = np.hypot(noise.prnu_percent.value / 100 * electrons, 0.0 if by_well else dsnu_e)
-    mean = electrons + nodes * spread
-    sigma = np.sqrt(electrons + inside)
-    a = (limit_e - mean) / sigma
-    density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
-    first = ndtr(a) * mean - sigma * density + limit_e * ndtr(-a)
-    second = ndtr(a) * (mean**2 + sigma**2) - sigma * density * (mean + limit_e) + limit_e**2 * ndtr(-a)
-    variance = (second - first**2 + outside) @ (weights / weights.sum())
-    return float(electrons[np.argmax(variance), 0])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(21)
+
+    def largest(low: float, high: float) -> float:
+        electrons = np.linspace(low, high, 201)[:, None]
+        mean = electrons + nodes * np.hypot(noise.prnu_percent.value / 100 * electrons, 0.0 if by_well else dsnu_e)
+        sigma = np.sqrt(electrons + inside)
+        a = (limit_e - mean) / sigma
+        density = np.exp(-0.5 * a**2) / math.sqrt(2 * math.pi)
+        first = ndtr(a) * mean - sigma * density + limit_e * ndtr(-a)
+        second = ndtr(a) * (mean**2 + sigma**2) - sigma * density * (mean + limit_e) + limit_e**2 * ndtr(-a)
+        variance = (second - first**2 + outside) @ (weights / weights.sum())
+        return float(electrons[np.argmax(variance), 0])
+
+    near = largest(0.7 * limit_e, 1.1 * limit_e)
+    return largest(near - 0.002 * limit_e, near + 0.002 * limit_e)
 
 
 def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
