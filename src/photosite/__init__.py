@@ -23,6 +23,7 @@ _HOMES = {
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.spectra",
     "calibrate": "photosite.calibration.calibrate",
+    "calibrate_series": "photosite.calibration.gain_series",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
@@ -35,6 +36,7 @@ __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
+    from photosite.calibration.gain_series import calibrate_series as calibrate_series
     from photosite.camera import Camera as Camera
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame

@@ -57,7 +57,7 @@ def setting_path(path: Path, setting: float) -> Path:
 
 def _show(series: GainSeries) -> None:
     from photosite.calibration.parameters import parameter_label
-    from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence
+    from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
     from photosite.report.tables import format_estimate
 
     labels = [parameter_label(name) for name in SERIES_PARAMETERS]
@@ -80,9 +80,7 @@ def _show(series: GainSeries) -> None:
         for mode in series.modes
     ]
     click.echo("\n" + table([heading, *parts], "<>>>>"))
-    unity = series.unity_gain
-    told = unity.reason if unity.value is None else f"{format_estimate(unity)} ({unity.method})"
-    click.echo(f"\n{switch_sentence(series)}\nunity gain: {told}")
+    click.echo(f"\n{switch_sentence(series)}\n{unity_sentence(series)}")
     if series.warnings:
         click.echo("\nwarnings:")
         for line in series.warnings:

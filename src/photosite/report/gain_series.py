@@ -23,6 +23,9 @@ SERIES_PARAMETERS = (
 )
 """What a series shows of each setting; the rest is in the setting's own report."""
 
+_SHORT = dict(zip(SERIES_PARAMETERS, ("Gain", "Read noise", "Read noise", "Black", "Full well", "Range"), strict=True))
+"""Column titles; a table of seven columns has no room for long ones."""
+
 FOOTER = "Values are estimate ± one standard uncertainty (GUM); bars and bands in figures are 95 % intervals."
 
 
@@ -78,8 +81,8 @@ _MODEL = (
 
 def settings_table(series: GainSeries) -> Table:
     """A row per setting."""
-    shown = [parameter_label(name) for name in SERIES_PARAMETERS]
-    columns = (Column("Setting", numeric=True), *(Column(f"{p.label} ({p.unit})", numeric=True) for p in shown))
+    titles = [f"{_SHORT[name]} ({parameter_label(name).unit})" for name in SERIES_PARAMETERS]
+    columns = (Column("Setting", numeric=True), *(Column(title, numeric=True) for title in titles))
     rows = tuple(
         (f"{step.setting:g}", *(format_estimate(getattr(step.calibration, name)) for name in SERIES_PARAMETERS))
         for step in series.steps
@@ -103,19 +106,27 @@ def modes_table(series: GainSeries) -> Table:
         rows.append((f"{mode.settings[0]:g} to {mode.settings[-1]:g}", *told, fit, f"{mode.scatter_percent:.2g}"))
     columns = (
         Column("Settings"),
-        Column("Before the amplifier (e⁻)", numeric=True),
-        Column("After the amplifier (DN)", numeric=True),
-        Column("χ² / degrees of freedom", numeric=True),
-        Column("Scatter of the variance (%)", numeric=True),
+        Column("Before it (e⁻)", numeric=True),
+        Column("After it (DN)", numeric=True),
+        Column("χ² / freedom", numeric=True),
+        Column("Scatter (%)", numeric=True),
     )
-    return Table("Two parts of read noise", columns, tuple(rows))
+    return Table(
+        "Noise before and after the amplifier; scatter is the variance's beyond sampling", columns, tuple(rows)
+    )
 
 
 def switch_blocks(series: GainSeries) -> tuple[Block, ...]:
     """Whether the conversion gain switches, and at which setting an electron is one digital number."""
-    unity = f"One digital number is one electron at the gain setting {format_estimate(series.unity_gain)}"
-    blocks: list[Block] = [Paragraph(switch_sentence(series)), Paragraph(f"{unity} ({series.unity_gain.method}).")]
-    return tuple(blocks)
+    return Paragraph(switch_sentence(series)), Paragraph(unity_sentence(series))
+
+
+def unity_sentence(series: GainSeries) -> str:
+    """The setting of one digital number per electron, in a sentence."""
+    unity = series.unity_gain
+    if unity.value is None:
+        return f"No gain setting is known to have one digital number per electron: {unity.reason}."
+    return f"One digital number is one electron at the gain setting {format_estimate(unity)} ({unity.method})."
 
 
 def switch_sentence(series: GainSeries) -> str:

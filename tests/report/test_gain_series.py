@@ -1,0 +1,112 @@
+"""The report of a gain series: every setting, both parts, the switch; and its figure."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import photosite as ps
+from photosite.calibration.gain_series_result import ConversionGainSwitch, GainMode, GainSeries, GainStep
+from photosite.calibration.result import Calibration, Estimate
+from photosite.frames.frame_set import Kind, frame_set_from_arrays
+from photosite.report.figures.gain_series import gain_series_figure
+from photosite.report.gain_series import gain_series_page, modes_table, settings_table, write_gain_series_report
+from photosite.report.html import render_page
+
+SETTINGS = (100.0, 200.0, 400.0, 800.0)
+GAIN = (0.1, 0.2, 1.2, 2.4)
+PRE_E, POST_DN = (6.0, 6.0, 2.0, 2.0), 1.5
+
+
+@functools.cache
+def measured() -> Calibration:
+    """A calibration of 12 small frames, whose figures the series below replaces."""
+    rng = np.random.default_rng(1)
+
+    def frame(kind: Kind, exposure_s: float) -> tuple[Kind, float, NDArray[np.uint16]]:
+        electrons = rng.poisson(1e5 * exposure_s * (kind == "light"), (16, 16))
+        return kind, exposure_s, np.uint16(64.5 + 0.5 * electrons + rng.normal(0, 2, (16, 16)))
+
+    settings: list[tuple[Kind, float]] = [("dark", 0.01), ("light", 0.01), ("light", 0.02)]
+    return ps.calibrate(frame_set_from_arrays([frame(*entry) for entry in settings for _ in range(4)], bits=12))
+
+
+def calibration(gain: float, pre_e: float) -> Calibration:
+    read_dn = float(np.hypot(pre_e * gain, POST_DN))
+    values = {"system_gain_dn_per_e": gain, "read_noise_dn": read_dn, "read_noise_e": read_dn / gain}
+    values |= {"black_level_dn": 64.0, "saturation_capacity_e": 4000 / gain, "dynamic_range_db": 60.0}
+    known: dict[str, Any] = {name: Estimate(value, 0.01 * value) for name, value in values.items()}
+    return replace(measured(), **known)
+
+
+@pytest.fixture(scope="module")
+def series() -> GainSeries:
+    steps = tuple(GainStep(s, calibration(k, pre)) for s, k, pre in zip(SETTINGS, GAIN, PRE_E, strict=True))
+    modes = (
+        GainMode(SETTINGS[:2], Estimate(6.0, 0.1), Estimate(POST_DN, 0.02), 1.3, 1, 0.4),
+        GainMode(SETTINGS[2:], Estimate(2.0, 0.05), Estimate(-0.3, 0.6, upper_limit_95=1.0), 0.2, 0, 0.0),
+    )
+    switch = ConversionGainSwitch(
+        (200, 400), (200, 400), Estimate(3.0, 0.1), Estimate(1 / 3, 0.01), 1e-4, ("read noise",)
+    )
+    return GainSeries(
+        steps, "proportional", switch, modes, Estimate(reason="it jumps"), ("odd things happened",), "made up"
+    )
+
+
+def test_page(series: GainSeries, tmp_path: Path) -> None:
+    page = render_page(gain_series_page(series))
+    for text in (
+        "48 frames of darkness and flat light at 4 gain settings, 100 to 800",
+        "The conversion gain switches between the settings 200 and 400 (95 %: between 200 and 400)",
+        "as read noise shows (p = 0.0001)",
+        "3.00 ± 0.10",
+        "No gain setting is known to have one digital number per electron: it jumps.",
+        "Odd things happened",
+    ):
+        assert text in page
+    write_gain_series_report(series, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    quiet = replace(series, switch=None, modes=series.modes[:1], warnings=(), unity_gain=Estimate(870.0, 3.0))
+    page = render_page(gain_series_page(quiet))
+    assert "No switch of the conversion gain was found" in page
+    assert "blue band" not in page
+    assert "at the gain setting 870.0 ± 3.0" in page
+
+
+def test_tables(series: GainSeries) -> None:
+    rows = settings_table(series).rows
+    assert [row[0] for row in rows if isinstance(row, tuple)] == ["100", "200", "400", "800"]
+    assert rows[0][1] == "0.1000 ± 0.0010"  # type: ignore[index]
+    low, high = modes_table(series).rows
+    assert low == ("100 to 200", "6.00 ± 0.10", "1.500 ± 0.020", "1.30 / 1", "0.4")
+    assert "(< 1.00)" in high[2]  # type: ignore[index]
+
+
+def test_figure_draws_the_model(series: GainSeries) -> None:
+    """The line through the low conversion gain is sqrt(pre^2 + (post / K)^2) in electrons, at both its ends."""
+    noise, gain = gain_series_figure(series).axes
+    lines = [line for line in noise.get_lines() if line.get_label() == "two parts together"]
+    for line, part in zip(lines, (slice(0, 2), slice(2, 4)), strict=True):
+        x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+        assert (x[0], x[-1]) == pytest.approx(SETTINGS[part])
+        mode = series.modes[part.start // 2]
+        pre, post = mode.pre_amplifier_noise_e.value or 0.0, mode.post_amplifier_noise_dn.value or 0.0
+        k = np.array(GAIN[part])
+        np.testing.assert_allclose(y[[0, -1]], np.sqrt(pre**2 + np.sign(post) * (post / k) ** 2), rtol=1e-9)
+    assert noise.get_xscale() == gain.get_yscale() == "log"
+    texts = [text.get_text() for text in gain.figure.legends[0].get_texts()]
+    assert texts[:2] == ["low conversion gain", "high conversion gain"]
+
+
+def test_figure_of_decibels_is_linear(series: GainSeries) -> None:
+    decibels = replace(series, law="tenths of a decibel", switch=None)
+    noise, gain = gain_series_figure(decibels).axes
+    assert noise.get_xscale() == "linear"
+    assert gain.get_xlabel() == "gain setting (tenths of a decibel)"
