@@ -3,6 +3,9 @@
 Frames: Basler AG, CC BY-SA 3.0. Where the definition is the same, 0.5 % (docs/emva-reference.md has the table).
 """
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
@@ -19,7 +22,17 @@ REFERENCE_IMPLEMENTATION = {
     "dynamic_range_db": 61.73,
     "dsnu1288_e": 0.553,
     "prnu1288_unfiltered_percent": 0.4327,
+    "dsnu1288_column_e": 0.54056,
+    "prnu1288_unfiltered_row_percent": 0.32327,
+    "prnu1288_unfiltered_column_percent": 0.11133,
+    "prnu1288_unfiltered_pixel_percent": 0.26521,
 }
+
+PAIRS_ALONE = {
+    "linearity_error_min_percent": -0.6157976,
+    "linearity_error_max_percent": 0.4804483,
+}
+"""What the reference has from two frames a level; it uses its 50 frames for the spatial figures only."""
 
 
 BETWEEN_EXPOSURES = {"saturation_capacity_photons", "saturation_capacity_e"}
@@ -39,6 +52,88 @@ def test_agrees_with_the_reference_implementation(calibration, name):
     assert estimate.value == pytest.approx(REFERENCE_IMPLEMENTATION[name], rel=tolerance)
     low, high = estimate.interval_95
     assert low < REFERENCE_IMPLEMENTATION[name] < high
+
+
+@pytest.fixture(scope="module")
+def pairs_alone(reference):
+    frames = open_frames(reference / "emva1288_ccd12" / "EMVA1288_Data.txt")
+    return calibrate(replace(frames, groups=tuple(group for group in frames.groups if len(group) == 2)))
+
+
+def test_linearity_is_the_reference_s_from_the_same_frames(pairs_alone):
+    for name, value in PAIRS_ALONE.items():
+        assert getattr(pairs_alone, name).value == pytest.approx(value, rel=1e-6)
+    fit = pairs_alone.linearity["M"].relative
+    assert (fit.slope, fit.intercept) == pytest.approx((0.12629093, 5.120069), rel=1e-6)
+
+
+def test_linearity_with_the_stack_among_the_levels(calibration):
+    """One level more, in the middle: it draws the line a hair."""
+    for name, value in PAIRS_ALONE.items():
+        assert getattr(calibration, name).value == pytest.approx(value, rel=8e-3)
+    assert calibration.linearity_error_percent.value == pytest.approx(0.2925, abs=1e-3)
+    assert calibration.linearity["M"].used.sum() == 34
+
+
+def test_dark_currents_hold_the_reference_s(calibration, pairs_alone):
+    """Its lines weigh every exposure alike: plain least squares through the same points gives its numbers."""
+    for kind, power, name, value in (
+        ("dark_signal", 1, "dark_current_e_per_s", 28.479107),
+        ("dark_variance", 2, "dark_current_from_variance_e_per_s", 69.971699),
+    ):
+        curve = pairs_alone.curves["M"][kind]
+        plain = np.polyfit(curve.x, curve.y, 1)[0] / 0.28006265**power
+        assert plain == pytest.approx(value, rel=1e-5)
+        low, high = getattr(calibration, name).interval_95
+        assert low < value < high
+    assert not any("that from the variance" in warning for warning in calibration.warnings)
+
+
+def test_rows_that_flicker_are_no_pattern(calibration):
+    """The reference's pixel part is the root of -0.0042 DN^2, its row part 0.26 e-: noise that whole rows share, of
+    which a 50th stays in the mean, was taken off the pixels."""
+    for part, most in (("pixel", 0.3), ("row", 0.12)):
+        low, high = getattr(calibration, f"dsnu1288_{part}_e").interval_95
+        assert 0.0 < high < most
+        assert low < 0.1
+    assert not any("negative" in warning for warning in calibration.warnings)
+
+
+def test_spectrograms_are_the_reference_s(calibration):
+    """Square roots of power: first frequency, 1/4, last, median."""
+    dark, light = calibration.spatial["M"].dark, calibration.spatial["M"].light
+    for found, wanted in (
+        (dark.horizontal, (1.21375056, 0.75840644, 0.59223818, 0.43390405)),
+        (dark.vertical, (0.44246948, 0.71024420, 0.45246829, 0.43354831)),
+    ):
+        root = np.sqrt(found.power)
+        some = root[1], root[(len(root) - 1) // 2], root[-1], np.median(root[1:])
+        assert some == pytest.approx(wanted, rel=1e-7)
+        assert found.frequency[(len(root) - 1) // 2] == 0.25
+    per_dn = light.mean_dn / 100.0
+    assert np.median(np.sqrt(light.horizontal.power[1:])) * per_dn == pytest.approx(6.23232503, rel=1e-7)
+    assert np.sqrt(light.vertical.power[1]) * per_dn == pytest.approx(86.6963113, rel=1e-7)
+
+
+def test_profiles_are_the_reference_s(calibration):
+    dark, light = calibration.spatial["M"].dark, calibration.spatial["M"].light
+    some = light.along_columns.mean[[0, 320, 639]], light.along_rows.mean[[0, 240, 479]]
+    np.testing.assert_allclose(some[0], [1996.33304167, 1965.10416667, 1968.58925], rtol=1e-10)
+    np.testing.assert_allclose(some[1], [1975.4441875, 1962.2676875, 1986.5608125], rtol=1e-10)
+    extremes = light.along_columns.lowest.min(), light.along_columns.highest.max(), light.along_columns.middle[320]
+    assert extremes == pytest.approx((1929.06, 2016.80, 1960.14))
+    extremes = dark.along_columns.lowest.min(), dark.along_columns.highest.max(), dark.along_columns.middle[320]
+    assert extremes == pytest.approx((12.08, 16.86, 15.02))
+
+
+def test_the_dark_histogram_is_the_reference_s(calibration):
+    found = calibration.spatial["M"].dark.histogram
+    assert (len(found.count), found.count.sum(), found.count.max()) == (240, 307_200, 5525)
+    ends = found.lower[0], found.lower[-1], found.width, found.lower[found.count.argmax()]
+    assert ends == pytest.approx((-2.68034863, 2.09965137, 0.02, -0.00034863), abs=1e-7)
+    # The reference counts deviations from the mean rounded to a step of 0.02 DN.
+    at = int(np.searchsorted(found.deviation, 2.0))
+    assert found.percent_beyond[at] == pytest.approx(0.040364583, rel=1e-6)
 
 
 def test_the_high_pass_takes_the_uneven_light_off(calibration):
