@@ -18,7 +18,7 @@ from photosite.calibration.pixel_noise import NoiseSpread, moderated, noise_spre
 from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration
 from photosite.calibration.second_look import SecondLook, look_again
-from photosite.calibration.temporal import TemporalNoise, measure_temporal
+from photosite.calibration.temporal import TemporalNoise, Trace, measure_temporal
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
@@ -33,7 +33,11 @@ MOST_SUSPECTS = 4096
 _SUSPECT = 1e-3
 """Probability below which an ordinary pixel's variance makes it one of them."""
 
+TRACES = 4
+"""Blinking pixels whose readings are kept to be shown."""
+
 FloatMap = NDArray[np.float32]
+_Place = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
@@ -88,20 +92,18 @@ def measure_chip(
         If a frame cannot be read.
     """
     lights = needed_lights(frames, calibration)
-    again = replace(frames, groups=(*frames.of_kind("dark"), *lights))
-    with FrameReader(again, progress) as reader:
+    darks = frames.of_kind("dark")
+    again = replace(frames, groups=(*darks, *lights))
+    counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
+    with FrameReader(again, counted) as reader:
         dark = _read_darks(reader)
         response = read_response(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
         spreads = _spreads(dark, reader.tile)
-        look = look_again(
-            _used_again(reader, dark.stack),
-            dark.mean,
-            float(np.sqrt(np.median([spread.variance for spread in spreads]))),
-            _suspects(dark, spreads, reader.tile),
-        )
+        sigma = float(np.sqrt(np.median([spread.variance for spread in spreads])))
+        suspects = _suspects(dark, spreads, reader.tile)
+        look = look_again(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
         temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, reader.tile)
-        chip = _chip(calibration, dark, response, spreads, look, temporal, reader.tile)
-    return chip, temporal
+        return _chip(calibration, dark, response, spreads, suspects, look, temporal, reader.tile)
 
 
 def _read_darks(reader: FrameReader) -> _DarkMaps:
@@ -140,11 +142,30 @@ def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
     return replace(mean, sum=mean.sum.copy()), sums.variance().astype(np.float32)
 
 
-def _used_again(reader: FrameReader, stack: GroupStatistics) -> Iterator[NDArray[np.unsignedinteger]]:
+class _Counted:
+    """Progress with frames at the end that the reader does not know of."""
+
+    def __init__(self, progress: Progress | None, later: int) -> None:
+        self._progress, self._later = progress, later
+        self._done = self._total = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        self._done, self._total = done, total + self._later
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+    def one_more(self) -> None:
+        self(self._done + 1, self._total - self._later)
+
+
+def _used_again(
+    reader: FrameReader, stack: GroupStatistics, counted: _Counted
+) -> Iterator[NDArray[np.unsignedinteger]]:
     """The stack's frames once more, repeats left out."""
     used = {id(entry.source) for entry in reader.used_frames}
     shape = reader.frames.rows, reader.frames.cols
     for source in stack.group.frames:
+        counted.one_more()
         if id(source) in used:
             dn = source.read()
             if dn.shape != shape:
@@ -179,9 +200,7 @@ def _excess(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.in
     )
 
 
-def _suspects(
-    dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _suspects(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> _Place:
     """Rows and columns of the pixels whose noise is most unlike that of an ordinary pixel."""
     ratio = _by_channel(dark.variance.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
     row, col = np.nonzero(_excess(dark, spreads, tile) < _SUSPECT)
@@ -195,10 +214,11 @@ def _chip(
     dark: _DarkMaps,
     response: ResponseMap | None,
     spreads: Sequence[NoiseSpread],
+    suspects: _Place,
     look: SecondLook,
     temporal: TemporalNoise,
     tile: NDArray[np.int64],
-) -> MeasuredChip:
+) -> tuple[MeasuredChip, TemporalNoise]:
     gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
     freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
     level = dark.mean.mean().astype(np.float32)
@@ -227,8 +247,8 @@ def _chip(
         rate = dark.rate if dark.rate is not None else np.zeros((1, 1), np.float32)
         of_rate = maps.get("dark_rate_uncertainty_dn_per_s", rate)
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
-    found, jumping = _defects(dark, spreads, look, temporal, maps, shot, tile)
-    return MeasuredChip(
+    blinkers = _blinking(dark, look, suspects, shot)
+    chip = MeasuredChip(
         **maps,
         read_noise_freedom=freedom,
         row_noise_dn=temporal.row_noise_dn.value or 0.0,
@@ -236,9 +256,10 @@ def _chip(
         black_level_dn=black,
         system_gain_dn_per_e=gain,
         reference_exposure_s=reference_s,
-        defects=found,
-        blinking=jumping,
+        defects=_defects(dark, spreads, blinkers, maps, tile),
+        blinking=blinkers.pixels,
     )
+    return chip, replace(temporal, traces=blinkers.traces)
 
 
 def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap, shot: FloatMap | None) -> FloatMap:
@@ -259,12 +280,10 @@ def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap,
 def _defects(
     dark: _DarkMaps,
     spreads: Sequence[NoiseSpread],
-    look: SecondLook,
-    temporal: TemporalNoise,
+    blinkers: _Blinkers,
     maps: dict[str, FloatMap],
-    shot: FloatMap | None,
     tile: NDArray[np.int64],
-) -> tuple[Defects, Blinking]:
+) -> Defects:
     far, found = defects.FAR_SIGMA, []
     off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], tile)
     found.append(defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off))
@@ -279,23 +298,28 @@ def _defects(
         found.append(defects.listed(DefectKind.DEAD, dead, relative, off))
         found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
 
-    row, col = _suspects(dark, spreads, tile)
-    jumping, distance = _blinking(dark, look, (row, col), shot)
+    jumping = blinkers.pixels
     steady = _excess(dark, spreads, tile) < defects.NOISY_PROBABILITY
     steady[jumping.row, jumping.col] = False
     of_typical = _by_channel(steady.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
     found.append(defects.listed(DefectKind.NOISY, steady, np.sqrt(dark.variance), np.sqrt(of_typical)))
     kind = np.full(len(jumping), DefectKind.BLINKING, np.uint8)
-    found.append(Defects(jumping.row, jumping.col, kind, jumping.amplitude_dn, distance))
-    return defects.together(found), jumping
+    found.append(Defects(jumping.row, jumping.col, kind, jumping.amplitude_dn, blinkers.distance))
+    return defects.together(found)
 
 
-def _blinking(
-    dark: _DarkMaps, look: SecondLook, place: tuple[NDArray[np.int64], NDArray[np.int64]], shot: FloatMap | None
-) -> tuple[Blinking, NDArray[np.float64]]:
-    """The suspects that blink, and the distance of their levels in units of the noise within them."""
+@dataclass(frozen=True)
+class _Blinkers:
+    """The suspects that blink, the distance of their levels in units of the noise within them, and some readings."""
+
+    pixels: Blinking
+    distance: NDArray[np.float64]
+    traces: tuple[Trace, ...]
+
+
+def _blinking(dark: _DarkMaps, look: SecondLook, place: _Place, shot: FloatMap | None) -> _Blinkers:
     if look.series.shape[1] < blinking.LEAST_FRAMES or not len(look.series):
-        return no_blinking(), np.zeros(0)
+        return _Blinkers(no_blinking(), np.zeros(0), ())
     jumps, levels = blinking.blinking(look.series)
     row, col = place[0][jumps], place[1][jumps]
     within = levels.within[jumps] - QUANTISATION
@@ -303,4 +327,10 @@ def _blinking(
         within = within - dark.stack.group.exposure_s * shot[row, col]
     amplitude = (levels.upper - levels.lower)[jumps]
     noise = np.copysign(np.sqrt(np.abs(within)), within)
-    return Blinking(row, col, amplitude, levels.high_fraction[jumps], noise), levels.distance[jumps]
+    distance = levels.distance[jumps]
+    clearest = np.flatnonzero(jumps)[np.argsort(-distance, kind="stable")[:TRACES]]
+    traces = tuple(
+        Trace(int(place[0][i]), int(place[1][i]), look.series[i], float(levels.lower[i]), float(levels.upper[i]))
+        for i in clearest
+    )
+    return _Blinkers(Blinking(row, col, amplitude, levels.high_fraction[jumps], noise), distance, traces)

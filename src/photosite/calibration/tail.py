@@ -177,6 +177,22 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     return float(minimize_scalar(minus_correlation, bounds=(_LEAST_SHAPE, _MOST_SHAPE), method="bounded").x)
 
 
+def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A Tukey lambda distribution, to draw: places and the density there.
+
+    Examples
+    --------
+    >>> x, density = tukey_density(0.14, 2.0)  # nearly normal
+    >>> round(float(np.interp(0.0, x, density)) * 2.0 * np.sqrt(2 * np.pi), 2)
+    1.0
+    """
+    tail = np.geomspace(1e-9, 0.5, 400)
+    p = np.concatenate([tail, 1.0 - tail[-2::-1]])
+    scale = standard_deviation / np.sqrt(_quantile_square(shape))
+    x = np.log(p / (1.0 - p)) if abs(shape) < 1e-6 else (p**shape - (1.0 - p) ** shape) / shape
+    return x * scale, 1.0 / (scale * (p ** (shape - 1.0) + (1.0 - p) ** (shape - 1.0)))
+
+
 def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float64]:
     """Integral of Q from 0 to p, up to a constant."""
     q = 1.0 - p

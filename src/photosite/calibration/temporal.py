@@ -22,6 +22,27 @@ from photosite.engine.accumulate import MeanFrame
 
 
 @dataclass(frozen=True)
+class Trace:
+    """The readings of a blinking pixel, frame by frame.
+
+    Parameters
+    ----------
+    row, col
+        Its place.
+    dn
+        (frames,) readings, shifts of whole frames taken off.
+    lower_dn, upper_dn
+        Its levels.
+    """
+
+    row: int
+    col: int
+    dn: NDArray[np.float32]
+    lower_dn: float
+    upper_dn: float
+
+
+@dataclass(frozen=True)
 class TemporalNoise:
     """How the readings of a chip in the dark scatter from frame to frame.
 
@@ -42,6 +63,8 @@ class TemporalNoise:
     residual_dn, residual_count
         (bins,) the histogram of all readings about their pixels' means, shifts of frames, rows and columns taken off:
         middle of the bin, and how many.
+    traces
+        Readings of some blinking pixels, those whose levels are farthest apart for their noise.
     """
 
     frames: int
@@ -54,9 +77,10 @@ class TemporalNoise:
     bands: Mapping[str, tuple[Band, ...]]
     residual_dn: NDArray[np.float64]
     residual_count: NDArray[np.int64]
+    traces: tuple[Trace, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers, without the histogram."""
+        """The numbers, without histogram and traces."""
         return {
             "frames": self.frames,
             "exposure_s": self.exposure_s,
