@@ -62,6 +62,12 @@ class ClippedDarks:
         black, dsnu, read = (weighted_mean(entries, weights) for entries in zip(*self.estimates, strict=True))
         return black, dsnu, read
 
+    def scale(self, channel: int) -> float:
+        """What the variance of something that moves all pixels' levels alike is multiplied by to be as unclipped."""
+        dark = self.censored[channel]
+        theta = np.array([dark.black_level, max(dark.dsnu_variance, 0.0), dark.read_variance])
+        return 1.0 / float(moment_slopes(theta)[0, 0]) ** 2
+
     def parts(
         self, channel: int, plain: Parts | Missing, filtered: Parts | Missing
     ) -> tuple[Parts | Missing, Parts | Missing]:
@@ -70,11 +76,10 @@ class ClippedDarks:
         A row's offset moves the mean of its clipped pixels by the share that the mean of all moves by; the
         total is the censored DSNU. The high-pass takes the same share of the pixels' part, clipped or not.
         """
-        dark, (_, dsnu, _) = self.censored[channel], self.estimates[channel]
+        _, dsnu, _ = self.estimates[channel]
         if isinstance(plain, Missing):
             return plain, filtered
-        theta = np.array([dark.black_level, max(dark.dsnu_variance, 0.0), dark.read_variance])
-        gain = 1.0 / float(moment_slopes(theta)[0, 0]) ** 2
+        gain = self.scale(channel)
         row, column = plain.row * gain, plain.column * gain
         pixel = dsnu - row - column
         whole = Parts(total=dsnu, row=row, column=column, pixel=pixel)

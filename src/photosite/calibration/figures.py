@@ -236,8 +236,8 @@ def _percent_of_dark(slope: Value) -> Value:
     return 100.0 / slope
 
 
-def _temporal_dark_noise(dark_variance: Value, per_e: Value) -> Estimate:
-    method = "dark temporal variance at exposure zero, 1/12 DN^2 taken off (EMVA 1288 R4.0, temporal dark noise)"
+def _temporal_dark_noise(dark_variance: Value, per_e: Value, clipped: str) -> Estimate:
+    method = f"dark temporal variance at exposure zero{clipped}, 1/12 DN^2 taken off (EMVA 1288 R4.0, dark noise)"
     result = _spread(derive(lambda v: v - QUANTISATION, dark_variance), per_e, method)
     if (
         isinstance(dark_variance, Uncertain)
@@ -329,13 +329,17 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
     }
     return {
         **{name: Estimate.of(value, m.method(text, figure)) for name, (value, text, figure) in texts.items()},
-        "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e),
+        "temporal_dark_noise_e": _temporal_dark_noise(m.dark_variance, per_e, _turned_back(m)),
         "saturation_capacity_e": Estimate.of(capacity, m.method(saturation.text, saturation.figure)),
     }
 
 
+def _turned_back(m: Measurements) -> str:
+    return ", brought back to what it is without clipping," if m.dark_method else ""
+
+
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
-    dark = "spatial variance of the mean dark less temporal variance / n, {} (EMVA 1288 R4.0, DSNU)"
+    dark = f"spatial variance of the mean dark less temporal variance / n{_turned_back(m)}, {{}} (EMVA 1288 R4.0, DSNU)"
     light = "spatial variance at half saturation less the dark's, {} (EMVA 1288 {}, PRNU)"
     percent = Uncertain(100.0)
     result: dict[str, Estimate] = {}

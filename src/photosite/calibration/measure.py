@@ -36,7 +36,7 @@ from photosite.calibration.plausible import Nonsense, check_step, dark_current_s
 from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
 from photosite.calibration.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
-from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.calibration.uncertain import Missing, Uncertain, Value, weighted_mean
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.engine.moments import Moments, label_moments
 from photosite.frames.frame_set import FrameGroup
@@ -138,14 +138,20 @@ def read_darks(reader: FrameReader) -> DarkSide:
 
 
 def _clipped_slopes(dark: DarkSide, spreads: Sequence[SlopeSpread]) -> tuple[SlopeSpread, ...]:
-    """The pixels' dark slopes where darks are clipped: the mean is that of the levels turned back, and their spread,
-    which the clipping makes less than it is, stands with an uncertainty of its own size."""
+    """The pixels' dark slopes where darks are clipped: the mean is that of the levels turned back, and their spread, of
+    which the clipped half is not seen, stands with an uncertainty of its own size."""
+    assert dark.clipped is not None
     result = []
     for k, entry in enumerate(spreads):
         _, slope = darkness(dark, k).mean.line
         mean = entry.mean if isinstance(slope, Missing) else slope.value
-        result.append(replace(entry, mean=mean, variance=entry.variance + Uncertain.of(0.0, abs(entry.variance.value))))
+        variance = entry.variance * dark.clipped.scale(k)
+        result.append(replace(entry, mean=mean, variance=variance + Uncertain.of(0.0, abs(variance.value))))
     return tuple(result)
+
+
+def _mean_variance(spreads: Sequence[SlopeSpread]) -> Uncertain:
+    return weighted_mean([entry.variance for entry in spreads], [float(entry.pixels) for entry in spreads])
 
 
 def reference_parts(dark: DarkSide, channel: int) -> tuple[Parts | Missing, Parts | Missing]:
@@ -238,21 +244,24 @@ def _measure_channel(
     if dark.slopes is not None:
         measured = replace(measured, dark_slope_variance=dark.slopes[index].variance)
     if dark.clipped is not None:
-        measured = _censored(measured, dark.clipped.estimates[index], reference.group.exposure_s)
+        measured = _censored(measured, dark, dark.clipped.estimates[index], measured.dark_slope_variance)
     if channel is not None and patterns is not None:
         measured = _with_light(measured, channel, patterns)
     return _stand_for_the_sensor(_without_dark_shot(measured, reference.group.exposure_s))
 
 
-def _censored(m: Measurements, estimates: tuple[Uncertain, Uncertain, Uncertain], exposure_s: float) -> Measurements:
-    """With what the censored likelihood says of the darks of one exposure."""
+def _censored(
+    m: Measurements, dark: DarkSide, estimates: tuple[Uncertain, Uncertain, Uncertain], slope_variance: Value
+) -> Measurements:
+    """With what the censored likelihood says of the reference darks; the pixels' dark slopes are not seen."""
     black, dsnu, read = estimates
-    slope = m.dark_slope
+    slope, seconds = m.dark_slope, dark.groups[dark.reference].group.exposure_s
     return replace(
         m,
         read_variance=read,
         dsnu_variance=dsnu,
-        black_level=black if isinstance(slope, Missing) else black - slope * exposure_s,
+        black_level=black if isinstance(slope, Missing) else black - slope * seconds,
+        dark_slope=_for_the_sensor(slope, slope_variance, m.pixels),
         dark_slope_variance=slope if isinstance(slope, Missing) else NO_PIXEL_SLOPES,
         dark_method=METHOD,
     )
@@ -284,7 +293,8 @@ def measure_together(
     reference = dark.groups[dark.reference]
     together = _measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
     if dark.clipped is not None:
-        together = _censored(together, dark.clipped.together(), reference.group.exposure_s)
+        spread = NO_PIXEL_SLOPES if dark.slopes is None else _mean_variance(dark.slopes)
+        together = _censored(together, dark, dark.clipped.together(), spread)
     if len(channels) == 1:
         return replace(channels[0], gain=gain)
     pooled = _without_dark_shot(pool(names, channels, together, gain), reference.group.exposure_s)

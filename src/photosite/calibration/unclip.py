@@ -105,8 +105,9 @@ def unclip(level: Level, like: CensoredDark) -> Level | Missing:
     Returns
     -------
     Level or Missing
-        Its uncertainties are those of temporal noise; what the chip's own pixels, a sample of the model's, do to all
-        levels alike is in `shared_mean` and `shared_variance`. Missing where nothing fits what was read.
+        Its own uncertainties are those of temporal noise, and of what the chip's own pixels, a sample of the model's,
+        do to it otherwise than to the reference level; what they do to both alike is in `shared_mean` and
+        `shared_variance`. Missing where nothing fits what was read.
 
     Examples
     --------
@@ -141,26 +142,45 @@ def unclip(level: Level, like: CensoredDark) -> Level | Missing:
     found = root(off, np.zeros(len(free)), tol=1e-10)
     if not found.success and float(np.abs(found.fun).max()) > 1e-6:
         return Missing(f"{100 * level.low_fraction:.3g} % of the numbers are 0, and no noise round any level reads so")
-    return _restored(level, theta_of(found.x), free)
+    return _restored(level, theta_of(found.x), start, free)
 
 
-def _restored(level: Level, theta: NDArray[np.float64], free: NDArray[np.int64]) -> Level:
-    pixels = _Pixels.of(*(float(value) for value in theta))
-    back = np.linalg.inv(moment_slopes(theta)[np.ix_(free, free)])
-    temporal = back @ _temporal_covariance(pixels, level.frames)[np.ix_(free, free)] @ back.T / level.pixels
+def _inverse(theta: NDArray[np.float64], free: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.inv(moment_slopes(theta)[np.ix_(free, free)]), np.float64)
+
+
+def _influence(
+    pixels: _Pixels, back: NDArray[np.float64], free: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(2, points): what a pixel at each true mean does to the level's mean and its read variance, times the pixels.
+
+    What the chip's own pixels are brighter by is no error in its frames' level.
+    """
     mean = float(pixels.share @ pixels.mean)
     variance = float(pixels.share @ pixels.variance)
     excess = (pixels.mean - mean) ** 2
     seen = np.array([pixels.mean - mean, pixels.variance - variance, excess - pixels.share @ excess])
     influence = back @ seen[free]
-    influence[0] -= pixels.offset  # what the chip's own pixels are brighter by is no error in its frames' level
-    shared = np.sqrt((influence**2) @ pixels.share / level.pixels)
+    return influence[0] - pixels.offset, influence[-1]
+
+
+def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float64], free: NDArray[np.int64]) -> Level:
+    """The level at `theta`; `first` is where the reference level is, with which it shares what its pixels do."""
+    pixels, back = _Pixels.of(*theta.tolist()), _inverse(theta, free)
+    temporal = back @ _temporal_covariance(pixels, level.frames)[np.ix_(free, free)] @ back.T / level.pixels
+    like = _Pixels.of(*first.tolist())
+    shared, own = [], []
+    for here, there in zip(_influence(pixels, back, free), _influence(like, _inverse(first, free), free), strict=True):
+        size = math.sqrt(float(like.share @ there**2))
+        along = float((pixels.share * here) @ there) / size if here.size == there.size and size > 0.0 else 0.0
+        shared.append(along / math.sqrt(level.pixels))
+        own.append(max(float(pixels.share @ here**2) - along**2, 0.0) / level.pixels)
     numbers = float(theta[2]) + ROUNDING
     restored = replace(
         level,
         mean=float(theta[0]),
-        mean_variance=float(temporal[0, 0]),
-        shared_mean=float(shared[0]),
+        mean_variance=float(temporal[0, 0]) + own[0],
+        shared_mean=shared[0],
         low_fraction=0.0,
     )
     if not level.repeated:
@@ -168,8 +188,8 @@ def _restored(level: Level, theta: NDArray[np.float64], free: NDArray[np.int64])
     return replace(
         restored,
         variance=numbers,
-        variance_uncertainty=float(np.sqrt(temporal[2, 2])),
-        shared_variance=float(shared[2]),
+        variance_uncertainty=math.sqrt(float(temporal[2, 2]) + own[1]),
+        shared_variance=shared[1],
         spatial_variance=float(theta[1]) + numbers / level.frames,
     )
 

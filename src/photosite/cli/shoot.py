@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 @options.sensor_option()
 @options.size_options
 @options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
+@click.option(
+    "--no-pedestal", is_flag=True, help="Keep the sensor's own black level, and let darks clip at 0 where they do."
+)
 @options.illuminant_option("D65")
 @click.option(
     "--level",
@@ -43,6 +46,7 @@ def command(
     rows: int | None,
     cols: int | None,
     black_level: float | None,
+    no_pedestal: bool,
     illuminant: str,
     level: float,
     photons: bool,
@@ -62,14 +66,16 @@ def command(
     from photosite.studies.protocol import paper_d200_protocol
     from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
 
-    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level)
+    if no_pedestal and black_level is not None:
+        raise click.UsageError("--no-pedestal keeps the sensor's own black level; leave out --black-level")
+    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level, pedestal=not no_pedestal)
     protocol = paper_d200_protocol()
     if note:
         protocol = replace(protocol, name=f"{protocol.name}; {note}")
     say_if_compiling()
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
     if note:
-        say(f"{note} (--black-level shoots with another)")
+        say(f"{note} (--no-pedestal shoots without, --black-level with another)")
     lab.write(output, Stages())
     if as_json:
         print_json(
@@ -90,16 +96,18 @@ def command(
         click.echo(f"wrote {protocol.frame_count} frames of {sensor.array.rows} x {sensor.array.cols} to {output}")
 
 
-def prepared_sensor(name: str, rows: int | None, cols: int | None, black_level: float | None) -> tuple[Sensor, str]:
+def prepared_sensor(
+    name: str, rows: int | None, cols: int | None, black_level: float | None, *, pedestal: bool = True
+) -> tuple[Sensor, str]:
     """The sensor asked for; unless a black level is given, with one that its darks do not clip at, and a note on it."""
     from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
 
     sensor = options.load_sensor_resized(name, rows, cols, black_level)
-    raised = sensor if black_level is not None else with_pedestal(sensor)
+    raised = with_pedestal(sensor) if pedestal and black_level is None else sensor
     if raised is sensor:
         return sensor, ""
-    own, pedestal = (each.readout.black_level_dn.value for each in (sensor, raised))
+    own, high = (each.readout.black_level_dn.value for each in (sensor, raised))
     return raised, (
-        f"black level raised from {own:g} to {pedestal:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise "
-        "would clip at 0, and a calibration refuses those"
+        f"black level raised from {own:g} to {high:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise "
+        "would clip at 0, and tell less"
     )

@@ -172,7 +172,7 @@ def closed_loop(
     Parameters
     ----------
     sensor
-        The true sensor, as it is: darks that clip at 0 cannot be calibrated (`virtual_lab.with_pedestal`).
+        The true sensor, as it is: darks that clip at 0 tell less than others (`virtual_lab.with_pedestal`).
     protocol
         What to shoot; the 2008 paper's if None.
     illuminant, level, photons_known

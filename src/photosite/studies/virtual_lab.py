@@ -63,8 +63,8 @@ def dark_noise_dn(sensor: Sensor) -> float:
 def with_pedestal(sensor: Sensor) -> Sensor:
     """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
 
-    A calibration refuses clipped darks. Where the black level is less than 5 standard deviations of the dark, it
-    becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
+    Of clipped darks a calibration sees half (`calibration/censored.py`). Where the black level is less than 5 standard
+    deviations of the dark, it becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
 
     Raises
     ------
