@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 
 from photosite.calibration import judge, plausible
@@ -51,6 +52,7 @@ def calibrate(
     sensor: Sensor | None = None,
     *,
     far: FarThresholds | None = None,
+    maps: bool = False,
     progress: Progress | None = None,
     partial: str | PathLike[str] | None = None,
 ) -> Calibration:
@@ -70,9 +72,12 @@ def calibrate(
         What is known beforehand, for millivolts and for `Calibration.sensor`; `frames.sensor` if None.
     far
         Beyond which deviations from the mean pixels are listed in `Calibration.spatial`.
+    maps
+        Measure the chip itself, too: `Calibration.chip` and `Calibration.temporal` (`photosite.calibration.chip`). The
+        frames are read once more for it, the darks of the read noise twice.
     progress
         Called with (frames read, frames to read) after each frame; the second number grows where frames
-        must be read again.
+        must be read again, and for maps both begin again.
     partial
         A folder for partial sums, three times the size of a frame for each exposure: a run that is broken off goes on
         from them when it is called again with the same frames, with the same result to the last bit. They are removed
@@ -88,7 +93,7 @@ def calibrate(
     CalibrationError
         If the frames cannot support a calibration: several gain settings, one exposure only, no repeated darks, blacks
         so clipped that too little is left, light frames darker than the dark ones, flats that do not go with the
-        light stated for them, numbers of other bits than stated.
+        light stated for them, numbers of other bits than stated; for maps, blacks clipped at all.
     FileError
         If a frame cannot be read or has another size, or the folder of partial sums holds something else.
     InputError
@@ -120,6 +125,11 @@ def calibrate(
     kept = PartialSums(partial, frames) if partial is not None else None
     with FrameReader(frames, progress, kept) as reader:
         calibration = _calibrate(frames, base, reader, far)
+    if maps:
+        from photosite.calibration.chip import measure_chip
+
+        chip, temporal = measure_chip(frames, calibration, progress)
+        calibration = replace(calibration, chip=chip, temporal=temporal)
     if kept is not None:
         kept.remove()
     return calibration
@@ -150,7 +160,8 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
         spatial = dark_patterns(dark, far)
     together = measure_together(dark, names, measured, gain_value(gain_fit) if lights else NO_LIGHT)
 
-    mv_per_dn = _mv_per_dn(base)
+    known = _known_scale(base)
+    mv_per_dn = _mv_per_dn(base, known)
     estimates = parameters(together, mv_per_dn).estimates()
     return Calibration(
         **estimates,
@@ -184,6 +195,9 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
         bits=frames.bits,
         cfa=frames.cfa,
         base=base,
+        chip=None,
+        temporal=None,
+        known=known,
         gain_setting=frames.gain_settings[0],
         temperature_c=_temperatures(frames),
     )
@@ -200,18 +214,20 @@ def _temperatures(frames: FrameSet) -> tuple[float, float] | None:
     return (min(known), max(known)) if known else None
 
 
-def _mv_per_dn(base: Sensor | None) -> Value:
+def _known_scale(base: Sensor | None) -> dict[str, Uncertain]:
+    """The electrical scale known beforehand, by the names of its fields: what all volts share."""
+    names = () if base is None else ("voltage_swing_v", "analog_gain")
+    values = {name: base.measured(name) for name in names if base is not None}
+    return {name: Uncertain.of(entry.value, entry.standard_uncertainty) for name, entry in values.items()}
+
+
+def _mv_per_dn(base: Sensor | None, known: Mapping[str, Uncertain]) -> Value:
     """Millivolts at the pixel per digital number, from the electrical scale known beforehand."""
     if base is None:
         return Missing(
             "volts need the sensor's voltage swing and analog gain; give a sensor file of this sensor beforehand"
         )
-    swing, gain = base.pixel.voltage_swing_v, base.readout.analog_gain
-    return (
-        Uncertain.of(1e3 * swing.value, 1e3 * swing.standard_uncertainty)
-        / Uncertain.of(gain.value, gain.standard_uncertainty)
-        * (1.0 / (1 << base.readout.bits))
-    )
+    return known["voltage_swing_v"] / known["analog_gain"] * (1e3 / (1 << base.readout.bits))
 
 
 def _negative(estimates: Mapping[str, Estimate]) -> list[str]:

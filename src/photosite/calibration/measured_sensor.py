@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from datetime import date
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from photosite.calibration.uncertain import JointCovariance, Uncertain, Value, derive
 from photosite.errors import CalibrationError
 from photosite.measured import Measured
+from photosite.sensor.covariance import Covariance
 from photosite.sensor.maps_file import maps_path
 from photosite.sensor.model import Sensor
 
@@ -35,6 +36,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         )
     source = f"measured from {calibration.frame_count} frames"
     changes: dict[str, Measured] = {}
+    uncertain: dict[str, Value] = dict(calibration.known)
     for field, estimate in (
         ("read_noise_mv", calibration.read_noise_mv),
         ("dsnu_mv", calibration.dsnu_mv),
@@ -46,10 +48,15 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     ):
         if estimate.value is not None:
             changes[field] = _not_negative(estimate, source)
-    if (well := _well(calibration, base, source)) is not None:
+            uncertain[field] = estimate.uncertain
+    capacity = _capacity(calibration)
+    if isinstance(capacity, Uncertain) and (well := _well(capacity, calibration, base, source)) is not None:
         changes["well_capacity_e"] = well
+        uncertain["well_capacity_e"] = capacity
+    joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
     return base.with_(
         **changes,
+        covariance=Covariance.of(joint.names, joint.matrix),
         rows=calibration.rows,
         cols=calibration.cols,
         source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
@@ -82,27 +89,24 @@ def _not_negative(estimate: Estimate, source: str) -> Measured:
     return Measured(0.0, measured.standard_uncertainty, note)
 
 
-def _well(calibration: Calibration, base: Sensor, source: str) -> Measured | None:
+def _capacity(calibration: Calibration) -> Value:
+    """Electrons between black and clipped flats."""
+    return derive(
+        lambda top, black, gain: (top - black) / gain,
+        calibration.saturation_dn.uncertain,
+        calibration.black_level_dn.uncertain,
+        calibration.system_gain_dn_per_e.uncertain,
+    )
+
+
+def _well(capacity: Uncertain, calibration: Calibration, base: Sensor, source: str) -> Measured | None:
     """The well, where the flats filled it before the converter ran out; None leaves it as it was.
 
     Where the converter is the limit the well is at least what the converter can count.
     """
-    top, black, gain = (
-        calibration.saturation_dn,
-        calibration.black_level_dn,
-        calibration.system_gain_dn_per_e,
-    )
-    if top.value is None or black.value is None or gain.value is None:
-        return None
-    capacity = (top.value - black.value) / gain.value
-    uncertainty = math.hypot(
-        (top.standard_uncertainty or 0.0) / gain.value,
-        (black.standard_uncertainty or 0.0) / gain.value,
-        capacity * (gain.standard_uncertainty or 0.0) / gain.value,
-    )
-    converter_is_the_limit = top.value > (1 << calibration.bits) - 1.5
-    if converter_is_the_limit and base.pixel.well_capacity_e.value >= capacity:
+    converter_is_the_limit = (calibration.saturation_dn.value or 0.0) > (1 << calibration.bits) - 1.5
+    if converter_is_the_limit and base.pixel.well_capacity_e.value >= capacity.value:
         return None
     if converter_is_the_limit:
         source += "; the converter's range, the well holds at least that"
-    return Measured(capacity, uncertainty, source)
+    return Measured(capacity.value, capacity.standard_uncertainty, source)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.calibration.provenance import UsedFrame, frames_sha256
-from photosite.calibration.uncertain import Missing, Source, Uncertain, Value
+from photosite.calibration.uncertain import JointCovariance, Missing, Source, Uncertain, Value
 from photosite.errors import CalibrationError
 from photosite.measured import COVERAGE_95, Measured
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from photosite.calibration.temporal import TemporalNoise
     from photosite.sensor.measured_chip import MeasuredChip
     from photosite.sensor.model import Sensor
+
+
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +45,7 @@ class Estimate:
     method
         How it was estimated, with the clause of the standard where there is one.
     interval_95
-        The 95 % interval, lower and upper end: not symmetric where few lines, frames or points stand behind the value.
-        If None, value and uncertainty give the normal one.
+        The 95 % interval, not symmetric where few lines or frames stand behind the value; the normal one if None.
     parts
         What one standard uncertainty of each independent source does to the value; estimates may share sources.
 
@@ -58,7 +60,7 @@ class Estimate:
     reason: str | None = None
     upper_limit_95: float | None = None
     method: str = ""
-    interval_95: tuple[float, float] | None = None
+    interval_95: Interval | None = None
     parts: Mapping[Source, float] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -68,24 +70,13 @@ class Estimate:
 
     @classmethod
     def of(
-        cls,
-        value: Value,
-        method: str,
-        upper_limit_95: float | None = None,
-        interval_95: tuple[float, float] | None = None,
+        cls, value: Value, method: str, upper_limit_95: float | None = None, interval_95: Interval | None = None
     ) -> Estimate:
         """From a propagated value, or from what was missing for it."""
         if isinstance(value, Missing):
             return cls(reason=value.reason, method=method)
-        return cls(
-            value.value,
-            value.standard_uncertainty,
-            None,
-            upper_limit_95,
-            method,
-            interval_95 or value.interval_95,
-            value.parts,
-        )
+        interval_95 = interval_95 or value.interval_95
+        return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method, interval_95, value.parts)
 
     @property
     def uncertain(self) -> Value:
@@ -303,6 +294,7 @@ class Calibration(Parameters):
     bits: int
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
+    known: Mapping[str, Uncertain] = field(default_factory=dict)
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
@@ -312,6 +304,12 @@ class Calibration(Parameters):
     temporal: TemporalNoise | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
+
+    @cached_property
+    def covariance(self) -> JointCovariance:
+        """Covariance of all parameters that have a value, from the independent sources that they share."""
+        values = ((name, entry.uncertain) for name, entry in self.estimates().items())
+        return JointCovariance.of({name: value for name, value in values if isinstance(value, Uncertain)})
 
     @property
     def frame_count(self) -> int:

@@ -12,13 +12,14 @@ whose interval is chi-square's and not symmetric, and the usual one where all so
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.errors import InputError, did_you_mean
 from photosite.measured import COVERAGE_95
 
 
@@ -246,16 +247,48 @@ def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArra
     return result
 
 
-def covariance_matrix(values: Sequence[Uncertain]) -> NDArray[np.float64]:
-    """(n, n) covariance of results that may share sources.
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """The covariance of several results.
+
+    Parameters
+    ----------
+    names
+        (n,) what they are called.
+    matrix
+        (n, n) in their units.
 
     Examples
     --------
     >>> a, b = Uncertain.of(1.0, 0.5), Uncertain.of(2.0, 0.1)
-    >>> covariance_matrix([a, a + b]).round(4).tolist()
+    >>> joint = JointCovariance.of({"a": a, "b": b, "sum": a + b})
+    >>> joint.among(["a", "sum"]).round(4).tolist()
     [[0.25, 0.25], [0.25, 0.26]]
     """
-    return np.array([[a.covariance(b) for b in values] for a in values]).reshape(len(values), len(values))
+
+    names: tuple[str, ...]
+    matrix: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Uncertain]) -> JointCovariance:
+        """Of results that may share sources."""
+        n = len(values)
+        matrix = np.array([[a.covariance(b) for b in values.values()] for a in values.values()])
+        return cls(tuple(values), matrix.reshape(n, n))
+
+    def among(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """(names, names) of some of them.
+
+        Raises
+        ------
+        InputError
+            If one is not among the results.
+        """
+        for name in names:
+            if name not in self.names:
+                raise InputError(f"there is no value of '{name}'; {did_you_mean(name, self.names)}")
+        place = [self.names.index(name) for name in names]
+        return self.matrix[np.ix_(place, place)]
 
 
 def signed_root(x: float) -> float:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.sensor.covariance import Covariance
 from photosite.sensor.model import Array, Channel, Maps, Noise, Pixel, Provenance, Readout, Sensor
 from photosite.yaml_file import line_of, parse_yaml, read_yaml
 
@@ -25,6 +26,7 @@ _SECTIONS: dict[str, type[BaseModel]] = {
     "readout": Readout,
     "provenance": Provenance,
     "maps": Maps,
+    "covariance": Covariance,
 }
 
 

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
-    PlainSerializer,
-    PlainValidator,
     ValidationError,
-    WithJsonSchema,
     field_validator,
     model_validator,
 )
@@ -25,92 +20,11 @@ from pydantic import (
 from photosite.cfa import Cfa, cfa_from, channel_names
 from photosite.errors import InputError, did_you_mean
 from photosite.measured import Measured
+from photosite.sensor.covariance import Covariance
+from photosite.sensor.quantity import Fraction, NotNegative, Positive, ResponseSpread
 
 if TYPE_CHECKING:
     from photosite.sensor.measured_chip import MeasuredChip
-
-_QUANTITY_KEYS = ("value", "standard_uncertainty", "source", "assumed")
-
-
-def _quantity(raw: Any) -> Measured:
-    """A bare number, or a mapping with `value` and what is known of it."""
-    if isinstance(raw, Measured):
-        return raw
-    if isinstance(raw, Mapping):
-        for key in raw:
-            if key not in _QUANTITY_KEYS:
-                raise ValueError(f"unknown key '{key}' beside 'value'; {did_you_mean(str(key), _QUANTITY_KEYS)}")
-        if "value" not in raw:
-            raise ValueError("a mapping here needs a 'value'")
-        value = raw["value"]
-        uncertainty = raw.get("standard_uncertainty", 0.0)
-        assumed = raw.get("assumed", False)
-        source = raw.get("source")
-        if not isinstance(assumed, bool):
-            raise ValueError(f"'assumed' is true or false, not {assumed!r}")
-        if source is not None and not isinstance(source, str):
-            raise ValueError(f"'source' is text, not {source!r}")
-    else:
-        value, uncertainty, assumed, source = raw, 0.0, False, None
-    for what, number in (("value", value), ("standard_uncertainty", uncertainty)):
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise ValueError(f"{what} must be a number, not {number!r}")
-    return Measured(float(value), float(uncertainty), source, assumed)
-
-
-def _as_file_value(quantity: Measured) -> float | dict[str, Any]:
-    """The shortest form that loses nothing: a bare number where nothing else is known."""
-    entry: dict[str, Any] = {"value": quantity.value}
-    if quantity.standard_uncertainty:
-        entry["standard_uncertainty"] = quantity.standard_uncertainty
-    if quantity.source is not None:
-        entry["source"] = quantity.source
-    if quantity.assumed:
-        entry["assumed"] = True
-    return quantity.value if len(entry) == 1 else entry
-
-
-_QUANTITY_SCHEMA: dict[str, Any] = {
-    "anyOf": [
-        {"type": "number"},
-        {
-            "type": "object",
-            "properties": {
-                "value": {"type": "number"},
-                "standard_uncertainty": {"type": "number", "minimum": 0},
-                "source": {"type": "string"},
-                "assumed": {"type": "boolean"},
-            },
-            "required": ["value"],
-            "additionalProperties": False,
-        },
-    ]
-}
-
-
-def _bounded(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> AfterValidator:
-    def check(quantity: Measured) -> Measured:
-        value = quantity.value
-        if value < lowest or value > highest or (open_below and value == lowest):
-            floor = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
-            ceiling = "" if highest == math.inf else f" and at most {highest:g}"
-            raise ValueError(f"must be {floor}{ceiling}, not {value:g}")
-        return quantity
-
-    return AfterValidator(check)
-
-
-_Quantity = Annotated[
-    Measured,
-    PlainValidator(_quantity),
-    PlainSerializer(_as_file_value),
-    WithJsonSchema(_QUANTITY_SCHEMA),
-]
-Positive = Annotated[_Quantity, _bounded(0.0, open_below=True)]
-NotNegative = Annotated[_Quantity, _bounded(0.0)]
-Fraction = Annotated[_Quantity, _bounded(0.0, 1.0, open_below=True)]
-# 15 %: a deviation of -100 % is then 6.7 standard deviations out, more than the 32-bit normal deviates reach.
-ResponseSpread = Annotated[_Quantity, _bounded(0.0, 15.0)]
 
 
 class _Section(BaseModel):
@@ -247,6 +161,16 @@ class Sensor(_Section):
     readout: Readout
     provenance: Provenance = Provenance()
     maps: Maps | None = None
+    covariance: Covariance | None = None
+
+    @model_validator(mode="after")
+    def _covariance_is_of_measured_values(self) -> Self:
+        for name in () if self.covariance is None else self.covariance.names:
+            try:
+                self.measured(name)
+            except InputError as error:
+                raise ValueError(f"covariance.names: {error}") from None
+        return self
 
     @model_validator(mode="after")
     def _channels_match_cfa(self) -> Self:
@@ -261,6 +185,61 @@ class Sensor(_Section):
                 f"the highest number, {self.white_level_dn:g}"
             )
         return self
+
+    def measured(self, name: str) -> Measured:
+        """A value by the name of its field, whatever section it is in.
+
+        Raises
+        ------
+        InputError
+            If there is no such value.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> ps.load_sensor("nikon-d200").measured("read_noise_mv").value
+        0.52
+        """
+        found = {
+            key: value
+            for section in (self.pixel, self.noise, self.readout)
+            for key, value in section
+            if isinstance(value, Measured)
+        }
+        if name not in found:
+            raise InputError(f"a sensor has no value '{name}'; {did_you_mean(name, found)}")
+        return found[name]
+
+    def covariance_of(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Covariance of measured values, from their standard uncertainties and the file's correlations.
+
+        Parameters
+        ----------
+        names
+            Fields of `pixel`, `noise` and `readout`. Those that `covariance` does not name are independent of all.
+
+        Returns
+        -------
+        ndarray
+            (names, names), in the fields' units.
+
+        Raises
+        ------
+        InputError
+            If there is no such value.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> from photosite.measured import Measured
+        >>> sensor = ps.load_sensor("nikon-d200").with_(read_noise_mv=Measured(0.52, 0.01))
+        >>> sensor.covariance_of(["read_noise_mv", "dsnu_mv"]).tolist()
+        [[0.0001, 0.0], [0.0, 0.0]]
+        """
+        scale = [self.measured(name).standard_uncertainty for name in names]
+        if self.covariance is None:
+            return np.diag(np.square(scale))
+        return self.covariance.matrix(names, scale)
 
     # What follows from the file, in the units of calibration.
 
@@ -325,7 +304,8 @@ class Sensor(_Section):
     def with_(self, **changes: Any) -> Sensor:
         """The same sensor with some fields changed, named as in the file, whatever section they are in.
 
-        Another serial is another chip: it leaves measured maps behind. `maps=None` does that alone.
+        Another serial is another chip: it leaves measured maps behind. `maps=None` does that alone. A value that is
+        changed has no correlation with the others any more, unless `covariance` is changed too.
 
         Raises
         ------
@@ -340,11 +320,13 @@ class Sensor(_Section):
         (0.0, '12', 8)
         """
         data = self.model_dump()
-        homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps"), data)
+        homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps", "covariance"), data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
             homes |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
         if "serial" in changes:
             data["maps"] = None
+        if self.covariance is not None:
+            data["covariance"] = self.covariance.without(set(changes))
         for name, value in changes.items():
             if name not in homes:
                 raise InputError(f"a sensor has no field '{name}'; {did_you_mean(name, homes)}")
