@@ -98,9 +98,7 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """`value`, `standard_uncertainty` and `interval_95`, and what else there is to say."""
         entry: dict[str, Any] = {"value": self.value, "standard_uncertainty": self.standard_uncertainty}
-        if self.interval_95 is not None:
-            entry["interval_95"] = list(self.interval_95)
-        for name in ("reason", "upper_limit_95", "method"):
+        for name in ("interval_95", "reason", "upper_limit_95", "method"):
             if getattr(self, name):
                 entry[name] = getattr(self, name)
         return entry
