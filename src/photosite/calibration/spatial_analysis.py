@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from photosite.calibration.histograms import FarPixels, Histogram, far_pixels, histogram
 from photosite.calibration.line_noise import TemporalParts
-from photosite.calibration.profiles import Profile, profile
-from photosite.calibration.spatial import MARGIN, SMALLEST_SIDE, high_pass, pixel_gain
+from photosite.calibration.profiles import Profile, profiles
+from photosite.calibration.spatial import MARGIN, SMALLEST_SIDE, pixel_gain
 from photosite.calibration.spectrogram import Spectrogram, spectrogram
+from photosite.calibration.strips import Difference, Plane, high_passed, plane_mean
 from photosite.calibration.uncertain import Missing
 
 
@@ -163,11 +164,11 @@ def spatial_analysis(
 
 
 def _dark_pattern(dark: MeanPlanes, threshold: float | None) -> FramePattern:
-    off_mean = [plane - plane.mean() for plane in dark.planes]
-    found = histogram(np.concatenate([plane.ravel() for plane in off_mean]), grain=_grain(dark))
-    far = far_pixels([(plane, *dark.places(site, 0)) for site, plane in enumerate(off_mean)], threshold)
-    filtered = [high_pass(plane) for plane in dark.planes]
-    return _pattern("dark", dark, dark.planes, filtered, 1.0, dark.noise.total.value, found, far)
+    means = [plane_mean(plane) for plane in dark.planes]
+    found = histogram(dark.planes, means, grain=_grain(dark))
+    far = far_pixels(dark.planes, means, [dark.places(site, 0) for site in range(len(means))], threshold)
+    filtered = [high_passed(plane) for plane in dark.planes]
+    return _pattern("dark", dark, dark.planes, means, filtered, dark.noise.total.value, found, far)
 
 
 def _grain(frames: MeanPlanes) -> float | None:
@@ -176,45 +177,44 @@ def _grain(frames: MeanPlanes) -> float | None:
 
 
 def _light_pattern(light: MeanPlanes, dark: MeanPlanes, threshold: float | None) -> FramePattern:
-    planes = [bright - black for bright, black in zip(light.planes, dark.planes, strict=True)]
-    mean = float(np.mean([plane.mean() for plane in planes]))
-    percent = 100.0 / mean
-    filtered = [high_pass(plane) for plane in planes]
-    deviations = [plane * percent for plane in filtered]
-    found = histogram(np.concatenate([plane.ravel() for plane in deviations]))
-    far = far_pixels([(plane, *light.places(site, MARGIN)) for site, plane in enumerate(deviations)], threshold)
+    planes = [Difference(bright, black) for bright, black in zip(light.planes, dark.planes, strict=True)]
+    means = [plane_mean(plane) for plane in planes]
+    filtered = [high_passed(plane, 100.0 / float(np.mean(means))) for plane in planes]
+    level = [plane_mean(plane) for plane in filtered]
+    found = histogram(filtered, level)
+    far = far_pixels(filtered, level, [light.places(site, MARGIN) for site in range(len(planes))], threshold)
     noise = light.noise.total.value + dark.noise.total.value
-    return _pattern("light", light, planes, filtered, percent, noise, found, far)
+    return _pattern("light", light, planes, means, filtered, noise, found, far)
 
 
 def _pattern(
     kind: Literal["dark", "light"],
     frames: MeanPlanes,
-    planes: Sequence[NDArray[np.float64]],
-    filtered: Sequence[NDArray[np.float64]],
-    scale: float,
+    planes: Sequence[Plane],
+    means: Sequence[float],
+    filtered: Sequence[Plane],
     noise: float,
     found: Histogram,
     far: FarPixels,
 ) -> FramePattern:
+    mean = float(np.mean(means))
+    scale = 1.0 if kind == "dark" else 100.0 / mean
     temporal = noise * scale**2
-    spectra = {
-        (axis, part): spectrogram([plane * scale for plane in maps] if scale != 1.0 else maps, axis, of_noise)
-        for part, maps, of_noise in (("plain", planes, temporal), ("filtered", filtered, temporal * pixel_gain()))
-        for axis in (0, 1)
-    }
+    horizontal, vertical = (spectrogram(planes, axis, scale=scale, temporal=temporal) for axis in (1, 0))
+    passed = [spectrogram(filtered, axis, temporal=temporal * pixel_gain()) for axis in (1, 0)]
+    along_columns, along_rows = profiles(planes)
     return FramePattern(
         kind=kind,
         frames=frames.frames,
         exposure_s=frames.exposure_s,
         unit="DN" if kind == "dark" else "%",
-        mean_dn=float(np.mean([plane.mean() for plane in planes])),
-        horizontal=spectra[1, "plain"],
-        vertical=spectra[0, "plain"],
-        horizontal_filtered=spectra[1, "filtered"],
-        vertical_filtered=spectra[0, "filtered"],
-        along_columns=profile(planes, axis=1),
-        along_rows=profile(planes, axis=0),
+        mean_dn=mean,
+        horizontal=horizontal,
+        vertical=vertical,
+        horizontal_filtered=passed[0],
+        vertical_filtered=passed[1],
+        along_columns=along_columns,
+        along_rows=along_rows,
         histogram=found,
         far=far,
     )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-_VALUES_AT_A_TIME = 1 << 20
-"""Values that are transformed together: 24 MB with their spectra."""
+from photosite.calibration.strips import Plane, plane_mean, strips
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Spectrogram:
         return np.asarray(share * np.sqrt(self.power / self.length))
 
 
-def spectrogram(planes: Sequence[NDArray[np.float64]], axis: int, temporal: float = 0.0) -> Spectrogram:
+def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, temporal: float = 0.0) -> Spectrogram:
     """The spectrogram of one map, or of several of one size together.
 
     Parameters
@@ -60,8 +60,10 @@ def spectrogram(planes: Sequence[NDArray[np.float64]], axis: int, temporal: floa
         (rows, cols) each; each one's mean is taken off.
     axis
         1 for the horizontal spectrogram, along rows; 0 for the vertical one, along columns.
+    scale
+        By which the map is multiplied.
     temporal
-        Temporal variance left in the map.
+        Temporal variance left in the map, thus multiplied.
 
     Examples
     --------
@@ -70,23 +72,17 @@ def spectrogram(planes: Sequence[NDArray[np.float64]], axis: int, temporal: floa
     >>> float(found.frequency[found.power.argmax()]), round(float(found.amplitude().max()), 12)
     (0.125, 3.0)
     """
+    from scipy import fft
+
     length = planes[0].shape[axis]
     total, lines = np.zeros(length // 2 + 1), 0
     for plane in planes:
-        mean = float(plane.mean())
-        for some in _lines(plane, axis):
-            transform = np.fft.rfft(some - mean, axis=1)
-            total += np.sum(transform.real**2 + transform.imag**2, axis=0)
+        mean = plane_mean(plane)
+        for _, some in strips(plane, axis):
+            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=os.cpu_count() or 1)
+            total += np.einsum("ij,ij->j", transform.real, transform.real, dtype=np.float64)
+            total += np.einsum("ij,ij->j", transform.imag, transform.imag, dtype=np.float64)
             lines += len(some)
-    power = total / (lines * length)
+    power = total * (scale**2 / (lines * length))
     # At frequency 0 stands what lines differ by in their means; it is no part of the flat floor, nor of a wave.
     return Spectrogram(np.arange(len(power)) / length, power, length, float(np.median(power[1:])), temporal)
-
-
-def _lines(plane: NDArray[np.float64], axis: int) -> Iterator[NDArray[np.float64]]:
-    """The lines of a map, some at a time, as rows."""
-    across = plane.shape[1 - axis]
-    step = max(1, _VALUES_AT_A_TIME // plane.shape[axis])
-    for first in range(0, across, step):
-        part = slice(first, first + step)
-        yield plane[part] if axis == 1 else np.ascontiguousarray(plane[:, part].T)

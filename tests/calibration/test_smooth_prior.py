@@ -1,0 +1,119 @@
+"""Smooth positive responses from few measurements: closed forms, and coverage over many truths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from photosite.calibration.smooth_prior import _matern, smooth_positive_estimate
+from photosite.engine.truncated_normal import positive_normal_draws
+from photosite.errors import InputError
+
+NM = np.arange(400.0, 701.0, 10.0)
+
+
+def _response(rng, length_nm=30.0):
+    """A positive response of the prior's kind, of spread 0.3."""
+    root = 0.3 * np.linalg.cholesky(_matern(NM, length_nm))
+    return positive_normal_draws(np.zeros(NM.size), root, rng.standard_normal((20, NM.size)))[-1]
+
+
+def _bumps(rng):
+    """Two or three Gaussian bumps of 25 to 60 nm: smoother than the prior's kind."""
+    truth = np.zeros(NM.size)
+    for _ in range(rng.integers(2, 4)):
+        truth += rng.uniform(0.1, 0.6) * np.exp(-0.5 * ((NM - rng.uniform(420, 680)) / rng.uniform(25, 60)) ** 2)
+    return truth
+
+
+def _broad(rng, rows=16):
+    """Measurements that overlap, as a chart's: smooth spectra of wide bands."""
+    centres, widths = rng.uniform(400, 700, rows), rng.uniform(20, 80, rows)
+    return np.exp(-0.5 * ((NM - centres[:, None]) / widths[:, None]) ** 2)
+
+
+def test_many_exact_measurements_leave_no_doubt():
+    rng = np.random.default_rng(0)
+    truth = _bumps(rng)
+    found = smooth_positive_estimate(np.eye(NM.size), truth, 1e-8 * np.eye(NM.size), NM, draws=500)
+    assert np.abs(found.mean - truth).max() < 5e-4
+    assert found.determined == pytest.approx(NM.size, abs=0.5)
+
+
+def test_where_nothing_was_measured_the_interval_is_the_priors():
+    """Only 400 to 500 nm were seen: far above, the prior's spread is left, and the interval begins near 0."""
+    seen = NM <= 500
+    truth = np.exp(-0.5 * ((NM - 450.0) / 30.0) ** 2)
+    found = smooth_positive_estimate(np.eye(NM.size)[seen], truth[seen], 1e-6 * np.eye(seen.sum()), NM)
+    width = found.upper_95 - found.lower_95
+    assert width[seen].max() < 0.01
+    assert width[-5:].min() > 0.3
+    assert found.lower_95[-5:].max() < 0.1 * width[-5:].min()
+
+
+def test_without_the_wall_it_is_the_textbooks_regression():
+    """Far from 0, one length, spread and misfit: mean and covariance of Gaussian process regression, Rasmussen 2.25."""
+    import photosite.calibration.smooth_prior as module
+
+    rng = np.random.default_rng(2)
+    design = _broad(rng)
+    measured = design @ (5.0 + 0.1 * np.sin(NM / 40.0))
+    noise = 1e-4 * np.eye(len(design))
+    setting = next(iter(module._settings(design, measured, noise, NM, None)))
+    prior = setting.spread**2 * _matern(NM, setting.length_nm)
+    gain = prior @ design.T @ np.linalg.inv(design @ prior @ design.T + noise)
+    assert np.allclose(setting.mean, gain @ measured, rtol=1e-5)
+    covariance = prior - gain @ design @ prior
+    assert np.allclose(setting.factor @ setting.factor.T, covariance, atol=1e-6 * prior[0, 0])
+    whole = design @ prior @ design.T + noise
+    logdet = np.linalg.slogdet(whole).logabsdet
+    assert setting.log_evidence == pytest.approx(
+        -0.5 * (measured @ np.linalg.solve(whole, measured) + logdet), rel=1e-6
+    )
+
+
+def _held(make, seeds, misfit):
+    """Per seed, the share of wavelengths whose interval holds the truth, and the misfit found."""
+    held, misfits = [], []
+    for seed in range(seeds):
+        rng = np.random.default_rng([seed, 7])
+        truth, design = make(rng), _broad(rng)
+        clean = design @ truth
+        noise = 1e-3 * clean
+        measured = clean * (1.0 + misfit * rng.standard_normal(clean.size)) + noise * rng.standard_normal(clean.size)
+        patch = np.arange(clean.size)
+        found = smooth_positive_estimate(design, measured, np.diag(noise**2), NM, groups=patch, seed=seed, draws=400)
+        held.append(np.mean((found.lower_95 <= truth) & (truth <= found.upper_95)))
+        misfits.append(found.misfit)
+    return np.array(held), np.array(misfits)
+
+
+@pytest.mark.parametrize("misfit", [0.0, 0.02])
+def test_intervals_hold_truths_of_the_priors_kind(misfit):
+    """Pointwise coverage over 24 truths within 3.3 of its own standard errors of 95 %: 1 false alarm in 1000 each."""
+    held, misfits = _held(_response, 24, misfit)
+    assert abs(held.mean() - 0.95) < 3.3 * max(held.std(ddof=1) / np.sqrt(held.size), 0.005)
+    assert np.mean(misfits) == pytest.approx(misfit, abs=0.35 * misfit + 0.002)
+
+
+def test_intervals_hold_smoother_truths_too():
+    """Nothing the prior was made of. Smoother than it, so covered more often than 95 %."""
+    held, _ = _held(_bumps, 8, 0.0)
+    assert held.mean() > 0.95
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    rng = np.random.default_rng(5)
+    design = _broad(rng)
+    measured = design @ _bumps(rng)
+    one, other = (smooth_positive_estimate(design, measured, 1e-6 * np.eye(16), NM, seed=3, draws=200) for _ in "ab")
+    assert np.array_equal(one.upper_95, other.upper_95)
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(InputError, match="want 2 measurements"):
+        smooth_positive_estimate(np.ones((2, NM.size)), np.ones(3), np.eye(2), NM)
+    with pytest.raises(InputError, match="finite"):
+        smooth_positive_estimate(np.ones((1, NM.size)), np.array([np.nan]), np.eye(1), NM)
+    with pytest.raises(InputError, match="no light was seen"):
+        smooth_positive_estimate(np.ones((1, NM.size)), np.array([-1.0]), np.eye(1), NM)
