@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from photosite.calibration.profiles import profile
+from photosite.calibration.profiles import profiles
 
 
 def test_profiles_of_one_plane():
     plane = np.random.default_rng(1).normal(100.0, 5.0, (31, 44))
-    across, down = profile([plane], axis=1), profile([plane], axis=0)
+    across, down = profiles([plane])
     np.testing.assert_allclose(across.mean, plane.mean(0), rtol=1e-14)
     np.testing.assert_array_equal(across.lowest, plane.min(0))
     np.testing.assert_array_equal(across.middle, plane[15])
@@ -17,6 +17,6 @@ def test_profiles_of_one_plane():
 
 def test_two_planes_have_one_profile():
     planes = [np.full((4, 5), 2.0), np.full((4, 5), 6.0)]
-    found = profile(planes, axis=1)
+    found, _ = profiles(planes)
     assert found.mean.tolist() == [4.0] * 5
     assert (found.lowest.max(), found.highest.min(), found.middle[0]) == (2.0, 6.0, 2.0)

@@ -53,7 +53,7 @@ def test_a_strong_wave_leaves_the_white_part_alone():
 
 def test_several_planes_count_alike_each_about_its_own_mean(monkeypatch):
     """In pieces, too: what is transformed together changes nothing."""
-    from photosite.calibration import spectrogram as module
+    from photosite.calibration import strips
 
     rng = np.random.default_rng(4)
     planes = [rng.normal(level, 2.0, (30, 40)) for level in (0.0, 100.0)]
@@ -61,5 +61,5 @@ def test_several_planes_count_alike_each_about_its_own_mean(monkeypatch):
         single = [spectrogram([plane], axis).power for plane in planes]
         together = spectrogram(planes, axis).power
         np.testing.assert_allclose(together, np.mean(single, axis=0), rtol=1e-12)
-        monkeypatch.setattr(module, "_VALUES_AT_A_TIME", 70)
+        monkeypatch.setattr(strips, "VALUES_AT_A_TIME", 70)
         np.testing.assert_allclose(spectrogram(planes, axis).power, together, rtol=1e-12)

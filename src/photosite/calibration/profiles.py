@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.strips import Plane, strips
+
 
 @dataclass(frozen=True, eq=False)
 class Profile:
@@ -29,27 +31,42 @@ class Profile:
     middle: NDArray[np.float64]
 
 
-def profile(planes: Sequence[NDArray[np.float64]], axis: int) -> Profile:
-    """The profile of one map, or of several of one size together.
+def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
+    """The horizontal and the vertical profile of one map, or of several of one size together.
 
     Parameters
     ----------
     planes
         (rows, cols) each. Of several, the mean is theirs, the extremes those of all, the middle line the first one's.
-    axis
-        1 for the horizontal profile, place by place along a row; 0 for the vertical one.
+
+    Returns
+    -------
+    along_columns, along_rows
+        Place by place along a row, over the rows: the horizontal profile; and the other way round.
 
     Examples
     --------
-    >>> found = profile([np.array([[1.0, 2.0], [3.0, 2.0], [8.0, 2.0]])], axis=1)
-    >>> found.mean.tolist(), found.highest.tolist(), found.middle.tolist()
+    >>> across, down = profiles([np.array([[1.0, 2.0], [3.0, 2.0], [8.0, 2.0]])])
+    >>> across.mean.tolist(), across.highest.tolist(), across.middle.tolist()
     ([4.0, 2.0], [8.0, 2.0], [3.0, 2.0])
+    >>> down.mean.tolist()
+    [1.5, 2.5, 5.0]
     """
-    across = 1 - axis
-    first = planes[0]
-    return Profile(
-        mean=np.mean([plane.mean(axis=across) for plane in planes], axis=0),
-        lowest=np.min([plane.min(axis=across) for plane in planes], axis=0),
-        highest=np.max([plane.max(axis=across) for plane in planes], axis=0),
-        middle=np.array(np.take(first, first.shape[across] // 2, axis=across)),
+    rows, cols = planes[0].shape
+    sums, lows, highs = (np.zeros(cols), np.full(cols, np.inf), np.full(cols, -np.inf))
+    row_sums, row_lows, row_highs = (np.zeros(rows), np.full(rows, np.inf), np.full(rows, -np.inf))
+    for plane in planes:
+        for part, lines in strips(plane):
+            sums += lines.sum(axis=0)
+            np.minimum(lows, lines.min(axis=0), out=lows)
+            np.maximum(highs, lines.max(axis=0), out=highs)
+            row_sums[part] += lines.sum(axis=1)
+            np.minimum(row_lows[part], lines.min(axis=1), out=row_lows[part])
+            np.maximum(row_highs[part], lines.max(axis=1), out=row_highs[part])
+    first, down, across = planes[0], rows // 2, cols // 2
+    middle_row = np.array(first[down : down + 1, :]).ravel()
+    middle_column = np.array(first[:, across : across + 1]).ravel()
+    return (
+        Profile(sums / (rows * len(planes)), lows, highs, middle_row),
+        Profile(row_sums / (cols * len(planes)), row_lows, row_highs, middle_column),
     )
