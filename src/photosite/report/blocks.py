@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from photosite.report.html import Image, Images
+from photosite.report.html import Image, Images, Paragraph
 from photosite.report.style import svg_bytes
 
 
@@ -24,3 +24,8 @@ def sentence(text: str) -> str:
     first = text.split(" ", 1)[0]
     whole = text if "_" in first else text[:1].upper() + text[1:]
     return whole if whole.endswith((".", "!", "?")) else f"{whole}."
+
+
+def reason_block(reason: str) -> Paragraph:
+    """What stands in the place of a figure that is missing."""
+    return Paragraph(f"Not shown: {sentence(reason)}")

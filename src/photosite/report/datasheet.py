@@ -15,6 +15,12 @@ from photosite.report.html import Block, Column, Heading, Table
 from photosite.report.numbers import format_number, format_time
 from photosite.report.tables import format_estimate, interval_text
 
+_MODELS = {
+    "linear": "EMVA 1288 R4.0 Linear, photon transfer",
+    "general": "EMVA 1288 R4.0 General, for the photons are not known: there is no quantum efficiency, and what needs "
+    "no photons is after R4.0 Linear",
+}
+
 _PAIRS = (Column("What"), Column("Value"))
 
 SHEET: dict[str, dict[str, str]] = {
@@ -32,6 +38,12 @@ SHEET: dict[str, dict[str, str]] = {
         "saturation_capacity_e": "μe.sat",
         "dynamic_range_db": "DR",
     },
+    "Linearity": {
+        "linearity_error_percent": "LE",
+        "linearity_error_min_percent": "LEmin",
+        "linearity_error_max_percent": "LEmax",
+        "linearity_error_full_scale_percent": "LE, R3.0",
+    },
     "Non-uniformity": {
         "dsnu1288_e": "DSNU1288",
         "dsnu1288_row_e": "DSNU1288.row",
@@ -41,10 +53,20 @@ SHEET: dict[str, dict[str, str]] = {
         "prnu1288_row_percent": "PRNU1288.row",
         "prnu1288_column_percent": "PRNU1288.col",
         "prnu1288_pixel_percent": "PRNU1288.pixel",
+    },
+    "Non-uniformity with the high-pass exchanged: on DSNU, off PRNU": {
+        "dsnu1288_filtered_e": "DSNU1288",
+        "dsnu1288_filtered_row_e": "DSNU1288.row",
+        "dsnu1288_filtered_column_e": "DSNU1288.col",
+        "dsnu1288_filtered_pixel_e": "DSNU1288.pixel",
         "prnu1288_unfiltered_percent": "PRNU1288, R3.1",
+        "prnu1288_unfiltered_row_percent": "PRNU1288.row",
+        "prnu1288_unfiltered_column_percent": "PRNU1288.col",
+        "prnu1288_unfiltered_pixel_percent": "PRNU1288.pixel",
     },
     "Dark signal": {
         "dark_current_e_per_s": "μI.mean",
+        "dark_current_from_variance_e_per_s": "μI.var",
         "black_level_dn": "μy.dark",
     },
 }
@@ -92,8 +114,12 @@ def _sensor_table(calibration: Calibration) -> Table:
 
 
 def _operating_table(calibration: Calibration) -> Table:
-    """How: exposures, levels, light and model."""
-    rows = []
+    """How: setting, exposures, levels, light and model."""
+    gain, temperature = calibration.gain_setting, calibration.temperature_c
+    rows = [
+        ("Gain setting", "not stated" if gain is None else f"{gain:g}"),
+        ("Temperature of the sensor", "not stated" if temperature is None else _range(*temperature)),
+    ]
     if (dark := _first(calibration, "dark_signal")) is not None:
         rows.append(("Dark frames", _exposures(dark.x)))
     response = _first(calibration, "response")
@@ -107,9 +133,13 @@ def _operating_table(calibration: Calibration) -> Table:
         rows.append(("Light", f"{levels}, {ends} photons per pixel as the measurement states them"))
     else:
         rows.append(("Light", f"{levels} by {_exposures(response.x)}; the photons are not known"))
-    model = "EMVA 1288 R4.0 Linear, photon transfer"
-    rows.append(("Model", model if photons else f"{model}; without photons there is no quantum efficiency"))
+    rows.append(("Wavelength", "not stated: frames and protocol do not tell the spectrum of the light"))
+    rows.append(("Model", _MODELS[calibration.model]))
     return Table("Operating point and light", _PAIRS, tuple(rows))
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.1f} °C" if high - low < 0.05 else f"{low:.1f} to {high:.1f} °C"
 
 
 def _first(calibration: Calibration, kind: str) -> Curve | None:

@@ -26,8 +26,19 @@ class _Row:
 
     label: str
     unit: str
-    known: Callable[[Sensor], Measured | float]
+    known: Callable[[Sensor], Measured | float | None]
     parameter: str | None = None
+
+
+def _electrons(sensor: Sensor, noise: Measured) -> float | None:
+    """A noise in electrons, unless it or what volts are worth is assumed."""
+    if noise.assumed or sensor.pixel.conversion_gain_uv_per_e.assumed:
+        return None
+    return float(sensor.electrons(noise.value))
+
+
+def _electrons_per_dn(sensor: Sensor) -> float | None:
+    return None if sensor.pixel.conversion_gain_uv_per_e.assumed else 1.0 / sensor.system_gain_dn_per_e
 
 
 _TABLE_1 = (
@@ -36,14 +47,14 @@ _TABLE_1 = (
     _Row("Fill factor", "1", lambda s: s.pixel.fill_factor),
     _Row("Dark voltage", "mV/s", lambda s: s.noise.dark_voltage_mv_per_s, "dark_voltage_mv_per_s"),
     _Row("Read noise", "mV", lambda s: s.noise.read_noise_mv, "read_noise_mv"),
-    _Row("Read noise", "e⁻", lambda s: s.electrons(s.noise.read_noise_mv.value), "read_noise_e"),
+    _Row("Read noise", "e⁻", lambda s: _electrons(s, s.noise.read_noise_mv), "read_noise_e"),
     _Row("Conversion gain", "µV/e⁻", lambda s: s.pixel.conversion_gain_uv_per_e, "conversion_gain_uv_per_e"),
     _Row("Voltage swing", "V", lambda s: s.pixel.voltage_swing_v),
     _Row("Well capacity", "e⁻", lambda s: s.pixel.well_capacity_e, "saturation_capacity_e"),
     _Row("DSNU", "mV", lambda s: s.noise.dsnu_mv, "dsnu_mv"),
-    _Row("DSNU", "e⁻", lambda s: s.electrons(s.noise.dsnu_mv.value), "dsnu_e"),
+    _Row("DSNU", "e⁻", lambda s: _electrons(s, s.noise.dsnu_mv), "dsnu_e"),
     _Row("PRNU", "%", lambda s: s.noise.prnu_percent, "prnu_percent"),
-    _Row("Analog gain, as system gain", "e⁻/DN", lambda s: 1.0 / s.system_gain_dn_per_e, "system_gain_dn_per_e"),
+    _Row("Analog gain, as system gain", "e⁻/DN", _electrons_per_dn, "system_gain_dn_per_e"),
     _Row("Quantisation", "bit", lambda s: float(s.readout.bits)),
 )
 """Farrell, Okincha and Parmar (2008), Table 1, sensor and pixel. Its analog gain of 7.98 is electrons per number; its
@@ -112,7 +123,10 @@ def _inverse(entry: Estimate) -> Estimate:
     return Estimate(1.0 / entry.value, entry.standard_uncertainty / entry.value**2)
 
 
-def _known(value: Measured | float) -> str:
+def _known(value: Measured | float | None) -> str:
+    """What a sensor file says; nothing where it only assumes."""
+    if value is None or (isinstance(value, Measured) and value.assumed):
+        return "–"
     if isinstance(value, Measured):
         return format_uncertain(value.value, value.standard_uncertainty)
     return format_number(value, 4) if value % 1 else f"{value:.0f}"

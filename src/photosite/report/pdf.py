@@ -54,8 +54,11 @@ _GAP = 4.0
 
 _MM_PER_POINT = 25.4 / 72.0
 
-_WHOLE = ("SHA-256",)
-"""Columns whose texts stay on one line, as those of numbers do."""
+_PADDING = 3.4
+"""Of a cell, both sides together, with what the library adds, in mm."""
+
+_CODES, _HEX = ("SHA-256",), 64 * "0"
+"""Columns of codes, and the width of one."""
 
 _NARROW, _WIDE = 14.0, 62.0
 """Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
@@ -262,22 +265,23 @@ class _Document(FPDF):
         self._write(block.caption, size=_SMALL, color=_QUIET, below=4)
 
     def _table(self, table: Table) -> None:
-        code = any(column.title in _WHOLE for column in table.columns)
-        size = _TINY if code else _SMALL
         self._room(30)
         self._write(table.caption, size=_SMALL, color=_QUIET, above=1, below=0.8)
-        self._look(size, code=code)
+        if any(column.title in _CODES for column in table.columns):
+            self._code_table(table)
+            return
         self.set_draw_color(*_RULE)
-        heading = FontFace(emphasis="BOLD", color=_INK) if not code else FontFace(color=_QUIET)
+        widths = self._widths(table)
+        self._look(_SMALL)
         with self.table(
-            col_widths=self._widths(table),
+            col_widths=widths,
             width=self.epw,
             align="LEFT",
             text_align=tuple("RIGHT" if column.numeric else "LEFT" for column in table.columns),
             v_align="TOP",
             borders_layout="HORIZONTAL_LINES",
-            headings_style=heading,
-            line_height=1.3 * size * _MM_PER_POINT,
+            headings_style=FontFace(emphasis="BOLD", color=_INK),
+            line_height=1.3 * _SMALL * _MM_PER_POINT,
             padding=(0.7, 1.2, 0.7, 0),
         ) as laid:
             laid.row([column.title for column in table.columns])
@@ -289,17 +293,38 @@ class _Document(FPDF):
                     laid.row(row)
         self.ln(2)
 
+    def _code_table(self, table: Table) -> None:
+        """Hundreds of codes: plain lines, each code at the right; a long name stands on a line of its own."""
+        self._look(_TINY, code=True)
+        line = _LINE * _TINY * _MM_PER_POINT
+        for row in ([column.title for column in table.columns], *table.rows):
+            assert not isinstance(row, Heading)
+            *names, digest = row
+            name = "  ".join(names)
+            if self.get_string_width(name) + self.get_string_width(digest) + 4 > self.epw:
+                self.multi_cell(0, line, name, align="L", new_x="LMARGIN", new_y="NEXT")
+                name = ""
+            left = self.epw - self.get_string_width(_HEX)
+            self.cell(left, line, name)
+            self.cell(0, line, digest, new_x="LMARGIN", new_y="NEXT")
+        self.ln(2)
+
     def _widths(self, table: Table) -> list[float]:
         """Widths of the columns: what each asks for, and what is left given to those that would fill it."""
         rows = [row for row in table.rows if not isinstance(row, Heading)]
         texts = [[column.title, *cells] for column, cells in zip(table.columns, _columns(table, rows), strict=True)]
-        wanted = [max(self.get_string_width(text) for text in column) + 3.0 for column in texts]
+        self._look(_SMALL, "B")  # as wide as a heading; what lies below is narrower
+        wanted = [max(self.get_string_width(text) for text in column) + _PADDING for column in texts]
         if sum(wanted) <= self.epw:
             return [*wanted[:-1], wanted[-1] + self.epw - sum(wanted)]
-        words = [max(self.get_string_width(word) for text in column for word in _words(text)) + 3.0 for column in texts]
+        words = [
+            max(self.get_string_width(word) for text in column for word in _words(text)) + _PADDING for column in texts
+        ]
         least = [min(width, max(_NARROW, min(word, _WIDE))) for width, word in zip(wanted, words, strict=True)]
-        whole = [column.numeric or column.title in _WHOLE for column in table.columns]
-        least = [width if keep else floor for width, floor, keep in zip(wanted, least, whole, strict=True)]
+        least = [
+            width if column.numeric else floor
+            for width, floor, column in zip(wanted, least, table.columns, strict=True)
+        ]
         spare = self.epw - sum(least)
         asked = [width - floor for width, floor in zip(wanted, least, strict=True)]
         if spare <= 0 or sum(asked) == 0:

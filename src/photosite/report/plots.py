@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from photosite.calibration.linearity import Linearity
 from photosite.calibration.result import Calibration, Curve
 from photosite.calibration.snr import SnrCurve
 from photosite.calibration.uncertain import Missing
-from photosite.report.blocks import figure_block, sentence
+from photosite.report.blocks import figure_block, reason_block
 from photosite.report.figures.curve import Residuals, curve_figure
+from photosite.report.figures.linearity import linearity_figure
 from photosite.report.figures.snr import snr_figure
-from photosite.report.html import Block, Paragraph, Section, Subheading
+from photosite.report.html import Block, Section, Subheading
+from photosite.report.patterns import far_pixel_blocks, non_uniformity_blocks
 from photosite.report.tables import linear_range_table
 
 _CURVES: dict[str, tuple[Residuals, str]] = {
@@ -85,17 +88,16 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Sensitivity", (*_or_reason(calibration, "response", no_light), *ranges)),
         Section("Photon transfer", _or_reason(calibration, "photon_transfer", no_light)),
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
+        Section("Linearity", _linearity_blocks(calibration)),
         Section("Dark current", _dark_blocks(calibration)),
+        Section("Non-uniformity", non_uniformity_blocks(calibration)),
+        Section("Defects", far_pixel_blocks(calibration)),
     )
 
 
 def _or_reason(calibration: Calibration, kind: str, lacking: str) -> tuple[Block, ...]:
     """The figure of a kind of curve, or why there is none."""
-    return curve_blocks(calibration, (kind,)) or (_reason(lacking),)
-
-
-def _reason(text: str) -> Paragraph:
-    return Paragraph(f"Not shown: {sentence(text)}")
+    return curve_blocks(calibration, (kind,)) or (reason_block(lacking),)
 
 
 def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
@@ -104,7 +106,9 @@ def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
     }
     if not curves:
         reasons = [found.reason for found in calibration.snr.values() if isinstance(found, Missing)]
-        return (_reason(reasons[0] if reasons else calibration.system_gain_dn_per_e.reason or "no level has a ratio"),)
+        return (
+            reason_block(reasons[0] if reasons else calibration.system_gain_dn_per_e.reason or "no level has a ratio"),
+        )
     figure = snr_figure(curves, _patterns(calibration, curves))
     photons = next(iter(curves.values())).photons
     ideal = (
@@ -130,6 +134,24 @@ def _patterns(calibration: Calibration, curves: dict[str, SnrCurve]) -> dict[str
         if dsnu_e is not None and prnu_percent is not None:
             found[channel] = (curve.gain_dn_per_e.value * dsnu_e, prnu_percent / 100.0)
     return found
+
+
+def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    found = {channel: entry for channel, entry in calibration.linearity.items() if isinstance(entry, Linearity)}
+    if not found:
+        reasons = [entry.reason for entry in calibration.linearity.values() if isinstance(entry, Missing)]
+        return (
+            reason_block(reasons[0] if reasons else calibration.linearity_error_percent.reason or "no light frames"),
+        )
+    caption = (
+        "Deviation of the response from a straight line. Above, relative to the line, which is fitted to the relative "
+        "deviations (EMVA 1288 R3.1 and R4.0): small signals count as much as large ones. Below, relative to the full "
+        "scale (R3.0). Bars are 95 % intervals from sampling, dotted lines the extremes of the levels fitted, from 5 "
+        "to 95 % of saturation."
+    )
+    return (
+        figure_block(linearity_figure(found), "Deviation from linearity against light, by two definitions", caption),
+    )
 
 
 def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:

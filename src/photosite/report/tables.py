@@ -77,13 +77,13 @@ def interval_text(entry: Estimate) -> str:
 
     Examples
     --------
-    >>> interval_text(Estimate(0.5218, 0.0034))
-    '0.5151 to 0.5285'
+    >>> interval_text(Estimate(0.5218, 0.0034)).split()
+    ['0.5151', 'to', '0.5285']
     """
     interval = entry.interval_95
     if interval is None or entry.standard_uncertainty is None:
         return ""
-    text = format_interval(*interval, entry.standard_uncertainty)
+    text = format_interval(*interval, entry.standard_uncertainty).replace(" ", "\u00a0")  # on one line
     if entry.upper_limit_95 is not None:
         text += f"; upper limit {format_number(entry.upper_limit_95, 3)}"
     return text
