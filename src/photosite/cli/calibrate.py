@@ -46,6 +46,12 @@ if TYPE_CHECKING:
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Files of a folder that are dark frames: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Files of a folder that are light frames.")
+@click.option(
+    "--maps",
+    is_flag=True,
+    help="Measure the chip itself: maps of offset, response, dark rate and read noise, defects, row and column noise; "
+    "-o writes the maps beside the sensor file (HDF5).",
+)
 @options.json_option
 def command(
     path: Path,
@@ -57,6 +63,7 @@ def command(
     cfa: str | None,
     dark: tuple[str, ...],
     light: tuple[str, ...],
+    maps: bool,
     as_json: bool,
 ) -> None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
@@ -90,33 +97,38 @@ def command(
     from photosite.calibration.calibrate import calibrate
     from photosite.frames.open import open_frames
     from photosite.sensor.file import load_sensor
+    from photosite.sensor.maps_file import maps_path
 
     frames = open_frames(path, bits=bits, cfa=cfa, dark=dark, light=light)
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
     if output is not None and sensor is None:
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
+    if maps and len(frames.gain_settings) > 1:
+        raise click.UsageError("--maps takes frames of one gain setting; calibrate those of one setting by themselves")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
         calibrate_gain_series(frames, sensor, output, report, partial, as_json)
         return
-    calibration = calibrate(frames, sensor, progress=Stages(), partial=partial)
+    calibration = calibrate(frames, sensor, maps=maps, progress=Stages(), partial=partial)
     _save(calibration, output, report)
+    beside = maps_path(output) if maps and output is not None else None
     if as_json:
-        written = {"sensor": output, "report": report}
+        written = {"sensor": output, "maps": beside, "report": report}
         print_json(calibration.to_dict() | {name: str(file) for name, file in written.items() if file is not None})
         return
     _show(calibration)
-    for file in (output, report):
+    for file in (output, beside, report):
         if file is not None:
             click.echo(f"wrote {file}")
 
 
 def _save(calibration: Calibration, output: Path | None, report: Path | None) -> None:
-    sensor = None if output is None else calibration.sensor
+    if output is not None:
+        _ = calibration.sensor  # what it may lack is said before anything is written
     if report is not None:
         calibration.report(report)
-    if sensor is not None and output is not None:
-        sensor.save(output)
+    if output is not None:
+        calibration.save(output)
 
 
 def _show(calibration: Calibration) -> None:
@@ -138,8 +150,41 @@ def _show(calibration: Calibration) -> None:
     click.echo(table(rows, "<<<<"))
     if len(missing) > 1:
         click.echo("\n" + table(missing, "<<"))
+    _show_chip(calibration)
     for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
         if lines:
             click.echo(f"\n{what}:")
             for line in lines:
                 click.echo(f"  {line}")
+
+
+def _show_chip(calibration: Calibration) -> None:
+    from photosite.report.numbers import format_uncertain
+
+    chip, temporal = calibration.chip, calibration.temporal
+    if chip is None or temporal is None:
+        return
+    rows = [("noise in the dark", "value", "unit", "how")]
+    for label, unit, entry in (
+        ("pixel noise", "DN", temporal.pixel_noise_dn),
+        ("row noise", "DN", temporal.row_noise_dn),
+        ("column noise", "DN", temporal.column_noise_dn),
+        ("frame noise", "DN", temporal.frame_noise_dn),
+        ("excess kurtosis", "", temporal.tail.excess_kurtosis),
+        ("  within pixels", "", temporal.tail.within_pixels),
+        ("  between pixels", "", temporal.tail.between_pixels),
+        ("Tukey lambda (0.14: normal)", "", temporal.tail.tukey_lambda),
+    ):
+        if entry.value is not None and entry.standard_uncertainty is not None:
+            rows.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))
+    click.echo("\n" + table(rows, "<<<<"))
+    defects = [("defective pixels", "number")] + [(kind, str(n)) for kind, n in chip.defects.counts().items()]
+    click.echo("\n" + table(defects, "<>"))
+    bands = [("bands", "cycles per pixel", "amplitude, DN")]
+    bands += [
+        (name, f"{band.cycles_per_pixel:.4f}", format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn))
+        for name, found in temporal.bands.items()
+        for band in found
+    ]
+    if len(bands) > 1:
+        click.echo("\n" + table(bands, "<><"))

@@ -1,0 +1,43 @@
+"""`photosite calibrate --maps`: the chip's maps beside the sensor file, and frames simulated from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.cli.main import run
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shot") / "stack"
+    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
+    return folder
+
+
+def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    """The offsets of the simulated darks are those of the chip that was shot: correlation of 0.7 and more."""
+    done = photosite("calibrate", stack, "--maps", "--json", "-o", tmp_path / "mine.sensor.yaml")
+    assert done.status == 0, done.err
+    assert Path(done.json["maps"]) == tmp_path / "mine.maps.h5"
+    assert set(done.json["defects"]) == {"hot", "offset", "dead", "response", "blinking", "noisy"}
+    assert done.json["temporal"]["pixel_noise_dn"]["value"] > 0
+    sensor = ps.load_sensor(tmp_path / "mine.sensor.yaml")
+    assert sensor.measured_chip is not None
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    black = np.zeros((66, 98), np.float32)
+    simulated = np.mean([camera.expose(black, 0.01, seed=1, frame=i).dn for i in range(30)], axis=0)
+    shot = ps.open_frames(stack).of_kind("dark")[0]
+    mean = np.mean(list(shot), axis=0)
+    assert np.corrcoef(simulated.ravel(), mean.ravel())[0, 1] > 0.7
+
+
+def test_a_run_for_people_shows_noise_and_defects(photosite: Any, stack: Path) -> None:
+    done = photosite("calibrate", stack, "--maps")
+    assert done.status == 0, done.err
+    for words in ("row noise", "excess kurtosis", "Tukey lambda (0.14: normal)", "defective pixels", "blinking"):
+        assert words in done.out
