@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import FuncFormatter
 
 from photosite.calibration.spatial_analysis import FramePattern
 from photosite.calibration.spectrogram import Spectrogram
@@ -46,14 +46,21 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     for axes, title in ((upper, "horizontal, along rows"), (lower, "vertical, along columns")):
         axes.set(yscale="log", xlim=(0.0, 0.5), ylabel=f"standard deviation ({some.unit})")
         axes.set_title(title, loc="left")
-        axes.yaxis.set_major_formatter(LogFormatter())
-        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+        for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: _tick(value, upper.get_ylim())))
     lower.set_xlabel(
         "frequency (cycles per pixel" + (")" if some.frames and len(patterns) == 1 else " of the channel)")
     )
     handles = _legend(patterns)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
+
+
+def _tick(value: float, limits: tuple[float, float]) -> str:
+    """A number for each tick of a short axis, for those at 1, 2 and 5 of a longer one."""
+    leading = value / 10.0 ** np.floor(np.log10(value) + 1e-9)
+    wanted = limits[1] < 2.0 * limits[0] or any(np.isclose(leading, number) for number in (1.0, 2.0, 5.0))
+    return f"{value:.3g}" if wanted else ""
 
 
 def _draw(axes: Axes, plain: Spectrogram, filtered: Spectrogram, color: str, *, alone: bool) -> None:
