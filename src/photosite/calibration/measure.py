@@ -234,7 +234,7 @@ def _measure_channel(
 ) -> Measurements:
     reference = dark.groups[dark.reference]
     level = reference.levels[index]
-    dark_only = _measure_dark(darkness(dark, index), level, reference.label)
+    dark_only = measure_dark(darkness(dark, index), level, reference.label)
     parts, filtered = reference_parts(dark, index)
     dsnu = excess_variance(moments, mean_frame_noise(level, dark.scatter))
     if isinstance(parts, Parts):
@@ -247,7 +247,7 @@ def _measure_channel(
         measured = _censored(measured, dark, dark.clipped.estimates[index], measured.dark_slope_variance)
     if channel is not None and patterns is not None:
         measured = _with_light(measured, channel, patterns)
-    return _stand_for_the_sensor(_without_dark_shot(measured, reference.group.exposure_s))
+    return stand_for_the_sensor(without_dark_shot(measured, reference.group.exposure_s))
 
 
 def _censored(
@@ -268,7 +268,10 @@ def _censored(
 
 
 def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
-    responsivity = efficient(_responsivity(channel), channel.gain)
+    responsivity = _responsivity(channel)
+    if channel.bend is not None:
+        responsivity = channel.bend.widen(responsivity, channel.bend.responsivity)
+    responsivity = efficient(responsivity, channel.gain)
     return replace(
         measured,
         response_variance=patterns.response_variance,
@@ -291,18 +294,18 @@ def measure_together(
 ) -> Measurements:
     """All channels together; `gain` was fitted to all of them."""
     reference = dark.groups[dark.reference]
-    together = _measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
+    together = measure_dark(darkness(dark, None), pooled_level(reference.levels), reference.label)
     if dark.clipped is not None:
         spread = NO_PIXEL_SLOPES if dark.slopes is None else _mean_variance(dark.slopes)
         together = _censored(together, dark, dark.clipped.together(), spread)
     if len(channels) == 1:
         return replace(channels[0], gain=gain)
-    pooled = _without_dark_shot(pool(names, channels, together, gain), reference.group.exposure_s)
+    pooled = without_dark_shot(pool(names, channels, together, gain), reference.group.exposure_s)
     # Black level and dark slope were measured on all pixels together; the other means bring their share along.
-    return replace(_stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
+    return replace(stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
 
 
-def _measure_dark(background: Darkness, level: Level, label: str) -> Measurements:
+def measure_dark(background: Darkness, level: Level, label: str) -> Measurements:
     """What the dark frames alone tell; the rest says that there is no light."""
     black, slope = background.mean.line
     slope = dark_current_slope(slope, background.mean.exposure_s)
@@ -332,7 +335,7 @@ def _measure_dark(background: Darkness, level: Level, label: str) -> Measurement
     )
 
 
-def _without_dark_shot(m: Measurements, exposure_s: float) -> Measurements:
+def without_dark_shot(m: Measurements, exposure_s: float) -> Measurements:
     """Read noise without the shot noise of the dark current in the same frames, K (dark slope) t, where both are known.
 
     A sensor file holds both, and a simulation adds both.
@@ -353,7 +356,7 @@ def _for_the_sensor(mean: Value, variance: Value, pixels: int) -> Value:
     return mean + Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
 
 
-def _stand_for_the_sensor(m: Measurements) -> Measurements:
+def stand_for_the_sensor(m: Measurements) -> Measurements:
     """The means among the measurements, with what their pixels' spread adds to their uncertainty."""
     response = m.responsivity
     if isinstance(response, Uncertain) and isinstance(m.response_variance, Uncertain):

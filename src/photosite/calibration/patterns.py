@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.bend import Bend
 from photosite.calibration.dark import Darkness, same_exposure
 from photosite.calibration.groups import GroupStatistics
 from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
@@ -44,6 +45,7 @@ class Channel:
     saturation: Saturation
     used: NDArray[np.bool_]
     gain: Value
+    bend: Bend | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Patterns:
 
 
 @dataclass(frozen=True)
-class _SlopePlan:
+class SlopePlan:
     """One channel's coefficient per light group, the noise its slopes will hold, and seconds per unit of the axis."""
 
     coefficients: dict[int, float]
@@ -67,7 +69,8 @@ class _SlopePlan:
     seconds_per_unit: float
 
 
-def _plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> _SlopePlan | Missing:
+def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePlan | Missing:
+    """How a channel's map of slopes will be made of the light groups in its linear range."""
     levels, used = channel.levels, channel.used
     if len(np.unique(levels.x[used])) < 2:
         return Missing(
@@ -87,7 +90,7 @@ def _plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> _SlopeP
         uncertainty[single] = (channel.gain.standard_uncertainty * levels.signal[used])[single]
     frames = np.array([level.frames for level in chosen])
     coefficients = slope_coefficients(levels.x[used], frames / variance)
-    return _SlopePlan(
+    return SlopePlan(
         dict(zip(groups.tolist(), coefficients.tolist(), strict=True)),
         slope_noise(coefficients, frames, variance, uncertainty),
         float(coefficients @ levels.exposure_s[used]),
@@ -169,7 +172,7 @@ class PatternReader:
         self._dark_slopes = dark_slopes
         self._dark_noise = {reference: dark_noise}
         self._scatter = scatter
-        self._plans = [_plan_slopes(channel, lights) for channel in channels]
+        self._plans = [plan_slopes(channel, lights) for channel in channels]
         self._half = [_half_saturated(channel, lights) for channel in channels]
         self._dark_of = [
             reference if isinstance(half, Missing) or dark_parts else _matching_dark(lights[half], darks, reference)
@@ -191,7 +194,7 @@ class PatternReader:
             self._dark_noise[i] = mean_frame_parts(self._reader, self._darks[i], self._scatter)
 
         slopes = PixelSlopes((self._reader.frames.rows, self._reader.frames.cols), self._reader.tile)
-        plans = [plan if isinstance(plan, _SlopePlan) else None for plan in self._plans]
+        plans = [plan if isinstance(plan, SlopePlan) else None for plan in self._plans]
         filtered: dict[int, Parts | Missing] = {}
         plain: dict[int, Parts | Missing] = {}
         spatial: dict[int, SpatialAnalysis | Missing] = {}
@@ -225,7 +228,7 @@ class PatternReader:
 
     def _needed(self, group: int) -> bool:
         return group in self._half or any(
-            isinstance(plan, _SlopePlan) and group in plan.coefficients for plan in self._plans
+            isinstance(plan, SlopePlan) and group in plan.coefficients for plan in self._plans
         )
 
     def _response_variance(self, k: int, spread: SlopeSpread) -> Value:
@@ -261,4 +264,7 @@ class PatternReader:
         levels = self._channels[k].levels
         place = int(np.flatnonzero(levels.group == group)[0])
         signal = Uncertain.of(float(levels.signal[place]), float(np.sqrt(levels.signal_covariance[place, place])))
-        return (light - dark).scaled(1.0 / (signal * signal))
+        relative = 1.0 / (signal * signal)
+        if (bend := self._channels[k].bend) is not None:
+            relative = bend.widen(relative, -2.0 * bend.contrast(float(levels.x[place])))
+        return (light - dark).scaled(relative)
