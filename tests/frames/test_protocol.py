@@ -36,6 +36,7 @@ def test_what_is_written_is_read(tmp_path, cfa):
             ProtocolFrames("light", 0.1 + 0.2, ("a b.png", "no: 1.png", "#c.png"), 1234.5),
             ProtocolFrames("dark", 30.0, ("1e3",)),
             ProtocolFrames("dark", 30.0, ("cold.png",), None, None, 400.0, -10.5),
+            ProtocolFrames("light", None, ("more/*.nef",)),
         ),
         name="1.5",
         bits=12,
@@ -139,7 +140,6 @@ def test_errors_name_the_line(tmp_path, text, line, why):
     [
         ("{kind: dark, exposur: 1, files: a.png}", "has no key 'exposur'; did you mean 'exposure'?"),
         ("{exposure: 1, files: a.png}", "lacks 'kind'"),
-        ("{kind: dark, files: a.png}", "lacks 'exposure'"),
         ("{kind: dark, exposure: 1}", "lacks 'files'"),
         ("{kind: flat, exposure: 1, files: a.png}", "'kind' is dark or light, not 'flat'"),
         ("{kind: dark, exposure: 0, files: a.png}", "above 0 s, not 0"),
@@ -213,6 +213,17 @@ def test_settings_by_the_protocol_and_by_the_files(tmp_path):
     put(tmp_path, "b.png", metadata=MappingProxyType({"iso": "auto"}))
     with pytest.raises(FileError, match=r"b\.png: states iso 'auto', which is no number"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\nframes: [{kind: dark, exposure: 1, files: b.png}]\n"))
+
+
+def test_exposures_by_the_files_where_the_protocol_is_silent(tmp_path):
+    """One entry for all darks of a camera; a file that is silent too is named, with the line."""
+    put(tmp_path, "a.png", exposure_s=1.0)
+    put(tmp_path, "b_2s.png", value=65, exposure_s=2.0)
+    path = protocol(tmp_path, "photosite_protocol: 1\nframes:\n  - {kind: dark, files: '*.png'}\n")
+    assert [(g.kind, g.exposure_s) for g in open_frames(path).groups] == [("dark", 1.0), ("dark", 2.0)]
+    put(tmp_path, "b_2s.png", value=65)
+    with pytest.raises(FileError, match=r":3: .*b_2s\.png: does not state its exposure; say it in a protocol"):
+        open_frames(path)
 
 
 def test_temperatures_far_apart_are_told(tmp_path):

@@ -10,6 +10,7 @@ frames:
   - {kind: dark, exposure: 1/8000, files: dark/*.dng}
   - {kind: light, exposure: 0.04, files: [flat/a.dng, flat/b.dng], photons_per_pixel: 12000}
   - {kind: light, exposure: 1/60, files: iso400/*.dng, gain_setting: 400, temperature_c: 21.5}
+  - {kind: dark, files: more/*.nef}     # exposures, gain settings and temperatures as the files state them
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class ProtocolFrames:
     kind
         "dark" or "light".
     exposure_s
-        Exposure time.
+        Exposure time, or None: what the files say.
     files
         Paths and glob patterns relative to the protocol.
     photons_per_pixel
@@ -61,7 +62,7 @@ class ProtocolFrames:
     """
 
     kind: Kind
-    exposure_s: float
+    exposure_s: float | None
     files: tuple[str, ...]
     photons_per_pixel: float | None = None
     line: int | None = None
@@ -133,8 +134,10 @@ def write_protocol(protocol: Protocol, path: str | PathLike[str]) -> None:
             content[key] = getattr(protocol, key)
     content["frames"] = []
     for frames in protocol.frames:
-        text = format_exposure(frames.exposure_s)
-        entry = CommentedMap(kind=frames.kind, exposure=text if "/" in text else frames.exposure_s)
+        entry = CommentedMap(kind=frames.kind)
+        if frames.exposure_s is not None:
+            text = format_exposure(frames.exposure_s)
+            entry["exposure"] = text if "/" in text else frames.exposure_s
         entry["files"] = frames.files[0] if len(frames.files) == 1 else in_flow(CommentedSeq(frames.files))
         for key in _SETTINGS:
             if getattr(frames, key) is not None:
@@ -228,19 +231,13 @@ def _frames(file: Path, entry: Any, line: int | None) -> ProtocolFrames:
     if not isinstance(entry, Mapping):
         raise FileError(file, f"an entry of 'frames' is {{kind, exposure, files}}, not {entry!r}", line)
     check_keys(file, entry, _FRAME_KEYS, "an entry of 'frames'")
-    for key in ("kind", "exposure", "files"):
+    for key in ("kind", "files"):
         if entry.get(key) is None:
             raise FileError(file, f"an entry of 'frames' lacks '{key}'", line)
     kind = entry["kind"]
     if kind not in KINDS:
         raise FileError(file, f"'kind' is {' or '.join(KINDS)}, not '{kind}'", line_of(entry, "kind") or line)
-    exposure = entry["exposure"]
-    try:
-        if isinstance(exposure, bool) or not isinstance(exposure, str | int | float):
-            raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not {exposure!r}")
-        exposure_s = parse_exposure(exposure)
-    except InputError as error:
-        raise FileError(file, str(error), line_of(entry, "exposure") or line) from None
+    exposure_s = _exposure_s(file, entry, line)
     files = entry["files"]
     patterns = [files] if isinstance(files, str) else files
     if (
@@ -258,6 +255,18 @@ def _frames(file: Path, entry: Any, line: int | None) -> ProtocolFrames:
         _not_negative(file, entry, "gain_setting", line_of(entry, "gain_setting") or line),
         _number(file, entry, "temperature_c", line_of(entry, "temperature_c") or line, ABSOLUTE_ZERO_C),
     )
+
+
+def _exposure_s(file: Path, entry: Mapping[Any, Any], line: int | None) -> float | None:
+    exposure = entry.get("exposure")
+    if exposure is None:
+        return None
+    try:
+        if isinstance(exposure, bool) or not isinstance(exposure, str | int | float):
+            raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not {exposure!r}")
+        return parse_exposure(exposure)
+    except InputError as error:
+        raise FileError(file, str(error), line_of(entry, "exposure") or line) from None
 
 
 def _not_negative(file: Path, data: Mapping[Any, Any], key: str, line: int | None) -> float | None:
