@@ -45,12 +45,12 @@ def steps_of(settings, noise):
 @pytest.mark.parametrize(("nominal", "scatter"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.05)])
 @pytest.mark.parametrize("count", [5, 8])
 def test_no_switch_is_found_where_there_is_none(count, nominal, scatter):
-    """150 series each, exact and inexact settings: no more finds than chance allows at the stated 1 % (one in 10^4)."""
+    """100 series each, exact and inexact settings: no more finds than chance allows at the stated 1 % (one in 10^4)."""
     rng = np.random.default_rng([count, int(100 * nominal), int(100 * scatter)])
     found = sum(
-        find_switch(*steps_of(*draw(rng, count, nominal=nominal, scatter=scatter))) is not None for _ in range(150)
+        find_switch(*steps_of(*draw(rng, count, nominal=nominal, scatter=scatter))) is not None for _ in range(100)
     )
-    assert found <= binom.ppf(1 - 1e-4, 150, FALSE_ALARMS)
+    assert found <= binom.ppf(1 - 1e-4, 100, FALSE_ALARMS)
 
 
 @pytest.mark.parametrize("proportional", [False, True])

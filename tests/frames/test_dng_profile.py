@@ -121,3 +121,23 @@ def test_a_truncated_file_is_one_error(tmp_path):
     with pytest.raises(FileError, match="truncated"):
         write_dng_profile(PROFILE, source, tmp_path / "with.dng")
     assert not (tmp_path / "with.dng").exists()
+
+
+def test_damaged_directories_are_one_error(tmp_path):
+    """500 files with bytes of their directories changed: an error line or a file that reads back, nothing else."""
+    rng = np.random.default_rng(8)
+    content = foreign(tmp_path / "shot.dng", sub=True).read_bytes()
+    start = 8 + 2 * 32 * 48
+    refused = 0
+    for _ in range(500):
+        damaged = bytearray(content)
+        for at in rng.integers(start, len(content), rng.integers(1, 4)):
+            damaged[at] = rng.integers(256)
+        (tmp_path / "damaged.dng").write_bytes(damaged)
+        try:
+            write_dng_profile(PROFILE, tmp_path / "damaged.dng", tmp_path / "with.dng")
+        except FileError as error:
+            refused += "damaged.dng" in str(error)
+        else:
+            assert len(read_dng_profile(tmp_path / "with.dng").slope) in (1, 2, 3, 4)
+    assert 100 < refused < 490

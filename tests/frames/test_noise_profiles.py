@@ -157,6 +157,7 @@ def test_a_published_tuning_file(tmp_path):
         ('{"algorithms": 4}', "is no Raspberry Pi tuning file"),
         ('{"noiseprofiles": 4, "version": 0}', "is no darktable noise profile"),
         ('{"noiseprofiles": [], "version": 1}', "version 1"),
+        ('{"noiseprofiles": [], "version": 0}', "holds no cameras"),
         (
             '{"version": 0, "noiseprofiles": [{"models": [{"model": "m", "profiles": '
             '[{"iso": 100, "a": [1, -1, 1], "b": [0, 0, 0]}]}]}]}',

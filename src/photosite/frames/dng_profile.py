@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.atomic import atomic_path
 from photosite.cfa import channel_names
@@ -21,6 +22,8 @@ from photosite.frames import dng
 from photosite.frames.dng_read import read_dng_header
 from photosite.frames.header import MARK, FrameHeader
 from photosite.frames.read import read_raw
+from photosite.frames.tiff import DESCRIPTION
+from photosite.frames.tiff_directory import read_directories
 from photosite.measured import Measured
 from photosite.sensor.noise_profile import LOST, NoiseProfile
 
@@ -39,7 +42,7 @@ def read_dng_profile(path: str | PathLike[str]) -> NoiseProfile:
         If the file cannot be read, holds no NoiseProfile, or one that cannot be.
     """
     place = Path(path)
-    header = read_dng_header(place)
+    header = _sound_header(place)
     if header.noise_profile is None:
         raise FileError(place, "has no NoiseProfile tag")
     table = np.asarray(header.noise_profile, dtype=np.float64)
@@ -61,6 +64,14 @@ def read_dng_profile(path: str | PathLike[str]) -> NoiseProfile:
     )
 
 
+def _sound_header(path: Path) -> FrameHeader:
+    header = read_dng_header(path)
+    black, white = header.black_level_dn or 0.0, header.white_level_dn or 65535.0
+    if not 0 <= black < white < float("inf"):
+        raise FileError(path, f"is damaged: its black level {black:g} is not below its white level {white:g}")
+    return header
+
+
 def write_dng_profile(profile: NoiseProfile, source: str | PathLike[str], path: str | PathLike[str]) -> None:
     """A copy of a DNG file with this noise profile in its NoiseProfile tag.
 
@@ -76,25 +87,39 @@ def write_dng_profile(profile: NoiseProfile, source: str | PathLike[str], path: 
     Raises
     ------
     FileError
-        If the source is no DNG of one sample a pixel, is BigTIFF, or the copy cannot be written.
+        If the source is no DNG of one sample a pixel, is BigTIFF or damaged, or the copy cannot be written.
     """
     place = Path(source)
-    header = read_dng_header(place)
+    header = _sound_header(place)
     content = place.read_bytes()
     table = _table(profile, header)
-    if f'{{"{MARK}"'.encode() in content[:65536]:
+    if (read_directories(place)[0].text(DESCRIPTION) or "").startswith(f'{{"{MARK}"'):
         # photosite's own frames say it twice; both must agree.
         replace(read_raw(place), noise_profile=table).save(path)
         return
-    planes = [name for name in dng.PLANES if name in channel_names(header.cfa or (("M",),))]
     names = channel_names(header.cfa or (("M",),))
-    rows = [names.index(name) for name in planes] if len(planes) == len(names) else [0]
-    values = table[rows] if np.ptp(table, axis=0).any() and len(rows) > 1 else table.mean(axis=0, keepdims=True)
+    planes = [name for name in dng.PLANES if name in names]
+    alike = len(planes) < len(names) or len(names) == 1 or not np.ptp(table, axis=0).any()
+    values = table.mean(axis=0, keepdims=True) if alike else table[[names.index(name) for name in planes]]
+    try:
+        changed = _with_tag(place, content, tuple(values.ravel().tolist()))
+    except (struct.error, ValueError) as error:  # directories that a lenient reader passes over
+        raise FileError(place, f"is damaged: its directories cannot be rewritten ({error})") from None
     with atomic_path(path) as temporary:
-        temporary.write_bytes(_with_tag(place, content, tuple(values.ravel().tolist())))
+        temporary.write_bytes(changed)
+        _check_written(place, temporary, np.broadcast_to(values, table.shape) if alike else table)
 
 
-def _table(profile: NoiseProfile, header: FrameHeader) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _check_written(place: Path, temporary: Path, wanted: NDArray[np.float64]) -> None:
+    try:
+        written = read_dng_header(temporary).noise_profile
+    except FileError as error:
+        raise FileError(place, f"is damaged: with a NoiseProfile in it, it {error.message}") from None
+    if written is None or not np.allclose(written, wanted, rtol=1e-12, atol=0.0):
+        raise FileError(place, "is damaged: a NoiseProfile written into it cannot be read back")
+
+
+def _table(profile: NoiseProfile, header: FrameHeader) -> NDArray[np.float64]:
     """(channels, 2) in the order of the file's channels; the mean for channels that the profile does not name."""
     scaled = profile.at_levels(header.black_level_dn or 0.0, header.white_level_dn or 65535.0)
     pairs = {

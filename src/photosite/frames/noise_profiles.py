@@ -5,13 +5,13 @@ Both hold two numbers for a setting and say less than they seem to; what each lo
 
 darktable (`data/noiseprofiles.json` of its sources). Variance a x + b, in its pipeline's own scale: its profiling tool
 takes the noise from the diagonal details of a 2 x 2 Haar transform of the demosaiced picture. White noise keeps 1/4 of
-its variance there, and Bayer green 1/16, where each missing one is the mean of its two neighbours on a line. Its denoiser
-goes by green's numbers and the white balance, so all three are green's.
+its variance there, and Bayer green 1/16, where each missing one is the mean of its two neighbours on a line. Its
+denoiser goes by green's numbers and the white balance, so all three are green's.
 
 libcamera, Raspberry Pi (`rpi.noise` of a tuning file). Standard deviation reference_constant + reference_slope
 sqrt(x), x above black on a scale of 16 bits at analogue gain 1; both grow with sqrt(gain). The tuning tool fits that
-line, straight in sqrt(x), to patches by least squares. Here it is fitted to the known curve sqrt(K x + dark variance) over
-evenly spaced sqrt(x) from black to white, and reading solves for the curve whose line the file holds.
+line, straight in sqrt(x), to patches by least squares. Here it is fitted to the known curve sqrt(K x + dark variance)
+over evenly spaced sqrt(x) from black to white, and reading solves for the curve whose line the file holds.
 """
 
 from __future__ import annotations
@@ -124,6 +124,8 @@ def read_darktable(
         for maker in data["noiseprofiles"]:
             for entry in maker["models"]:
                 models.setdefault(str(entry["model"]), []).extend(entry["profiles"])
+        if not models:
+            raise FileError(place, "holds no cameras")
         if model is None and len(models) == 1:
             (model,) = models
         if model is None:
@@ -151,8 +153,8 @@ def _darktable_entry(entry: Mapping[str, Any], model: str, mono: bool) -> NoiseP
         _number(entry["iso"], "iso"),
         camera=model,
         notes=(
-            f"green's numbers, taken as {share:g} of the raw noise variance; the share depends on the demosaicing: gain "
-            f"and noise may be off by a factor of two",
+            f"green's numbers, taken as {share:g} of the raw noise variance; the share depends on the demosaicing, and "
+            f"gain and noise may be off by a factor of two",
         ),
     )
 
