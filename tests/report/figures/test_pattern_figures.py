@@ -1,0 +1,115 @@
+"""The plots of EMVA 1288's spatial analysis and of its general model show the numbers they were given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from photosite.calibration.general_model import GeneralModel
+from photosite.calibration.line_noise import TemporalParts
+from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
+from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.report.figures.general_model import general_model_figure
+from photosite.report.figures.histogram import histogram_figure
+from photosite.report.figures.profiles import profiles_figure
+from photosite.report.figures.spectrogram import _tick, spectrogram_figure
+
+TILE = np.array([[0, 1], [1, 2]])
+
+
+@pytest.fixture(scope="module")
+def spatial():
+    rng = np.random.default_rng(1)
+    dark = np.round(20.0 * (64.0 + rng.normal(0.0, 0.4, (120, 144)))) / 20.0
+    light = dark + 1000.0 * (1.0 + 0.01 * rng.normal(size=dark.shape))
+    none = Uncertain(0.0)
+    noise = TemporalParts(Uncertain(0.05), none, none)
+    planes = [[MeanPlanes.of(mean, TILE, k, 20, 0.01, noise) for mean in (dark, light)] for k in range(3)]
+    return {name: spatial_analysis(*pair, FarThresholds(dark_dn=1.5)) for name, pair in zip("RGB", planes, strict=True)}
+
+
+def lines_of(axes):
+    return [line for line in axes.get_lines() if len(line.get_xdata()) > 2]
+
+
+def test_spectrograms_are_square_roots_of_power(spatial):
+    pattern = spatial["G"].dark
+    figure = spectrogram_figure({"M": pattern})
+    for axes, plain, passed in zip(
+        figure.axes,
+        (pattern.horizontal, pattern.vertical),
+        (pattern.horizontal_filtered, pattern.vertical_filtered),
+        strict=True,
+    ):
+        drawn = lines_of(axes)
+        np.testing.assert_allclose(drawn[0].get_ydata(), np.sqrt(plain.power[1:]))
+        np.testing.assert_allclose(drawn[1].get_ydata(), np.sqrt(passed.power[1:]))
+        level = [line.get_ydata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2]
+        assert level == pytest.approx([np.sqrt(passed.white), np.sqrt(passed.temporal)])
+        assert axes.get_ylabel() == "standard deviation (DN)"
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["mean frame", "high-passed", "white part", "temporal noise left"]
+
+
+def test_several_channels_are_named(spatial):
+    light = {channel: found.light for channel, found in spatial.items()}
+    figure = spectrogram_figure(light)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["R", "G", "B", "mean frame", "high-passed", "white part"]
+    assert len(lines_of(figure.axes[0])) == 6
+    assert figure.axes[1].get_xlabel() == "frequency (cycles per pixel of the channel)"
+    assert [text.get_text() for text in histogram_figure(light).legends[0].get_texts()][:3] == ["R", "G", "B"]
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "shown"), [(0.2, (0.1, 3.0), "0.2"), (0.3, (0.1, 3.0), ""), (1.4, (1, 1.9), "1.4")]
+)
+def test_ticks_are_few_and_plain(value, limits, shown):
+    assert _tick(value, limits) == shown
+
+
+def test_profiles_are_drawn_as_they_are(spatial):
+    found = spatial["B"]
+    figure = profiles_figure(found)
+    above, beside, below, _ = figure.axes
+    by_label = {line.get_label(): line.get_ydata() for line in above.get_lines()}
+    np.testing.assert_array_equal(by_label["maximum"], found.light.along_columns.highest)
+    np.testing.assert_array_equal(by_label["middle line"], found.light.along_columns.middle)
+    by_label = {line.get_label(): line.get_ydata() for line in beside.get_lines()}
+    np.testing.assert_array_equal(by_label["mean"], found.light.along_rows.mean)
+    assert [axes.get_title("left") for axes in (above, below)] == ["light less dark", "dark"]
+
+
+def test_profiles_of_darkness_alone_have_no_light(spatial):
+    from dataclasses import replace
+
+    assert len(profiles_figure(replace(spatial["R"], light=Missing("no light"))).axes) == 2
+
+
+def test_histograms_stand_beside_the_normal_distribution(spatial):
+    pattern = spatial["G"].dark
+    left, right = histogram_figure({"M": pattern}).axes
+    np.testing.assert_array_equal(left.patches[0].get_data().values, pattern.histogram.count)
+    (normal,) = lines_of(left)
+    np.testing.assert_allclose(normal.get_ydata(), pattern.histogram.normal())
+    steps, beyond = lines_of(right)
+    np.testing.assert_allclose(steps.get_ydata(), pattern.histogram.percent_beyond)
+    np.testing.assert_allclose(beyond.get_ydata(), pattern.histogram.normal_beyond())
+    thresholds = {line.get_xdata()[0] for line in left.get_lines() if len(line.get_xdata()) == 2}
+    assert thresholds == {-1.5, 1.5}
+
+
+def test_the_general_model_s_ratio_and_limits():
+    x = np.array([1.0, 2.0, 4.0, 8.0])
+    found = GeneralModel(
+        "exposure_s", x, 10.0 * x, 0.0 * x, 10.0 + 0.0 * x, 0.0 * x, np.ones(4), np.array([10.0, 20.0, 40.0, np.nan]),
+        0.1 * x, Uncertain(0.1), Uncertain(4.0), Missing("not asked"),
+    )  # fmt: skip
+    upper, lower = general_model_figure({"M": found}).axes
+    points = lower.containers[0].lines[0]
+    np.testing.assert_array_equal(points.get_ydata(), [10.0, 20.0, 40.0])
+    verticals = [
+        line.get_xdata()[0] for line in upper.get_lines() if len(set(line.get_xdata())) == 1 and line.get_ls() == ":"
+    ]
+    assert sorted(verticals) == [0.1, 4.0]
+    assert lower.get_xlabel() == "exposure (s)"
