@@ -1,0 +1,92 @@
+"""`photosite calibrate` on one measurement in the containers that cameras and laboratories use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+
+import photosite as ps
+from photosite.cli.main import run
+
+fits = pytest.importorskip("astropy.io.fits")
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shot") / "stack"
+    assert run(["shoot", "--rows", "44", "--cols", "66", "--seed", "5", "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def groups(stack: Path) -> list[tuple[str, float, np.ndarray]]:
+    return [(g.kind, g.exposure_s, np.stack(list(g))) for g in ps.open_frames(stack).groups]
+
+
+def one_hdf5(folder: Path, groups: Any) -> list[Any]:
+    with h5py.File(folder / "all.h5", "w") as file:
+        file.attrs.update({"bits": 12, "cfa": "rggb"})
+        for number, (kind, exposure_s, dn) in enumerate(groups):
+            file[f"{number}"] = dn
+            file[f"{number}"].attrs.update({"kind": kind, "exposure_s": exposure_s})
+    return [folder / "all.h5"]
+
+
+def tiff_bursts(folder: Path, groups: Any) -> list[Any]:
+    for kind, exposure_s, dn in groups:
+        tifffile.imwrite(folder / f"{kind}_{exposure_s!r}s.tif", dn, photometric="minisblack")
+    return [folder, "--bits", 12, "--cfa", "rggb"]
+
+
+def fits_cubes(folder: Path, groups: Any) -> list[Any]:
+    for number, (kind, exposure_s, dn) in enumerate(groups):
+        for part, frame in enumerate(dn):
+            unit = fits.PrimaryHDU(frame)
+            unit.header.update({"EXPTIME": exposure_s, "IMAGETYP": f"{kind} frame", "BAYERPAT": "RGGB", "GAIN": 100})
+            unit.writeto(folder / f"{number:02d}_{part:03d}.fits")
+    return [folder, "--bits", 12]
+
+
+@pytest.mark.parametrize("make", [one_hdf5, tiff_bursts, fits_cubes])
+def test_the_container_changes_no_figure(photosite: Any, stack: Path, groups: Any, tmp_path: Path, make: Any) -> None:
+    expected = photosite("calibrate", stack, "--sensor", stack / "nominal.sensor.yaml", "--json").json
+    arguments = make(tmp_path, groups)
+    done = photosite("calibrate", *arguments, "--sensor", stack / "nominal.sensor.yaml", "--json")
+    assert done.err == ""
+    assert done.json["parameters"] == expected["parameters"]
+    assert done.json["channels"] == expected["channels"]
+
+
+def test_told_by_level_aloud_and_overridden(photosite: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    for number, (exposure, level, noise) in enumerate(
+        [(0.01, 64, 2), (0.02, 64, 2), (0.01, 500, 15), (0.02, 936, 21), (0.04, 1808, 29)]
+    ):
+        with h5py.File(tmp_path / f"{number}.h5", "w") as file:
+            file["f"] = rng.normal(level, noise, (6, 24, 32)).round().astype(np.uint16)
+            file["f"].attrs.update({"exposure_s": exposure, "bits": 12})
+    done = photosite("calibrate", tmp_path, "--json")
+    assert "warning" in done.err
+    assert "12 as dark (mean 6" in done.err
+    assert "18 as light (mean 4" in done.err
+    assert "told by level" in done.json["warnings"][0]
+    said = photosite("calibrate", tmp_path, "--dark", "[01].h5", "--light", "[234].h5", "--json")
+    assert said.err == ""
+    assert said.json["parameters"] == done.json["parameters"]
+    wrong = photosite("calibrate", tmp_path, "--dark", "*.nef")
+    assert (wrong.status, wrong.err.count("\n")) == (2, 1)
+    assert "no frame matches the pattern '*.nef'" in wrong.err
+
+
+def test_simulated_into_hdf5(photosite: Any, tmp_path: Path) -> None:
+    for ending in ("h5", "tif"):
+        done = photosite("simulate", "--rows", 24, "--cols", 36, "--seed", 3, "-o", tmp_path / f"shot.{ending}")
+        assert done.status == 0
+    one, other = (ps.read_raw(tmp_path / f"shot.{ending}") for ending in ("h5", "tif"))
+    assert np.array_equal(one.dn, other.dn)
+    assert (one.cfa, one.exposure_s, one.metadata) == (other.cfa, other.exposure_s, other.metadata)
