@@ -201,3 +201,28 @@ def test_clipped_darks_have_no_maps() -> None:
     calibration = calibrate(shoot(SMALL, 5), SMALL)
     with pytest.raises(CalibrationError, match=r"dark frames at 0\.01 s: more than 0\.1 % of the numbers are 0"):
         measure_chip(shoot(SMALL.with_(black_level_dn=6), 5), calibration)
+
+
+def test_a_calibration_saves_its_chip_beside_its_sensor(trip, tmp_path) -> None:
+    """What was known beforehand had other maps; they do not stay."""
+    planted, (calibration, chip, noise), _ = trip
+    before = SENSOR.with_(maps=planted.save(tmp_path / "before.maps.h5"))
+    with_chip = replace(calibration, base=before, chip=chip, temporal=noise)
+    assert with_chip.sensor.maps is None
+    with_chip.save(tmp_path / "mine.sensor.yaml")
+    again = load_sensor(tmp_path / "mine.sensor.yaml")
+    assert (again.measured_chip.offset_dn == chip.offset_dn).all()
+    assert again.measured_chip.defects.counts() == chip.defects.counts()
+    said = with_chip.to_dict()
+    assert said["defects"]["dead"] == 20
+    assert said["temporal"]["frames"] == DARKS
+
+
+def test_calibrate_measures_the_chip_where_maps_are_asked_for() -> None:
+    """Progress runs over all frames of both looks, and the darks of the read noise once more."""
+    frames, told = shoot(SMALL, 6, long_darks=(20.0,), levels=6), []
+    calibration = calibrate(frames, SMALL, maps=True, progress=lambda done, total: told.append((done, total)))
+    assert calibration.chip.shape == (40, 50)
+    assert calibration.temporal.frames == DARKS
+    assert told[-1][0] == told[-1][1]
+    assert calibrate(frames, SMALL).chip is None

@@ -62,6 +62,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
         created=date.today().isoformat(),
         frames_sha256=calibration.frames_sha256,
+        maps=None,  # those beforehand are not this measurement's; `save_measured_sensor` adds its own
     )
 
 

@@ -89,7 +89,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     """What a laboratory knows before it measures: geometry, converter, voltage swing and spectral response.
 
     What the frames are to tell is taken out: noise and black level become 0, conversion gain and well capacity 1 in
-    their units, each marked as assumed and to be measured.
+    their units, each marked as assumed and to be measured; maps of the chip are left out.
     """
     todo = "placeholder: to be measured"
     unknown = Measured(0.0, source=todo, assumed=True)
@@ -99,6 +99,7 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
         black_level_dn=unknown,
         conversion_gain_uv_per_e=scale,
         well_capacity_e=scale,
+        maps=None,
     )
 
 
