@@ -92,3 +92,18 @@ def test_too_few_levels_are_said_so():
     result = linearity(x, 100.0 * x, np.eye(4), 100.0)
     assert isinstance(result, Missing)
     assert result.reason.startswith("2 light levels lie between 5 and 95 %")
+
+
+@pytest.mark.parametrize("level", [1, 3, 7])
+def test_uncertainties_are_derivatives(level):
+    """Where one signal alone is uncertain, that of each deviation is how far it goes with that signal."""
+    x = np.linspace(0.05, 1.0, 9)
+    y = 1000.0 * x * (1.0 - 0.3 * x)
+    alone = np.zeros((9, 9))
+    alone[level, level] = 1.0
+    found = linearity(x, y, alone, 740.0)
+    step = 1e-4 * np.eye(9)[level]
+    ends = [linearity(x, y + sign * step, alone, 740.0) for sign in (1.0, -1.0)]
+    for fit in ("relative", "full_scale"):
+        after, before = (getattr(entry, fit).deviation_percent for entry in ends)
+        np.testing.assert_allclose(getattr(found, fit).deviation_uncertainty, np.abs(after - before) / 2e-4, rtol=1e-6)
