@@ -51,11 +51,14 @@ def test_uncertainties_from_moderated_variances_cover() -> None:
 
 
 @pytest.mark.parametrize("freedom", [8.0, math.inf])
-def test_excess_probabilities_are_uniform_over_ordinary_pixels(freedom) -> None:
-    """Kolmogorov-Smirnov over 20 000 pixels at 1e-4."""
-    true = np.full(20_000, 5.0) if math.isinf(freedom) else inverse_chi_square(5.0, freedom, 20_000, 7)
-    p = NoiseSpread(5.0, freedom).excess_probability(draw(true, 8), FREEDOM)
-    assert stats.kstest(p, "uniform").pvalue > 1e-4
+def test_limits_are_exceeded_as_rarely_as_asked(freedom) -> None:
+    """Of 400 000 ordinary pixels: binomial, each way outside 1e-4."""
+    true = np.full(400_000, 5.0) if math.isinf(freedom) else inverse_chi_square(5.0, freedom, 400_000, 7)
+    variance = draw(true, 8)
+    for probability in (0.5, 0.01, 1e-4):
+        beyond = np.count_nonzero(variance > NoiseSpread(5.0, freedom).limit(probability, FREEDOM))
+        low, high = stats.binom.ppf([1e-4, 1 - 1e-4], variance.size, probability)
+        assert low <= beyond <= high
 
 
 def test_a_pixel_unlike_the_others_keeps_its_variance() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,8 +102,10 @@ def measure_chip(
         sigma = float(np.sqrt(np.median([spread.variance for spread in spreads])))
         suspects = _suspects(dark, spreads, reader.tile)
         look = look_again(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
-        temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, reader.tile)
-        return _chip(calibration, dark, response, spreads, suspects, look, temporal, reader.tile)
+        tile = reader.tile
+    del reader  # its sums take as much as three maps
+    temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, tile)
+    return _chip(calibration, dark, response, spreads, suspects, look, temporal, tile)
 
 
 def _read_darks(reader: FrameReader) -> _DarkMaps:
@@ -192,20 +194,23 @@ def _by_channel(
     return out
 
 
-def _excess(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> FloatMap:
-    """Probability that an ordinary pixel of the channel has so much noise."""
-    freedom = dark.stack.frames - 1
-    return _by_channel(
-        dark.variance.shape, tile, lambda k, part: spreads[k].excess_probability(dark.variance[part], freedom)
-    )
+def _noisier(
+    dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64], probability: float
+) -> tuple[_Place, NDArray[np.float64]]:
+    """The pixels with more noise than an ordinary one of the channel has so rarely, and their variance for its."""
+    chosen = np.zeros(dark.variance.shape, np.bool_)
+    for k, spread in enumerate(spreads):
+        for part in defects.sites(tile, k):
+            chosen[part] = dark.variance[part] > spread.limit(probability, dark.stack.frames - 1)
+    row, col = np.nonzero(chosen)
+    channel = tile[row % tile.shape[0], col % tile.shape[1]]
+    return (row, col), dark.variance[row, col] / np.array([spread.variance for spread in spreads])[channel]
 
 
 def _suspects(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> _Place:
     """Rows and columns of the pixels whose noise is most unlike that of an ordinary pixel."""
-    ratio = _by_channel(dark.variance.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
-    row, col = np.nonzero(_excess(dark, spreads, tile) < _SUSPECT)
-    order = np.argsort(-ratio[row, col], kind="stable")[:MOST_SUSPECTS]
-    keep = np.sort(order)
+    (row, col), ratio = _noisier(dark, spreads, tile, _SUSPECT)
+    keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
     return row[keep], col[keep]
 
 
@@ -221,7 +226,7 @@ def _chip(
 ) -> tuple[MeasuredChip, TemporalNoise]:
     gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
     freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
-    level = dark.mean.mean().astype(np.float32)
+    level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
     black = float(level.mean(dtype=np.float64)) if black is None else black
     # Shot noise of the dark current, DN^2 per second: a rate measured below 0 has none.
     shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
@@ -284,7 +289,7 @@ def _defects(
     maps: dict[str, FloatMap],
     tile: NDArray[np.int64],
 ) -> Defects:
-    far, found = defects.FAR_SIGMA, []
+    far, shape, found = defects.FAR_SIGMA, dark.variance.shape, []
     off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], tile)
     found.append(defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off))
     if "dark_rate_dn_per_s" in maps:
@@ -299,13 +304,18 @@ def _defects(
         found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
 
     jumping = blinkers.pixels
-    steady = _excess(dark, spreads, tile) < defects.NOISY_PROBABILITY
-    steady[jumping.row, jumping.col] = False
-    of_typical = _by_channel(steady.shape, tile, lambda k, part: dark.variance[part] / spreads[k].variance)
-    found.append(defects.listed(DefectKind.NOISY, steady, np.sqrt(dark.variance), np.sqrt(of_typical)))
-    kind = np.full(len(jumping), DefectKind.BLINKING, np.uint8)
-    found.append(Defects(jumping.row, jumping.col, kind, jumping.amplitude_dn, blinkers.distance))
+    found.append(
+        Defects(jumping.row, jumping.col, _kinds(DefectKind.BLINKING, jumping), jumping.amplitude_dn, blinkers.distance)
+    )
+    place, ratio = _noisier(dark, spreads, tile, defects.NOISY_PROBABILITY)
+    noisy = Defects(*place, _kinds(DefectKind.NOISY, ratio), np.sqrt(dark.variance[place]).astype(float), ratio**0.5)
+    steady = ~np.isin(np.ravel_multi_index(place, shape), np.ravel_multi_index((jumping.row, jumping.col), shape))
+    found.append(noisy.where(steady))
     return defects.together(found)
+
+
+def _kinds(kind: DefectKind, like: Sized) -> NDArray[np.uint8]:
+    return np.full(len(like), kind, np.uint8)
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,14 @@ class ResponseMap:
     Parameters
     ----------
     slopes
-        (rows, cols) DN per unit of the light axis.
+        (rows, cols) float32, DN per unit of the light axis.
     variance
         (channels,) what temporal noise puts into a slope.
     seconds
         (channels,) seconds of dark current that go with a unit.
     """
 
-    slopes: NDArray[np.float64]
+    slopes: NDArray[np.float32]
     variance: NDArray[np.float64]
     seconds: NDArray[np.float64]
 
@@ -108,4 +108,4 @@ def read_response(reader: FrameReader, calibration: Calibration, dark_variance: 
             level = Level.of(totals)
             of_frame = level.variance if level.repeated else expected[k, i]
             variance[k] += coefficients[k, i] ** 2 * of_frame / level.frames
-    return ResponseMap(slopes.slopes, variance, coefficients @ exposure)
+    return ResponseMap(slopes.slopes.astype(np.float32), variance, coefficients @ exposure)

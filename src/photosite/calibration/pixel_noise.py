@@ -30,14 +30,13 @@ class NoiseSpread:
     variance: float
     freedom: float
 
-    def excess_probability(self, variance: NDArray[np.floating], measured_freedom: int) -> NDArray[np.float64]:
-        """Probability that an ordinary pixel's variance, measured with so many degrees of freedom, comes out larger."""
-        from scipy.special import chdtrc, fdtrc
+    def limit(self, probability: float, measured_freedom: int) -> float:
+        """The variance that an ordinary pixel's, measured with so many degrees of freedom, exceeds so rarely."""
+        from scipy.stats import chi2, f
 
-        ratio = np.asarray(variance, dtype=np.float64) / self.variance
         if math.isinf(self.freedom):
-            return np.asarray(chdtrc(measured_freedom, measured_freedom * ratio))
-        return np.asarray(fdtrc(measured_freedom, max(self.freedom, 0.01), ratio))
+            return float(self.variance * chi2.isf(probability, measured_freedom) / measured_freedom)
+        return float(self.variance * f.isf(probability, measured_freedom, max(self.freedom, 0.01)))
 
 
 def noise_spread(variances: NDArray[np.floating], freedom: int) -> NoiseSpread:
@@ -105,13 +104,4 @@ def moderated(variances: NDArray[np.float32], freedom: int, spread: NoiseSpread)
         total = freedom + spread.freedom
         total -= 2.0 if total > 4.0 else 0.0  # with so few, the mean has no meaning, and the mode-like value stands
         best = variances * np.float32(freedom / total) + np.float32(spread.freedom / total * spread.variance)
-    limit = _excess_limit(spread, freedom)
-    return np.where(variances > limit, variances, best)
-
-
-def _excess_limit(spread: NoiseSpread, freedom: int) -> np.float32:
-    from scipy.stats import chi2, f
-
-    if math.isinf(spread.freedom):
-        return np.float32(spread.variance * chi2.isf(_OWN, freedom) / freedom)
-    return np.float32(spread.variance * f.isf(_OWN, freedom, max(spread.freedom, 0.01)))
+    return np.where(variances > np.float32(spread.limit(_OWN, freedom)), variances, best)

@@ -65,7 +65,10 @@ class Defects:
 
     def of(self, kind: DefectKind) -> Defects:
         """Those of one kind."""
-        chosen = self.kind == kind
+        return self.where(self.kind == kind)
+
+    def where(self, chosen: NDArray[np.bool_]) -> Defects:
+        """Those for which (n,) `chosen` is true."""
         return Defects(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
     def counts(self) -> Mapping[str, int]:
