@@ -36,7 +36,7 @@ def measured(request, virtual, tmp_path_factory):
 def test_figures_in_the_references_sections(measured):
     calibration, path = measured
     found = reference_reading(path)
-    assert set(found) == {"sensitivity", "dark_current", "spatial", "photosite"}
+    assert set(found) == {"sensitivity", "linearity", "dark_current", "spatial", "photosite"}
     assert sum(map(len, found.values())) == len(FIGURES) + len(calibration.estimates())
     sensitivity, gain = found["sensitivity"], calibration.system_gain_dn_per_e.value
     assert sensitivity["K"] == gain
@@ -53,8 +53,12 @@ def test_figures_in_the_references_sections(measured):
     assert sensitivity["u_e_sat_area"] == pytest.approx(capacity / 25.0, rel=1e-12)  # 5 um pixels
     assert found["spatial"]["DSNU1288_DN"] == pytest.approx(found["spatial"]["DSNU1288"] * gain, rel=1e-12)
     assert found["spatial"]["PRNU1288"] == calibration.prnu1288_unfiltered_percent.value
-    electrons_per_s = found["dark_current"]["u_I_mean"]
-    assert found["dark_current"]["u_I_mean_DN"] == pytest.approx(electrons_per_s * gain, rel=1e-12)
+    assert found["linearity"]["LE_min"] == calibration.linearity_error_min_percent.value
+    assert found["linearity"]["LE_max"] == calibration.linearity_error_max_percent.value
+    for name in ("u_I_mean", "u_I_var"):
+        electrons_per_s = found["dark_current"][name]
+        assert electrons_per_s is not None
+        assert found["dark_current"][f"{name}_DN"] == pytest.approx(electrons_per_s * gain, rel=1e-12)
     if sensitivity["QE"] is not None:
         assert sensitivity["u_e_min"] == pytest.approx(sensitivity["QE"] / 100 * sensitivity["u_p_min"], rel=1e-9)
 

@@ -23,7 +23,9 @@ from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration, Estimate, Parameters
 from photosite.calibration.uncertain import Missing, Value, derive
 
-EMVA_XML_LOSS = "lost: curves, spectrograms, histograms, covariance between figures, warnings, what was rejected, hashes"
+EMVA_XML_LOSS = (
+    "lost: curves, spectrograms, histograms, covariance between figures, warnings, what was rejected, hashes"
+)
 
 _UNFILTERED = "without the high-pass, as the reference implementation has it"
 _QUANTISATION = 1.0 / 12.0
@@ -87,6 +89,7 @@ def _snr(r: _Results) -> Value:
 
 _GAIN, _CAPACITY, _QE = "system_gain_dn_per_e", "saturation_capacity_e", "quantum_efficiency_percent"
 _THRESHOLD, _CAPACITY_P = "sensitivity_threshold_photons", "saturation_capacity_photons"
+_FROM_VARIANCE = "dark_current_from_variance_e_per_s"
 _PER_AREA_P, _PER_AREA_E = r"$p/\mu m^2$", r"$e^-/\mu m^2$"
 
 _SENSITIVITY = (
@@ -179,6 +182,21 @@ _DARK_CURRENT = (
         "",
         _times("dark_current_e_per_s", _GAIN),
     ),
+    _own("dark_current", "u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", _FROM_VARIANCE),
+    _Figure(
+        "dark_current",
+        "u_I_var_DN",
+        "Dark Current from variance",
+        r"$\mu_{I.var.DN}$",
+        "$DN/s$",
+        "",
+        _times(_FROM_VARIANCE, _GAIN),
+    ),
+)
+
+_LINEARITY = (
+    _own("linearity", "LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "linearity_error_min_percent"),
+    _own("linearity", "LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "linearity_error_max_percent"),
 )
 
 
@@ -201,7 +219,7 @@ _SPATIAL = (
     *_parts("PRNU1288", "PRNU", r"\%", "prnu1288_unfiltered", "percent"),
 )
 
-FIGURES = (*_DARK_CURRENT, *_SENSITIVITY, *_SPATIAL)
+FIGURES = (*_DARK_CURRENT, *_LINEARITY, *_SENSITIVITY, *_SPATIAL)
 
 
 def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> None:
