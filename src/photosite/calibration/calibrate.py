@@ -8,6 +8,7 @@ from dataclasses import replace
 from os import PathLike
 
 from photosite.calibration import judge, plausible
+from photosite.calibration.bend import bend_warning, bent_gain, with_bends
 from photosite.calibration.curves import channel_curves, linear_range
 from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
 from photosite.calibration.general_model import general_model
@@ -146,7 +147,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
     measured: list[Measurements]
     gain_fit: GainFit | None = None
     if lights:
-        channels = [read_channel(k, dark, lights, reader.white) for k in range(len(names))]
+        channels = with_bends([read_channel(k, dark, lights, reader.white) for k in range(len(names))])
         plausible.check_flats(frames, names, dark.as_read, channels)
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
         patterns = PatternReader(
@@ -158,7 +159,9 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
     else:
         measured = measure_channels(dark, (), ())
         spatial = dark_patterns(dark, far)
-    together = measure_together(dark, names, measured, gain_value(gain_fit) if lights else NO_LIGHT)
+    together = measure_together(
+        dark, names, measured, bent_gain(gain_value(gain_fit), channels) if lights else NO_LIGHT
+    )
 
     known = _known_scale(base)
     mv_per_dn = _mv_per_dn(base, known)
@@ -181,6 +184,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
             list(frames.notes)
             + ([] if dark.clipped is None else [dark.clipped.warning(names)])
             + plausible.warnings(frames, dark.groups, channels)
+            + bend_warning(names, channels)
             + plausible.nonsense((("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)))
             + judge.frame_warnings(frames, dark.groups, lights)
             + stated_level_warnings(frames, dark.groups, lights)

@@ -269,7 +269,7 @@ def _censored(
 
 def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
     responsivity = _responsivity(channel)
-    if channel.bend is not None:
+    if channel.bend is not None and isinstance(responsivity, Uncertain):
         responsivity = channel.bend.widen(responsivity, channel.bend.responsivity)
     responsivity = efficient(responsivity, channel.gain)
     return replace(

@@ -1,0 +1,83 @@
+"""A response that bends: found, sized and kept apart from light that bends; straight ones are left alone."""
+
+import numpy as np
+import pytest
+
+from photosite.calibration.bend import Bend, bent_gain, find_bend
+from photosite.calibration.photon_transfer import LightLevels, fit_gain, fit_response
+from photosite.calibration.uncertain import Missing, Source, Uncertain
+
+GAIN, EFFICIENCY, PIXELS = 0.3, 0.5, 10_000
+
+
+def light_levels(rng, *, response=0.0, lamp=0.0, levels=20):
+    """Levels of a camera whose signal is K e (1 + response e / top), under a lamp that bends as much."""
+    photons = np.linspace(0.05, 1.0, levels) * 20_000.0
+    electrons = EFFICIENCY * photons * (1.0 + lamp * photons / photons[-1])
+    share = response * electrons / electrons[-1]
+    signal = GAIN * electrons * (1.0 + share)
+    shot = GAIN**2 * electrons * (1.0 + 2.0 * share) ** 2
+    of_signal, of_shot = shot / PIXELS, 2.0 * shot**2 / PIXELS
+    everything = dict.fromkeys(LightLevels.__dataclass_fields__)
+    return LightLevels(
+        **everything
+        | {
+            "abscissa": "photons_per_pixel",
+            "x": photons,
+            "exposure_s": photons / 1e6,
+            "signal": rng.normal(signal, np.sqrt(of_signal)),
+            "signal_covariance": np.diag(of_signal),
+            "shot": rng.normal(shot, np.sqrt(of_shot)),
+            "shot_covariance": np.diag(of_shot),
+            "noise": shot,
+            "noise_uncertainty": np.sqrt(of_shot),
+            "dark_share": np.zeros((levels, 1)),
+            "dark_noise": (Uncertain(0.0),),
+        }
+    )
+
+
+def found(levels):
+    return find_bend(levels, np.ones(len(levels.x), np.bool_), Source())
+
+
+@pytest.mark.parametrize("response", [-0.04, 0.03])
+def test_slopes_at_no_light_are_found(response):
+    """To 4 standard errors of the line's own uncertainty, which the parabola's is some times larger than."""
+    levels = light_levels(np.random.default_rng(1), response=response)
+    use = [np.ones(len(levels.x), np.bool_)]
+    line, bend = fit_gain([levels], use), found(levels)
+    gain = float(line.parameters[0]) * (1.0 + bend.gain)
+    assert gain == pytest.approx(GAIN, abs=4.0 * float(np.sqrt(line.covariance[0, 0])))
+    assert abs(float(line.parameters[0]) / GAIN - 1.0) > 0.5 * abs(response)
+    responsivity = float(fit_response(levels, use[0]).parameters[0]) * (1.0 + bend.responsivity)
+    assert responsivity == pytest.approx(GAIN * EFFICIENCY, rel=2e-3)
+    assert bend.contrast(levels.x[-1]) == pytest.approx((1 + 2 * response) / (1 + response) - 1, rel=0.1)
+
+
+def test_straight_responses_are_left_alone():
+    """One in 1000 may be said to bend: of 300, more than three would once in 3000."""
+    rng = np.random.default_rng(2)
+    assert sum(found(light_levels(rng)) is not None for _ in range(300)) <= 3
+
+
+def test_light_that_bends_is_not_the_gain_s():
+    """The signal bends with the stated light and the variance with the signal: the lamp or the shutter did it."""
+    bend = found(light_levels(np.random.default_rng(3), lamp=-0.04))
+    assert bend.gain == 0.0
+    assert bend.contrast(10_000.0) == 0.0
+    assert abs(bend.responsivity) > 0.01
+
+
+def test_the_bend_goes_into_the_uncertainty_and_what_shares_it_drops_out():
+    bend = Bend(0.03, 0.01, -1e-6, Source())
+    gain, responsivity = bend.widen(Uncertain.of(0.3, 1e-4), bend.gain), bend.widen(Uncertain(0.15), bend.responsivity)
+    assert gain.value == 0.3
+    assert gain.relative == pytest.approx(0.03, rel=1e-3)
+    assert (responsivity / gain).relative == pytest.approx(0.02, rel=1e-3)
+    assert bent_gain(Missing("no"), []) == Missing("no")
+    assert bent_gain(Uncertain(0.3), []) == Uncertain(0.3)
+
+
+def test_few_levels_say_nothing():
+    assert found(light_levels(np.random.default_rng(4), response=-0.04, levels=4)) is None
