@@ -225,46 +225,60 @@ def _chip(
     tile: NDArray[np.int64],
 ) -> tuple[MeasuredChip, TemporalNoise]:
     gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
-    freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
     level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
     black = float(level.mean(dtype=np.float64)) if black is None else black
+    level -= np.float32(black)
     # Shot noise of the dark current, DN^2 per second: a rate measured below 0 has none.
     shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
-    noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
-    offset = level - np.float32(black)
-    of_mean = np.zeros(len(dark.groups))
-    of_mean[dark.reference] = 1.0
-    if dark.rate is not None:
-        offset -= np.float32(reference_s) * dark.rate
-        of_mean -= reference_s * dark.coefficients
-    read = dark.variance - np.float32(QUANTISATION)
-    if shot is not None:
-        read -= np.float32(reference_s) * shot
-    maps: dict[str, FloatMap] = {
-        "offset_dn": offset,
-        "offset_uncertainty_dn": _uncertainty(of_mean, dark, noise, shot),
-        "read_noise_dn": np.copysign(np.sqrt(np.abs(read)), read),
-    }
-    if dark.rate is not None:
-        maps["dark_rate_dn_per_s"] = dark.rate
-        maps["dark_rate_uncertainty_dn_per_s"] = _uncertainty(dark.coefficients, dark, noise, shot)
+    maps = _dark_maps(dark, level, shot, spreads, tile)
     if response is not None:
-        rate = dark.rate if dark.rate is not None else np.zeros((1, 1), np.float32)
-        of_rate = maps.get("dark_rate_uncertainty_dn_per_s", rate)
+        unknown = np.zeros((1, 1), np.float32)
+        rate, of_rate = (maps.get(name, unknown) for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"))
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
     blinkers = _blinking(dark, look, suspects, shot)
     chip = MeasuredChip(
         **maps,
-        read_noise_freedom=freedom,
+        read_noise_freedom=dark.stack.frames - 1,
         row_noise_dn=temporal.row_noise_dn.value or 0.0,
         column_noise_dn=temporal.column_noise_dn.value or 0.0,
         black_level_dn=black,
         system_gain_dn_per_e=gain,
-        reference_exposure_s=reference_s,
+        reference_exposure_s=dark.stack.group.exposure_s,
         defects=_defects(dark, spreads, blinkers, maps, tile),
         blinking=blinkers.pixels,
     )
     return chip, replace(temporal, traces=blinkers.traces)
+
+
+def _dark_maps(
+    dark: _DarkMaps,
+    level: FloatMap,
+    shot: FloatMap | None,
+    spreads: Sequence[NoiseSpread],
+    tile: NDArray[np.int64],
+) -> dict[str, FloatMap]:
+    """Offset, read noise and dark rate; `level`, the mean of the reference darks above black, becomes the offset."""
+    freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
+    noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
+    of_mean = np.zeros(len(dark.groups))
+    of_mean[dark.reference] = 1.0
+    read = dark.variance - np.float32(QUANTISATION)
+    if dark.rate is not None:
+        level -= np.float32(reference_s) * dark.rate
+        of_mean -= reference_s * dark.coefficients
+    if shot is not None:
+        read -= np.float32(reference_s) * shot
+    size = np.abs(read)
+    np.sqrt(size, out=size)
+    maps = {
+        "offset_dn": level,
+        "offset_uncertainty_dn": _uncertainty(of_mean, dark, noise, shot),
+        "read_noise_dn": np.copysign(size, read, out=read),
+    }
+    if dark.rate is not None:
+        maps["dark_rate_dn_per_s"] = dark.rate
+        maps["dark_rate_uncertainty_dn_per_s"] = _uncertainty(dark.coefficients, dark, noise, shot)
+    return maps
 
 
 def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap, shot: FloatMap | None) -> FloatMap:
@@ -278,8 +292,9 @@ def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap,
     variance = noise * np.float32(share.sum())
     if shot is not None:
         variance += shot * np.float32(share @ longer)
-    least = np.float32(QUANTISATION * share.sum())
-    return np.asarray(np.sqrt(np.maximum(variance, least)), np.float32)
+    np.maximum(variance, np.float32(QUANTISATION * share.sum()), out=variance)
+    np.sqrt(variance, out=variance)
+    return variance
 
 
 def _defects(
