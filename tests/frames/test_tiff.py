@@ -91,3 +91,18 @@ def test_iso_beyond_sixteen_bits(tmp_path):
     tags = [(34855, "H", 1, 65535, True), (34866, "I", 1, 102400, True), (33434, "2I", 1, (1, 8000), True)]
     tifffile.imwrite(tmp_path / "dark.tif", pages(1)[0], metadata=None, extratags=tags)
     assert [(g.gain_setting, g.exposure_s) for g in open_frames(tmp_path).groups] == [(102400.0, 1 / 8000)]
+
+
+def test_pieces_that_do_not_make_the_page(tmp_path):
+    """A damaged height would have a decoder look for strips that are not there, one after another."""
+    tifffile.imwrite(tmp_path / "a.tif", pages(1)[0], compression="zlib", rowsperstrip=5)
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
+        file.pages.first.tags["ImageLength"].overwrite(20_000)
+    with pytest.raises(FileError, match="its 20000 x 24 pixels are 4000 pieces, and 4 are there"):
+        read_raw(tmp_path / "a.tif")
+    tifffile.imwrite(tmp_path / "b.tif", pages(1)[0], compression="zlib")
+    with tifffile.TiffFile(tmp_path / "b.tif", mode="r+") as file:
+        for name in ("ImageLength", "RowsPerStrip"):
+            file.pages.first.tags[name].overwrite(2_000_000)
+    with pytest.raises(FileError, match="2000000 x 24 pixels cannot come out of"):
+        read_raw(tmp_path / "b.tif")

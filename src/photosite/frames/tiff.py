@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,11 @@ from photosite.frames.tiff_directory import Directory, read_directories, read_di
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
 SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
 NEW_SUBFILE_TYPE, ISO_SPEED, RECOMMENDED_EXPOSURE_INDEX = 254, 34855, 34866
+ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH = 278, 322, 323
 FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
+
+_DENSEST = 10_000
+"""Pixels to a compressed byte: more than LZW and deflate reach, far more than noise lets them."""
 
 _GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
 _COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
@@ -126,7 +131,21 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
         raise FileError(path, "is damaged: its page has no image data")
     if page.number(COMPRESSION) in (None, 1) and sum(counts) < rows * cols * bits // 8:
         raise FileError(path, f"is damaged: {sum(counts)} bytes of image data, {rows * cols * bits // 8} expected")
+    if len(counts) != (segments := _segments(page, rows, cols)):
+        raise FileError(
+            path, f"is damaged: its {rows} x {cols} pixels are {segments} pieces, and {len(counts)} are there"
+        )
+    if rows * cols > _DENSEST * sum(counts):
+        raise FileError(path, f"is damaged: {rows} x {cols} pixels cannot come out of {sum(counts)} bytes")
     return int(rows), int(cols), int(bits)
+
+
+def _segments(page: Directory, rows: int, cols: int) -> int:
+    """How many strips or tiles the page has to have."""
+    if page.numbers(STRIP_OFFSETS):
+        return -(-rows // max(int(page.number(ROWS_PER_STRIP) or rows), 1))
+    high, wide = (max(int(page.number(tag) or 0), 1) for tag in (TILE_LENGTH, TILE_WIDTH))
+    return -(-rows // high) * -(-cols // wide)
 
 
 def read_tiff_pixels(path: Path, place: Place | None = None) -> NDArray[np.uint16]:
@@ -143,6 +162,7 @@ def read_tiff_pixels(path: Path, place: Place | None = None) -> NDArray[np.uint1
         return _stored_pixels(path, page, (rows, cols), bits)
     import tifffile
 
+    tifffile.logger().setLevel(logging.CRITICAL)  # it prints what it thinks of damaged tags; one line says it here
     try:
         with tifffile.TiffFile(path) as file:
             file.filehandle.seek(page.offset)
