@@ -1,0 +1,63 @@
+"""The response map: which flats are read for it, and the dark current and the channels taken out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from photosite.calibration.chip_lights import ResponseMap, needed_lights
+from photosite.calibration.result import LinearRange
+from photosite.frames.frame_set import frame_set_from_arrays
+
+TILE = np.array([[0, 1], [1, 2]])
+
+
+def test_responses_are_relative_to_the_channels_mean_without_dark_current() -> None:
+    """Slopes of 1000 and 300 DN/s with PRNU, and a dark current that would shift them by up to half."""
+    rng = np.random.default_rng(1)
+    mean = np.array([1000.0, 300.0, 500.0])[np.tile(TILE, (20, 30))]
+    prnu = rng.normal(0, 0.02, mean.shape)
+    for k in range(3):
+        chosen = np.tile(TILE, (20, 30)) == k
+        prnu[chosen] -= prnu[chosen].mean()
+    dark = rng.uniform(0, 150, mean.shape).astype(np.float32)
+    slopes = (mean * (1 + prnu) + dark).astype(np.float32)
+    of_dark = np.full(mean.shape, 4.0, np.float32)
+    response = ResponseMap(slopes, np.array([9.0, 9.0, 9.0]), np.ones(3))
+    value, uncertainty = response.relative(dark, of_dark, TILE)
+    np.testing.assert_allclose(value, prnu, atol=2e-6)
+    np.testing.assert_allclose(uncertainty, 5.0 / mean, rtol=1e-5)  # 3 and 4 DN/s
+
+
+def test_where_the_axis_is_photons_the_dark_current_goes_by_their_seconds() -> None:
+    slopes = np.array([[2.0, 2.5]], np.float32)
+    dark = np.array([[0.0, 100.0]], np.float32)
+    response = ResponseMap(slopes, np.zeros(1), np.array([0.005]))
+    value, _ = response.relative(dark, np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int64))
+    np.testing.assert_allclose(value, 0.0, atol=1e-7)
+
+
+def range_of(lowest, highest):
+    return LinearRange("exposure_s", lowest, highest, 3000.0, 2, 4, "")
+
+
+def flats():
+    dn = np.zeros((2, 2), np.uint16)
+    return frame_set_from_arrays(
+        [("dark", 0.1, dn), *(("light", t, dn) for t in (0.1, 0.2, 0.3, 0.4))], bits=12, cfa=(("R", "G"), ("G", "B"))
+    )
+
+
+def test_flats_of_any_channels_linear_range_are_read() -> None:
+    ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.2), "B": range_of(0.1, 0.3)}
+    needed = needed_lights(flats(), SimpleNamespace(linear_range=ranges))
+    assert [group.exposure_s for group in needed] == pytest.approx([0.1, 0.2, 0.3])
+
+
+def test_a_channel_without_two_levels_leaves_the_chip_without_a_response() -> None:
+    ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.1), "B": range_of(0.1, 0.3)}
+    assert needed_lights(flats(), SimpleNamespace(linear_range=ranges)) == ()
+    del ranges["G"]
+    assert needed_lights(flats(), SimpleNamespace(linear_range=ranges)) == ()
