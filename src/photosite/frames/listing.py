@@ -122,7 +122,7 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
         raise FileError(source, str(error)) from None
     notes = (*level_notes, *_exposure_notes(entries, frames, headers), *_temperature_notes(listed), *border_notes)
     for note in notes:
-        warnings.warn(f"{source}: {note}", PhotositeWarning, stacklevel=4)
+        warnings.warn(f"{source}: {note}", PhotositeWarning, stacklevel=3)
     return FrameSet(
         groups,
         rows,
@@ -317,7 +317,7 @@ def _warn_once(entries: Sequence[FileEntry], headers: Sequence[FrameHeader]) -> 
     if noted:
         entry, header = noted[0]
         others = f" (and {len(noted) - 1} frames more)" if len(noted) > 1 else ""
-        warnings.warn(f"{entry.name}: {'; '.join(header.notes)}{others}", PhotositeWarning, stacklevel=5)
+        warnings.warn(f"{entry.name}: {'; '.join(header.notes)}{others}", PhotositeWarning, stacklevel=4)
 
 
 def _shown(value: Any) -> str:
