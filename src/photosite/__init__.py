@@ -24,9 +24,12 @@ _HOMES = {
     "Spectrum": "photosite.spectra",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series",
+    "calibrate_chart": "photosite.calibration.spectral_chart",
+    "calibrate_spectral": "photosite.calibration.spectral",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
+    "open_spectral": "photosite.calibration.spectral_protocol",
     "read_raw": "photosite.frames.read",
     "validate": "photosite.validation.validate",
 }
@@ -37,6 +40,9 @@ __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.calibration.gain_series import calibrate_series as calibrate_series
+    from photosite.calibration.spectral import calibrate_spectral as calibrate_spectral
+    from photosite.calibration.spectral_chart import calibrate_chart as calibrate_chart
+    from photosite.calibration.spectral_protocol import open_spectral as open_spectral
     from photosite.camera import Camera as Camera
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame

@@ -59,7 +59,7 @@ def test_without_the_wall_it_is_the_textbooks_regression():
     design = _broad(rng)
     measured = design @ (5.0 + 0.1 * np.sin(NM / 40.0))
     noise = 1e-4 * np.eye(len(design))
-    setting = next(iter(module._settings(design, measured, noise, NM, None)))
+    setting = next(iter(module._settings(design, measured, (noise,), NM)))
     prior = setting.spread**2 * _matern(NM, setting.length_nm)
     gain = prior @ design.T @ np.linalg.inv(design @ prior @ design.T + noise)
     assert np.allclose(setting.mean, gain @ measured, rtol=1e-5)
@@ -100,6 +100,39 @@ def test_intervals_hold_smoother_truths_too():
     """Nothing the prior was made of. Smoother than it, so covered more often than 95 %."""
     held, _ = _held(_bumps, 8, 0.0)
     assert held.mean() > 0.95
+
+
+@pytest.mark.parametrize("relative", [0.02, 0.2])
+def test_an_error_common_to_all_widens_and_does_not_move(relative):
+    """A factor of all measurements: the value stays, and its relative uncertainty adds in quadrature. Taken as noise
+    instead, 20 % pulled the value down by two thirds."""
+    rng = np.random.default_rng(0)
+    design = _broad(rng, 30)
+    clean = design @ np.exp(-0.5 * ((NM - 550.0) / 40.0) ** 2)
+    noise = 1e-3 * clean + 1e-4
+    measured = clean + noise * rng.standard_normal(30)
+    alone, both = (
+        smooth_positive_estimate(design, measured, np.diag(noise**2), NM, relative=factor)
+        for factor in (None, np.full((30, 30), relative**2))
+    )
+    total = NM == 550.0
+    value, widened = alone.mean[total][0], both.mean[total][0]
+    assert widened == pytest.approx(value, rel=0.04)
+    own = alone.covariance[total, total][0] / value**2
+    assert both.covariance[total, total][0] / widened**2 == pytest.approx(own + relative**2, rel=0.15)
+
+
+def test_the_common_part_of_relative_errors():
+    """Of lights with independent levels, a light's variance over their number; of all alike, the whole."""
+    import photosite.calibration.smooth_prior as module
+
+    light = np.repeat(np.arange(3), 5)
+    same = (light[:, None] == light).astype(float)
+    assert module._common_part(0.04 * same) == pytest.approx(0.04 / 3, rel=1e-6)
+    assert module._common_part(np.full((15, 15), 0.04)) == pytest.approx(0.04, rel=1e-6)
+    assert module._common_part(np.diag([1.0, 0.5, 0.25])) == pytest.approx(1 / 7, rel=1e-6)
+    left = 0.04 * same + 0.01 - module._common_part(0.04 * same + 0.01)
+    assert np.linalg.eigvalsh(left).min() > -1e-9
 
 
 def test_the_same_seed_gives_the_same_numbers():

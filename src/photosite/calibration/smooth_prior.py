@@ -98,6 +98,7 @@ def smooth_positive_estimate(
     covariance: NDArray[np.float64],
     wavelength_nm: NDArray[np.float64],
     *,
+    relative: NDArray[np.float64] | None = None,
     groups: NDArray[np.int64] | None = None,
     seed: int = 0,
     draws: int = 4000,
@@ -112,6 +113,12 @@ def smooth_positive_estimate(
         (m,) and (m, m), positive definite.
     wavelength_nm
         (n,), increasing.
+    relative
+        (m, m) covariance of relative errors, of a light's level say, in addition. The part that is common to all
+        measurements is a factor of the response and widens it as such; were it among the noise, the prior would trade
+        it for a lower response, which needs less spread at every wavelength. The rest is scaled by what a first fit
+        expects to be measured, not by what was: noise in both would pull the response down too (R. W. Peelle's puzzle;
+        G. D'Agostini, Nucl. Instrum. Methods A 346 (1994) 306).
     groups
         (m,) integers: measurements of one group (one patch under several lights) share half of the variance that an
         error of the known light gives them. None: nothing is wrong with it, and no misfit is tried.
@@ -135,10 +142,16 @@ def smooth_positive_estimate(
     (True, True)
     """
     _check(design, measured, covariance, wavelength_nm)
-    settings = list(_settings(design, measured, covariance, wavelength_nm, groups))
-    evidence = np.array([setting.log_evidence for setting in settings])
-    weights = np.exp(evidence - evidence.max())
-    weights /= weights.sum()
+    settings = list(_settings(design, measured, (covariance,), wavelength_nm))
+    common = 0.0
+    if relative is not None:
+        common = _common_part(relative)
+        relative = relative - common
+    if relative is not None or groups is not None:
+        first = sum(w * setting.mean for w, setting in zip(_weights(settings), settings, strict=True))
+        noises = _noises(covariance, design @ first, relative, groups)
+        settings = list(_settings(design, measured, noises, wavelength_nm))
+    weights = _weights(settings)
     chance = np.random.default_rng([seed, 41])
     # Systematic resampling: each setting gets its share of the draws, to within one.
     places = (np.arange(draws) + chance.uniform()) / draws
@@ -150,6 +163,9 @@ def smooth_positive_estimate(
             momenta = chance.standard_normal((_BURN_IN + count, wavelength_nm.size))
             chains.append(positive_normal_draws(setting.mean, setting.factor, momenta)[_BURN_IN:])
     sample = np.concatenate(chains)
+    # A factor that is never negative: log-normal, of mean 1.
+    spread = np.log1p(common)
+    sample *= np.exp(np.sqrt(spread) * chance.standard_normal((len(sample), 1)) - 0.5 * spread)
     lower, upper = _shortest(sample)
 
     def mean_of(name: str) -> float:
@@ -192,22 +208,49 @@ def _matern(wavelength_nm: NDArray[np.float64], length_nm: float) -> NDArray[np.
     return np.asarray((1.0 + scaled) * np.exp(-scaled) + _JITTER * np.eye(wavelength_nm.size))
 
 
+def _weights(settings: list[_Setting]) -> NDArray[np.float64]:
+    """(settings,) marginal likelihoods, of sum 1."""
+    evidence = np.array([setting.log_evidence for setting in settings])
+    weights = np.exp(evidence - evidence.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _common_part(relative: NDArray[np.float64]) -> float:
+    """The largest variance that all have in common: what is left without it is still a covariance."""
+    scale = float(np.trace(relative)) / len(relative)
+    if scale == 0.0:
+        return 0.0
+    ones = np.ones(len(relative))
+    # Lights' levels alone make a matrix of low rank; a billionth of its size on the diagonal lets it be solved.
+    return 1.0 / float(ones @ np.linalg.solve(relative + 1e-9 * scale * np.eye(len(relative)), ones))
+
+
+def _noises(
+    covariance: NDArray[np.float64],
+    expected: NDArray[np.float64],
+    relative: NDArray[np.float64] | None,
+    groups: NDArray[np.int64] | None,
+) -> tuple[NDArray[np.float64], ...]:
+    """Covariance of the measurements, one for each misfit tried."""
+    products = np.outer(expected, expected)
+    known = covariance if relative is None else covariance + relative * products
+    if groups is None:
+        return (known,)
+    alike = 0.5 * np.eye(expected.size) + 0.5 * (groups[:, None] == groups[None, :])
+    return tuple(known + misfit**2 * products * alike for misfit in MISFITS)
+
+
 def _settings(
     design: NDArray[np.float64],
     measured: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    noises: tuple[NDArray[np.float64], ...],
     wavelength_nm: NDArray[np.float64],
-    groups: NDArray[np.int64] | None,
 ) -> Iterator[_Setting]:
     """Every combination on the grid. Evidence and posterior are those of the normal model, before it is cut off."""
     unit = float(measured.sum() / design.sum())
-    products = np.outer(measured, measured)
-    alike = np.eye(measured.size)
-    if groups is not None:
-        alike = 0.5 * alike + 0.5 * (groups[:, None] == groups[None, :])
     roots = {length: np.linalg.cholesky(_matern(wavelength_nm, length)) for length in LENGTHS_NM}
-    for misfit in MISFITS if groups is not None else (0.0,):
-        noise = np.linalg.cholesky(covariance + misfit**2 * products * alike)
+    for misfit, covariance in zip(MISFITS, noises, strict=False):
+        noise = np.linalg.cholesky(covariance)
         light, seen = np.linalg.solve(noise, design), np.linalg.solve(noise, measured)
         constant = -0.5 * float(seen @ seen) - float(np.log(np.diag(noise)).sum())
         for length, root in roots.items():

@@ -161,17 +161,18 @@ def _channel(
     per_photon = 1.0 / (sensor.system_gain_dn_per_e * photons * sensor.pixel_area_m2 * sensor.pixel.fill_factor.value)
     mean = signal_dn * per_photon
     alone = levels.covariance_dn2[number][np.ix_(keep, keep)] * np.outer(per_photon, per_photon)
-    covariance = alone + _reading_covariance(mean, used, frames)
+    readings = _reading_relative(used, frames)
     passbands = tuple(band.passband for band in used)
     matrix = band_matrix(passbands)
     centres = np.array([band.passband.centre_nm for band in used])
     ends = (band_matrix(passbands, beyond="zero") - matrix) @ mean
-    covariance = covariance + np.diag(ends**2)
+    alone = alone + np.diag(ends**2)
     if solved := _amplification(matrix) <= MOST_AMPLIFICATION:
         inverse = np.linalg.inv(matrix)
-        efficiency, covariance = inverse @ mean, inverse @ covariance @ inverse.T
+        efficiency = inverse @ mean
+        covariance = inverse @ (alone + readings * np.outer(mean, mean)) @ inverse.T
     else:
-        smooth = smooth_positive_estimate(matrix, mean, covariance, centres)
+        smooth = smooth_positive_estimate(matrix, mean, alone, centres, relative=readings)
         efficiency, covariance = smooth.mean, smooth.covariance
     covariance = covariance + np.diag(_wavelength_variance(efficiency, centres, used))
     relative = math.hypot(common_relative_uncertainty(sensor), _diode_relative(frames))
@@ -196,10 +197,8 @@ def _amplification(matrix: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.linalg.inv(matrix), axis=1).max())
 
 
-def _reading_covariance(
-    mean: NDArray[np.float64], bands: tuple[Band, ...], frames: SpectralFrames
-) -> NDArray[np.float64]:
-    """What readings, the photodiode's table and the shutter do to the band means."""
+def _reading_relative(bands: tuple[Band, ...], frames: SpectralFrames) -> NDArray[np.float64]:
+    """(bands, bands) relative covariance from readings, the photodiode's table and the shutter."""
     reading = np.array([band.reading.standard_uncertainty / band.reading.value for band in bands])
     relative = np.diag(reading**2)
     entries = max(band.diode_deviations().size for band in bands)
@@ -212,7 +211,7 @@ def _reading_covariance(
     exposures = np.array([band.exposure_s for band in bands])
     shutter = frames.exposure_uncertainty_percent / 100
     relative = relative + shutter**2 * (exposures[:, None] == exposures[None, :])
-    return np.asarray(relative * np.outer(mean, mean))
+    return np.asarray(relative)
 
 
 def _wavelength_variance(

@@ -128,12 +128,12 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
             warnings.append(f"channel {name}: {left} of {keep.size} patches left out: saturated")
         read, light = views.electrons[keep, number], views.light[keep]
         relative = (light[:, None] == light) * (views.light_uncertainty_percent / 100) ** 2 + common**2
-        covariance = np.diag(views.standard_uncertainty[keep, number] ** 2) + relative * np.outer(read, read)
         found = smooth_positive_estimate(
             views.unit_electrons[keep],
             read,
-            covariance,
+            np.diag(views.standard_uncertainty[keep, number] ** 2),
             views.wavelength_nm,
+            relative=relative,
             groups=views.patch[keep],
             seed=seed + number,
             draws=draws,

@@ -64,14 +64,18 @@ _QUANTITY_KEYS = ("value", "standard_uncertainty")
 
 
 @dataclass(frozen=True)
-class _Entry:
-    """One entry of `darks` or `bands`: its file, itself, and its line."""
+class ProtocolEntry:
+    """One entry of a spectral protocol, or the whole of it: its file, itself, and its line.
+
+    What its methods find wrong is a `FileError` with the line.
+    """
 
     file: Path
     data: Mapping[Any, Any]
     line: int | None
 
     def error(self, message: str, key: str | None = None) -> FileError:
+        """An error about the entry, or about one key of it."""
         return FileError(self.file, message, (line_of(self.data, key) if key else None) or self.line)
 
     def quantity(self, key: str) -> Measured:
@@ -96,7 +100,17 @@ class _Entry:
             raise self.error(f"'{key}' is above 0, not {quantity.value:g}", key)
         return quantity
 
+    def percent(self, key: str) -> float:
+        """A number, 0 or above; 0 where there is none."""
+        if self.data.get(key) is None:
+            return 0.0
+        value = self.quantity(key).value
+        if value < 0:
+            raise self.error(f"'{key}' is 0 or above, not {value:g}", key)
+        return value
+
     def exposure_s(self) -> float:
+        """The exposure time."""
         exposure = self.data.get("exposure")
         try:
             if isinstance(exposure, bool) or not isinstance(exposure, str | int | float):
@@ -106,6 +120,7 @@ class _Entry:
             raise self.error(str(error), "exposure") from None
 
     def files(self) -> list[Path]:
+        """The frames' files, patterns resolved."""
         files = self.data.get("files")
         patterns = [files] if isinstance(files, str) else files
         if not isinstance(patterns, Sequence) or not patterns or not all(isinstance(p, str) and p for p in patterns):
@@ -146,9 +161,9 @@ def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
         message = f"expected '{VERSION_KEY}: 1' (the file format's version), got {said!r:.80}"
         raise FileError(file, message, line_of(data, VERSION_KEY))
     check_keys(file, data, _KEYS, "a spectral protocol")
-    top = _Entry(file, data, None)
-    darks = _entries(top, "darks", _DARK_KEYS)
-    bands = _entries(top, "bands", _BAND_KEYS)
+    top = ProtocolEntry(file, data, None)
+    darks = protocol_entries(top, "darks", _DARK_KEYS)
+    bands = protocol_entries(top, "bands", _BAND_KEYS)
     listed = [(entry, "dark") for entry in darks] + [(entry, "light") for entry in bands]
     sources = _opened(top, listed)
     sensor_name = optional_text(file, data, "sensor")
@@ -171,8 +186,8 @@ def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
             sensor=None if sensor_name is None else load_sensor(file.parent / sensor_name),
             photodiode=diode,
             region=region,
-            scale_uncertainty_percent=_percent(top, "scale_uncertainty_percent"),
-            exposure_uncertainty_percent=_percent(top, "exposure_uncertainty_percent"),
+            scale_uncertainty_percent=top.percent("scale_uncertainty_percent"),
+            exposure_uncertainty_percent=top.percent("exposure_uncertainty_percent"),
             source=str(file),
         )
     except InputError as error:
@@ -189,7 +204,14 @@ class _Opened:
     cfa: tuple[tuple[str, ...], ...]
 
 
-def _entries(top: _Entry, key: str, keys: Sequence[str]) -> list[_Entry]:
+def protocol_entries(top: ProtocolEntry, key: str, keys: Sequence[str]) -> list[ProtocolEntry]:
+    """The entries of a list under a key, each with known keys only.
+
+    Raises
+    ------
+    FileError
+        If it is no such list; with the line.
+    """
     listed = top.data.get(key)
     if not isinstance(listed, Sequence) or isinstance(listed, str) or not listed:
         raise top.error(f"'{key}' is a list of {{{', '.join(keys)}}}", key)
@@ -199,11 +221,11 @@ def _entries(top: _Entry, key: str, keys: Sequence[str]) -> list[_Entry]:
         if not isinstance(data, Mapping):
             raise FileError(top.file, f"an entry of '{key}' is {{{', '.join(keys)}}}, not {data!r:.80}", line)
         check_keys(top.file, data, keys, f"an entry of '{key}'")
-        entries.append(_Entry(top.file, data, line))
+        entries.append(ProtocolEntry(top.file, data, line))
     return entries
 
 
-def _opened(top: _Entry, listed: Sequence[tuple[_Entry, str]]) -> dict[int, _Opened]:
+def _opened(top: ProtocolEntry, listed: Sequence[tuple[ProtocolEntry, str]]) -> dict[int, _Opened]:
     """The frames of every entry, by its identity; all are checked against each other."""
     paths = {id(entry): entry.files() for entry, _ in listed}
     kinds: dict[str, Kind] = {"dark": "dark", "light": "light"}
@@ -224,7 +246,7 @@ def _opened(top: _Entry, listed: Sequence[tuple[_Entry, str]]) -> dict[int, _Ope
     }
 
 
-def _band(entry: _Entry, opened: _Opened, diode: Photodiode | None) -> Band:
+def _band(entry: ProtocolEntry, opened: _Opened, diode: Photodiode | None) -> Band:
     readings = [key for key in _READINGS if entry.data.get(key) is not None]
     if len(readings) != 1:
         raise entry.error(f"a band has one reading, {' or '.join(_READINGS)}, not {len(readings)}")
@@ -244,7 +266,7 @@ def _band(entry: _Entry, opened: _Opened, diode: Photodiode | None) -> Band:
         raise entry.error(str(error)) from None
 
 
-def _passband(entry: _Entry) -> tuple[Passband, float]:
+def _passband(entry: ProtocolEntry) -> tuple[Passband, float]:
     """The band, and the standard uncertainty of its wavelength."""
     by_centre, by_file = entry.data.get("centre_nm") is not None, entry.data.get("passband") is not None
     if by_centre == by_file or (by_file and entry.data.get("bandwidth_nm") is not None):
@@ -260,14 +282,14 @@ def _passband(entry: _Entry) -> tuple[Passband, float]:
         raise entry.error(str(error)) from None
 
 
-def _photodiode(top: _Entry) -> Photodiode | None:
+def _photodiode(top: ProtocolEntry) -> Photodiode | None:
     data = top.data.get("photodiode")
     if data is None:
         return None
     if not isinstance(data, Mapping):
         raise top.error(f"'photodiode' is {{{', '.join(_DIODE_KEYS)}}}, not {data!r:.80}", "photodiode")
     check_keys(top.file, data, _DIODE_KEYS, "'photodiode'")
-    entry = _Entry(top.file, data, line_of(top.data, "photodiode"))
+    entry = ProtocolEntry(top.file, data, line_of(top.data, "photodiode"))
     name = optional_text(top.file, data, "responsivity")
     if name is None:
         raise entry.error("'photodiode' lacks 'responsivity', a CSV file of wavelength_nm and A/W")
@@ -278,16 +300,7 @@ def _photodiode(top: _Entry) -> Photodiode | None:
         raise entry.error(str(error)) from None
 
 
-def _percent(top: _Entry, key: str) -> float:
-    if top.data.get(key) is None:
-        return 0.0
-    value = top.quantity(key).value
-    if value < 0:
-        raise top.error(f"'{key}' is 0 or above, not {value:g}", key)
-    return value
-
-
-def _region(top: _Entry, shape: tuple[int, int]) -> Region | None:
+def _region(top: ProtocolEntry, shape: tuple[int, int]) -> Region | None:
     raw = top.data.get("region")
     if raw is None:
         return None

@@ -41,6 +41,7 @@ COMMANDS: dict[str, Entry] = {
     "simulate": Entry("simulate", "Simulate a raw frame of a chart."),
     "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
     "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark and flat frames."),
+    "spectral": Entry("spectral", "Measure quantum efficiency: bands of light and a photodiode, or a chart."),
     "export": Entry("export", "Write noise profiles and EMVA 1288 files for other programs."),
     "import": Entry("import_", "Read other programs' noise profiles, into sensor files too."),
     "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),

@@ -202,13 +202,13 @@ class MonochromatorRun:
                 reading = self.reading_a(number)
                 entries["bands"].append(
                     {
-                        "centre_nm": centre,
+                        "centre_nm": float(centre),
                         "bandwidth_nm": self.bandwidth_nm,
                         "exposure": format_exposure(self.exposure_s(number)),
                         "files": f"band/{number:03d}_*.tif",
                         "photocurrent_a": {
-                            "value": reading.value,
-                            "standard_uncertainty": reading.standard_uncertainty,
+                            "value": float(reading.value),
+                            "standard_uncertainty": float(reading.standard_uncertainty),
                         },
                     }
                 )

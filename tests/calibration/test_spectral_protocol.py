@@ -1,0 +1,109 @@
+"""Spectral protocols and spectra in CSV files: read back, and their errors with lines."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.calibration.spectral import calibrate_spectral
+from photosite.calibration.spectral_protocol import open_spectral
+from photosite.calibration.spectrum_file import read_spectrum
+from photosite.errors import FileError
+from photosite.studies.virtual_lab import with_pedestal
+from photosite.studies.virtual_monochromator import MonochromatorRun
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=16, cols=16))
+    run = MonochromatorRun(sensor, (500.0, 550.0, 600.0), 8.0, frames=2, dark_frames=3)
+    folder = tmp_path_factory.mktemp("spectral") / "run"
+    run.write(folder)
+    return run, folder
+
+
+def test_what_was_shot_is_what_is_read(written):
+    """From files and from memory: the same numbers, but for the nominal sensor's placeholder spectra."""
+    run, folder = written
+    read, direct = (calibrate_spectral(f) for f in (open_spectral(folder / "spectral.yaml"), run.frame_set()))
+    for name in "RGB":
+        one, other = read.channels[name], direct.channels[name]
+        assert one.quantum_efficiency == pytest.approx(other.quantum_efficiency, rel=1e-12)
+        assert one.covariance == pytest.approx(other.covariance, rel=1e-9)
+    assert read.frames_sha256 == direct.frames_sha256
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("photosite_spectral: 1", "photosite_spectral: 2", ":1: expected 'photosite_spectral: 1'"),
+        ("scale_uncertainty_percent: 0.5", "scale_uncertanty: 0.5", "did you mean 'scale_uncertainty_percent'"),
+        ("scale_uncertainty_percent: 0.5", "scale_uncertainty_percent: -1", "is 0 or above, not -1"),
+        ("centre_nm: 550.0", "centre_nm: x", "'centre_nm' is a number"),
+        ("centre_nm: 550.0", "centre_nm: 500.0", "two bands have the centre 500 nm"),
+        ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "has a width of 0 or more and below that"),
+        ("photocurrent_a", "irradiance", "did you mean 'irradiance_w_m2'"),
+        ("{value: ", "{valu: ", "did you mean 'value'"),
+        ("standard_uncertainty: ", "standard_uncertainty: -", "uncertainty must be finite and not negative"),
+        ("area_mm2: 100.0", "area_mm2: 0", "'area_mm2' is above 0"),
+        ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "nowhere.csv: there is no such file"),
+        ("files: dark/00_*.tif", "files: dark/zz_*.tif", "no file matches"),
+        ("files: dark/00_*.tif", "files: band/000_*.tif", "is listed twice"),
+        ("name:", "region: [0, 8, 0, 99]\nname:", ":2: 'region' reaches beyond"),
+        ("name:", "region: [0, 8, 0]\nname:", "'region' is [first row"),
+        ("name:", "bits: 14\nname:", "not the 14-bit frame"),
+    ],
+)
+def test_errors_name_file_and_what_is_wrong(written, old, new, said):
+    _, folder = written
+    text = (folder / "spectral.yaml").read_text()
+    assert old in text
+    broken = folder / "broken.yaml"
+    broken.write_text(text.replace(old, new))
+    with pytest.raises(FileError, match=re.escape(said)):
+        open_spectral(broken)
+
+
+def test_a_region_is_measured_alone(written):
+    """Left and right half are parts of the whole: its signal is their mean."""
+    _, folder = written
+    text = (folder / "spectral.yaml").read_text()
+    found = []
+    for region in ("[0, 16, 0, 16]", "[0, 16, 0, 8]", "[0, 16, 8, 16]"):
+        (folder / "part.yaml").write_text(text.replace("name:", f"region: {region}\nname:"))
+        found.append(calibrate_spectral(open_spectral(folder / "part.yaml")).channels["R"].band_mean)
+    assert found[0] == pytest.approx((found[1] + found[2]) / 2, rel=1e-12)
+    assert not np.allclose(found[1], found[2], rtol=1e-9)
+
+
+def test_spectra_from_csv(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("# a lamp\nnm, power, u\n400, 1.5, 0.1  # start\n\n410,2,0.2\n")
+    spectrum, uncertainty = read_spectrum(file)
+    assert (spectrum.wavelength_nm.tolist(), spectrum.values.tolist()) == ([400.0, 410.0], [1.5, 2.0])
+    assert uncertainty.tolist() == [0.1, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "holds no spectrum"),
+        ("nm,v\n", "holds no spectrum"),
+        ("nm,v\nnm,v\n", ":2: expected two or three finite numbers"),
+        ("400,1\n390,2\n", ":2: wavelengths rise"),
+        ("400,1\n410,nan\n", ":2: expected 2 finite numbers"),
+        ("400,1\n410,2,3\n", ":2: expected 2 finite numbers"),
+        ("400,1,-1\n", ":1: a standard uncertainty is 0 or above"),
+        ("-400,1\n", "positive"),
+    ],
+)
+def test_spectra_that_are_none(tmp_path, text, said):
+    file = tmp_path / "a.csv"
+    file.write_text(text)
+    with pytest.raises(FileError, match=re.escape(said)):
+        read_spectrum(file)
+    with pytest.raises(FileError, match="there is no such file"):
+        read_spectrum(tmp_path / "none.csv")
