@@ -117,10 +117,12 @@ def table_1(calibration: Calibration) -> Table:
 
 
 def _inverse(entry: Estimate) -> Estimate:
-    """1 / value, to first order."""
-    if entry.value is None or entry.standard_uncertainty is None:
+    """1 / value, to first order; the ends of the interval are those of the value turned over."""
+    if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
         return entry
-    return Estimate(1.0 / entry.value, entry.standard_uncertainty / entry.value**2)
+    low, high = entry.interval_95
+    ends = (1.0 / high, 1.0 / low) if low > 0.0 else None
+    return Estimate(1.0 / entry.value, entry.standard_uncertainty / entry.value**2, interval_95=ends)
 
 
 def _known(value: Measured | float | None) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial_analysis import FramePattern, SpatialAnalysis
 from photosite.calibration.uncertain import Missing
-from photosite.report.blocks import figure_block, reason_block
+from photosite.report.blocks import figure_block, lacking_blocks, reason_block
 from photosite.report.figures.histogram import histogram_figure
 from photosite.report.figures.profiles import profiles_figure
 from photosite.report.figures.spectrogram import spectrogram_figure
@@ -39,6 +39,7 @@ def non_uniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     blocks: list[Block] = [Subheading("Spectrograms")]
     for kind, patterns in kinds.items():
         blocks.append(_spectrogram(kind, patterns) if patterns else _no_light(found))
+    blocks += lacking_blocks({channel: analysis.light for channel, analysis in found.items()}, "pattern in the light")
     blocks.append(Subheading("Profiles"))
     blocks += [_profiles(channel, analysis, len(found) > 1) for channel, analysis in found.items()]
     blocks.append(Subheading("Histograms"))
@@ -112,8 +113,8 @@ def _spectrogram(kind: str, patterns: Mapping[str, FramePattern]) -> Block:
         spectrogram_figure(patterns),
         f"Horizontal and vertical spectrogram of {_FRAMES[kind]}",
         f"Spectrograms of {_FRAMES[kind]}: a regular pattern is a peak at its frequency, uneven light a rise at the "
-        "left, pixels that know nothing of each other a level line. What lies above "
-        "the temporal noise left is the sensor's.",
+        "left, pixels that know nothing of each other a level line. What lies above the temporal noise left is the "
+        "sensor's.",
     )
 
 
@@ -132,6 +133,6 @@ def _histogram(kind: str, patterns: Mapping[str, FramePattern]) -> Block:
         histogram_figure(patterns),
         f"Logarithmic and accumulated histogram of {_FRAMES[kind]}",
         f"Histograms of {_FRAMES[kind]}: left, how many pixels deviate by how much; right, how many by so much or "
-        "more. Where the pixels leave the dashed normal distribution, they are more unlike "
-        "each other than chance explains.",
+        "more. Where the pixels leave the dashed normal distribution, they are more unlike each other than chance "
+        "explains.",
     )

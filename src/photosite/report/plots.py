@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from photosite.calibration.general_model import GeneralModel
 from photosite.calibration.linearity import Linearity
 from photosite.calibration.result import Calibration, Curve
 from photosite.calibration.snr import SnrCurve
 from photosite.calibration.uncertain import Missing
-from photosite.report.blocks import figure_block, reason_block
+from photosite.report.blocks import figure_block, lacking_blocks, reason_block
+from photosite.report.chip import defect_blocks, temporal_blocks
 from photosite.report.figures.curve import Residuals, curve_figure
+from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.linearity import linearity_figure
 from photosite.report.figures.snr import snr_figure
 from photosite.report.html import Block, Section, Subheading
@@ -81,6 +84,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     -----
     EMVA 1288 R4.0 Linear, the plots that a data sheet presents.
     """
+    defects = (*defect_blocks(calibration), *far_pixel_blocks(calibration))
     ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
     gain = calibration.system_gain_dn_per_e
     no_light = gain.reason or "one light level only; a curve needs two or more"
@@ -89,9 +93,11 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
         Section("Photon transfer", _or_reason(calibration, "photon_transfer", no_light)),
         Section("Signal-to-noise ratio", _snr_blocks(calibration)),
         Section("Linearity", _linearity_blocks(calibration)),
+        Section("General model", _general_blocks(calibration)),
         Section("Dark current", _dark_blocks(calibration)),
+        Section("Noise in the dark", temporal_blocks(calibration)),
         Section("Non-uniformity", non_uniformity_blocks(calibration)),
-        Section("Defects", far_pixel_blocks(calibration)),
+        Section("Defects", defects),
     )
 
 
@@ -122,7 +128,7 @@ def _snr_blocks(calibration: Calibration) -> tuple[Block, ...]:
         "line is the total ratio, with the fixed pattern (DSNU and PRNU) among the noise."
     )
     alternative = "Signal-to-noise ratio against light: points, linear model with 95 % band, ideal sensor"
-    return (figure_block(figure, alternative, caption),)
+    return (figure_block(figure, alternative, caption), *lacking_blocks(calibration.snr, "ratio"))
 
 
 def _patterns(calibration: Calibration, curves: dict[str, SnrCurve]) -> dict[str, tuple[float, float]]:
@@ -149,9 +155,24 @@ def _linearity_blocks(calibration: Calibration) -> tuple[Block, ...]:
         "scale (R3.0). Bars are 95 % intervals from sampling, dotted lines the extremes of the levels fitted, from 5 "
         "to 95 % of saturation."
     )
-    return (
-        figure_block(linearity_figure(found), "Deviation from linearity against light, by two definitions", caption),
+    alternative = "Deviation from linearity against light, by two definitions"
+    lacking = lacking_blocks(calibration.linearity, "deviation from linearity")
+    return (figure_block(linearity_figure(found), alternative, caption), *lacking)
+
+
+def _general_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Where the photons are not known: what EMVA 1288 R4.0 General tells of any camera."""
+    found = {channel: entry for channel, entry in calibration.general.items() if isinstance(entry, GeneralModel)}
+    if calibration.model != "general" or not found:
+        return ()
+    caption = (
+        "What can be told of any camera, whatever its light and its response. Above, the characteristic curve; below, "
+        "the signal-to-noise ratio of the input: the amount of light over the noise that it would have to have, the "
+        "noise seen over the local slope of the curve. Bars are 95 % intervals."
     )
+    alternative = "Characteristic curve and signal-to-noise ratio of the input against exposure"
+    lacking = lacking_blocks(calibration.general, "figures of the general model")
+    return (figure_block(general_model_figure(found), alternative, caption), *lacking)
 
 
 def _dark_blocks(calibration: Calibration) -> tuple[Block, ...]:

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Estimate, LinearRange, Parameters
 from photosite.report.html import Column, Heading, Table
-from photosite.report.numbers import format_interval, format_number, format_uncertain
-
-_UNITS = {"exposure_s": "s", "photons_per_pixel": "photons per pixel"}
+from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
@@ -117,7 +115,10 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
     """
     rows = []
     for channel, found in ranges.items():
-        ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} {_UNITS[found.abscissa]}"
+        if found.abscissa == "exposure_s":
+            ends = f"{format_time(found.lowest)} to {format_time(found.highest)}"
+        else:
+            ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} photons per pixel"
         levels = f"{found.levels} of {found.levels_measured}"
         rows.append((channel, ends, format_number(found.highest_dn, 4), levels, found.rule))
     columns = (

@@ -68,7 +68,7 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("reading less its pixel's mean (DN)")
     axes.set_ylabel("density (1/DN)")
-    axes.legend(loc="upper right")
+    axes.legend(loc="lower center")
     return figure
 
 

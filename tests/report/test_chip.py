@@ -1,0 +1,79 @@
+"""What a calibration with maps says of the chip: planted defects are counted and listed, noise has its parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.result import Calibration
+from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.report.calibration import calibration_page
+from photosite.report.chip import defect_blocks, temporal_blocks
+from photosite.report.html import Details, Images, Paragraph, Table, render_page
+from photosite.report.patterns import far_pixel_blocks
+from photosite.sensor.measured_chip import no_defects
+
+HOT, DEAD = (7, 11), (20, 3)
+
+
+@pytest.fixture(scope="module")
+def calibration() -> Calibration:
+    """Darks of two exposures and flats of four, one pixel hot and one dead."""
+    rng = np.random.default_rng(8)
+    shape = (40, 48)
+    rate, response = np.zeros(shape), np.ones(shape)
+    rate[HOT], response[DEAD] = 4000.0, 0.1
+    offset = 64.0 + rng.normal(0.0, 0.5, shape)
+
+    def frame(exposure_s: float, electrons: float) -> np.ndarray:
+        signal = rng.poisson(electrons * response) + rate * exposure_s
+        return np.rint(offset + 0.5 * signal + rng.normal(0.0, 2.0, shape)).astype(np.uint16)
+
+    frames = [("dark", t, frame(t, 0.0)) for t in (0.01, 0.5) for _ in range(16)]
+    frames += [("light", t, frame(t, 1e5 * t)) for t in (0.01, 0.02, 0.03, 0.04) for _ in range(4)]
+    return calibrate(frame_set_from_arrays(frames, bits=12), maps=True)
+
+
+def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Calibration) -> None:
+    blocks = defect_blocks(calibration)
+    counts = {row[0].split(":")[0]: int(row[1]) for row in blocks[0].rows}
+    assert counts["Hot"] == 1
+    assert counts["Dead"] == 1
+    lists = {block.summary.split(":")[0]: block.blocks[0] for block in blocks if isinstance(block, Details)}
+    assert lists["Hot"].rows[0][:2] == (str(HOT[0]), str(HOT[1]))
+    assert lists["Dead"].rows[0][:2] == (str(DEAD[0]), str(DEAD[1]))
+    assert sum(isinstance(block, Images) for block in blocks) == 1
+
+
+def test_far_pixels_of_the_mean_frames_are_listed_with_their_rule(calibration: Calibration) -> None:
+    blocks = far_pixel_blocks(calibration)
+    table = next(block for block in blocks if isinstance(block, Table))
+    assert next(row[0] for row in table.rows) == "dark"
+    assert all("0.1 pixels" in row[5] for row in table.rows)
+
+
+def test_noise_has_its_parts_and_their_intervals(calibration: Calibration) -> None:
+    table, picture, *_ = temporal_blocks(calibration)
+    assert isinstance(table, Table)
+    assert isinstance(picture, Images)
+    by_name = {row[0]: row for row in table.rows}
+    value = float(by_name["Noise of a pixel by itself"][1].split(" ")[0])
+    assert 1.9 < value < 2.1, "planted: 2 DN; with 40 x 48 pixels of 16 frames known to 0.4 %"
+    assert all(row[1] == "not estimated" or row[3] for row in table.rows)
+
+
+def test_chip_without_defects_or_maps_says_so(calibration: Calibration) -> None:
+    perfect = replace(calibration, chip=replace(calibration.chip, defects=no_defects()))
+    assert defect_blocks(perfect)[-1] == Paragraph("No pixel is defective by these rules.")
+    unmeasured = replace(calibration, chip=None, temporal=None)
+    assert defect_blocks(unmeasured) == ()
+    (reason,) = temporal_blocks(unmeasured)
+    assert "calibrate with maps" in reason.text
+
+
+def test_page_of_a_chip_is_well_formed(calibration: Calibration, read_page) -> None:
+    page = read_page(render_page(calibration_page(calibration)))
+    assert "Dead: less than half of its channel's response" in page.text
