@@ -48,7 +48,7 @@ LEAST_PIXELS = 100
 LEAST_CLASS, MOST_CLASSES = 20.0, 30
 """Pixels expected in a class of the comparison with the model, and how many classes there are."""
 
-_TOGETHER = 8
+_TOGETHER = 4
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(24)
 _LOG_WEIGHTS = np.log(_WEIGHTS) + _NODES**2
 _NEWTON_STEPS = 60
@@ -115,17 +115,18 @@ def count_clipped(
     tile
         The repeating tile of channel indices.
     """
-    numbers, zeros = FrameSums(shape, tile), FrameSums(shape, tile)
+    numbers, zeros = FrameSums(shape, tile), np.zeros(shape, np.uint16)
     left = iter(frames)
     while batch := list(islice(left, _TOGETHER)):
         numbers.add(batch)
-        zeros.add([(dn == 0).view(np.uint8) for dn in batch])
-        del batch  # before the next one is gathered
+        for dn in batch:
+            np.add(zeros, dn == 0, out=zeros, casting="unsafe")
+        del batch, dn  # before the next one is gathered
     result = []
     for k, totals in enumerate(numbers.label_totals()):
         planes = [np.s_[r :: tile.shape[0], c :: tile.shape[1]] for r, c in np.argwhere(tile == k)]
         zero_map, sum_map = (
-            np.concatenate([entry.sum[plane].ravel() for plane in planes]) for entry in (zeros, numbers)
+            np.concatenate([entry[plane].ravel() for plane in planes]) for entry in (zeros, numbers.sum)
         )
         result.append(ClippedCounts.of(zero_map, sum_map, numbers.count, totals.squares))
     return tuple(result)
