@@ -44,6 +44,8 @@ class Measurements:
         DN^2.
     black_level, dark_slope, dark_slope_variance
         Intercept DN and slope DN/s of the dark mean; variance over pixels of the slope, DN^2/s^2.
+    dark_slope_third
+        Third central moment over pixels of the dark slope, DN^3/s^3.
     dark_variance, dark_variance_slope
         Temporal variance at exposure zero, quantisation in it, DN^2; its slope against exposure, DN^2/s.
     response_variance
@@ -88,6 +90,7 @@ class Measurements:
     saturation_method: str
     dark_method: str = ""
     linearity: tuple[Linearity | Missing, ...] = ()
+    dark_slope_third: float = 0.0
     from_channels: Mapping[str, str] = field(default_factory=dict)
 
     def method(self, text: str, *figures: str) -> str:
@@ -145,6 +148,7 @@ def pool(names: Sequence[str], channels: Sequence[Measurements], darkness: Measu
     changed["saturation_responsivity"] = first.saturation_responsivity
     seen = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), furthest)
     changed["saturation_method"] = seen.saturation_method
+    changed["dark_slope_third"] = sum(m.pixels * m.dark_slope_third for m in channels) / sum(m.pixels for m in channels)
     changed["linearity"] = tuple(found for entry in channels for found in entry.linearity)
     return replace(darkness, from_channels=notes, **changed)  # type: ignore[arg-type]
 

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from photosite.calibration.uncertain import Uncertain, correlated
 
+BY_CHANCE = 1.0 / 6.0
+"""Share of ideal measurements whose scatter counts as more than sampling explains: one standard deviation, one side."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -69,11 +72,12 @@ def _solve(
 def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
     """Least squares weighted by the covariance of the points and, where they scatter more, an extra variance.
 
-    The extra variance, the same for every point, is the one at which chi square equals its expectation, the
-    degrees of freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects), and zero where chi square
-    is not above that without it. With ideal points the weights are the optimal ones; where scatter far above the
-    sampling error (a lamp that wanders, a converter's uneven steps) dominates, the points weigh alike, as in
-    EMVA 1288's plain least squares. The covariance of the parameters holds it too.
+    The extra variance, the same for every point, is the one at which chi square equals its expectation, the degrees of
+    freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where every sixth ideal measurement
+    would have such a chi square or a larger one: half of them have more than the expectation, and widening all of those
+    made 95 % intervals cover 97 % (docs/coverage.md). With ideal points the weights are the optimal ones; where scatter
+    far above the sampling error (a lamp that wanders, a converter's uneven steps) dominates, the points weigh alike, as
+    in EMVA 1288's plain least squares. The covariance of the parameters holds it too.
 
     Parameters
     ----------
@@ -96,11 +100,13 @@ def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: 
     >>> fit.parameters.round(12).tolist(), fit.extra_variance
     ([2.0], 0.0)
     """
+    from scipy.special import chdtri
+
     m, p = design.shape
     freedom = m - p
     parameters, normal, estimator, chi_square = _solve(design, y, covariance)
     extra = 0.0
-    if freedom > 0 and chi_square > freedom:
+    if freedom > 0 and chi_square > float(chdtri(freedom, BY_CHANCE)):
         extra = _extra_variance(design, y, covariance, freedom)
         parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
     return Fit(parameters, normal, estimator, extra, chi_square, freedom)

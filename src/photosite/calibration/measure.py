@@ -20,6 +20,7 @@ from photosite.calibration.nonuniformity import (
     SlopeSpread,
     excess_variance,
     mean_frame_noise,
+    of_one_sample,
     slope_coefficients,
     slope_noise,
 )
@@ -242,7 +243,8 @@ def _measure_channel(
         dsnu = Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
     measured = replace(dark_only, dsnu_variance=dsnu, dsnu1288=parts, dsnu1288_filtered=filtered)
     if dark.slopes is not None:
-        measured = replace(measured, dark_slope_variance=dark.slopes[index].variance)
+        slopes = dark.slopes[index]
+        measured = replace(measured, dark_slope_variance=slopes.variance, dark_slope_third=slopes.third)
     if dark.clipped is not None:
         measured = _censored(measured, dark, dark.clipped.estimates[index], measured.dark_slope_variance)
     if channel is not None and patterns is not None:
@@ -361,10 +363,14 @@ def stand_for_the_sensor(m: Measurements) -> Measurements:
     response = m.responsivity
     if isinstance(response, Uncertain) and isinstance(m.response_variance, Uncertain):
         response = _for_the_sensor(response, m.response_variance * response.value**2, m.pixels)
+    slope, slope_variance = m.dark_slope, m.dark_slope_variance
+    if isinstance(slope, Uncertain) and isinstance(slope_variance, Uncertain):
+        slope, slope_variance = of_one_sample(slope, slope_variance, m.dark_slope_third, m.pixels)
     return replace(
         m,
         black_level=_for_the_sensor(m.black_level, m.dsnu_variance, m.pixels),
-        dark_slope=_for_the_sensor(m.dark_slope, m.dark_slope_variance, m.pixels),
+        dark_slope=slope,
+        dark_slope_variance=slope_variance,
         responsivity=response,
         # One channel's own responsivity; of channels together it already stands for the sensor.
         saturation_responsivity=response if m.saturation_responsivity is m.responsivity else m.saturation_responsivity,

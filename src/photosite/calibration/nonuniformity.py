@@ -23,13 +23,35 @@ def excess_variance(moments: Moments, noise: Uncertain) -> Uncertain:
     the sensor that this chip's pixels were drawn from.
     """
     sampling = max(moments.fourth - moments.variance**2, 0.0) / moments.pixels  # rounding, on constant maps
-    return Uncertain.of(moments.variance, math.sqrt(sampling)) - noise
+    return Uncertain.of_variance(moments.variance, math.sqrt(sampling)) - noise
 
 
 def mean_frame_noise(level: Level, scatter: float = 0.0) -> Uncertain:
     """Temporal variance left in the mean of a level's frames, DN^2; `scatter` as for `slope_noise`."""
     noise = level.variance / level.frames
-    return Uncertain.of(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
+    return Uncertain.of_variance(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
+
+
+def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: int) -> tuple[Uncertain, Uncertain]:
+    """A mean and a variance over pixels as those of the sensor that the pixels were drawn from.
+
+    The variance over the number of pixels comes in, and the two err together where the pixels are skewed (a few hot
+    ones raise both): their covariance over samples is the third central moment over the number of pixels.
+
+    Examples
+    --------
+    >>> mean, variance = of_one_sample(Uncertain.of(2.0), Uncertain.of(4.0, 0.5), 8.0, 100)
+    >>> [round(u, 6) for u in (mean.standard_uncertainty, variance.standard_uncertainty, mean.covariance(variance))]
+    [0.2, 0.5, 0.08]
+    """
+    sampling = Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
+    own, whole = sampling.standard_uncertainty, variance.standard_uncertainty
+    if own == 0.0 or whole == 0.0:
+        return mean + sampling, variance
+    along = max(-0.99, min(third / pixels / (own * whole), 0.99))  # a correlation, but found from a sample
+    left = math.sqrt(1.0 - along**2)
+    parts = {source: left * part for source, part in variance.parts.items()}
+    return mean + sampling, Uncertain(variance.value, parts) + sampling * (along * whole / own)
 
 
 def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,11 +68,13 @@ def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> 
 
 @dataclass(frozen=True)
 class SlopeSpread:
-    """One channel's slopes: their mean, and their variance over pixels with the propagated noise taken off."""
+    """One channel's slopes: their mean, their variance over pixels with the propagated noise taken off, and their third
+    central moment, by which a sample's mean and variance err together."""
 
     pixels: int
     mean: float
     variance: Uncertain
+    third: float = 0.0
 
 
 class PixelSlopes:
@@ -76,9 +100,15 @@ class PixelSlopes:
         """Per channel, mean and spread of the slopes, given the temporal noise in them (`slope_noise`)."""
         moments = label_moments(self.slopes, self.tile)
         return tuple(
-            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left))
-            for entry, left in zip(moments, noise, strict=True)
+            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left), self._third(k, entry.mean))
+            for k, (entry, left) in enumerate(zip(moments, noise, strict=True))
         )
+
+    def _third(self, label: int, mean: float) -> float:
+        """Third central moment of a label's slopes."""
+        rows, cols = self.tile.shape
+        sites = [self.slopes[r::rows, c::cols] - mean for r, c in np.argwhere(self.tile == label)]
+        return float(sum((site**3).sum() for site in sites) / sum(site.size for site in sites))
 
 
 def slope_noise(

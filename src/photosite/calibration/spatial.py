@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.line_noise import TemporalParts
-from photosite.calibration.uncertain import Missing, Uncertain, weighted_mean
+from photosite.calibration.uncertain import Missing, Source, Uncertain, weighted_mean
 from photosite.engine.planes import line_means, residual_moments, smooth_separable
 
 MARGIN = 9
@@ -186,15 +186,18 @@ def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: b
     square, fourth = residual_moments(values, line_mean, columns)
     sampling = max(fourth - square**2, 0.0) / values.size  # rounding, on constant planes
     left = share.pixel - share.column_mean - share.row_mean + share.mean
-    of_pixels = Uncertain.of(square, math.sqrt(sampling)) * (1.0 / left)
+    of_pixels = Uncertain.of_variance(square, math.sqrt(sampling)) * (1.0 / left)
 
     def of_lines(means: NDArray[np.float64], from_pixels: float, lost: float) -> Uncertain:
         found = float((means**2).mean())
         pixels = of_pixels * (from_pixels - share.mean)
         # The variance of few means scatters much: where there is no pattern, what the pixels alone lead to expect
         # says better how well it is known than the number that came out.
-        uncertainty = max(found, pixels.value) * math.sqrt(2.0 / (means.size - 1))
-        return (Uncertain.of(found, uncertainty) - pixels) * (1.0 / (share.line - lost))
+        expected = max(found, pixels.value)
+        # The interval is chi-square's of the number itself.
+        source = Source.mean_square(means.size - 1).scaled(found / expected) if expected > 0.0 else None
+        line = Uncertain.of(found, expected * math.sqrt(2.0 / (means.size - 1)), source)
+        return (line - pixels) * (1.0 / (share.line - lost))
 
     column = of_lines(columns, share.column_mean, share.columns_mean) - noise.column
     row = of_lines(lines, share.row_mean, share.rows_mean) - noise.row

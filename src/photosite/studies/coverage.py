@@ -59,13 +59,15 @@ class Coverage:
     sensors, estimated
         How many there were, and of how many there is an estimate.
     covered
-        Share of the estimates whose 95 % interval holds the truth.
+        Share of the uncertain estimates whose 95 % interval holds the truth.
     bias
         Mean error over mean standard uncertainty.
     width
         Root of the mean squared error over the uncertainty: 1 for honest uncertainties.
     exact
-        Whether all estimates are exact (uncertainty 0): neither bias nor width means anything then.
+        How many estimates are exact (uncertainty 0); where all are, neither bias nor width means anything.
+    wrong
+        How many of those miss the truth.
     reason
         Why some have no estimate: the first one's.
     """
@@ -77,14 +79,15 @@ class Coverage:
     covered: float
     bias: float
     width: float
-    exact: bool
+    exact: int
+    wrong: int
     reason: str | None = None
 
     @property
     def holds(self) -> bool:
         """Whether 93 to 97 % cover and the bias is below a tenth of the uncertainty; an exact one is always right."""
-        if self.exact:
-            return self.covered == 1.0
+        if self.wrong or self.exact == self.estimated:
+            return not self.wrong
         return LEAST_COVERED <= self.covered <= MOST_COVERED and abs(self.bias) < LARGEST_BIAS
 
 
@@ -117,8 +120,10 @@ class CoverageStudy:
                         row.parameter: {
                             "estimated": row.estimated,
                             "covered": row.covered,
-                            **({} if row.exact else {"bias": row.bias, "width": row.width}),
+                            "bias": row.bias,
+                            "width": row.width,
                             "exact": row.exact,
+                            "wrong": row.wrong,
                             "holds": row.holds,
                         }
                         for row in self.rows
@@ -250,19 +255,19 @@ def _rows(found: Mapping[str, Mapping[str, list[Outcome | str]]]) -> Iterable[Co
 
 
 def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequence[str]) -> Coverage:
-    n = len(outcomes)
-    uncertain = [entry for entry in outcomes if entry.standard_uncertainty > 0.0]
-    mean_uncertainty = math.fsum(entry.standard_uncertainty / entry.scale for entry in uncertain)
+    exact = [entry for entry in outcomes if entry.standard_uncertainty == 0.0]
+    known = [entry for entry in outcomes if entry.standard_uncertainty > 0.0]
+    n = max(len(known), 1)
+    uncertainty = math.fsum(entry.standard_uncertainty / entry.scale for entry in known)
     return Coverage(
-        name,
-        parameter,
-        n + len(reasons),
-        n,
-        sum(entry.covered for entry in outcomes) / n,
-        math.fsum(entry.error / entry.scale for entry in uncertain) / mean_uncertainty if uncertain else 0.0,
-        math.sqrt(math.fsum((e.error / e.standard_uncertainty) ** 2 for e in uncertain) / len(uncertain))
-        if uncertain
-        else 0.0,
-        not uncertain,
-        reasons[0] if reasons else None,
+        condition=name,
+        parameter=parameter,
+        sensors=len(outcomes) + len(reasons),
+        estimated=len(outcomes),
+        covered=sum(entry.covered for entry in known) / n,
+        bias=math.fsum(entry.error / entry.scale for entry in known) / uncertainty if known else 0.0,
+        width=math.sqrt(math.fsum((entry.error / entry.standard_uncertainty) ** 2 for entry in known) / n),
+        exact=len(exact),
+        wrong=sum(not entry.covered for entry in exact),
+        reason=reasons[0] if reasons else None,
     )

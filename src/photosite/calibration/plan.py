@@ -1,0 +1,276 @@
+"""What precision a measurement will reach, before it is made: the calibration's own fits on the expected levels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photosite.calibration.dark import Darkness
+from photosite.calibration.figures import Measurements, parameters, pool
+from photosite.calibration.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.judge import CLIPPED_BLACK, reference_dark
+from photosite.calibration.measure import (
+    NO_LIGHT,
+    NO_PHOTONS,
+    measure_dark,
+    stand_for_the_sensor,
+    without_dark_shot,
+)
+from photosite.calibration.nonuniformity import SlopeSpread, relative_response_variance, slope_coefficients, slope_noise
+from photosite.calibration.patterns import Channel, plan_slopes
+from photosite.calibration.photon_transfer import (
+    find_saturation,
+    fit_gain,
+    fit_response,
+    gain_value,
+    light_levels,
+    linear_levels,
+)
+from photosite.calibration.result import Parameters
+from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.cfa import channel_names
+from photosite.engine.moments import label_pixels
+from photosite.errors import InputError
+from photosite.frames.frame_set import FrameGroup, Kind
+from photosite.sensor.model import Sensor
+
+NOT_PREDICTED = Missing("not predicted by a plan; its total is about as precise as the 2008 paper's figure of the name")
+
+_FAR = 4.0
+"""Spreads beyond the middle of the clipping where a level counts as clipped to the last pixel."""
+
+
+@dataclass(frozen=True)
+class PlannedGroup:
+    """Frames to be taken under one setting.
+
+    Parameters
+    ----------
+    kind, exposure_s, frames
+        What, how long, how many.
+    electrons
+        Mean electrons from light that a pixel of each channel will collect, in the order of `channel_names`.
+    photons_per_pixel
+        Mean photons on a pixel, where the light is metered.
+    """
+
+    kind: Kind
+    exposure_s: float
+    frames: int
+    electrons: tuple[float, ...]
+    photons_per_pixel: float | None = None
+
+
+def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
+    """The parameters as a calibration of these frames will find them, on average, with their uncertainties.
+
+    Each group's expected mean, variance and sampling errors go through the fits and the propagation of `calibrate`. The
+    sampling error of a variance over n frames of P pixels is 2 v^2 / (n - 1) + k4 / n over P, k4 the fourth cumulant of
+    a Poisson count, and what the pixels' different sensitivity adds. Row, column and high-passed parts are not
+    predicted, nor is scatter that a real laboratory adds: a lamp that wanders, a converter's uneven steps.
+
+    Parameters
+    ----------
+    sensor
+        A guess of the sensor: noise, gain and fixed pattern as in its file.
+    groups
+        What is to be taken: two dark frames or more at one exposure at least.
+
+    Raises
+    ------
+    InputError
+        If no dark exposure has two frames, or the darks would clip at 0.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=100, cols=100, black_level_dn=32)
+    >>> darks = PlannedGroup("dark", 0.01, 50, (0.0, 0.0, 0.0))
+    >>> lights = [PlannedGroup("light", 0.01 * k, 4, (1e3 * k, 2e3 * k, 1e3 * k)) for k in range(1, 20)]
+    >>> found = predict(sensor, [darks, *lights])
+    >>> round(100 * found.read_noise_dn.standard_uncertainty / found.read_noise_dn.value, 2)  # 1 / sqrt(2 * 49 * 10^4)
+    0.1
+    """
+    names = channel_names(sensor.array.cfa)
+    tile = np.array([[names.index(name) for name in row] for row in sensor.array.cfa])
+    pixels = label_pixels((sensor.array.rows, sensor.array.cols), tile).tolist()
+    darks, lights = (
+        [_statistics(sensor, group, pixels) for group in _sorted(groups) if group.kind == kind]
+        for kind in ("dark", "light")
+    )
+    if not any(entry.frames > 1 for entry in darks):
+        raise InputError("a plan has two dark frames or more at one exposure, which show the read noise")
+    _check_darks(darks)
+    exposures = [entry.group.exposure_s for entry in darks]
+    reference = darks[reference_dark(darks)]
+    darkness = [Darkness.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
+    channels = [_channel(sensor, k, darkness[k], lights) for k in range(len(names))] if lights else []
+    gain = gain_value(fit_gain([c.levels for c in channels], [c.used for c in channels])) if lights else NO_LIGHT
+    measured = [
+        _measured(sensor, darkness[k], darks, reference, channels[k] if channels else None, lights, k)
+        for k in range(len(names))
+    ]
+    return parameters(_together(names, measured, darks, reference, exposures, gain), _mv_per_dn(sensor))
+
+
+def _sorted(groups: Sequence[PlannedGroup]) -> list[PlannedGroup]:
+    return sorted(groups, key=lambda group: group.exposure_s)
+
+
+def _mv_per_dn(sensor: Sensor) -> Uncertain:
+    return Uncertain(sensor.mv_per_dn)
+
+
+def _statistics(sensor: Sensor, group: PlannedGroup, pixels: Sequence[int]) -> GroupStatistics:
+    levels = tuple(_level(sensor, group, k, count) for k, count in enumerate(pixels))
+    return GroupStatistics(FrameGroup(group.kind, group.exposure_s, (), group.photons_per_pixel), levels)
+
+
+def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Level:
+    """One channel of a group as it is to be expected."""
+    from scipy.special import ndtr
+
+    gain, noise, n = sensor.system_gain_dn_per_e, sensor.noise, group.frames
+    dark_e = sensor.electrons(noise.dark_voltage_mv_per_s.value) * group.exposure_s
+    mean_e = group.electrons[channel] + dark_e
+    read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
+    uneven_e = math.hypot(
+        noise.prnu_percent.value / 100 * group.electrons[channel], noise.dcnu_percent.value / 100 * dark_e
+    )
+    black, capacity = sensor.readout.black_level_dn.value, sensor.saturation_capacity_e
+    by_well = sensor.pixel.well_capacity_e.value <= capacity
+    spread_e = math.sqrt(mean_e + read_e**2 + uneven_e**2 + dsnu_e**2)
+    beyond = (mean_e - capacity) / spread_e if spread_e > 0.0 else -math.inf
+    open_share = float(ndtr(-beyond)) if beyond < _FAR else 0.0
+    variance_e = mean_e * open_share + read_e**2 * (1.0 if by_well else open_share)
+    variance = gain**2 * variance_e + (1.0 / 12.0 if open_share or by_well else 0.0)
+    fourth = gain**4 * mean_e * open_share
+    scatter = (fourth / n + (gain**2 * uneven_e * open_share) ** 2 + 2.0 * variance**2 / max(n - 1, 1)) / pixels
+    spatial = gain**2 * (uneven_e**2 * open_share + dsnu_e**2) + variance / n
+    mean = black + gain * (mean_e * open_share + capacity * (1.0 - open_share))
+    sigma = gain * spread_e
+    return Level(
+        pixels=pixels,
+        frames=n,
+        mean=mean,
+        mean_variance=variance / (n * pixels),
+        variance=variance if n > 1 else math.nan,
+        variance_uncertainty=math.sqrt(scatter) if n > 1 else math.nan,
+        spatial_variance=spatial,
+        low_fraction=float(ndtr((0.5 - mean) / sigma)) if sigma > 0.0 else 0.0,
+        high_fraction=0.0 if by_well else 1.0 - open_share,
+        frame_shift=0.0,
+    )
+
+
+def _check_darks(darks: Sequence[GroupStatistics]) -> None:
+    for entry in darks:
+        low = max(level.low_fraction for level in entry.levels)
+        if low > CLIPPED_BLACK:
+            raise InputError(
+                f"with this black level {100 * low:.2g} % of the pixels of the {entry.label} would be at 0 DN; a plan "
+                f"is for frames that do not clip: take a black level (pedestal) of five standard deviations of the dark"
+            )
+
+
+def _channel(sensor: Sensor, index: int, dark: Darkness, lights: Sequence[GroupStatistics]) -> Channel:
+    levels = light_levels(lights, index, dark)
+    saturation = find_saturation(levels, int(sensor.white_level_dn))
+    used = linear_levels(levels, saturation)
+    return Channel(index, dark, levels, saturation, used, gain_value(fit_gain([levels], [used])))
+
+
+def _measured(
+    sensor: Sensor,
+    background: Darkness,
+    darks: Sequence[GroupStatistics],
+    reference: GroupStatistics,
+    channel: Channel | None,
+    lights: Sequence[GroupStatistics],
+    index: int,
+) -> Measurements:
+    level = reference.levels[index]
+    spread = Uncertain.of_variance(level.spatial_variance, level.spatial_variance * math.sqrt(2.0 / level.pixels))
+    measured = replace(
+        measure_dark(background, level, reference.label),
+        dsnu_variance=spread - level.noise * (1.0 / level.frames),
+        **dict.fromkeys(("dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered"), NOT_PREDICTED),
+    )
+    slopes = _dark_slopes(sensor, darks, index)
+    if slopes is not None:
+        measured = replace(measured, dark_slope_variance=slopes.variance)
+    if channel is not None:
+        metered = channel.levels.abscissa == "photons_per_pixel"
+        response = fit_response(channel.levels, channel.used) if metered else None
+        none = Missing("no light level lies in the linear range") if metered else NO_PHOTONS
+        responsivity: Value = none if response is None else response.uncertain[0]
+        measured = replace(
+            measured,
+            response_variance=_response_variance(sensor, channel, lights, slopes),
+            gain=channel.gain,
+            saturation_dn=channel.saturation.level_dn,
+            saturation_method=channel.saturation.level_method,
+            saturation_photons=channel.saturation.x if metered else NO_PHOTONS,
+            responsivity=responsivity,
+            saturation_responsivity=responsivity,
+        )
+    return stand_for_the_sensor(without_dark_shot(measured, reference.group.exposure_s))
+
+
+def _dark_slopes(sensor: Sensor, darks: Sequence[GroupStatistics], index: int) -> SlopeSpread | None:
+    exposure = np.array([entry.group.exposure_s for entry in darks])
+    if len(np.unique(exposure)) < 2:
+        return None
+    levels = [entry.levels[index] for entry in darks]
+    frames = np.array([level.frames for level in levels])
+    coefficients = slope_coefficients(exposure, frames.astype(float))
+    variance = np.array([level.variance for level in levels])
+    known = np.isfinite(variance)
+    variance = np.where(known, variance, variance[known].mean())
+    uncertainty = np.array([level.variance_uncertainty if level.repeated else 0.0 for level in levels])
+    noise = slope_noise(coefficients, frames, variance, uncertainty)
+    rate = sensor.system_gain_dn_per_e * sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value)
+    true = (rate * sensor.noise.dcnu_percent.value / 100) ** 2
+    # The log-normal's fourth cumulant, of a relative variance w - 1.
+    w = 1.0 + (sensor.noise.dcnu_percent.value / 100) ** 2
+    excess = true**2 * (w**4 + 2.0 * w**3 + 3.0 * w**2 - 6.0)
+    total, pixels = true + noise.value, levels[0].pixels
+    sampled = Uncertain.of_variance(total, math.sqrt((2.0 * total**2 + excess) / pixels))
+    return SlopeSpread(pixels, rate, sampled - noise)
+
+
+def _response_variance(
+    sensor: Sensor, channel: Channel, lights: Sequence[GroupStatistics], dark: SlopeSpread | None
+) -> Value:
+    plan = plan_slopes(channel, lights)
+    if isinstance(plan, Missing):
+        return plan
+    levels = channel.levels
+    place = {int(group): k for k, group in enumerate(levels.group)}
+    slope = sum(c * float(levels.signal[place[group]]) for group, c in plan.coefficients.items())
+    seconds = plan.seconds_per_unit
+    true = (slope * sensor.noise.prnu_percent.value / 100) ** 2
+    true += 0.0 if dark is None else max(dark.variance.value, 0.0) * seconds**2
+    total, pixels = true + plan.noise.value, lights[0].levels[channel.index].pixels
+    sampled = Uncertain.of_variance(total, total * math.sqrt(2.0 / pixels))
+    rate = 0.0 if dark is None else dark.mean
+    return relative_response_variance(SlopeSpread(pixels, slope + rate * seconds, sampled - plan.noise), dark, seconds)
+
+
+def _together(
+    names: Sequence[str],
+    measured: Sequence[Measurements],
+    darks: Sequence[GroupStatistics],
+    reference: GroupStatistics,
+    exposures: Sequence[float],
+    gain: Value,
+) -> Measurements:
+    if len(names) == 1:
+        return replace(measured[0], gain=gain)
+    background = Darkness.of(exposures, [pooled_level(entry.levels) for entry in darks])
+    dark = measure_dark(background, pooled_level(reference.levels), reference.label)
+    pooled = without_dark_shot(pool(names, measured, dark, gain), reference.group.exposure_s)
+    return replace(stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
