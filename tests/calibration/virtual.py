@@ -173,6 +173,7 @@ def truth(sensor, *, photons_known):
         "prnu_percent": prnu,
         "dark_voltage_mv_per_s": s.noise.dark_voltage_mv_per_s.value,
         "dark_current_e_per_s": s.electrons(s.noise.dark_voltage_mv_per_s.value),
+        "dark_current_from_variance_e_per_s": s.electrons(s.noise.dark_voltage_mv_per_s.value),
         "dcnu_percent": s.noise.dcnu_percent.value,
         "black_level_dn": s.readout.black_level_dn.value,
         "system_gain_dn_per_e": gain,
@@ -183,11 +184,18 @@ def truth(sensor, *, photons_known):
         "dsnu1288_pixel_e": dsnu_e,
         "dsnu1288_row_e": 0.0,
         "dsnu1288_column_e": 0.0,
+        "dsnu1288_filtered_e": dsnu_e,
+        "dsnu1288_filtered_pixel_e": dsnu_e,
+        "dsnu1288_filtered_row_e": 0.0,
+        "dsnu1288_filtered_column_e": 0.0,
         "prnu1288_percent": prnu,
         "prnu1288_pixel_percent": prnu,
         "prnu1288_row_percent": 0.0,
         "prnu1288_column_percent": 0.0,
         "prnu1288_unfiltered_percent": prnu,
+        "prnu1288_unfiltered_pixel_percent": prnu,
+        "prnu1288_unfiltered_row_percent": 0.0,
+        "prnu1288_unfiltered_column_percent": 0.0,
     }
     if photons_known:
         efficiency = s.channels["M"].quantum_efficiency[0]

@@ -165,7 +165,7 @@ def linearity(
     -------
     Linearity or Missing
         Missing with fewer than three amounts of light in the range. The uncertainties are those of the signals by
-        sampling. Extremes are drawn outwards by noise: compare them with their uncertainty.
+        sampling. Noise draws extremes outwards and has a mean size: compare errors with their uncertainty.
 
     Examples
     --------
