@@ -72,7 +72,8 @@ def texts(figure: Figure) -> list[Text]:
     """Texts that are seen: tick labels outside their axis' range are not drawn."""
     found = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
     seen = []
-    for axes in (*figure.axes, *(child for axes in figure.axes for child in axes.child_axes)):
+    children = [child for parent in figure.axes for child in parent.child_axes]
+    for axes in (*figure.axes, *children):
         if not axes.axison:
             continue
         for axis in (axes.xaxis, axes.yaxis):

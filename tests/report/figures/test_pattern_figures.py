@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 
 from photosite.calibration.general_model import GeneralModel
 from photosite.calibration.line_noise import TemporalParts
 from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
+from photosite.calibration.spectrogram import spectrogram
 from photosite.calibration.uncertain import Missing, Uncertain
 from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.histogram import histogram_figure
+from photosite.report.figures.marks import thinned
 from photosite.report.figures.profiles import profiles_figure
-from photosite.report.figures.spectrogram import _tick, spectrogram_figure
+from photosite.report.figures.spectrogram import _tick, spectrogram_figure, white_band
 
 TILE = np.array([[0, 1], [1, 2]])
 
@@ -48,14 +53,14 @@ def test_spectrograms_are_square_roots_of_power(spatial):
         assert level == pytest.approx([np.sqrt(passed.white), np.sqrt(passed.temporal)])
         assert axes.get_ylabel() == "standard deviation (DN)"
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["mean frame", "high-passed", "white part", "temporal noise left"]
+    assert labels == ["mean frame", "high-passed", "white part, 95 %", "temporal noise left"]
 
 
 def test_several_channels_are_named(spatial):
     light = {channel: found.light for channel, found in spatial.items()}
     figure = spectrogram_figure(light)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["R", "G", "B", "mean frame", "high-passed", "white part"]
+    assert labels == ["R", "G", "B", "mean frame", "high-passed", "white part, 95 %"]
     assert len(lines_of(figure.axes[0])) == 6
     assert figure.axes[1].get_xlabel() == "frequency (cycles per pixel of the channel)"
     assert [text.get_text() for text in histogram_figure(light).legends[0].get_texts()][:3] == ["R", "G", "B"]
@@ -113,3 +118,39 @@ def test_the_general_model_s_ratio_and_limits():
     ]
     assert sorted(verticals) == [0.1, 4.0]
     assert lower.get_xlabel() == "exposure (s)"
+
+
+def test_white_part_has_the_band_of_so_many_lines() -> None:
+    """Of 95 % of the frequencies of independent pixels; 3 standard deviations of that share over 200 maps are 0.4 %."""
+    rng = np.random.default_rng(4)
+    inside = []
+    for _ in range(200):
+        found = spectrogram([rng.normal(0.0, 2.0, (40, 128))], axis=1)
+        low, high = white_band(replace(found, white=4.0), lines=40)
+        inside.append(np.mean((np.sqrt(found.power[1:-1]) > low) & (np.sqrt(found.power[1:-1]) < high)))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.006)
+
+
+def test_normal_distribution_has_the_band_of_its_counts(spatial) -> None:
+    found = spatial["G"].dark.histogram
+    left, right = histogram_figure({"G": spatial["G"].dark}).axes
+    count, share = found.normal(), found.normal_beyond()
+    for axes, expected, deviation in (
+        (left, count, np.sqrt(count)),
+        (right, share, np.sqrt(share * (100 - share) / found.count.sum())),
+    ):
+        band = next(entry for entry in axes.collections if isinstance(entry, PolyCollection))
+        top = band.get_paths()[0].vertices[:, 1].max()
+        assert top == pytest.approx((expected + 1.959964 * deviation).max(), rel=1e-6)
+        index = len(expected) // 2
+        heights = set(np.round(band.get_paths()[0].vertices[:, 1], 9))
+        assert round(float(expected[index] + 1.959963984540054 * deviation[index]), 9) in heights
+
+
+def test_long_lines_are_thinned_without_losing_a_peak() -> None:
+    y = np.zeros(100_000)
+    y[54_321], y[777] = 7.0, -3.0
+    x, thin = thinned(np.arange(100_000.0), y)
+    assert len(x) == len(thin) <= 1600
+    assert (thin.max(), thin.min()) == (7.0, -3.0)
+    assert abs(x[thin.argmax()] - 54_321) < 100

@@ -8,10 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from photosite.calibration.histograms import Histogram
 from photosite.calibration.spatial_analysis import FramePattern
-from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
+from photosite.measured import COVERAGE_95
+from photosite.report.style import BAND, BLACK, GRAY, WIDTH_IN, channel_style, styled
 
 
 @styled()
@@ -36,6 +38,8 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     """
     figure = Figure(figsize=(WIDTH_IN, 3.9))
     left, right = figure.subplots(1, 2)
+    for axes in (left, right):
+        axes.set_yscale("log")
     alone = len(patterns) == 1
     for position, (channel, pattern) in enumerate(patterns.items()):
         color = channel_style(channel, position)[0]
@@ -44,12 +48,12 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
             for sign in places:
                 axes.axvline(sign * pattern.far.threshold, color=GRAY if alone else color, linewidth=0.9, linestyle=":")
     some = next(iter(patterns.values()))
-    left.set(yscale="log", ylabel="pixels", xlabel=f"deviation from the mean ({some.unit})")
+    left.set(ylabel="pixels", xlabel=f"deviation from the mean ({some.unit})")
     left.set_ylim(bottom=0.5)
     reach = max(_reach(pattern) for pattern in patterns.values())
     left.set_xlim(-reach, reach)
     pixels = max(int(pattern.histogram.count.sum()) for pattern in patterns.values())
-    right.set(yscale="log", ylabel="pixels beyond (%)", xlabel=f"deviation, either way ({some.unit})")
+    right.set(ylabel="pixels beyond (%)", xlabel=f"deviation, either way ({some.unit})")
     right.set_ylim(50.0 / pixels, 200.0)
     right.set_xlim(0.0, reach)
     handles = _legend(patterns)
@@ -66,9 +70,20 @@ def _reach(pattern: FramePattern) -> float:
 def _draw(left: Axes, right: Axes, found: Histogram, color: str, dashes: str) -> None:
     edges = np.append(found.lower, found.lower[-1] + found.width)
     left.stairs(found.count, edges, color=color, linewidth=1.0)
-    left.plot(found.lower + 0.5 * found.width, found.normal(), "--", color=dashes, linewidth=1.1)
+    normal, beyond = found.normal(), found.normal_beyond()
+    _draw_normal(left, found.lower + 0.5 * found.width, normal, np.sqrt(normal), dashes)
     right.step(found.deviation, found.percent_beyond, where="post", color=color, linewidth=1.2)
-    right.plot(found.deviation, found.normal_beyond(), "--", color=dashes, linewidth=1.1)
+    spread = np.sqrt(beyond * (100.0 - beyond) / found.count.sum())
+    _draw_normal(right, found.deviation, beyond, spread, dashes)
+
+
+def _draw_normal(
+    axes: Axes, x: NDArray[np.float64], expected: NDArray[np.float64], deviation: NDArray[np.float64], color: str
+) -> None:
+    """What a normal distribution lets expect, and the band of 95 % of the counts; below 0 that goes to the foot."""
+    low = np.maximum(expected - COVERAGE_95 * deviation, 1e-9)
+    axes.fill_between(x, low, expected + COVERAGE_95 * deviation, color=color, alpha=BAND, linewidth=0)
+    axes.plot(x, expected, "--", color=color, linewidth=1.1)
 
 
 def _legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
@@ -76,6 +91,6 @@ def _legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
     looks = [(channel, channel_style(channel, position)[0]) for position, channel in enumerate(patterns)]
     handles = [Line2D([], [], color=color, label="pixels" if alone else channel) for channel, color in looks]
     shared = BLACK if alone else GRAY
-    handles.append(Line2D([], [], color=shared, linestyle="--", label="normal distribution"))
+    handles.append(Line2D([], [], color=shared, linestyle="--", label="normal, 95 % of the counts"))
     handles.append(Line2D([], [], color=GRAY, linestyle=":", label="threshold of candidates"))
     return handles

@@ -89,27 +89,30 @@ def channel_handles(
     return handles
 
 
-def thinned(values: _Numbers, most: int = 500) -> tuple[NDArray[np.intp], _Numbers, _Numbers]:
+def thinned(x: _Numbers, y: _Numbers, most: int = 800) -> tuple[_Numbers, _Numbers]:
     """A long line for a plot: runs of neighbours by their lowest and highest value, so that no peak is lost.
 
     Parameters
     ----------
-    values
+    x, y
         (n,).
     most
-        Runs at most.
+        Runs at most, more than a plot has places for.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (runs,) index of the middle of each run, and its lowest and highest value.
+        The line itself where it is short; else twice the runs, at the middle of each its lowest and highest value.
 
     Examples
     --------
-    >>> [part.tolist() for part in thinned(np.array([1.0, 5.0, 2.0, 0.0, 3.0]), most=2)]
-    [[1, 4], [1.0, 0.0], [5.0, 3.0]]
+    >>> [part.tolist() for part in thinned(np.arange(5.0), np.array([1.0, 5.0, 2.0, 0.0, 3.0]), most=1)]
+    [[2.0, 2.0], [0.0, 5.0]]
     """
-    step = -(-len(values) // most)
-    starts = np.arange(0, len(values), step)
-    ends = np.minimum(starts + step, len(values))
-    return (starts + ends - 1) // 2, np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    if len(x) <= 2 * most:
+        return x, y
+    step = -(-len(x) // most)
+    starts = np.arange(0, len(x), step)
+    middle = x[(starts + np.minimum(starts + step, len(x)) - 1) // 2]
+    ends = np.stack([np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)], axis=1)
+    return np.repeat(middle, 2), ends.ravel()

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from photosite.calibration.profiles import Profile
 from photosite.calibration.spatial_analysis import SpatialAnalysis
 from photosite.calibration.uncertain import Missing
+from photosite.report.figures.marks import thinned
 from photosite.report.style import BLACK, BLUE, GREEN, VERMILION, WIDTH_IN, styled
 
 _LOOKS = (
@@ -54,7 +55,7 @@ def profiles_figure(spatial: SpatialAnalysis) -> Figure:
 
 
 def _draw(axes: Axes, profile: Profile) -> None:
-    place = np.arange(len(profile.mean))
+    place = np.arange(len(profile.mean), dtype=np.float64)
     for name, label, color, width in _LOOKS:
-        axes.plot(place, getattr(profile, name), color=color, linewidth=width, label=label)
+        axes.plot(*thinned(place, getattr(profile, name)), color=color, linewidth=width, label=label)
     axes.set_xlim(0, len(place) - 1)

@@ -12,7 +12,8 @@ from matplotlib.ticker import FuncFormatter
 
 from photosite.calibration.spatial_analysis import FramePattern
 from photosite.calibration.spectrogram import Spectrogram
-from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
+from photosite.report.figures.marks import thinned
+from photosite.report.style import BAND, BLACK, GRAY, WIDTH_IN, channel_style, styled
 
 
 @styled()
@@ -28,8 +29,8 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     -------
     matplotlib.figure.Figure
         Pale: the mean frame as it is; full: after the standard's high-pass. Dashed: the white part, the median of the
-        high-passed spectrum; dotted: what temporal noise leaves in the mean frame, where there is one channel only.
-        Ordinates are logarithmic.
+        high-passed spectrum, in the band in which 95 % of the frequencies of a pattern without structure lie; dotted:
+        what temporal noise leaves in the mean frame, where there is one channel only. Ordinates are logarithmic.
 
     Notes
     -----
@@ -40,8 +41,9 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     for position, (channel, pattern) in enumerate(patterns.items()):
         color = channel_style(channel, position)[0]
         alone = len(patterns) == 1
-        _draw(upper, pattern.horizontal, pattern.horizontal_filtered, color, alone=alone)
-        _draw(lower, pattern.vertical, pattern.vertical_filtered, color, alone=alone)
+        across, down = pattern.horizontal_filtered, pattern.vertical_filtered
+        _draw(upper, pattern.horizontal, across, down.length, color, alone=alone)
+        _draw(lower, pattern.vertical, down, across.length, color, alone=alone)
     some = next(iter(patterns.values()))
     for axes, title in ((upper, "horizontal, along rows"), (lower, "vertical, along columns")):
         axes.set(yscale="log", xlim=(0.0, 0.5), ylabel=f"standard deviation ({some.unit})")
@@ -63,10 +65,36 @@ def _tick(value: float, limits: tuple[float, float]) -> str:
     return f"{value:.3g}" if wanted else ""
 
 
-def _draw(axes: Axes, plain: Spectrogram, filtered: Spectrogram, color: str, *, alone: bool) -> None:
+def white_band(found: Spectrogram, lines: int) -> tuple[float, float]:
+    """Between which standard deviations 95 % of the frequencies of a pattern without structure lie.
+
+    Parameters
+    ----------
+    found
+        Whose white part.
+    lines
+        How many lines it is the mean of: the mean of so many powers follows chi square of twice as many degrees of
+        freedom over them.
+
+    Examples
+    --------
+    >>> none = np.array([])
+    >>> [round(float(end), 3) for end in white_band(Spectrogram(none, none, 8, 4.0, 0.0), 1)]
+    [0.318, 3.841]
+    """
+    from scipy.stats import chi2
+
+    low, high = np.sqrt(found.white * chi2.ppf([0.025, 0.975], 2 * lines) / (2 * lines))
+    return float(low), float(high)
+
+
+def _draw(axes: Axes, plain: Spectrogram, filtered: Spectrogram, lines: int, color: str, *, alone: bool) -> None:
     for found, opacity in ((plain, 0.35), (filtered, 1.0)):
         # At frequency 0 stands what the lines' means differ by; it would stretch the axis.
-        axes.plot(found.frequency[1:], np.sqrt(found.power[1:]), color=color, alpha=opacity, linewidth=0.9)
+        axes.plot(*thinned(found.frequency[1:], np.sqrt(found.power[1:])), color=color, alpha=opacity, linewidth=0.9)
+    # Three bands of full opacity would cover each other.
+    opacity = BAND if alone else BAND / 3
+    axes.axhspan(*white_band(filtered, lines), color=BLACK if alone else color, alpha=opacity, linewidth=0)
     axes.axhline(np.sqrt(filtered.white), color=BLACK if alone else color, linewidth=1.1, linestyle="--")
     if alone and filtered.temporal > 0.0:
         axes.axhline(np.sqrt(filtered.temporal), color=GRAY, linewidth=1.1, linestyle=":")
@@ -80,7 +108,7 @@ def _legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
     handles += [
         Line2D([], [], color=color, alpha=0.35, label="mean frame"),
         Line2D([], [], color=color, label="high-passed"),
-        Line2D([], [], color=BLACK if alone else GRAY, linestyle="--", label="white part"),
+        Line2D([], [], color=BLACK if alone else GRAY, linestyle="--", label="white part, 95 %"),
     ]
     if alone:
         handles.append(Line2D([], [], color=GRAY, linestyle=":", label="temporal noise left"))
