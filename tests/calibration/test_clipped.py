@@ -11,6 +11,7 @@ import pytest
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.clipped import are_clipped
+from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.studies.closed_loop import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab
@@ -74,6 +75,26 @@ def test_table_1_of_a_d200_without_a_pedestal():
         assert abs(rows[name].deviation) < 3.3, rows[name]
     assert rows["read_noise_mv"].standard_uncertainty < 0.002
     assert rows["dsnu_mv"].standard_uncertainty < 0.02
+
+
+def test_columns_are_found_through_the_clipping():
+    """Offsets of columns beside those of pixels, half of it all below zero: unscaled, they would come out at half."""
+    gain, rng = 0.25, np.random.default_rng(9)
+    columns = rng.normal(0.0, 0.8, 120)
+    offset = rng.normal(0.0, 1.6, (100, 120)) + columns
+
+    def shot(electrons):
+        dn = gain * rng.poisson(electrons, offset.shape) + offset + rng.normal(0.0, 2.0, offset.shape)
+        return np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
+
+    frames = [("dark", 0.01, shot(0.0)) for _ in range(32)]
+    frames += [("light", 0.01 * k, shot(1500.0 * k)) for k in (1, 2, 4, 6, 8) for _ in range(4)]
+    calibration = calibrate(frame_set_from_arrays(frames, bits=12))
+    for name, spread in (("column", columns.std()), ("row", 0.0), ("pixel", 1.6)):
+        low, high = getattr(calibration, f"dsnu1288_{name}_e").interval_95
+        assert low < spread / gain < high, (name, low, spread / gain, high)
+    low, high = calibration.dsnu1288_column_e.interval_95
+    assert low > 0.65 * columns.std() / gain
 
 
 def test_darks_on_a_pedestal_go_the_plain_way(virtual):
