@@ -78,6 +78,7 @@ def test_the_bound_is_twice_the_interval():
     t = np.array([0.1, 1.0])
     assert isinstance(dark_current_slope(Uncertain.of(-4.0, 1.0), t), Nonsense)
     assert dark_current_slope(Uncertain.of(-3.8, 1.0), t).value == -3.8
+    assert "temporal variance falls by 3.6" in dark_current_slope(Uncertain.of(-4.0, 1.0), t, of_variance=True).reason
     assert isinstance(efficient(Uncertain.of(1.05, 0.01), Uncertain.of(1.0)), Nonsense)
     assert efficient(Uncertain.of(1.03, 0.01), Uncertain.of(1.0)).value == 1.03
 

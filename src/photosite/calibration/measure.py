@@ -321,7 +321,9 @@ def measure_dark(background: Darkness, level: Level, label: str) -> Measurements
         dark_slope=slope,
         dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
         dark_variance=background.variance.at_zero,
-        dark_variance_slope=background.variance.line[1],
+        dark_variance_slope=dark_current_slope(
+            background.variance.line[1], background.variance.exposure_s, of_variance=True
+        ),
         response_variance=NO_LIGHT,
         gain=NO_LIGHT,
         saturation_dn=NO_LIGHT,

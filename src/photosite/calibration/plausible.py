@@ -46,15 +46,17 @@ class Nonsense(Missing):
     """A figure that came out and cannot be true, and what the likely cause is."""
 
 
-def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64]) -> Value:
-    """The slope of the dark level against exposure, or why it is none: charge does not flow backwards.
+def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
+    """The slope of the dark level or variance against exposure, or why it is none: charge does not flow backwards.
 
     Parameters
     ----------
     slope
-        As fitted, DN/s.
+        As fitted, DN/s or DN^2/s.
     exposure_s
         (m,) the dark exposures.
+    of_variance
+        Whether it is that of the temporal variance.
     """
     if isinstance(slope, Missing):
         return slope
@@ -63,8 +65,9 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64]) -> Value:
         return slope
     low, high = float(exposure_s.min()), float(exposure_s.max())
     fall, uncertainty = -slope.value * (high - low), slope.standard_uncertainty * (high - low)
+    what, unit = ("temporal variance", "DN^2") if of_variance else ("level", "DN")
     return Nonsense(
-        f"the dark level falls by {fall:.3g} +- {uncertainty:.1g} DN "
+        f"the dark {what} falls by {fall:.3g} +- {uncertainty:.1g} {unit} "
         f"from {format_exposure(low)} to {format_exposure(high)} s, and no dark current is negative: the camera takes "
         f"its dark signal off itself (black clamping), the black level drifted or the chip cooled down between the "
         f"exposures, or the exposure times are not what the protocol or descriptor says (order, unit)"
