@@ -53,6 +53,9 @@ def test_a_linear_camera_has_the_linear_model_s_figures(photons_per_s):
     # The last level's parabola goes through the first clipped one. Of 18 others, 1.5 is once in 50 000.
     assert np.sqrt(np.mean(error[:-1] ** 2)) < 1.5
     assert there[x * response < 3800.0].all()
+    said = calibration.to_dict()
+    assert said["model"] == calibration.model
+    assert said["general"]["M"]["threshold"]["value"] == found.threshold.value
 
 
 def test_a_bent_response_is_no_trouble():

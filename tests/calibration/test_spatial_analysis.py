@@ -1,5 +1,7 @@
 """The patterns of a channel: what was put into a frame is found where it was put."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,9 @@ def test_far_pixels_of_a_mosaic_have_their_places_on_the_sensor():
     found = spatial_analysis(planes(dark, BAYER, 1), planes(light, BAYER, 1), FarThresholds(dark_dn=4.0))
     assert (found.dark.far.row.tolist(), found.dark.far.col.tolist()) == ([21], [44])
     assert found.dark.far.threshold == 4.0
+    said = found.to_dict()
+    assert (said["dark"]["row"], said["dark"]["col"], said["dark"]["unit"]) == ([21], [44], "DN")
+    assert json.loads(json.dumps(said)) == said
     assert found.dark.histogram.count.sum() == 2 * 80 * 80
 
 
@@ -76,4 +81,6 @@ def test_too_small_a_plane_is_said_so_and_darkness_needs_no_light():
     dark, _ = frames_of(np.random.default_rng(5), (30, 200))
     assert "high-pass needs 34" in spatial_analysis(planes(dark), Missing("no light")).reason
     dark, _ = frames_of(np.random.default_rng(5))
-    assert spatial_analysis(planes(dark), Missing("no light")).light == Missing("no light")
+    alone = spatial_analysis(planes(dark), Missing("no light"))
+    assert alone.light == Missing("no light")
+    assert alone.to_dict()["light"] == {"reason": "no light"}

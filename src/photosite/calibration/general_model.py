@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.patterns import Channel
+from photosite.calibration.result import Estimate
 from photosite.calibration.uncertain import Missing, Uncertain, Value, derive
 
 LEAST_LEVELS = 3
@@ -61,6 +63,11 @@ class GeneralModel:
     threshold: Value
     saturation: Value
     dynamic_range_db: Value
+
+    def to_dict(self) -> dict[str, Any]:
+        """`abscissa`, and `threshold`, `saturation` and `dynamic_range_db` with value and standard_uncertainty."""
+        values = ((name, getattr(self, name)) for name in ("threshold", "saturation", "dynamic_range_db"))
+        return {"abscissa": self.abscissa} | {name: Estimate.of(value, "").to_dict() for name, value in values}
 
 
 def general_model(channel: Channel) -> GeneralModel | Missing:

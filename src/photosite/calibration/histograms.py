@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +170,11 @@ class FarPixels:
     deviation: NDArray[np.float64]
     threshold: float
     rule: str
+
+    def to_dict(self, unit: str) -> dict[str, Any]:
+        """`threshold`, `unit`, `rule`, and `row`, `col`, `deviation` of each pixel."""
+        found = {"row": self.row.tolist(), "col": self.col.tolist(), "deviation": self.deviation.tolist()}
+        return {"threshold": self.threshold, "unit": unit, "rule": self.rule, **found}
 
 
 def normal_threshold(sample: NDArray[np.floating], pixels: int) -> float:

@@ -255,14 +255,10 @@ class Calibration(Parameters):
         Per channel, the range found.
     snr
         Per channel, the signal-to-noise ratio against the amount of light, or why it is missing.
-    linearity
-        Per channel, deviations from a straight line, or why they are missing.
-    spatial
-        Per channel, spectrograms, profiles and histograms of the fixed pattern, or why they are missing.
+    linearity, spatial
+        Per channel, deviations from a straight line; spectrograms, profiles and histograms; or why they are missing.
     model
-        "linear" where the photons are known: EMVA 1288 R4.0 Linear with all its figures. "general" where they are not:
-        what R4.0 General tells of any camera stands against exposure, in `general`; the figures of the linear model
-        that need no photons (system gain, noise, full well) are given too, for what they are worth.
+        "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
     general
         Per channel, the figures of the general model, or why they are missing.
     chip, temporal
@@ -378,8 +374,9 @@ class Calibration(Parameters):
         -------
         dict
             `parameters` (name to value, standard_uncertainty, and reason, upper_limit_95, method where there is
-            one), `channels` (the same per colour channel), `linear_range`, `warnings`, `rejected`; with maps
-            `defects` (how many of each kind) and `temporal`.
+            one), `channels` (the same per colour channel), `model`, `general` (the general model's figures per
+            channel), `linear_range`, `far_pixels` (per channel, candidates for a list of defects), `warnings`,
+            `rejected`; with maps `defects` (how many of each kind) and `temporal`.
         """
         said: dict[str, Any] = {
             "parameters": {name: entry.to_dict() for name, entry in self.estimates().items()},
@@ -387,10 +384,13 @@ class Calibration(Parameters):
                 channel: {name: entry.to_dict() for name, entry in parameters.estimates().items()}
                 for channel, parameters in self.channels.items()
             },
+            "model": self.model,
+            "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {
                 channel: {entry.name: getattr(found, entry.name) for entry in fields(LinearRange)}
                 for channel, found in self.linear_range.items()
             },
+            "far_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }

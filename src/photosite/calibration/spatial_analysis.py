@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,12 @@ class SpatialAnalysis:
 
     dark: FramePattern
     light: FramePattern | Missing
+
+    def to_dict(self) -> dict[str, Any]:
+        """`dark` and `light`: the far pixels of each, or the reason why there is none."""
+        light = self.light
+        of_light = light.to_dict() if isinstance(light, Missing) else light.far.to_dict(light.unit)
+        return {"dark": self.dark.far.to_dict(self.dark.unit), "light": of_light}
 
 
 @dataclass(frozen=True, eq=False)

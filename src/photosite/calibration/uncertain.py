@@ -374,6 +374,10 @@ class Missing:
 
     reason: str
 
+    def to_dict(self) -> dict[str, str]:
+        """`reason`."""
+        return {"reason": self.reason}
+
 
 Value = Uncertain | Missing
 
