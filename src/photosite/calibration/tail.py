@@ -183,7 +183,7 @@ def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.f
     Examples
     --------
     >>> x, density = tukey_density(0.14, 2.0)  # nearly normal
-    >>> round(float(np.interp(0.0, x, density)) * 2.0 * np.sqrt(2 * np.pi), 2)
+    >>> round(float(np.interp(0.0, x, density) * 2.0 * np.sqrt(2 * np.pi)), 2)
     1.0
     """
     tail = np.geomspace(1e-9, 0.5, 400)

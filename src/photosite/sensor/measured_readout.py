@@ -56,7 +56,7 @@ def expose_chip(
     if chip.shape != size:
         raise InputError(
             f"the measured maps are {chip.shape[0]} x {chip.shape[1]} pixels, the sensor {size[0]} x {size[1]}; "
-            f"with_(maps=None) draws a chip of any size"
+            f"take that size, or a sensor without maps (with_(maps=None)), whose chip is drawn"
         )
     rows, cols = photo_e.shape
     r0, c0 = corner
