@@ -342,7 +342,7 @@ class Calibration(Parameters):
         return measured_sensor(self)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the sensor file, and the chip's maps beside it where there are some; raises as `sensor` and `report`."""
+        """Write the sensor file, and the chip's maps beside it, if any; raises as `sensor` and `report`."""
         from photosite.calibration.measured_sensor import save_measured_sensor
 
         save_measured_sensor(self, path)
