@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.figures import QUANTISATION
 from photosite.calibration.result import Estimate
+from photosite.calibration.uncertain import Source, Uncertain
 
 QUANTISATION_FOURTH = -1.0 / 120.0
 """Fourth cumulant of rounding to whole numbers, DN^4: that of a uniform distribution."""
@@ -18,8 +18,8 @@ QUANTISATION_FOURTH = -1.0 / 120.0
 BLOCKS = 16
 """Blocks of rows whose scatter gives the uncertainties (jackknife)."""
 
-NORMAL_SHAPE = 0.14
-"""Tukey's lambda at which the distribution is nearest to normal."""
+NORMAL_SHAPE = 0.136
+"""Tukey's lambda at which the distribution correlates best with a normal one."""
 
 _LEAST_SHAPE, _MOST_SHAPE = -0.45, 1.0
 
@@ -81,9 +81,9 @@ def measure_tail(
         histogram.astype(np.float64),
         f"{frames} dark frames, probability plot correlation, jackknife over {BLOCKS} blocks of rows",
     )
-    if shape.value is not None and shape.standard_uncertainty is not None:
-        drawn = 2.0 / frames * (shape.value - NORMAL_SHAPE)
-        shape = Estimate(shape.value, math.hypot(shape.standard_uncertainty, drawn), method=shape.method)
+    if isinstance(found := shape.uncertain, Uncertain):
+        drawn = 2.0 / frames * abs(found.value - NORMAL_SHAPE)
+        shape = Estimate.of(found + Uncertain.of(0.0, drawn), shape.method)
     return Tail(excess, within, between, shape)
 
 
@@ -134,9 +134,8 @@ def _jackknifed(statistic: _Statistic, blocks: NDArray[np.float64], method: str)
         return Estimate(reason="fewer than two rows", method=method)
     left_out = np.array([statistic(total - block) for block in there])
     k = len(there)
-    return Estimate(
-        statistic(total), float(np.sqrt((k - 1) / k * np.sum((left_out - left_out.mean()) ** 2))), method=method
-    )
+    uncertainty = float(np.sqrt((k - 1) / k * np.sum((left_out - left_out.mean()) ** 2)))
+    return Estimate.of(Uncertain.of(statistic(total), uncertainty, Source.student(k - 1.0)), method)
 
 
 def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
