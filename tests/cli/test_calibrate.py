@@ -76,6 +76,18 @@ def test_finds_the_truth_without_reading_it(photosite: Any, stack: Path, tmp_pat
         assert abs(found[name]["value"] - value) < 4.5 * uncertainty, name
 
 
+def test_pixels_beyond_a_threshold_are_listed(photosite: Any, tmp_path: Path) -> None:
+    assert run(["shoot", "--rows", "72", "--cols", "80", "--seed", "6", "-o", str(tmp_path / "stack")]) == 0
+    done = photosite("calibrate", tmp_path / "stack", "--json", "--far-dark", "0.8")
+    assert done.json["model"] == "general"
+    found = done.json["far_pixels"]["G"]
+    assert (found["dark"]["threshold"], found["dark"]["rule"], found["dark"]["unit"]) == (0.8, "as given", "DN")
+    assert len(found["dark"]["row"]) == len(found["dark"]["deviation"]) > 10
+    assert all(abs(deviation) > 0.8 for deviation in found["dark"]["deviation"])
+    assert all((row + col) % 2 == 1 for row, col in zip(found["dark"]["row"], found["dark"]["col"], strict=True))
+    assert found["light"]["rule"].startswith("where a normal distribution")
+
+
 def test_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Path) -> None:
     sensor, report = tmp_path / "mine.sensor.yaml", tmp_path / "report.html"
     done = photosite("calibrate", stack, "-o", sensor, "--report", report)

@@ -47,6 +47,19 @@ if TYPE_CHECKING:
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Files of a folder that are dark frames: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Files of a folder that are light frames.")
 @click.option(
+    "--far-dark",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="DN",
+    help="List pixels of the mean dark frame that deviate from its mean by more; else those too far out for a normal "
+    "distribution.",
+)
+@click.option(
+    "--far-light",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="PERCENT",
+    help="The same for the mean light frame near half saturation, high-passed.",
+)
+@click.option(
     "--maps",
     is_flag=True,
     help="Measure the chip itself: maps of offset, response, dark rate and read noise, defects, row and column noise; "
@@ -63,6 +76,8 @@ def command(
     cfa: str | None,
     dark: tuple[str, ...],
     light: tuple[str, ...],
+    far_dark: float | None,
+    far_light: float | None,
     maps: bool,
     as_json: bool,
 ) -> None:
@@ -95,6 +110,7 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
     from photosite.calibration.calibrate import calibrate
+    from photosite.calibration.spatial_analysis import FarThresholds
     from photosite.frames.open import open_frames
     from photosite.sensor.file import load_sensor
     from photosite.sensor.maps_file import maps_path
@@ -105,11 +121,14 @@ def command(
         raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
     if maps and len(frames.gain_settings) > 1:
         raise click.UsageError("--maps takes frames of one gain setting; calibrate those of one setting by themselves")
+    if (far_dark or far_light) and len(frames.gain_settings) > 1:
+        raise click.UsageError("--far-dark and --far-light take frames of one gain setting")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
         calibrate_gain_series(frames, sensor, output, report, partial, as_json)
         return
-    calibration = calibrate(frames, sensor, maps=maps, progress=Stages(), partial=partial)
+    far = FarThresholds(far_dark, far_light)
+    calibration = calibrate(frames, sensor, maps=maps, far=far, progress=Stages(), partial=partial)
     _save(calibration, output, report)
     beside = maps_path(output) if maps and output is not None else None
     if as_json:
@@ -135,7 +154,8 @@ def _show(calibration: Calibration) -> None:
     from photosite.calibration.parameters import PARAMETER_LABELS
     from photosite.report.numbers import format_uncertain
 
-    click.echo(f"{calibration.source}: {calibration.frame_count} frames\n")
+    model = f"EMVA 1288's {calibration.model} model"
+    click.echo(f"{calibration.source}: {calibration.frame_count} frames, {model}\n")
     rows = [("parameter", "value", "unit", "how")]
     missing = [("not estimated", "why")]
     for name, entry in calibration.estimates().items():
