@@ -73,7 +73,7 @@ def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: 
     """Least squares weighted by the covariance of the points and, where they scatter more, an extra variance.
 
     The extra variance, the same for every point, is the one at which chi square equals its expectation, the degrees of
-    freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where every sixth ideal measurement
+    freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where every sixth ideal data set
     would have such a chi square or a larger one: half of them have more than the expectation, and widening all of those
     made 95 % intervals cover 97 % (docs/coverage.md). With ideal points the weights are the optimal ones; where scatter
     far above the sampling error (a lamp that wanders, a converter's uneven steps) dominates, the points weigh alike, as

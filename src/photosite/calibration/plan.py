@@ -37,7 +37,7 @@ from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, Kind
 from photosite.sensor.model import Sensor
 
-NOT_PREDICTED = Missing("not predicted by a plan; its total is about as precise as the 2008 paper's figure of the name")
+NOT_PREDICTED = Missing("a plan does not predict it; DSNU1288 and PRNU1288 are about as precise as DSNU and PRNU")
 
 _FAR = 4.0
 """Spreads beyond the middle of the clipping where a level counts as clipped to the last pixel."""
@@ -197,7 +197,11 @@ def _measured(
     measured = replace(
         measure_dark(background, level, reference.label),
         dsnu_variance=spread - level.noise * (1.0 / level.frames),
-        **dict.fromkeys(("dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered"), NOT_PREDICTED),
+        dsnu1288=NOT_PREDICTED,
+        dsnu1288_filtered=NOT_PREDICTED,
+        prnu1288=NOT_PREDICTED,
+        prnu1288_unfiltered=NOT_PREDICTED,
+        linearity=(NOT_PREDICTED,),
     )
     slopes = _dark_slopes(sensor, darks, index)
     if slopes is not None:

@@ -40,12 +40,14 @@ COMMANDS: dict[str, Entry] = {
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
     "simulate": Entry("simulate", "Simulate a raw frame of a chart."),
     "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
+    "plan": Entry("plan", "How many frames a wanted precision takes; what precision a protocol reaches."),
     "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark and flat frames."),
     "spectral": Entry("spectral", "Measure quantum efficiency: bands of light and a photodiode, or a chart."),
     "export": Entry("export", "Write noise profiles and EMVA 1288 files for other programs."),
     "import": Entry("import_", "Read other programs' noise profiles, into sensor files too."),
     "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),
     "develop": Entry("develop", "Make a picture of a raw frame."),
+    "reproduce": Entry("reproduce", "Run studies anew: whether intervals cover the truth."),
     "bench": Entry("bench", "Time photosite on this machine, beside the plain way to do the same work."),
 }
 

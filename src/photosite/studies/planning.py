@@ -211,7 +211,12 @@ class Design:
 
 
 def plan_frames(
-    sensor: Sensor, wants: Mapping[str, Want], *, design: Design | None = None, metered: bool = False
+    sensor: Sensor,
+    wants: Mapping[str, Want],
+    *,
+    design: Design | None = None,
+    illuminant: str = "D65",
+    metered: bool = False,
 ) -> Plan:
     """The fewest frames that are found to reach what is wanted.
 
@@ -226,6 +231,8 @@ def plan_frames(
         By parameter.
     design
         The exposures.
+    illuminant
+        Light of the flats.
     metered
         Whether the photons will be known.
 
@@ -247,11 +254,11 @@ def plan_frames(
     if not wants:
         raise InputError("say what is wanted, such as prnu_percent=2%")
     design = design or Design()
-    efficiencies = _weakest_share(sensor, design)
+    level = TOP / _weakest_share(sensor, design, illuminant)
 
     def planned(counts: tuple[int, ...]) -> Plan:
         protocol = design.protocol(*counts)
-        lab = virtual_lab(sensor, protocol, level=TOP / efficiencies, photons_known=metered)
+        lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, photons_known=metered)
         return replace(plan_protocol(lab), wants=tuple(wants.values()))
 
     def worst(plan: Plan) -> float:
@@ -280,9 +287,9 @@ def plan_frames(
     return planned(tuple(counts))
 
 
-def _weakest_share(sensor: Sensor, design: Design) -> float:
+def _weakest_share(sensor: Sensor, design: Design, illuminant: str) -> float:
     """Electrons of the least over those of the most sensitive channel: all channels are to reach saturation."""
-    lab = virtual_lab(sensor, design.protocol(2, 2, 1))
+    lab = virtual_lab(sensor, design.protocol(2, 2, 1), illuminant=illuminant)
     brightest = planned_groups(lab)[-1].electrons
     least = min(brightest)
     return least / max(brightest) if least > 0.05 * max(brightest) else 1.0

@@ -1,0 +1,168 @@
+"""`photosite plan`: before the lab day."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from photosite.frames.frame_set import Kind
+    from photosite.sensor.model import Sensor
+    from photosite.studies.planning import Plan, Want
+    from photosite.studies.protocol import ShootingProtocol
+
+_NAMED = ("paper-d200",)
+
+
+@click.command("plan")
+@options.sensor_option()
+@options.size_options
+@options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
+@click.option(
+    "--want",
+    "wants",
+    multiple=True,
+    metavar="PARAMETER=X",
+    help="Standard uncertainty wanted: prnu_percent=2%, a share of the value, or read_noise_e=0.05. Several times.",
+)
+@click.option(
+    "--protocol",
+    metavar="NAME|FILE",
+    help=f"What precision this reaches: {', '.join(_NAMED)}, or a protocol (YAML) whose files are there to be counted.",
+)
+@click.option(
+    "--step",
+    "steps",
+    multiple=True,
+    metavar="KIND:EXPOSURE:FRAMES",
+    help="A step of the protocol, such as dark:1/8000:50 or light:1/50:5. Several times.",
+)
+@options.illuminant_option("D65")
+@click.option(
+    "--level",
+    type=options.above(),
+    default=1.3,
+    metavar="X",
+    help="Light of a protocol: the brightest channel at the longest exposure, in saturations.",
+)
+@click.option("--longest-flat", type=options.exposure_time, default="1/20", help="Longest exposure to light.")
+@click.option("--longest-dark", type=options.exposure_time, default="5", help="Longest dark exposure.")
+@click.option("--photons", is_flag=True, help="The light will be metered: photons per pixel will be known.")
+@options.json_option
+def command(
+    sensor_name: str,
+    rows: int | None,
+    cols: int | None,
+    black_level: float | None,
+    wants: tuple[str, ...],
+    protocol: str | None,
+    steps: tuple[str, ...],
+    illuminant: str,
+    level: float,
+    longest_flat: float,
+    longest_dark: float,
+    photons: bool,
+    as_json: bool,
+) -> None:
+    """How many frames a wanted precision takes, or what precision a protocol reaches.
+
+    The sensor is a guess: a preset like it, or a file. With --want, the fewest frames that are found: darks at one
+    exposure, a dark series, and flats in 16 equal steps up to 1.25 saturations. With --protocol or --step, the expected
+    uncertainty of every parameter. Nothing is simulated: the fits and the propagation of the calibration are run on the
+    levels to be expected, and a real laboratory adds its own scatter.
+
+    Example: photosite plan --rows 1000 --cols 1500 --want prnu_percent=2% --want system_gain_dn_per_e=0.5%
+    """
+    from photosite.cli.shoot import prepared_sensor
+    from photosite.studies.planning import Design, Want, plan_frames, plan_protocol
+    from photosite.studies.virtual_lab import virtual_lab
+
+    if sum(map(bool, (wants, protocol, steps))) != 1:
+        raise click.UsageError("say what is wanted (--want), or what will be shot (--protocol, or --step), one of them")
+    wanted = {want.parameter: want for want in map(Want.parse, wants)}
+    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level)
+    if wanted:
+        plan = plan_frames(
+            sensor, wanted, design=Design(longest_dark, longest_flat), illuminant=illuminant, metered=photons
+        )
+    else:
+        shooting = _protocol(protocol, steps)
+        lab = virtual_lab(sensor, shooting, illuminant=illuminant, level=level, photons_known=photons)
+        plan = plan_protocol(lab)
+    if as_json:
+        print_json(plan.to_dict() | ({"note": note} if note else {}))
+        return
+    _show(plan, sensor, note)
+
+
+def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
+    from pathlib import Path
+
+    from photosite.errors import FileError
+    from photosite.frames.protocol import file_entries, read_protocol
+    from photosite.studies.planning import step_from
+    from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol
+
+    if steps:
+        return ShootingProtocol("steps", tuple(map(step_from, steps)))
+    if named in _NAMED:
+        return paper_d200_protocol()
+    path = Path(str(named))
+    found = read_protocol(path)
+    counts: dict[tuple[Kind, float], int] = {}
+    for entry in file_entries(found, path):
+        if entry.kind is None or entry.exposure_s is None:
+            raise FileError(path, f"does not say kind and exposure of {entry.path}; a plan needs both", entry.line)
+        counts[entry.kind, entry.exposure_s] = counts.get((entry.kind, entry.exposure_s), 0) + 1
+    steps_found = (Step(kind, exposure_s, count) for (kind, exposure_s), count in counts.items())
+    return ShootingProtocol(found.name or path.name, tuple(steps_found))
+
+
+def _show(plan: Plan, sensor: Sensor, note: str) -> None:
+    from photosite.exposure import format_exposure
+    from photosite.studies.planning import setting_text
+
+    array = sensor.array
+    click.echo(f"{plan.protocol.frame_count} frames of {sensor.name}, {array.rows} x {array.cols} pixels")
+    if note:
+        click.echo(note)
+    rows = [("frames", "exposure", "light")]
+    capacity = sensor.saturation_capacity_e
+    for group in plan.groups:
+        text = format_exposure(group.exposure_s)
+        exposure = text if "/" in text else f"{group.exposure_s:.4g}"
+        rows.append((str(group.frames), f"{exposure} s", setting_text(group, capacity)))
+    click.echo("\n" + table(rows, ">><"))
+    click.echo("\n" + table([_HEADING, *(_line(plan, name) for name in _shown(plan))], "<>>><"))
+
+
+_HEADING = ("parameter", "expected", "uncertainty", "relative", "")
+
+
+def _shown(plan: Plan) -> list[str]:
+    estimates = plan.expected.estimates()
+    return [name for name, entry in estimates.items() if entry.standard_uncertainty is not None]
+
+
+def _line(plan: Plan, name: str) -> tuple[str, ...]:
+    from photosite.report.numbers import format_number
+
+    entry = plan.expected.estimates()[name]
+    value, uncertainty = entry.value or 0.0, entry.standard_uncertainty or 0.0
+    known = uncertainty < abs(value)  # a share of nothing says nothing
+    share = f"{100 * uncertainty / abs(value):.2g} %" if known else ""
+    return (
+        name,
+        format_number(value, 4) if known else "0",
+        format_number(uncertainty, 2),
+        share,
+        next((_wanted(want) for want in plan.wants if want.parameter == name), ""),
+    )
+
+
+def _wanted(want: Want) -> str:
+    return f"wanted: {want.text}"

@@ -1,0 +1,93 @@
+"""`photosite reproduce`: studies that check what photosite promises."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import Stages, print_json, say_if_compiling, table
+from photosite.errors import did_you_mean
+
+if TYPE_CHECKING:
+    from photosite.studies.coverage import Coverage, CoverageStudy
+
+QUICK_SENSORS = 50
+
+
+class _Studies(click.Group):
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but an unknown study is told which was probably meant, as at the top."""
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            raise click.UsageError(f"no command 'reproduce {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+@click.group("reproduce", cls=_Studies)
+def command() -> None:
+    """Run a study anew.
+
+    Example: photosite reproduce coverage --quick
+    """
+
+
+@command.command("coverage")
+@click.option("--sensors", type=click.IntRange(1), default=500, help="Virtual sensors under each condition.")
+@click.option("--condition", "names", multiple=True, metavar="NAME", help="Only this one; may be given several times.")
+@click.option("--quick", is_flag=True, help=f"{QUICK_SENSORS} sensors instead: a look, not a test.")
+@click.option("--processes", type=click.IntRange(1), default=2, help="Processes that share the work.")
+@options.json_option
+def coverage(sensors: int, names: tuple[str, ...], quick: bool, processes: int, as_json: bool) -> None:
+    """Whether 95 % intervals hold the truth 95 times in 100.
+
+    Virtual sensors are drawn, shot and calibrated under a grid of conditions: bright and dim light, few frames, darks
+    that clip, monochrome and Bayer, 8 to 16 bits. For every parameter the table says how often the interval holds the
+    truth (covered), the mean error over the mean standard uncertainty (bias), and the root mean square of errors over
+    their uncertainties (width: 1 where they are honest). With 500 sensors a share of 95 % is known to 1 %; that takes
+    ten minutes on two cores.
+
+    Example: photosite reproduce coverage --quick --condition few-mono-12
+    """
+    from photosite.studies.coverage import coverage_study
+    from photosite.studies.virtual_sensors import condition
+
+    for name in names:
+        condition(name)
+    stages = Stages()
+    say_if_compiling()
+    count = QUICK_SENSORS if quick else sensors
+    stages.stage(f"measuring {count} virtual sensors under each condition")
+    study = coverage_study(
+        names, sensors=count, processes=processes, progress=lambda done, total: stages(done, total, "sensors")
+    )
+    if as_json:
+        print_json(study.to_dict())
+        return
+    _show(study)
+
+
+def _show(study: CoverageStudy) -> None:
+    from photosite.studies.virtual_sensors import CONDITIONS
+
+    for name in dict.fromkeys([*(row.condition for row in study.rows), *study.refused]):
+        click.echo(f"\n{name}: {CONDITIONS[name].summary}")
+        if name in study.refused:
+            number, why = study.refused[name]
+            click.echo(f"{number} of {study.sensors} were refused, the first: {why}")
+        rows = [row for row in study.rows if row.condition == name]
+        if rows:
+            heading = ("parameter", "sensors", "covered", "bias", "width", "")
+            click.echo(table([heading, *(_line(row) for row in rows)], "<>>>><"))
+
+
+def _line(row: Coverage) -> tuple[str, ...]:
+    remarks = [] if row.holds else ["outside 93 to 97 %, or biased"]
+    if row.exact:
+        remarks.append(f"{row.exact} exact" + (f", {row.wrong} of them wrong" if row.wrong else ""))
+    if row.exact == row.estimated:
+        return row.parameter, str(row.estimated), "", "", "", "; ".join(remarks)
+    numbers = (f"{100 * row.covered:.1f} %", f"{row.bias:+.2f}", f"{row.width:.2f}")
+    return row.parameter, str(row.estimated), *numbers, "; ".join(remarks)

@@ -1,0 +1,56 @@
+"""`photosite plan` from the outside."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+
+def test_frames_for_a_precision(photosite: Any) -> None:
+    said = photosite("plan", "--rows", "200", "--cols", "200", "--want", "prnu_percent=2%", "--json")
+    assert said.status == 0
+    plan = json.loads(said.out)
+    assert plan["wanted"]["prnu_percent"]["expected_over_wanted"] <= 1
+    assert sum(step["frames"] for step in plan["steps"]) == plan["frames"]
+    assert {step["kind"] for step in plan["steps"]} == {"dark", "light"}
+    assert "black level raised" in plan["note"]
+
+
+def test_precision_of_steps(photosite: Any) -> None:
+    steps = ["dark:1/8000:50", "light:1/100:4", "light:1/50:4"]
+    said = photosite("plan", "--rows", "200", "--cols", "200", *(a for step in steps for a in ("--step", step)))
+    assert said.status == 0
+    assert said.out.startswith("58 frames of Nikon D200, 200 x 200 pixels")
+    assert "system_gain_dn_per_e" in said.out
+    assert "dark_voltage_mv_per_s" not in said.out  # one dark exposure
+
+
+def test_precision_of_a_named_protocol_is_that_of_its_file(photosite: Any, tmp_path: Any) -> None:
+    named = photosite("plan", "--rows", "24", "--cols", "24", "--protocol", "paper-d200", "--json")
+    photosite("shoot", "--rows", "24", "--cols", "24", "-o", str(tmp_path / "stack"))
+    file = str(tmp_path / "stack" / "protocol.yaml")
+    read = photosite("plan", "--rows", "24", "--cols", "24", "--protocol", file, "--json")
+    assert json.loads(named.out)["frames"] == 405
+    for name, entry in json.loads(named.out)["expected"].items():
+        same = json.loads(read.out)["expected"][name]
+        assert same == entry if "reason" in entry else same == pytest.approx(entry, rel=1e-9, abs=1e-12), name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "--want"),
+        (["--want", "prnu_percent=1%", "--protocol", "paper-d200"], "one of them"),
+        (["--want", "prnu_procent=1%"], "prnu_percent"),
+        (["--want", "prnu_percent=0.001%", "--rows", "20", "--cols", "20"], "cannot be reached"),
+        (["--step", "light:1/50"], "light:EXPOSURE:FRAMES"),
+        (["--step", "light:1/50:5"], "two dark frames"),
+        (["--protocol", "nowhere.yaml"], "no such file"),
+    ],
+)
+def test_wrong_calls_are_one_line(photosite: Any, arguments: list[str], said: str) -> None:
+    wrong = photosite("plan", *arguments)
+    assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
+    assert said in wrong.err

@@ -1,0 +1,30 @@
+"""`photosite reproduce` from the outside."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+
+def test_coverage(photosite: Any) -> None:
+    arguments = ("reproduce", "coverage", "--sensors", "4", "--condition", "few-mono-12", "--processes", "1")
+    shown = photosite(*arguments)
+    assert shown.status == 0
+    assert "few-mono-12: two frames at each setting" in shown.out
+    assert "system_gain_dn_per_e" in shown.out
+    found = json.loads(photosite(*arguments, "--json").out)
+    assert found["sensors_per_condition"] == 4
+    row = found["conditions"]["few-mono-12"]["parameters"]["system_gain_dn_per_e"]
+    assert row["estimated"] == 4
+    assert 0 <= row["covered"] <= 1
+
+
+def test_wrong_calls_are_one_line(photosite: Any) -> None:
+    for arguments, said in (
+        (("reproduce", "coverag"), "did you mean 'coverage'?"),
+        (("reproduce", "coverage", "--condition", "few-mono"), "few-mono-12"),
+        (("reproduce", "coverage", "--sensors", "0"), "--sensors"),
+    ):
+        wrong = photosite(*arguments)
+        assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
+        assert said in wrong.err

@@ -1,0 +1,102 @@
+"""Plans against closed forms and against what virtual sensors do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.calibration.calibrate import calibrate
+from photosite.engine.jit import threads_for
+from photosite.errors import InputError
+from photosite.studies.planning import Want, plan_frames, plan_protocol, predictable, step_from
+from photosite.studies.virtual_lab import virtual_lab, with_pedestal
+from photosite.studies.virtual_sensors import CONDITIONS
+
+SENSORS = 60
+
+
+def test_the_expected_uncertainty_is_the_spread_of_virtual_measurements() -> None:
+    """60 chips of one sensor. The ratio of the spread over them to the expected uncertainty has a standard error of
+    9 %: 0.68 to 1.37 leaves an honest prediction out with probability 10^-4 on either side, and lets one that is half
+    or twice what it should be pass with 10^-4. The rectangle of the saturation is no spread over chips: its place
+    between the exposures is the same for all.
+    """
+    some = CONDITIONS["few-mono-12"]
+    sensor, lab = some.sensor(1), some.lab(1)
+    found: dict[str, list[float]] = {}
+    for number in range(SENSORS):
+        chip = replace(lab.camera, sensor=sensor.with_(serial=f"plan {number}"))
+        with threads_for(1):
+            estimates = calibrate(replace(lab, camera=chip, seed=number).frame_set()).estimates()
+        for name, entry in estimates.items():
+            if entry.value is not None:
+                found.setdefault(name, []).append(entry.value)
+    plan = plan_protocol(lab)
+    between = {"saturation_capacity_e", "saturation_capacity_photons", "snr_max_db", "dynamic_range_db"}
+    off = {}
+    for name in predictable():
+        expected = getattr(plan.expected, name)
+        if name in between or not expected.standard_uncertainty:
+            continue
+        values = np.array(found[name])
+        ratio = values.std(ddof=1) / expected.standard_uncertainty
+        far = abs(values.mean() - expected.value) * math.sqrt(SENSORS) / expected.standard_uncertainty
+        if not 0.68 < ratio < 1.37 or far > 4.5:
+            off[name] = (ratio, far)
+    assert off == {}
+    assert len(predictable()) > 20
+
+
+def test_read_noise_and_prnu_are_the_textbook_s() -> None:
+    """A variance over n frames of P pixels has the variance 2 v^2 / ((n - 1) P); the pixels are a sample themselves."""
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=200, cols=200))
+    plan = plan_frames(sensor, {"read_noise_dn": Want.parse("read_noise_dn=0.1%")})
+    darks = plan.protocol.steps[0].count
+    assert 1 / math.sqrt(2 * (darks - 1) * 40_000) <= 0.001 * 1.02 <= 1 / math.sqrt(2 * (darks - 3) * 40_000)
+    prnu = plan.expected.prnu_percent
+    assert prnu.value is not None
+    assert prnu.standard_uncertainty is not None
+    assert prnu.standard_uncertainty > prnu.value / math.sqrt(2 * 40_000)
+
+
+def test_every_want_is_met_and_fewer_frames_would_not_do() -> None:
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=100, cols=100))
+    wants = {w.parameter: w for w in map(Want.parse, ("prnu_percent=1.2%", "system_gain_dn_per_e=0.3%"))}
+    plan = plan_frames(sensor, wants)
+    reached = {name: want.reached(getattr(plan.expected, name)) for name, want in wants.items()}
+    assert max(reached.values()) <= 1.0
+    steps = plan.protocol.steps
+    fewer = replace(
+        plan.protocol, steps=tuple(replace(s, count=s.count - 1) if s.kind == "light" else s for s in steps)
+    )
+    less = plan_protocol(virtual_lab(sensor, fewer, level=1.25 / 0.579)).expected
+    assert max(want.reached(getattr(less, name)) for name, want in wants.items()) > 1.0
+
+
+def test_what_no_number_of_frames_reaches_is_said() -> None:
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=100, cols=150))
+    with pytest.raises(InputError, match=r"prnu_percent to 0.1 % cannot be reached.*\(0.58 %\).*100 x 150 pixels"):
+        plan_frames(sensor, {"prnu_percent": Want.parse("prnu_percent=0.1%")})
+    with pytest.raises(InputError, match=r"quantum_efficiency_percent cannot be had.*photons"):
+        plan_frames(sensor, {"q": Want.parse("quantum_efficiency_percent=1%")})
+
+
+def test_darks_that_would_clip_are_refused() -> None:
+    with pytest.raises(InputError, match=r"would be at 0 DN.*pedestal"):
+        plan_frames(ps.load_sensor("nikon-d200").with_(rows=10, cols=10), {"r": Want.parse("read_noise_dn=5%")})
+
+
+@pytest.mark.parametrize("text", ["prnu_percent", "prnu_percent=", "prnu_percent=-1%", "prnu_percent=nan", "prnu=1%"])
+def test_a_want_that_cannot_be_is_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        Want.parse(text)
+
+
+@pytest.mark.parametrize("text", ["dark:1/50", "flat:1/50:3", "light:0:3", "light:1/50:0", "light:1/50:x"])
+def test_a_step_that_cannot_be_is_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        step_from(text)
