@@ -44,7 +44,8 @@ def parse_exposure(text: str | float) -> float:
     0.000125
     """
     try:
-        seconds = float(Fraction(text)) if isinstance(text, str) else float(text)
+        # A fraction of decimals would be computed digit by digit, a billion of them for 1e999999999.
+        seconds = float(Fraction(text)) if isinstance(text, str) and "/" in text else float(text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not '{text}'") from None
     return check_exposure(seconds)

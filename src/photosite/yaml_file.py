@@ -64,14 +64,18 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
 
     try:
         data = YAML(typ="rt").load(content)
-        _check_size(data, path)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise FileError(path, f"is not YAML: {error.problem}", line) from None
     except YAMLError as error:
         raise FileError(path, f"is not YAML: {' '.join(str(error).split())}") from None
     except RecursionError:
-        raise FileError(path, "nests too deep, or holds itself") from None
+        raise FileError(path, "nests too deep") from None
+    # A tag that its value does not fit (!!set x, !!int y) comes through as whatever the parser stumbles over.
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileError(path, f"is not YAML that can be read: {reason}") from None
+    _check_size(data, path)
     return data
 
 
@@ -90,7 +94,11 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
             sizes[id(node)] = 1 + sum(map(size, children))
         return sizes[id(node)]
 
-    if size(data) > _MOST_VALUES:
+    try:
+        values = size(data)
+    except RecursionError:
+        raise FileError(path, "nests too deep, or holds itself") from None
+    if values > _MOST_VALUES:
         raise FileError(path, f"holds more than {_MOST_VALUES} values once its aliases are written out")
 
 

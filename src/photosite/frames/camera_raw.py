@@ -44,8 +44,12 @@ def opened(path: Path) -> Iterator[Any]:
                 raise FileError(path, "holds several numbers a pixel; a raw frame has one")
             yield decoder
     except rawpy.LibRawError as error:
-        reason = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else str(error)
-        raise FileError(path, f"cannot be decoded: {reason}; is it truncated?") from None
+        raise FileError(path, f"cannot be decoded: {_reason(error)}; is it truncated?") from None
+
+
+def _reason(error: Exception) -> str:
+    """LibRaw's own words, which come as bytes, or rawpy's."""
+    return error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else str(error)
 
 
 def read_camera_raw_header(path: Path) -> FrameHeader:
@@ -57,7 +61,7 @@ def read_camera_raw_header(path: Path) -> FrameHeader:
             rows, cols = decoder.sizes.height, decoder.sizes.width
             shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
     except rawpy.LibRawError as error:
-        raise FileError(path, f"is not a raw file that LibRaw can open: {error.args[0].decode()}") from None
+        raise FileError(path, f"is not a raw file that LibRaw can open: {_reason(error)}") from None
     tags = _tags(path)
     metadata = MappingProxyType(_metadata(tags, iso))
     return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -241,14 +242,15 @@ def _as_before(name: str, dn: NDArray[np.uint16], shape: tuple[int, int]) -> NDA
 
 
 def _check_all_there(entries: Sequence[FileEntry]) -> None:
-    missing = [entry for entry in entries if not entry.path.is_file()]
+    # os.path says no to names that no file can have; pathlib lets their errors through.
+    missing = [entry for entry in entries if not os.path.isfile(entry.path)]
     if not missing:
         return
     first = missing[0]
     folder = first.path.parent
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         reason = f"there is no folder {folder}"
-    elif first.path.is_dir():
+    elif os.path.isdir(first.path):
         reason = "is a folder, not a frame"
     else:
         close = difflib.get_close_matches(first.path.name, [p.name for p in folder.iterdir()], n=1, cutoff=0.8)

@@ -343,7 +343,8 @@ def _read_json(path: Path) -> Mapping[str, Any]:
         raise FileError(path, "there is no such file") from None
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    # A ValueError of its own is a whole number of thousands of digits.
+    except (ValueError, RecursionError) as error:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else None
         raise FileError(path, f"is not JSON: {error.__class__.__name__}", line) from None
     if not isinstance(data, dict):

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -215,7 +216,7 @@ def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:
         If a pattern matches none; with the line.
     """
     literal = path.parent / pattern
-    if not _GLOB & set(pattern) or literal.is_file():
+    if not _GLOB & set(pattern) or os.path.isfile(literal):
         return [literal]
     relative = Path(pattern)
     base = Path(relative.anchor) if relative.is_absolute() else path.parent
