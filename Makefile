@@ -4,13 +4,17 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test install lint format clean
+.PHONY: demo test fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto
+
+# The long run of what tests/fuzz does for some seconds: minutes, on one core.
+fuzz: $(VENV)/installed-dev
+	nice -n 10 $(BIN)/python tests/fuzz/run.py --inputs 150000
 
 install: $(VENV)/installed
 

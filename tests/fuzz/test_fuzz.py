@@ -1,0 +1,89 @@
+"""A short run of the fuzzing, inside the tests; `make fuzz` is the long one."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+_SPEC = importlib.util.spec_from_file_location("fuzzing", Path(__file__).with_name("fuzzing.py"))
+assert _SPEC is not None
+assert _SPEC.loader is not None
+fuzzing = importlib.util.module_from_spec(_SPEC)
+sys.modules["fuzzing"] = fuzzing  # dataclasses look their module up
+_SPEC.loader.exec_module(fuzzing)
+
+_PLACE = tempfile.TemporaryDirectory()
+FOLDER = Path(_PLACE.name)
+TARGETS = fuzzing.targets(FOLDER)
+SLOWEST_S = 10.0
+
+
+def outcome(name, content):
+    target = TARGETS[name]
+    path = FOLDER / f"input-{name}{target.suffix}"
+    path.write_bytes(content)
+    begun = time.monotonic()
+    found = fuzzing.outcome(target, path)
+    assert time.monotonic() - begun < SLOWEST_S
+    return found
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_is_damaged_was_whole(name):
+    """Every seed is read; else only its refusal would be fuzzed."""
+    assert {outcome(name, seed) for seed in TARGETS[name].seeds} == {"read"}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32))
+def test_damaged_files_are_read_or_refused(name, seed):
+    target, rng = TARGETS[name], random.Random(seed)
+    outcome(name, fuzzing.damaged(rng.choice(target.seeds), rng, text=target.text))
+
+
+@pytest.mark.parametrize("name", TARGETS)
+@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(
+    edits=st.lists(st.tuples(st.integers(0, 4000), st.binary(max_size=9), st.integers(0, 40)), min_size=1, max_size=4)
+)
+def test_edits_are_read_or_refused(name, edits):
+    """Bytes put in the place of others, which hypothesis shrinks to the fewest that matter."""
+    content = TARGETS[name].seeds[0]
+    for at, put, over in edits:
+        place = at % (len(content) + 1)
+        content = content[:place] + put + content[place + over :]
+    outcome(name, content)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\0", b"\xff" * 100, b"II*\0", b"MM\0*" + b"\0" * 8, b"SIMPLE  =", b"\x89HDF\r\n\x1a\n"]
+)
+@pytest.mark.parametrize("name", TARGETS)
+def test_stubs_are_refused(name, content):
+    assert outcome(name, content) == "refused"
+
+
+def test_the_same_seed_damages_alike():
+    content = TARGETS["tiff"].seeds[0]
+    one, other = (fuzzing.damaged(content, random.Random("7 tiff 3"), text=False) for _ in "ab")
+    assert one == other
+    assert one != content
+
+
+def test_what_is_looked_for_is_found():
+    """A reader that lets a number through that is none, or another's exception, fails."""
+    bad = fuzzing.Target(".x", (), lambda path: [1.0, float("nan")])
+    with pytest.raises(AssertionError, match="a result holds nan"):
+        fuzzing.outcome(bad, FOLDER)
+    worse = fuzzing.Target(".x", (), lambda path: {}["missing"])
+    with pytest.raises(KeyError):
+        fuzzing.outcome(worse, FOLDER)
