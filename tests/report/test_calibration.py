@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.report.calibration import write_calibration_report
+from photosite.report.tables import correlation_table
 
 
 @pytest.fixture(scope="module", params=["loop", "darks_only"])
@@ -28,6 +30,11 @@ def page(calibration, read_page, tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_calibration_report(calibration, path)
     return read_page(path.read_text(encoding="utf-8"))
+
+
+def without_figures(calibration: Calibration) -> Calibration:
+    """The same numbers; its page is written in a moment."""
+    return replace(calibration, curves={}, snr={}, linearity={}, general={}, spatial={}, base=None)
 
 
 def test_page_needs_no_other_file(page) -> None:
@@ -74,7 +81,7 @@ def test_every_parameter_is_there_once_with_its_value_or_its_reason(calibration,
 def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     entry = replace(loop.calibration.read_noise_mv, value=0.51987, standard_uncertainty=0.0031, interval_95=None)
-    write_calibration_report(replace(loop.calibration, read_noise_mv=entry), path)
+    write_calibration_report(replace(without_figures(loop.calibration), read_noise_mv=entry), path)
     row = next(r for r in read_page(path.read_text(encoding="utf-8")).rows if r[::2][:2] == ["Read noise", "mV"])
     assert row[1] == "0.5199 ± 0.0031"
     assert row[3].split() == ["0.5138", "to", "0.5259"]
@@ -83,7 +90,8 @@ def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> N
 def test_warnings_rejected_frames_and_digests_are_there(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     nasty = tuple(f'warning <{n}> & "so" on' for n in range(30))
-    calibration = replace(loop.calibration, warnings=nasty, rejected=("a<b>.tif repeats c.tif",), source="<i>here</i>")
+    left_out = ("a<b>.tif repeats c.tif",)
+    calibration = replace(without_figures(loop.calibration), warnings=nasty, rejected=left_out, source="<i>here</i>")
     write_calibration_report(calibration, path)
     page = read_page(path.read_text(encoding="utf-8"))
     for text in nasty:
@@ -99,7 +107,7 @@ def test_warnings_rejected_frames_and_digests_are_there(loop, read_page, tmp_pat
 def test_frames_of_a_virtual_camera_are_said_to_be(loop, read_page, tmp_path: Path) -> None:
     for virtual in (True, False):
         path = tmp_path / f"{virtual}.html"
-        write_calibration_report(loop.calibration, path, virtual_camera=virtual)
+        write_calibration_report(without_figures(loop.calibration), path, virtual_camera=virtual)
         assert ("made by a virtual camera" in read_page(path.read_text(encoding="utf-8")).text) is virtual
 
 
@@ -173,7 +181,7 @@ def test_sections_follow_the_data_sheet(loop, read_page, tmp_path: Path) -> None
 
 def test_each_frame_stands_beside_its_digest(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_calibration_report(loop.calibration, path)
+    write_calibration_report(without_figures(loop.calibration), path)
     rows = {tuple(row) for row in read_page(path.read_text(encoding="utf-8")).rows if len(row) == 2}
     for frame in loop.calibration.frames_used[::7]:
         digest = hashlib.sha256(np.ascontiguousarray(frame.source.read(), "<u2").data).hexdigest()
@@ -194,4 +202,15 @@ def test_frames_that_are_gone_are_said_to_be(darks_only, read_page, tmp_path: Pa
 def test_page_is_light(loop, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_calibration_report(loop.calibration, path)
-    assert path.stat().st_size < 2_000_000
+    assert path.stat().st_size < 2_500_000
+
+
+def test_correlations_are_those_of_the_covariance(loop) -> None:
+    table = correlation_table(loop.calibration)
+    titles = [column.title for column in table.columns]
+    row = next(row for row in table.rows if row[0] == "Temporal dark noise")
+    joint = loop.calibration.covariance.among(["system_gain_dn_per_e", "temporal_dark_noise_e"])
+    expected = joint[0, 1] / np.sqrt(joint[0, 0] * joint[1, 1])
+    assert float(row[titles.index("K")].replace("−", "-")) == pytest.approx(expected, abs=0.005)
+    assert row[titles.index("σd")] == ""
+    assert expected < -0.5, "electrons are numbers over the gain"

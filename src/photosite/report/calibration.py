@@ -23,7 +23,7 @@ from photosite.report.html import (
 )
 from photosite.report.paper import paper_blocks
 from photosite.report.plots import plot_sections
-from photosite.report.tables import channel_table, parameter_tables
+from photosite.report.tables import channel_table, correlation_table, parameter_tables
 from photosite.report.write import write_report
 
 FOOTER = (
@@ -67,13 +67,15 @@ def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) 
         As for `write_calibration_report`.
     """
     name = "an image sensor" if calibration.base is None else calibration.base.name
+    together = correlation_table(calibration)
+    correlations: tuple[Block, ...] = () if together is None else (together,)
     channels: tuple[Block, ...] = (channel_table(calibration.channels),) if calibration.channels else ()
     sections = (
         Section("Data sheet", (*_virtual(virtual_camera), *data_sheet_blocks(calibration))),
         Section("Warnings and frames left out", (*rejected_blocks(calibration), *warning_blocks(calibration))),
         *plot_sections(calibration),
         Section("2008 paper", paper_blocks(calibration)),
-        Section("All parameters", parameter_tables(calibration)),
+        Section("All parameters", (*parameter_tables(calibration), *correlations)),
         Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
         Section("How to read this report", reading_blocks()),

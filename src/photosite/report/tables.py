@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.result import Estimate, LinearRange, Parameters
+from photosite.calibration.result import Calibration, Estimate, LinearRange, Parameters
 from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 
@@ -129,3 +131,43 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
         Column("Rule"),
     )
     return Table("Linear range", columns, tuple(rows))
+
+
+_CORRELATED = {
+    "system_gain_dn_per_e": "K",
+    "quantum_efficiency_percent": "η",
+    "read_noise_e": "Read noise",
+    "temporal_dark_noise_e": "σd",
+    "saturation_capacity_e": "μe.sat",
+    "dark_current_e_per_s": "μI.mean",
+    "dsnu1288_e": "DSNU1288",
+    "prnu1288_percent": "PRNU1288",
+}
+
+
+def correlation_table(calibration: Calibration) -> Table | None:
+    """How far the errors of the principal figures go together; None with fewer than two of them.
+
+    Parameters
+    ----------
+    calibration
+        Whose covariance.
+    """
+    estimates = calibration.estimates()
+    names = [name for name in _CORRELATED if (estimates[name].standard_uncertainty or 0.0) > 0.0]
+    if len(names) < 2:
+        return None
+    joint = calibration.covariance.among(names)
+    sigma = np.sqrt(np.diag(joint))
+    rows = tuple(
+        (
+            parameter_label(name).label,
+            *(f"{joint[i, k] / (sigma[i] * sigma[k]):+.2f}".replace("-", "−") for k in range(i)),
+            *("" for _ in names[i + 1 :]),
+        )
+        for i, name in enumerate(names)
+        if i > 0
+    )
+    columns = (Column("Correlation with"), *(Column(_CORRELATED[name], numeric=True) for name in names[:-1]))
+    title = "Correlation of the errors: figures that share a cause, the system gain say, are wrong together"
+    return Table(title, columns, rows)
