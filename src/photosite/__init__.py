@@ -33,7 +33,7 @@ _HOMES = {
     "read_raw": "photosite.frames.read",
     "validate": "photosite.validation.validate",
 }
-_MODULES = {"charts": "photosite.scene.charts"}
+_MODULES = {"charts": "photosite.scene.charts", "pictures": "photosite.scene.pictures"}
 
 __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.scene import charts as charts
+    from photosite.scene import pictures as pictures
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
