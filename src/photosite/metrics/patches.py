@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from photosite.cfa import channel_names, channel_sites
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.regions import Region
+from photosite.regions import Patch
 from photosite.sensor.model import Sensor
 
 SATURATED_SHARE = 1e-3
@@ -49,6 +49,9 @@ class PatchStatistics:
         Share of the pixels at or above the white level.
     mean_e
         `mean_dn` in electrons; None without a sensor.
+    temporal_variance_error_dn2
+        Standard error of the square of `temporal_noise_dn`, from the scatter over pixels, which are independent; None
+        for a single frame.
     """
 
     names: tuple[str, ...]
@@ -62,6 +65,7 @@ class PatchStatistics:
     temporal_noise_dn: NDArray[np.float64] | None
     saturated_share: NDArray[np.float64]
     mean_e: NDArray[np.float64] | None
+    temporal_variance_error_dn2: NDArray[np.float64] | None = None
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
@@ -80,7 +84,7 @@ class PatchStatistics:
 
 
 def patch_statistics(
-    frames: RawFrame | Sequence[RawFrame], regions: Sequence[Region], sensor: Sensor | None = None
+    frames: RawFrame | Sequence[RawFrame], regions: Sequence[Patch], sensor: Sensor | None = None
 ) -> PatchStatistics:
     """Mean, noise and signal-to-noise ratio of every channel in every patch, on the raw mosaic.
 
@@ -89,8 +93,8 @@ def patch_statistics(
     frames
         One frame, or several of the same scene and setting.
     regions
-        The patches. Which channel a pixel has follows from its place in the whole mosaic, so any rectangle
-        will do.
+        The patches. Which channel a pixel has follows from its place in the whole mosaic, so any rectangle or
+        quadrilateral will do.
     sensor
         Gives the system gain for `mean_e`.
 
@@ -116,6 +120,7 @@ def patch_statistics(
     --------
     >>> dn = np.full((8, 8), 100, np.uint16)
     >>> dn[::2] += 10
+    >>> from photosite.regions import Region
     >>> found = patch_statistics(RawFrame(dn, bits=12, black_level_dn=5), [Region("all", 0, 8, 0, 8)])
     >>> float(found.mean_dn[0, 0]), float(found.spatial_snr_db[0, 0].round(2)), int(found.pixels[0, 0])
     (100.0, 25.95, 64)
@@ -126,7 +131,7 @@ def patch_statistics(
     first = stack[0]
     channels = channel_names(first.cfa)
     cells = np.array([[_cell(stack, region, channel) for channel in channels] for region in regions])
-    pixels, mean, error, spatial, variance_error, temporal, saturated = np.moveaxis(cells, -1, 0)
+    pixels, mean, error, spatial, variance_error, temporal, temporal_error, saturated = np.moveaxis(cells, -1, 0)
     return PatchStatistics(
         names=tuple(region.name for region in regions),
         channels=channels,
@@ -139,6 +144,7 @@ def patch_statistics(
         temporal_noise_dn=temporal if len(stack) > 1 else None,
         saturated_share=saturated,
         mean_e=None if sensor is None else mean / sensor.system_gain_dn_per_e,
+        temporal_variance_error_dn2=temporal_error if len(stack) > 1 else None,
     )
 
 
@@ -152,7 +158,7 @@ def _check_stack(stack: tuple[RawFrame, ...]) -> None:
                 raise InputError(f"frames of one stack must agree in {what}: frame 1 has {one}, frame {number} {other}")
 
 
-def _check_regions(regions: Sequence[Region], frame: RawFrame) -> None:
+def _check_regions(regions: Sequence[Patch], frame: RawFrame) -> None:
     if not regions:
         raise InputError("patch statistics need a region or more, not an empty sequence")
     rows, cols = frame.shape
@@ -164,23 +170,24 @@ def _check_regions(regions: Sequence[Region], frame: RawFrame) -> None:
             )
 
 
-def _pixels_of(frame: RawFrame, region: Region, channel: str) -> NDArray[np.float64]:
-    """The channel's digital numbers in the region, black level included, ordered alike in every frame."""
-    height, width = len(frame.cfa), len(frame.cfa[0])
-    return np.concatenate(
-        [
-            frame.dn[
-                region.r0 + (r - region.r0) % height : region.r1 : height,
-                region.c0 + (c - region.c0) % width : region.c1 : width,
-            ].ravel()
-            for r, c in channel_sites(frame.cfa, channel)
-        ]
-    ).astype(np.float64)
+def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDArray[np.float64]:
+    """(frames, pixels): the channel's digital numbers in the region, black level included."""
+    cfa = stack[0].cfa
+    height, width = len(cfa), len(cfa[0])
+    inside = region.inside()
+    parts = []
+    for r, c in channel_sites(cfa, channel):
+        down, along = (r - region.r0) % height, (c - region.c0) % width
+        which = inside[down::height, along::width]
+        rows = slice(region.r0 + down, region.r1, height)
+        cols = slice(region.c0 + along, region.c1, width)
+        parts.append(np.stack([frame.dn[rows, cols][which] for frame in stack]))
+    return np.concatenate(parts, axis=1).astype(np.float64)
 
 
-def _cell(stack: tuple[RawFrame, ...], region: Region, channel: str) -> tuple[float, ...]:
+def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[float, ...]:
     """One patch and channel: the columns that `patch_statistics` takes apart."""
-    dn = np.stack([_pixels_of(frame, region, channel) for frame in stack])
+    dn = _pixels_of(stack, region, channel)
     count = dn.shape[1]
     if count < 2:
         raise InputError(
@@ -188,7 +195,7 @@ def _cell(stack: tuple[RawFrame, ...], region: Region, channel: str) -> tuple[fl
             "widen the region"
         )
     spatial_variance = float(dn.var(axis=1, ddof=1).mean())
-    temporal_variance = float(dn.var(axis=0, ddof=1).mean()) if len(stack) > 1 else 0.0
+    temporal_variance = dn.var(axis=0, ddof=1) if len(stack) > 1 else np.zeros(count)
     error_variance = float(dn.mean(axis=0).var(ddof=1)) / count + _rounding_variance(spatial_variance)
     return (
         count,
@@ -196,7 +203,8 @@ def _cell(stack: tuple[RawFrame, ...], region: Region, channel: str) -> tuple[fl
         error_variance**0.5,
         spatial_variance**0.5,
         _error_of_variance(dn),
-        temporal_variance**0.5,
+        float(temporal_variance.mean()) ** 0.5,
+        float(temporal_variance.std(ddof=1)) / count**0.5,
         float((dn >= stack[0].white_level_dn).mean()),
     )
 
