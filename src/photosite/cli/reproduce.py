@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.farrell2008 import command as farrell2008
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 from photosite.errors import did_you_mean
 
@@ -32,6 +33,9 @@ def command() -> None:
 
     Example: photosite reproduce coverage --quick
     """
+
+
+command.add_command(farrell2008)
 
 
 @command.command("coverage")

@@ -204,7 +204,7 @@ def closed_loop(
     >>> round(gain.true, 4), abs(gain.deviation) < 4
     (0.1253, True)
     """
-    watch = watcher or _Silence()
+    watch = watcher or Silence()
     protocol = protocol or paper_d200_protocol()
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known)
     chart = charts.macbeth("A", 40)
@@ -293,9 +293,11 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     seconds[stage] = time.perf_counter() - begin
 
 
-class _Silence:
+class Silence:
+    """A watcher who does not want to know."""
+
     def stage(self, what: str) -> None:
-        pass
+        """Nothing."""
 
     def __call__(self, done: int, total: int) -> None:
-        pass
+        """Nothing."""

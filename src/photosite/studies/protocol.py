@@ -123,3 +123,30 @@ def paper_d200_protocol() -> ShootingProtocol:
             *series("light", 1 / 8000, 1 / 25, exposures=13, count=5),
         ),
     )
+
+
+def paper_vendor_protocol() -> ShootingProtocol:
+    """The protocol of the 2008 paper's vendor sensor.
+
+    8 dark frames at 10 ms, 10 dark frames and 10 frames of a uniform field from 1 to 300 ms (5 exposures of 2 each).
+
+    Notes
+    -----
+    Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008), section 2. The paper gives the counts and the ends of each
+    range. That the exposures lie in equal ratios, and that each has two frames, is an assumption: ten single frames
+    would tell no temporal noise of the flats, hence no gain, and no PRNU that is parted from that noise.
+
+    Examples
+    --------
+    >>> protocol = paper_vendor_protocol()
+    >>> protocol.frame_count, len(protocol.steps)
+    (28, 11)
+    """
+    return ShootingProtocol(
+        "Farrell, Okincha and Parmar (2008), vendor sensor",
+        (
+            Step("dark", 10e-3, 8),
+            *series("dark", 1e-3, 300e-3, exposures=5, count=2),
+            *series("light", 1e-3, 300e-3, exposures=5, count=2),
+        ),
+    )

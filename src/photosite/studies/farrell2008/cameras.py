@@ -199,7 +199,7 @@ class Case:
 
 
 # Conditions: Farrell, Okincha and Parmar (2008), Table 1. Charts stand at the 1.2 m of the preset's D200 conditions;
-# for the vendor's camera that is an assumption, and moves its light by 0.3 % at most (magnification 0.004).
+# for the vendor's camera that is an assumption: farther away, its chart would be brighter by less than 1 %.
 D200 = Case("d200", "Nikon D200", "nikon-d200", 8.0, 50.0, 1 / 3, (40.0,), 0.9)
 VENDOR = Case("vendor", "Vendor 2.2 µm", "vendor-2.2um", 2.8, 4.88, 0.066, (5.0, 15.0, 40.0), 0.5)
 CASES = (D200, VENDOR)

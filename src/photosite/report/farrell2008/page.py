@@ -1,0 +1,82 @@
+"""The page of the study: every table and figure of the 2008 paper beside what came out here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from photosite.report.farrell2008.drawing import Drawing, Part
+from photosite.report.farrell2008.table1 import table1_part
+from photosite.report.html import Block, Column, Notice, Page, Section, Table
+from photosite.report.numbers import format_number
+from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
+from photosite.studies.farrell2008.study import CHAPTERS, Reproduction
+
+PARTS: dict[str, Callable[[Any], Part]] = {
+    "table1": table1_part,
+}
+"""What is drawn of each chapter of `studies.farrell2008.study.CHAPTERS`, by its key."""
+
+_LEAD = (
+    "J. Farrell, M. Okincha and M. Parmar, “Sensor calibration and simulation”, Proc. SPIE 6817 (2008), from its "
+    "calibration to its applications: each result beside what the paper reports, and the differences in words."
+)
+_NOTICE = (
+    "The paper’s frames were never published. Whatever is called measured on this page was shot by a virtual camera. "
+    "It has the sensor of the paper’s Table 1, and what nobody tells a simulation: a lens with a small wavefront "
+    "error, a lamp that lights the chart unevenly, a fill factor of its own, and another chip of the same design. The "
+    "simulation was told none of these."
+)
+_FOOTER = "Values are estimate ± one standard uncertainty (GUM), unless they say otherwise."
+
+
+def study_parts(study: Reproduction) -> dict[str, Part]:
+    """What the page says of each chapter that was run, its figures drawn."""
+    return {key: PARTS[key](result) for key, result in study.results.items()}
+
+
+def study_page(study: Reproduction, parts: Mapping[str, Part]) -> Page:
+    """The page, before it is HTML.
+
+    Parameters
+    ----------
+    study
+        What came out.
+    parts
+        `study_parts` of it.
+    """
+    titles = {chapter.key: chapter.title for chapter in CHAPTERS}
+    sections = [Section("What is measured here", (Notice(_NOTICE), _truth_table(study.seed)))]
+    sections += [Section(titles[key], tuple(_block(entry) for entry in part)) for key, part in parts.items()]
+    return Page("Sensor calibration and simulation, reproduced", _LEAD, sections, _FOOTER)
+
+
+def _block(entry: Block | Drawing) -> Block:
+    return entry.block if isinstance(entry, Drawing) else entry
+
+
+def _truth_table(seed: int) -> Table:
+    """What each side of the comparison has."""
+    truths = [HiddenTruth.drawn(case, seed) for case in CASES]
+
+    def row(what: str, told: str, real: Callable[[HiddenTruth], str]) -> tuple[str, ...]:
+        return what, told, *(real(truth) for truth in truths)
+
+    return Table(
+        f"What the simulation is told, and what the virtual cameras are (seed {seed})",
+        (Column(""), Column("Told"), *(Column(f"{case.title}, measured") for case in CASES)),
+        (
+            row("Fill factor", "not told; fitted", lambda truth: format_number(truth.fill_factor, 4)),
+            row(
+                "Lens",
+                "limited by diffraction",
+                lambda truth: f"wavefront error of {truth.wavefront_error_waves:g} waves RMS at 550 nm",
+            ),
+            row(
+                "Light on the chart",
+                "even, as bright as the mean",
+                lambda truth: f"uneven by {100 * truth.unevenness:g} %, towards {truth.lamp_angle_deg:.0f}°",
+            ),
+            row("Chip", "another one of the design", lambda truth: truth.serial),
+        ),
+    )

@@ -1,0 +1,159 @@
+"""Section 2 on the page: Table 1 beside its estimates, and what eight frames can say."""
+
+from __future__ import annotations
+
+from photosite.calibration.result import Estimate
+from photosite.measured import COVERAGE_95
+from photosite.report.farrell2008.drawing import Drawing, Part
+from photosite.report.figures.deviations import deviations_figure
+from photosite.report.html import Block, Column, Details, Listing, Paragraph, Subheading, Table
+from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
+from photosite.studies.farrell2008.eight_frames import EightFrames
+from photosite.studies.farrell2008.table1 import CameraTable, Table1, Table1Row
+
+
+def table1_part(result: Table1) -> Part:
+    """Both cameras' tables, how far the estimates are from the truth, and what 8 darks can and cannot say."""
+    return (
+        Paragraph(
+            "The paper measured two sensors: a Nikon D200, and a 2.2 µm sensor of a vendor whose name and some of its "
+            "figures it keeps confidential. Here a virtual sensor with the values of Table 1 shot the same number of "
+            "frames; a calibration that saw nothing but these frames, the voltage swing and the converter estimated "
+            "the table. What it cannot know better than the paper did is the same; what it adds is how well each "
+            "figure is known. The paper gives no uncertainties."
+        ),
+        *(block for table in result.cameras.values() for block in _camera_blocks(table)),
+        _deviations(result),
+        *_eight_blocks(result.eight),
+    )
+
+
+def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
+    rows, cols = table.size
+    share = rows * cols / (table.whole[0] * table.whole[1])
+    part = "all of them" if share == 1 else f"{share:.3g} of the sensor’s, so that the study takes minutes"
+    columns = (
+        Column("Parameter"),
+        Column("Unit"),
+        Column("Paper", numeric=True),
+        Column("Virtual sensor", numeric=True),
+        Column("Estimated", numeric=True),
+        Column("95 % interval", numeric=True),
+        Column("The difference"),
+    )
+    steps = tuple((step.kind, format_time(step.exposure_s), str(step.count)) for step in table.protocol.steps)
+    return (
+        Subheading(table.case.title),
+        Paragraph(
+            f"{table.protocol.frame_count} frames of {rows} × {cols} pixels: {part}. The paper’s frames had them all; "
+            "the uncertainties of spreads and of mean noise shrink with the root of the number of pixels."
+        ),
+        Table(f"Table 1, {table.case.title}", columns, tuple(_line(row) for row in table.rows)),
+        Details(
+            "What was shot",
+            (
+                Table(
+                    "In this order; the exposures between the ends of each range are an assumption",
+                    (Column("Frames"), Column("Exposure", numeric=True), Column("Count", numeric=True)),
+                    steps,
+                ),
+            ),
+        ),
+    )
+
+
+def _line(row: Table1Row) -> tuple[str, ...]:
+    paper = "confidential" if row.paper is None else f"{row.paper:g}"
+    return (
+        row.label,
+        row.unit,
+        paper,
+        format_number(row.true, 4) if row.true else "0",
+        _estimated(row.estimate),
+        _interval(row.estimate),
+        row.words,
+    )
+
+
+def _estimated(estimate: Estimate) -> str:
+    if estimate.value is None:
+        return "–"
+    return format_uncertain(estimate.value, estimate.standard_uncertainty or 0.0)
+
+
+def _interval(estimate: Estimate) -> str:
+    if estimate.interval_95 is None:
+        return "–"
+    return format_interval(*estimate.interval_95, estimate.standard_uncertainty or 0.0)
+
+
+def _deviations(result: Table1) -> Drawing:
+    labels, away = [], []
+    for table in result.cameras.values():
+        for row in table.rows:
+            value, uncertainty = row.estimate.value, row.estimate.standard_uncertainty
+            if value is not None and uncertainty:
+                labels.append(f"{table.case.title}: {row.label.lower()} ({row.unit})")
+                away.append((value - row.true) / uncertainty)
+    inside = sum(abs(entry) <= COVERAGE_95 for entry in away)
+    return Drawing.of(
+        "table1-deviations",
+        deviations_figure(labels, away),
+        "Distance of each estimate of Table 1 from the virtual sensor’s value, in standard uncertainties",
+        "Estimates of Table 1 less what the virtual sensors have, in standard uncertainties. In the band lie 95 % of "
+        f"an honest calibration’s estimates, here {inside} of {len(away)}.",
+    )
+
+
+def _eight_blocks(eight: EightFrames) -> tuple[Block, ...]:
+    return (
+        Subheading(f"What {eight.frames} frames can and cannot say"),
+        Paragraph(
+            f"The vendor’s sensor has a DSNU of 6 mV beside a read noise of 4.58 mV, and the paper measured both from "
+            f"{eight.frames} dark frames at {1e3 * eight.exposure_s:g} ms. They can say:"
+        ),
+        Listing(eight.can),
+        Paragraph("They cannot say:"),
+        Listing(eight.cannot),
+        Table(
+            f"{eight.frames} dark frames: as computed from them, and as expected",
+            (
+                Column("Quantity"),
+                Column("Unit"),
+                Column("From the frames", numeric=True),
+                Column("Expected", numeric=True),
+            ),
+            (
+                (
+                    "Spread of the mean frame",
+                    "mV",
+                    format_number(eight.naive_dsnu_mv, 5),
+                    format_number(eight.naive_expected_mv, 5),
+                ),
+                (
+                    "DSNU, estimated; of this very chip",
+                    "mV",
+                    format_uncertain(eight.dsnu_mv, eight.dsnu_uncertainty_mv),
+                    format_number(eight.chip_spread_mv, 5),
+                ),
+                (
+                    "Error of one pixel’s offset, RMS",
+                    "mV",
+                    format_number(eight.pixel_offset_error_mv, 4),
+                    format_number(eight.pixel_offset_expected_mv, 4),
+                ),
+                (
+                    "Correlation of the mean frame with the chip’s offsets",
+                    "",
+                    format_number(eight.map_correlation, 4),
+                    format_number(eight.map_correlation_expected, 4),
+                ),
+                (
+                    "Spread of the pixels’ variances over their mean",
+                    "",
+                    format_number(eight.pixel_variance_scatter, 3),
+                    format_number(eight.pixel_variance_scatter_expected, 3),
+                ),
+            ),
+        ),
+    )

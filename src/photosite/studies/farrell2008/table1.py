@@ -1,0 +1,258 @@
+"""Section 2: the paper's two measurements, shot with virtual sensors of Table 1, and Table 1 estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.result import Calibration, Estimate
+from photosite.sensor.file import load_sensor
+from photosite.sensor.model import Sensor
+from photosite.studies.closed_loop import Silence, Watcher
+from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
+from photosite.studies.farrell2008.eight_frames import EightFrames, eight_frames
+from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol, paper_vendor_protocol
+from photosite.studies.truth import measured_truth
+from photosite.studies.virtual_lab import VirtualLab, virtual_lab
+
+Size = tuple[int, int]
+
+SIZES: dict[str, Size] = {"d200": (648, 968), "vendor": (1536, 2048)}
+"""(rows, cols) shot for the calibrations: a sixteenth of the D200's pixels, so that its 405 frames take half a minute
+instead of ten; all of the vendor sensor's, which takes 28 frames."""
+
+PROTOCOLS: dict[str, Callable[[], ShootingProtocol]] = {"d200": paper_d200_protocol, "vendor": paper_vendor_protocol}
+
+_WELL = "well_capacity_e"
+_TABLE_1 = {
+    "read_noise_mv": "read_noise_mv",
+    "dsnu_mv": "dsnu_mv",
+    "prnu_percent": "prnu_percent",
+    "dark_voltage_mv_per_s": "dark_voltage_mv_per_s",
+    "conversion_gain_uv_per_e": "conversion_gain_uv_per_e",
+    "electrons_per_dn": None,
+    "saturation_capacity_e": _WELL,
+}
+"""What frames tell of Table 1, and the field of the sensor file that holds the paper's value."""
+
+GAIN_LABEL, GAIN_UNIT = "System gain", "e⁻/DN"
+
+
+@dataclass(frozen=True)
+class Table1Row:
+    """A line of Table 1.
+
+    Parameters
+    ----------
+    name, label, unit
+        What it is called in results and in words, and its unit in symbols.
+    paper
+        What the paper reports; None where it keeps it confidential.
+    true
+        What the virtual sensor has.
+    estimate
+        What its frames told.
+    words
+        The difference, in words.
+    """
+
+    name: str
+    label: str
+    unit: str
+    paper: float | None
+    true: float
+    estimate: Estimate
+    words: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the labels."""
+        return {
+            "unit": self.unit,
+            "paper": self.paper,
+            "true": self.true,
+            **self.estimate.to_dict(),
+            "difference": self.words,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTable:
+    """Table 1 of one camera.
+
+    Parameters
+    ----------
+    case
+        Which camera.
+    protocol
+        What was shot.
+    size, whole
+        (rows, cols) shot, and of the sensor.
+    calibration
+        What `calibrate` said.
+    rows
+        Its figures beside the paper's.
+    """
+
+    case: Case
+    protocol: ShootingProtocol
+    size: Size
+    whole: Size
+    calibration: Calibration
+    rows: tuple[Table1Row, ...]
+
+    def row(self, name: str) -> Table1Row:
+        """A line by its name."""
+        return next(row for row in self.rows if row.name == name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Frames, pixels, and the lines by name."""
+        return {
+            "protocol": self.protocol.name,
+            "frames": self.protocol.frame_count,
+            "rows_cols": list(self.size),
+            "rows_cols_of_the_sensor": list(self.whole),
+            "parameters": {row.name: row.to_dict() for row in self.rows},
+            "warnings": list(self.calibration.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Table1:
+    """Section 2's result.
+
+    Parameters
+    ----------
+    cameras
+        By the case's key.
+    eight
+        What the vendor protocol's 8 darks can and cannot say.
+    """
+
+    cameras: Mapping[str, CameraTable]
+    eight: EightFrames
+
+    def to_dict(self) -> dict[str, Any]:
+        """By camera, and `eight_frames`."""
+        return {
+            "cameras": {key: table.to_dict() for key, table in self.cameras.items()},
+            "eight_frames": self.eight.to_dict(),
+        }
+
+
+def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, watch: Watcher | None = None) -> Table1:
+    """Shoot both protocols and calibrate.
+
+    Parameters
+    ----------
+    seed
+        Of the study.
+    sizes
+        (rows, cols) to shoot, by the case's key; those of `SIZES` if not given.
+    watch
+        Is told of stages and frames.
+
+    Examples
+    --------
+    >>> found = measure_table1(2008, sizes={"d200": (48, 64), "vendor": (96, 128)})
+    >>> row = found.cameras["d200"].row("read_noise_mv")
+    >>> row.paper, abs(row.estimate.value - 0.52) < 0.003
+    (0.52, True)
+    """
+    watch = watch or Silence()
+    chosen = {**SIZES, **(sizes or {})}
+    labs = {case.key: _lab(case, seed, chosen[case.key]) for case in (D200, VENDOR)}
+    cameras = {case.key: _camera_table(case, labs[case.key], watch) for case in (D200, VENDOR)}
+    return Table1(cameras, eight_frames(labs[VENDOR.key], cameras[VENDOR.key].calibration))
+
+
+def _lab(case: Case, seed: int, size: Size) -> VirtualLab:
+    sensor = MeasuredCamera.drawn(case, seed).sensor(*size)
+    key = frame_key(seed, f"calibration of {case.key}")
+    return virtual_lab(sensor, PROTOCOLS[case.key](), illuminant=ILLUMINANT, seed=key)
+
+
+def _camera_table(case: Case, lab: VirtualLab, watch: Watcher) -> CameraTable:
+    array = lab.camera.sensor.array
+    frames, size = lab.protocol.frame_count, (array.rows, array.cols)
+    watch.stage(f"{case.title}: shooting {frames} frames of {size[0]} x {size[1]} pixels and calibrating")
+    calibration = calibrate(lab.frame_set(), progress=watch)
+    preset = load_sensor(case.preset)
+    truth = measured_truth(lab, calibration)
+    truth["electrons_per_dn"] = 1.0 / truth["system_gain_dn_per_e"]
+    rows = tuple(_row(name, preset, lab.camera.sensor, truth[name], calibration) for name in _TABLE_1)
+    whole = (preset.array.rows, preset.array.cols)
+    return CameraTable(case, lab.protocol, size, whole, calibration, rows)
+
+
+def _row(name: str, preset: Sensor, real: Sensor, true: float, calibration: Calibration) -> Table1Row:
+    if name == "electrons_per_dn":
+        label, unit = GAIN_LABEL, GAIN_UNIT
+        estimate, gain = _turned_over(calibration.system_gain_dn_per_e), preset.measured("analog_gain")
+        # The preset's amplification is Table 1's 7.98 electrons per number, said in another way.
+        paper = None if gain.assumed else round(1.0 / preset.system_gain_dn_per_e, 4)
+    else:
+        label, unit = PARAMETER_LABELS[name].label, PARAMETER_LABELS[name].unit
+        entry = preset.measured(_TABLE_1[name] or name)
+        estimate, paper = getattr(calibration, name), None if entry.assumed else entry.value
+    words = difference_in_words(estimate, paper, true)
+    if name == "saturation_capacity_e":
+        words = f"{_what_saturates(real, paper)} {words}"
+    return Table1Row(name, label, unit, paper, true, estimate, words)
+
+
+def _turned_over(estimate: Estimate) -> Estimate:
+    """1 / value; the ends of the interval are those of the value turned over."""
+    if estimate.value is None or estimate.standard_uncertainty is None or estimate.interval_95 is None:
+        return estimate
+    low, high = estimate.interval_95
+    ends = (1.0 / high, 1.0 / low) if low > 0.0 else None
+    spread = estimate.standard_uncertainty / estimate.value**2
+    return Estimate(1.0 / estimate.value, spread, method=f"1 / ({estimate.method})", interval_95=ends)
+
+
+def _what_saturates(sensor: Sensor, paper_well_e: float | None) -> str:
+    """Which of well and converter ends the range, where the paper names the well."""
+    well = "" if paper_well_e is None else f"The paper’s {paper_well_e:.0f} e⁻ are the well. "
+    if sensor.saturation_capacity_e < sensor.pixel.well_capacity_e.value:
+        level = sensor.white_level_dn - sensor.readout.black_level_dn.value
+        return f"{well}These frames end before, at the converter’s last number, {level:.0f} DN above black."
+    return f"{well}These frames end with the well."
+
+
+def difference_in_words(estimate: Estimate, paper: float | None, true: float) -> str:
+    """How an estimate compares with what the paper reports, and with what the virtual sensor has.
+
+    Examples
+    --------
+    >>> difference_in_words(Estimate(0.523, 0.001), 0.52, 0.52)
+    '0.58 % above the true value, 3.0 standard uncertainties: outside the 95 % interval, which chance does to one
+    figure in twenty. The true value is the paper’s.'
+    >>> difference_in_words(Estimate(0.01, 0.02), 0.0, 0.0)
+    'Not distinguishable from the true value of 0, which is the paper’s.'
+    """
+    if estimate.value is None or not estimate.standard_uncertainty or estimate.interval_95 is None:
+        return f"Not estimated: {estimate.reason}." if estimate.value is None else "Exact."
+    low, high = estimate.interval_95
+    inside = low <= true <= high
+    away = estimate.value - true
+    same = paper is not None and abs(paper - true) <= 1e-3 * abs(true)
+    if true == 0.0 and inside:
+        return "Not distinguishable from the true value of 0" + (", which is the paper’s." if same else ".")
+    sigmas = f"{abs(away) / estimate.standard_uncertainty:.1f} standard uncertainties"
+    size = f"{100 * abs(away) / abs(true):.2g} %" if true else f"{abs(away):.2g}"
+    side = "above" if away > 0 else "below"
+    verdict = (
+        "inside the 95 % interval."
+        if inside
+        else "outside the 95 % interval, which chance does to one figure in twenty."
+    )
+    words = f"{size} {side} the true value, {sigmas}: {verdict}"
+    if paper is None:
+        return f"{words} The paper keeps its value confidential."
+    if same:
+        return f"{words} The true value is the paper’s."
+    beside = "above" if estimate.value > paper else "below"
+    return f"{words} The estimate is {100 * abs(estimate.value / paper - 1):.1f} % {beside} the paper’s."
