@@ -275,7 +275,7 @@ class _Document(FPDF):
         self._look(_SMALL)
         with self.table(
             col_widths=widths,
-            width=self.epw,
+            width=min(sum(widths), self.epw),
             align="LEFT",
             text_align=tuple("RIGHT" if column.numeric else "LEFT" for column in table.columns),
             v_align="TOP",
@@ -316,7 +316,7 @@ class _Document(FPDF):
         self._look(_SMALL, "B")  # as wide as a heading; what lies below is narrower
         wanted = [max(self.get_string_width(text) for text in column) + _PADDING for column in texts]
         if sum(wanted) <= self.epw:
-            return [*wanted[:-1], wanted[-1] + self.epw - sum(wanted)]
+            return wanted
         words = [
             max(self.get_string_width(word) for text in column for word in _words(text)) + _PADDING for column in texts
         ]
@@ -328,9 +328,9 @@ class _Document(FPDF):
         spare = self.epw - sum(least)
         asked = [width - floor for width, floor in zip(wanted, least, strict=True)]
         if spare <= 0 or sum(asked) == 0:
-            return least
-        # A column of sentences asks for more than it can use: its root says how much more than a short one it gets.
-        weights = [ask**0.5 for ask in asked]
+            return [floor * self.epw / sum(least) for floor in least]
+        # A column of sentences asks for more than a page; more lines do it no harm.
+        weights = [min(ask, self.epw) for ask in asked]
         return [floor + spare * weight / sum(weights) for floor, weight in zip(least, weights, strict=True)]
 
 

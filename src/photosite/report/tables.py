@@ -162,7 +162,7 @@ def correlation_table(calibration: Calibration) -> Table | None:
     rows = tuple(
         (
             parameter_label(name).label,
-            *(f"{joint[i, k] / (sigma[i] * sigma[k]):+.2f}".replace("-", "−") for k in range(i)),
+            *(f"{joint[i, k] / (sigma[i] * sigma[k]):z.2f}".replace("-", "−") for k in range(i)),
             *("" for _ in names[i + 1 :]),
         )
         for i, name in enumerate(names)
