@@ -151,7 +151,7 @@ def variance_peak_e(sensor: Sensor) -> float:
     >>> import photosite as ps
     >>> d200 = ps.load_sensor("nikon-d200")
     >>> round(variance_peak_e(d200) / d200.saturation_capacity_e, 3)
-    0.957
+    0.966
     """
     from scipy.special import ndtr
 
