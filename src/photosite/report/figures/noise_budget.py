@@ -47,21 +47,33 @@ def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None, points
     figure, axes = new_figure(height_in=4.8)
     swing = sensor.pixel.voltage_swing_v.value
     lowest = 5e-4 * swing
-    volts = np.geomspace(lowest, swing, points)
-    budget = noise_budget(sensor, volts)
-    for name, attribute, color, line in _PARTS:
-        level = getattr(budget, attribute)
-        if np.isfinite(level).all():
-            axes.plot(volts, level, linestyle=line, color=color, label=name, linewidth=2.2 if name == "total" else 1.5)
-    bottom = min(0.0, float(budget.total_db.min()) - 3.0)
+    budget = noise_budget(sensor, np.geomspace(lowest, swing, points))
+    draw_noise_budget(axes, budget)
+    _mark_turns(axes, budget, lowest, swing, axes.get_ylim()[0])
     if calibrated is not None:
         _draw_calibrated(axes, noise_budget(calibrated, np.geomspace(lowest, swing, 17)))
-    _mark_turns(axes, budget, lowest, swing, bottom)
-    axes.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
-    axes.set_xlim(0.9 * lowest, 1.1 * swing)
-    axes.set_ylim(bottom=bottom)
     axes.legend(loc="upper left", ncols=2)
     return figure
+
+
+def draw_noise_budget(axes: Axes, budget: NoiseBudget) -> None:
+    """Draw the curves of a noise budget.
+
+    Parameters
+    ----------
+    axes
+        Theirs alone; its limits and labels are set.
+    budget
+        Over increasing volts.
+    """
+    lowest, highest = float(budget.volts[0]), float(budget.volts[-1])
+    for name, attribute, color, line in _PARTS:
+        level, width = getattr(budget, attribute), 2.2 if name == "total" else 1.5
+        if np.isfinite(level).all():
+            axes.plot(budget.volts, level, linestyle=line, color=color, label=name, linewidth=width)
+    axes.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
+    axes.set_xlim(0.9 * lowest, 1.1 * highest)
+    axes.set_ylim(bottom=min(0.0, float(budget.total_db.min()) - 3.0))
 
 
 def _draw_calibrated(axes: Axes, budget: NoiseBudget) -> None:

@@ -1,0 +1,248 @@
+"""Figure 6: signal-to-noise ratio against volts at the pixel, whole and by cause, for both sensors of Table 1.
+
+The curves follow from Table 1. Beside them stand even fields of the measured cameras, which say whether frames do what
+the formula says.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.camera import Camera
+from photosite.metrics.patches import patch_statistics
+from photosite.metrics.snr import NoiseBudget, noise_budget
+from photosite.regions import Region
+from photosite.sensor.model import Sensor
+from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera, frame_key
+
+PARTS = MappingProxyType({"shot": "shot noise", "read": "read noise", "dsnu": "DSNU", "prnu": "PRNU"})
+"""The four noises, by the name of their curve in `NoiseBudget`, and in words."""
+
+PAPER_D200_AT_SWING_DB = MappingProxyType({"total": 38.10, "shot": 45.56, "read": 66.35, "dsnu": 65.86, "prnu": 38.97})
+"""The D200's curves at its full swing of 1.08 V, to the two decimals in which they are known."""
+
+FIELD_PIXELS = 256
+"""Rows and columns of the even fields: 32768 green pixels tell a standard deviation to 0.4 %, 0.034 dB."""
+
+FIELDS = 9
+_LOWEST_SHARE, _LOWEST_FIELD_SHARE, _HIGHEST_FIELD_SHARE = 5e-4, 2e-3, 0.8
+"""Of the voltage swing: where curves and fields begin, and where fields end, five spreads and more below saturation."""
+_CURVE_POINTS = 300
+_FIELD_CHANNEL = "G"
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A range of signals in which one noise is larger than each of the others.
+
+    Parameters
+    ----------
+    noise
+        A key of `PARTS`.
+    from_volts, to_volts
+        Where it begins and ends; from 0, and to the voltage swing.
+    """
+
+    noise: str
+    from_volts: float
+    to_volts: float
+
+
+@dataclass(frozen=True, eq=False)
+class EvenFields:
+    """Even fields of a measured camera, one frame at each level. Arrays are (levels,).
+
+    Parameters
+    ----------
+    volts
+        Mean signal at the pixel, as read.
+    snr_db
+        20 log10 of the mean over the standard deviation over pixels, the converter's 1/12 DN^2 taken off.
+    standard_error_db
+        Of `snr_db`. All levels show one fixed pattern, so their errors have a part in common.
+    expected_db
+        The formula's total at these volts.
+    """
+
+    volts: NDArray[np.float64]
+    snr_db: NDArray[np.float64]
+    standard_error_db: NDArray[np.float64]
+    expected_db: NDArray[np.float64]
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest difference from the formula, in standard errors."""
+        return float(np.abs((self.snr_db - self.expected_db) / self.standard_error_db).max())
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSnr:
+    """Figure 6 of one sensor.
+
+    Parameters
+    ----------
+    case
+        Which.
+    swing_v
+        Its voltage swing, where the curves end.
+    curves
+        From 0.05 % of the swing to all of it.
+    at_swing
+        At the swing.
+    leads
+        Which single noise is the largest, from dark to bright.
+    fields
+        What frames of a virtual chip show.
+    """
+
+    case: Case
+    swing_v: float
+    curves: NoiseBudget
+    at_swing: NoiseBudget
+    leads: tuple[Lead, ...]
+    fields: EvenFields
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers for `results.json`; the curves thinned to every tenth point."""
+        names = ("total", *PARTS)
+        thin = slice(None, None, 10)
+        return {
+            "voltage_swing_v": self.swing_v,
+            "at_swing_db": {name: float(getattr(self.at_swing, f"{name}_db")) for name in names},
+            "read_noise_and_dsnu_rule_below_volts": self.curves.read_dsnu_rule_below_volts,
+            "prnu_rules_above_volts": self.curves.prnu_rules_above_volts,
+            "largest_noise": [
+                {"noise": i.noise, "from_volts": i.from_volts, "to_volts": i.to_volts} for i in self.leads
+            ],
+            "curves": {
+                "volts": self.curves.volts[thin].tolist(),
+                **{f"{name}_db": getattr(self.curves, f"{name}_db")[thin].tolist() for name in names},
+            },
+            "even_fields_of_the_virtual_camera": {
+                "volts": self.fields.volts.tolist(),
+                "snr_db": self.fields.snr_db.tolist(),
+                "standard_error_db": self.fields.standard_error_db.tolist(),
+                "expected_db": self.fields.expected_db.tolist(),
+                "largest_deviation_in_standard_errors": self.fields.largest_deviation,
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SnrChapter:
+    """Figure 6 of both sensors.
+
+    Parameters
+    ----------
+    sensors
+        By the case's key.
+    """
+
+    sensors: MappingProxyType[str, SensorSnr]
+
+    @property
+    def from_paper_db(self) -> dict[str, float]:
+        """The D200's curves at full swing less the paper's."""
+        at_swing = self.sensors["d200"].at_swing
+        return {name: float(getattr(at_swing, f"{name}_db")) - paper for name, paper in PAPER_D200_AT_SWING_DB.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers for `results.json`."""
+        return {
+            **{key: sensor.to_dict() for key, sensor in self.sensors.items()},
+            "d200_at_swing_less_paper_db": self.from_paper_db,
+        }
+
+
+def snr_against_volts(seed: int) -> SnrChapter:
+    """Figure 6 for both sensors, and what even fields of the measured cameras show.
+
+    Parameters
+    ----------
+    seed
+        Of the study.
+
+    Notes
+    -----
+    Farrell, Okincha and Parmar (2008), Figure 6; the formula is in `photosite.metrics.snr`. Even fields are
+    256 x 256 pixels.
+
+    Examples
+    --------
+    >>> d200 = snr_against_volts(2008).sensors["d200"]
+    >>> d200.at_swing.total_db.round(2), [lead.noise for lead in d200.leads]
+    (np.float64(38.1), ['dsnu', 'shot', 'prnu'])
+    """
+    return SnrChapter(MappingProxyType({case.key: _sensor_snr(case, seed) for case in CASES}))
+
+
+def _sensor_snr(case: Case, seed: int) -> SensorSnr:
+    sensor = case.sensor()
+    swing = sensor.pixel.voltage_swing_v.value
+    return SensorSnr(
+        case,
+        swing,
+        curves=noise_budget(sensor, np.geomspace(_LOWEST_SHARE * swing, swing, _CURVE_POINTS)),
+        at_swing=noise_budget(sensor, swing),
+        leads=largest_noises(sensor),
+        fields=_even_fields(case, sensor, seed),
+    )
+
+
+def largest_noises(sensor: Sensor) -> tuple[Lead, ...]:
+    """Which single noise is the largest, from dark to the voltage swing.
+
+    Read noise and DSNU are the same at every signal S, shot noise grows with its square root and PRNU with S itself: in
+    electrons c, sqrt(S) and p S. From dark to bright the larger constant gives way to shot noise at S = c^2 and that to
+    PRNU at 1 / p^2; or, where c p > 1, the constant to PRNU at c / p, and shot noise is never the largest.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> [(lead.noise, round(lead.to_volts, 3)) for lead in largest_noises(ps.load_sensor("vendor-2.2um"))]
+    [('dsnu', 0.353), ('prnu', 1.0)]
+    """
+    v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    swing = sensor.pixel.voltage_swing_v.value
+    read, dsnu = (sensor.electrons(value.value) for value in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
+    constant, prnu = max(read, dsnu), sensor.noise.prnu_percent.value / 100.0
+    prnu_from = math.inf if prnu == 0 else (1 / prnu**2 if constant * prnu <= 1 else constant / prnu)
+    shot_from = min(constant**2, prnu_from)
+    # A noise that is not there begins where the next does.
+    begins = ("read" if read > dsnu else "dsnu", 0.0), ("shot", v_per_e * shot_from), ("prnu", v_per_e * prnu_from)
+    ends = (*(start for _, start in begins[1:]), swing)
+    leads = (
+        Lead(noise, start, min(end, swing)) for (noise, start), end in zip(begins, ends, strict=True) if start < swing
+    )
+    return tuple(lead for lead in leads if lead.to_volts > lead.from_volts)
+
+
+def _even_fields(case: Case, told: Sensor, seed: int) -> EvenFields:
+    """Even fields of the measured camera's chip; lens and lamp have no part in them."""
+    measured = MeasuredCamera.drawn(case, seed)
+    sensor = measured.sensor(FIELD_PIXELS, FIELD_PIXELS)
+    camera = Camera(case.lens, sensor)
+    swing, v_per_dn = sensor.pixel.voltage_swing_v.value, sensor.mv_per_dn * 1e-3
+    v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    everywhere = [Region("field", 0, FIELD_PIXELS, 0, FIELD_PIXELS)]
+    rows = []
+    for number, level in enumerate(np.geomspace(_LOWEST_FIELD_SHARE * swing, _HIGHEST_FIELD_SHARE * swing, FIELDS)):
+        mean_e = np.full((FIELD_PIXELS, FIELD_PIXELS), level / v_per_e, np.float32)
+        raw = camera.expose(mean_e, case.exposure_s, seed=frame_key(seed, f"even fields of {case.key}"), frame=number)
+        field = patch_statistics(raw, everywhere)
+        green = field.channels.index(_FIELD_CHANNEL)
+        mean = float(field.mean_dn[0, green])
+        variance = float(field.spatial_noise_dn[0, green]) ** 2 - 1.0 / 12.0
+        relative = math.hypot(
+            float(field.standard_error_dn[0, green]) / mean,
+            0.5 * float(field.spatial_variance_error_dn2[0, green]) / variance,
+        )
+        rows.append((mean * v_per_dn, 10 * math.log10(mean**2 / variance), 20 / math.log(10) * relative))
+    volts, snr_db, error_db = np.array(rows).T
+    return EvenFields(volts, snr_db, error_db, noise_budget(told, volts).total_db)
