@@ -5,7 +5,7 @@ import pytest
 
 from photosite.develop.color_matrix import fit_color_matrix
 from photosite.errors import InputError
-from photosite.metrics.color_difference import delta_e_76, delta_e_2000
+from photosite.metrics.color_difference import delta_e_76, delta_e_94, delta_e_2000
 
 TRUTH = np.array([[0.41, 0.36, 0.18], [0.21, 0.72, 0.07], [0.02, 0.12, 0.95]])
 
@@ -39,6 +39,7 @@ def test_left_out_is_what_refitting_without_the_patch_gives(patches):
         kept = np.arange(24) != i
         refitted = np.linalg.solve(rgb[kept].T @ rgb[kept], rgb[kept].T @ xyz[kept])
         np.testing.assert_allclose(fit.delta_e_76_left_out[i], delta_e_76(rgb[i] @ refitted, xyz[i]), rtol=1e-9)
+        np.testing.assert_allclose(fit.delta_e_94_left_out[i], delta_e_94(xyz[i], rgb[i] @ refitted), rtol=1e-9)
         np.testing.assert_allclose(fit.delta_e_2000_left_out[i], delta_e_2000(rgb[i] @ refitted, xyz[i]), rtol=1e-9)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
-from photosite.metrics.color_difference import D65_WHITE_XYZ, delta_e_76, delta_e_2000, lab
+from photosite.metrics.color_difference import D65_WHITE_XYZ, delta_e_76, delta_e_94, delta_e_2000, lab
 
 # G. Sharma, W. Wu, E. N. Dalal, "The CIEDE2000 color-difference formula", Color Res. Appl. 30, 2005, Table 1:
 # pairs 1, 4, 7, 8, 10, 14, 15, 16, 20, 25, 29, 33, 34: L*, a*, b* twice, and delta E.
@@ -40,6 +40,38 @@ def test_ciede2000_of_the_published_pairs(row):
     # The table is printed to four places. Through XYZ and back costs some 1e-13, also next to the hue jump.
     assert delta_e_2000(xyz_of(one), xyz_of(other)) == pytest.approx(wanted, abs=5.1e-5)
     assert delta_e_76(xyz_of(one), xyz_of(other)) == pytest.approx(np.linalg.norm(one - other), abs=1e-9)
+
+
+def from_chroma_and_hue(lightness, chroma, hue_deg):
+    hue = np.deg2rad(hue_deg)
+    return np.array([lightness, chroma * np.cos(hue), chroma * np.sin(hue)])
+
+
+@pytest.mark.parametrize("chroma", [0.0, 20.0, 60.0])
+def test_cie_1994_by_its_definition(chroma):
+    """One difference at a time: lightness whole, chroma and hue by the reference's chroma (CIE 116-1995)."""
+    reference = from_chroma_and_hue(50.0, chroma, 40.0)
+    one = xyz_of(reference)
+    lighter = xyz_of(reference + [7.0, 0.0, 0.0])
+    assert delta_e_94(one, lighter) == pytest.approx(7.0, abs=1e-9)
+    stronger = xyz_of(from_chroma_and_hue(50.0, chroma + 5.0, 40.0))
+    assert delta_e_94(one, stronger) == pytest.approx(5.0 / (1 + 0.045 * chroma), abs=1e-9)
+    turned = xyz_of(from_chroma_and_hue(50.0, chroma, 55.0))
+    arc = 2 * chroma * np.sin(np.deg2rad(7.5))
+    assert delta_e_94(one, turned) == pytest.approx(arc / (1 + 0.015 * chroma), abs=1e-6)
+    if chroma:  # not symmetric: the other's chroma is another
+        back = 5.0 / (1 + 0.045 * (chroma + 5.0))
+        assert delta_e_94(stronger, one) == pytest.approx(back, abs=1e-9)
+
+
+def test_cie_1994_where_all_three_differ():
+    table = np.array(SHARMA)
+    one, other = table[:, :3], table[:, 3:6]
+    c1, c2 = np.hypot(one[:, 1], one[:, 2]), np.hypot(other[:, 1], other[:, 2])
+    dl, dc = one[:, 0] - other[:, 0], c1 - c2
+    dh2 = np.sum((one - other)[:, 1:] ** 2, axis=1) - dc**2
+    wanted = np.sqrt(dl**2 + (dc / (1 + 0.045 * c1)) ** 2 + np.maximum(dh2, 0) / (1 + 0.015 * c1) ** 2)
+    np.testing.assert_allclose(delta_e_94(xyz_of(one), xyz_of(other)), wanted, atol=1e-6)
 
 
 def test_arrays_go_through_elementwise():

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
-from photosite.metrics.color_difference import delta_e_76, delta_e_2000
+from photosite.metrics.color_difference import delta_e_76, delta_e_94, delta_e_2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,17 +19,19 @@ class ColorMatrix:
     ----------
     matrix
         (3, 3): XYZ under D65 = matrix @ camera RGB.
-    delta_e_76, delta_e_2000
-        (patches,), between what the matrix makes of each patch and its true colour.
-    delta_e_76_left_out, delta_e_2000_left_out
+    delta_e_76, delta_e_94, delta_e_2000
+        (patches,), between what the matrix makes of each patch and its true colour, which is CIE 1994's reference.
+    delta_e_76_left_out, delta_e_94_left_out, delta_e_2000_left_out
         (patches,), the same for a matrix fitted without that patch: what to expect of colours that were not
         fitted.
     """
 
     matrix: NDArray[np.float64]
     delta_e_76: NDArray[np.float64]
+    delta_e_94: NDArray[np.float64]
     delta_e_2000: NDArray[np.float64]
     delta_e_76_left_out: NDArray[np.float64]
+    delta_e_94_left_out: NDArray[np.float64]
     delta_e_2000_left_out: NDArray[np.float64]
 
     def apply(self, rgb: ArrayLike) -> NDArray[np.float64]:
@@ -106,7 +108,9 @@ def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
     return ColorMatrix(
         matrix=np.asarray(solution.T, dtype=np.float64),
         delta_e_76=delta_e_76(fitted, wanted),
+        delta_e_94=delta_e_94(wanted, fitted),
         delta_e_2000=delta_e_2000(fitted, wanted),
         delta_e_76_left_out=delta_e_76(left_out, wanted),
+        delta_e_94_left_out=delta_e_94(wanted, left_out),
         delta_e_2000_left_out=delta_e_2000(left_out, wanted),
     )

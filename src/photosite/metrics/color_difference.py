@@ -74,6 +74,39 @@ def delta_e_76(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(lab(xyz) - lab(other_xyz), axis=-1), dtype=np.float64)
 
 
+def delta_e_94(reference_xyz: ArrayLike, xyz: ArrayLike) -> NDArray[np.float64]:
+    """CIE 1994 colour difference, with its weights kL = kC = kH = 1 and CIE 116's constants 0.045 and 0.015.
+
+    Parameters
+    ----------
+    reference_xyz, xyz
+        (..., 3), Y = 1 for the perfect white under D65. The formula is not symmetric: chroma and hue are weighed by
+        the chroma of the first.
+
+    Returns
+    -------
+    numpy.ndarray
+        (...,).
+
+    Raises
+    ------
+    InputError
+        As `lab`.
+
+    Notes
+    -----
+    CIE 116-1995, "Industrial colour-difference evaluation".
+
+    Examples
+    --------
+    >>> gray = 0.184186519 * D65_WHITE_XYZ
+    >>> float(delta_e_94(D65_WHITE_XYZ, gray).round(3))    # no chroma: as CIE 1976
+    50.0
+    """
+    difference = colour_science().delta_E(lab(reference_xyz), lab(xyz), method="CIE 1994")
+    return np.asarray(difference, dtype=np.float64)
+
+
 def delta_e_2000(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
     """CIEDE2000 colour difference, with its weights kL = kC = kH = 1 (ISO/CIE 11664-6:2014).
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.develop.color_matrix import ColorMatrix, fit_color_matrix
-from photosite.metrics.color_difference import delta_e_76, delta_e_2000
+from photosite.metrics.color_difference import delta_e_76, delta_e_94, delta_e_2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +19,8 @@ class ColorComparison:
     ----------
     names
         The patches, those with a saturated channel left out.
-    delta_e_76, delta_e_2000
-        (patches,), between measured and simulated.
+    delta_e_76, delta_e_94, delta_e_2000
+        (patches,), between measured, which is CIE 1994's reference, and simulated.
     matrix
         Camera RGB in DN above black to XYZ under D65, fitted to the simulated patches, with what it leaves
         against the patches' true colours.
@@ -28,6 +28,7 @@ class ColorComparison:
 
     names: tuple[str, ...]
     delta_e_76: NDArray[np.float64]
+    delta_e_94: NDArray[np.float64]
     delta_e_2000: NDArray[np.float64]
     matrix: ColorMatrix
 
@@ -71,6 +72,7 @@ def compare_colors(
     return ColorComparison(
         names=tuple(names),
         delta_e_76=delta_e_76(measured_xyz, simulated_xyz),
+        delta_e_94=delta_e_94(measured_xyz, simulated_xyz),
         delta_e_2000=delta_e_2000(measured_xyz, simulated_xyz),
         matrix=matrix,
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.color import ColorComparison
@@ -29,8 +30,9 @@ class Validation:
         Statistics of the patches, every array (patches, channels).
     used
         (patches, channels), false where either is saturated.
-    means, noise
-        Chi-square of patch means and of the variances over pixels.
+    means, noise, temporal_noise
+        Chi-square of patch means, of the variances over pixels, and of those from frame to frame; the last is None
+        unless both are stacks of frames.
     regression
         Measured on simulated means in DN above black, all channels together; None where fewer than three
         points are left.
@@ -51,6 +53,7 @@ class Validation:
     used: NDArray[np.bool_]
     means: ChiSquare
     noise: ChiSquare
+    temporal_noise: ChiSquare | None
     regression: Regression | None
     regression_by_channel: Mapping[str, Regression | None]
     color: ColorComparison | None
@@ -58,9 +61,14 @@ class Validation:
     notes: tuple[str, ...]
 
     @property
+    def tests(self) -> tuple[ChiSquare, ...]:
+        """What the verdict rests on; they share the level evenly."""
+        return tuple(test for test in (self.means, self.noise, self.temporal_noise) if test is not None)
+
+    @property
     def agrees(self) -> bool:
-        """Whether neither means nor noise differ at half the level each."""
-        return min(self.means.p_value, self.noise.p_value) >= self.level / 2
+        """Whether none of the tests says that the cameras differ, each at its share of the level."""
+        return min(test.p_value for test in self.tests) >= self.level / len(self.tests)
 
     @property
     def relative_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
@@ -75,6 +83,21 @@ class Validation:
         return (self.measured.spatial_noise_dn - made) / made
 
     @property
+    def relative_temporal_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
+        """(patches, channels): as `relative_difference`, of the standard deviations from frame to frame.
+
+        Raises
+        ------
+        InputError
+            Unless both are stacks of frames.
+        """
+        seen, made = self.measured.temporal_noise_dn, self.simulated.temporal_noise_dn
+        if seen is None or made is None:
+            raise InputError("noise from frame to frame takes two frames or more on both sides")
+        simulated = np.ma.masked_less_equal(made, 0.0)
+        return np.ma.asarray((seen - simulated) / simulated)
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """The verdict in words: each test, then by how much and in which way the frames differ if they do.
 
@@ -84,6 +107,10 @@ class Validation:
             self._says("patch means", self.means, self.relative_difference),
             self._says("noise over pixels", self.noise, self.relative_noise_difference),
         ]
+        if self.temporal_noise is not None:
+            lines.append(
+                self._says("noise from frame to frame", self.temporal_noise, self.relative_temporal_difference)
+            )
         if self.agrees:
             return tuple(lines)
         largest = self._largest(self.relative_difference)
@@ -102,10 +129,11 @@ class Validation:
         return tuple(lines)
 
     def _says(self, what: str, test: ChiSquare, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str:
-        verdict = "agree" if test.p_value >= self.level / 2 else "differ"
+        level = self.level / len(self.tests)
+        verdict = "agree" if test.p_value >= level else "differ"
         line = (
             f"{what} {verdict}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of freedom, "
-            f"p = {test.p_value:.2g}, at level {self.level / 2:g}"
+            f"p = {test.p_value:.2g}, at level {level:.3g}"
         )
         if not self.tolerance_percent:
             return line
@@ -138,6 +166,7 @@ class Validation:
             "relative_difference": _plain(self.relative_difference),
             "means": asdict(self.means),
             "noise": asdict(self.noise),
+            "temporal_noise": None if self.temporal_noise is None else asdict(self.temporal_noise),
             "regression": None if self.regression is None else asdict(self.regression),
             "regression_by_channel": {
                 name: None if line is None else asdict(line) for name, line in self.regression_by_channel.items()
@@ -167,10 +196,13 @@ def _color(found: ColorComparison) -> dict[str, Any]:
     return {
         "patches": list(found.names),
         "delta_e_76": found.delta_e_76.tolist(),
+        "delta_e_94": found.delta_e_94.tolist(),
         "delta_e_2000": found.delta_e_2000.tolist(),
         "matrix": found.matrix.matrix.tolist(),
         "fit_delta_e_76": found.matrix.delta_e_76.tolist(),
+        "fit_delta_e_94": found.matrix.delta_e_94.tolist(),
         "fit_delta_e_2000": found.matrix.delta_e_2000.tolist(),
         "fit_delta_e_76_left_out": found.matrix.delta_e_76_left_out.tolist(),
+        "fit_delta_e_94_left_out": found.matrix.delta_e_94_left_out.tolist(),
         "fit_delta_e_2000_left_out": found.matrix.delta_e_2000_left_out.tolist(),
     }
