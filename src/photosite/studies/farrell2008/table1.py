@@ -214,12 +214,12 @@ def _turned_over(estimate: Estimate) -> Estimate:
 
 
 def _what_saturates(sensor: Sensor, paper_well_e: float | None) -> str:
-    """Which of well and converter ends the range, where the paper names the well."""
-    well = "" if paper_well_e is None else f"The paper’s {paper_well_e:.0f} e⁻ are the well. "
-    if sensor.saturation_capacity_e < sensor.pixel.well_capacity_e.value:
-        level = sensor.white_level_dn - sensor.readout.black_level_dn.value
-        return f"{well}These frames end before, at the converter’s last number, {level:.0f} DN above black."
-    return f"{well}These frames end with the well."
+    """Which of well and converter ends the range, and what the paper names."""
+    level = sensor.white_level_dn - sensor.readout.black_level_dn.value
+    if sensor.saturation_capacity_e == sensor.pixel.well_capacity_e.value:
+        return "The well ends the range."
+    ends = f"The converter ends the range, {level:.0f} DN above black"
+    return f"{ends}." if paper_well_e is None else f"{ends}, before the well, which is what the paper names."
 
 
 def difference_in_words(estimate: Estimate, paper: float | None, true: float) -> str:
@@ -228,31 +228,32 @@ def difference_in_words(estimate: Estimate, paper: float | None, true: float) ->
     Examples
     --------
     >>> difference_in_words(Estimate(0.523, 0.001), 0.52, 0.52)
-    '0.58 % above the true value, 3.0 standard uncertainties: outside the 95 % interval, which chance does to one
-    figure in twenty. The true value is the paper’s.'
+    '0.58 % above the paper’s: 3.0 standard uncertainties, outside the 95 % interval, as 1 in 20 is by chance.'
+    >>> difference_in_words(Estimate(101.0, 1.0), None, 100.0)
+    '1 % above the virtual sensor’s, inside the 95 % interval. The paper keeps its value confidential.'
     >>> difference_in_words(Estimate(0.01, 0.02), 0.0, 0.0)
-    'Not distinguishable from the true value of 0, which is the paper’s.'
+    'No difference from 0, the paper’s value, is seen.'
     """
-    if estimate.value is None or not estimate.standard_uncertainty or estimate.interval_95 is None:
-        return f"Not estimated: {estimate.reason}." if estimate.value is None else "Exact."
+    if estimate.value is None or estimate.standard_uncertainty is None or estimate.interval_95 is None:
+        return f"Not estimated: {estimate.reason}."
+    same = paper is not None and abs(paper - true) <= 1e-3 * abs(true)
+    whose = "the paper’s" if same else "the virtual sensor’s"
     low, high = estimate.interval_95
     inside = low <= true <= high
     away = estimate.value - true
-    same = paper is not None and abs(paper - true) <= 1e-3 * abs(true)
     if true == 0.0 and inside:
-        return "Not distinguishable from the true value of 0" + (", which is the paper’s." if same else ".")
-    sigmas = f"{abs(away) / estimate.standard_uncertainty:.1f} standard uncertainties"
-    size = f"{100 * abs(away) / abs(true):.2g} %" if true else f"{abs(away):.2g}"
-    side = "above" if away > 0 else "below"
-    verdict = (
-        "inside the 95 % interval."
-        if inside
-        else "outside the 95 % interval, which chance does to one figure in twenty."
-    )
-    words = f"{size} {side} the true value, {sigmas}: {verdict}"
+        return f"No difference from 0, {whose} value, is seen."
+    words = f"{_size(away, true)} {whose}"
+    if inside:
+        words += ", inside the 95 % interval."
+    else:
+        sigmas = f"{abs(away) / estimate.standard_uncertainty:.1f} standard uncertainties"
+        words += f": {sigmas}, outside the 95 % interval, as 1 in 20 is by chance."
     if paper is None:
         return f"{words} The paper keeps its value confidential."
-    if same:
-        return f"{words} The true value is the paper’s."
-    beside = "above" if estimate.value > paper else "below"
-    return f"{words} The estimate is {100 * abs(estimate.value / paper - 1):.1f} % {beside} the paper’s."
+    return words if same else f"{words} It is {_size(estimate.value - paper, paper)} the paper’s."
+
+
+def _size(away: float, reference: float) -> str:
+    size = f"{100 * abs(away / reference):.2g} %" if reference else f"{abs(away):.2g}"
+    return f"{size} {'above' if away > 0 else 'below'}"
