@@ -40,6 +40,8 @@ def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
         if tile.lower() not in NAMED:
             raise InputError(f"unknown colour filter array '{tile}'; known are: {', '.join(NAMED)}")
         return NAMED[tile.lower()]
+    if not isinstance(tile, Sequence) or not all(isinstance(row, Sequence) for row in tile):
+        raise InputError(f"a colour filter array is a name or rows of channel names, not {tile!r:.80}")
     rows = tuple(tuple(str(name) for name in row) for row in tile)
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows) or not all(map(all, rows)):
         raise InputError(f"a colour filter array is rows of equal length of channel names, not {tile!r}")

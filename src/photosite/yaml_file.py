@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -80,7 +81,7 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
 
 
 def _check_size(data: Any, path: str | PathLike[str]) -> None:
-    """Refuse aliases that would write out to very much: ten lines can stand for a billion values."""
+    """Refuse whole numbers that no float holds, and aliases that would write out to a billion values."""
     sizes: dict[int, int] = {}
 
     def size(node: Any) -> int:
@@ -89,6 +90,8 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
         elif isinstance(node, Sequence) and not isinstance(node, str | bytes):
             children = list(node)
         else:
+            if isinstance(node, int) and abs(node) > sys.float_info.max:
+                raise FileError(path, f"holds a whole number of {node.bit_length()} bits, {hex(node)[:12]}...")
             return 1
         if id(node) not in sizes:
             sizes[id(node)] = 1 + sum(map(size, children))

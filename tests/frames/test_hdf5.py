@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import struct
 
 import h5py
 import numpy as np
@@ -173,3 +174,24 @@ def test_an_exposure_listed_otherwise_is_told(tmp_path):
     )
     with pytest.warns(PhotositeWarning, match=r"3 files state another exposure.*0\.01 s for 10 s.*check its unit"):
         assert open_frames(tmp_path).groups[0].exposure_s == 10.0
+
+
+@pytest.mark.parametrize("libver", ["earliest", "latest"])
+@pytest.mark.parametrize("value", ["RG/GB", ["dark", "dark"]])
+def test_text_longer_than_the_file_is_refused_before_room_is_made_for_it(tmp_path, libver, value):
+    """libhdf5 would ask for the length said, up to 4 GiB."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w", libver=libver) as file:
+        data = file.create_dataset("frames", data=np.full((2, 4, 4), 64, np.uint16))
+        data.attrs["exposure_s"] = 0.1
+        data.attrs["note"] = value
+    assert len(read_headers(path)) == 2
+    content = bytearray(path.read_bytes())
+    last = value if isinstance(value, str) else value[-1]
+    heap = struct.pack("<Q", content.index(b"GCOL"))
+    at = content.index(struct.pack("<I", len(last)) + heap, content.index(b"note\0"))
+    content[at : at + 4] = struct.pack("<I", 0x4FCA2905)
+    path.write_bytes(content)
+    # The latest format has a checksum that says so first.
+    with pytest.raises(FileError, match=r"an attribute's text has 1338648837 bytes|checksum"):
+        read_headers(path)

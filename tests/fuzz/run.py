@@ -114,6 +114,11 @@ class Watch:
             ours.close()
 
     def _lost(self, number: int, why: str) -> int:
+        """Keep the input that a process did not come back from; the next to read is the one after it."""
+        with TemporaryDirectory() as place:
+            target = fuzzing.targets(Path(place))[self.name]
+            file = self.keep / f"{self.name}-{number}{target.suffix}"
+            file.write_bytes(content(target, self.name, self.seed, number))
         self._count(number, why)
         return number + 1
 
@@ -123,6 +128,7 @@ class Watch:
             return
         self.found["finding"] += 1
         self.findings.append(f"{self.name} {number}: {found}")
+        print(self.findings[-1], file=sys.stderr, flush=True)
 
 
 def main() -> int:
@@ -151,8 +157,6 @@ def main() -> int:
             flush=True,
         )
     print(f"{total} inputs in {time.monotonic() - begun:.0f} s, {len(findings)} findings")
-    for line in findings[:50]:
-        print(line, file=sys.stderr)
     return 1 if findings else 0
 
 

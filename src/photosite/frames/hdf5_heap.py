@@ -6,7 +6,9 @@ damaged in a circle for ever. Format: HDF5 File Format Specification 3.0, III.E.
 
 from __future__ import annotations
 
+import math
 import mmap
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +17,9 @@ from typing import Any
 from photosite.errors import FileError
 
 _SIGNATURE = b"GCOL\x01\0\0\0"
+_TEXT_TYPE = re.compile(rb"\x19\x01.\x00\x10\x00\x00\x00([\x10\x13])...\x01\x00\x00\x00", re.DOTALL)
+"""Text of variable length: of whole numbers or of text, of one byte each."""
+
 _HEAD = struct.Struct("<HHIQ")
 """Of an object: index, references, reserved, size."""
 
@@ -45,7 +50,42 @@ def check_heaps(path: Path, file: Any, datasets: list[Any]) -> None:
             while at >= 0:
                 _check_heap(path, content, at, size)
                 at = content.find(_SIGNATURE, at + 1, min(start, size))
+            _check_lengths(path, content[begin : max(begin, min(start, size))], size)
             begin = max(begin, end)
+
+
+def _check_lengths(path: Path, part: bytes, size: int) -> None:
+    """No attribute says that its text is longer than the file: libhdf5 makes room for that much before it looks.
+
+    An attribute of text is a message of version 1 to 3 (specification IV.A.2.m): name, datatype (variable length of
+    16 bytes, IV.A.2.d), dataspace, and for each text its length and its place in a heap.
+    """
+    for match in _TEXT_TYPE.finditer(part):
+        at, type_bytes = match.start(), 20 if match[1] == b"\x10" else 16
+        for name_bytes in range(2, 256):
+            for version, before, pad in ((1, 8, 8), (2, 8, 1), (3, 9, 1)):
+                head = at - before - -(-name_bytes // pad) * pad
+                if head < 0 or part[head] != version:
+                    continue
+                said = struct.unpack_from("<HHH", part, head + 2)
+                if said[:2] == (name_bytes, type_bytes):
+                    space = at + -(-type_bytes // pad) * pad
+                    _check_texts(path, part, (space, space + -(-said[2] // pad) * pad), size)
+
+
+def _check_texts(path: Path, part: bytes, places: tuple[int, int], size: int) -> None:
+    """The lengths that follow a dataspace; `places` are its first byte and that of what follows."""
+    space, texts = places
+    if texts > len(part) or space + 2 > len(part) or part[space] not in (1, 2):
+        return
+    rank, first = part[space + 1], space + (8 if part[space] == 1 else 4)
+    if first + 8 * rank > texts:
+        return
+    count = math.prod(struct.unpack_from(f"<{rank}Q", part, first))
+    for at in range(texts, min(texts + 16 * count, len(part) - 3), 16):
+        (length,) = struct.unpack_from("<I", part, at)
+        if length > size:
+            raise FileError(path, f"is damaged: an attribute's text has {length} bytes, and the file {size}")
 
 
 def _stored(data: Any, base: int) -> Iterator[tuple[int, int]]:

@@ -22,6 +22,8 @@ SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
 NEW_SUBFILE_TYPE, ISO_SPEED, RECOMMENDED_EXPOSURE_INDEX = 254, 34855, 34866
 ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH = 278, 322, 323
 FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
+_PLACES = (STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS)
+_SIZES = (WIDTH, LENGTH, BITS, SAMPLES, COMPRESSION, ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH, FILL_ORDER)
 
 _DENSEST = 10_000
 """Pixels to a compressed byte: more than LZW and deflate reach, far more than noise lets them."""
@@ -113,6 +115,7 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
     FileError
         If the page is in colour, inverted, or its pixels are not unsigned integers of 8 or 16 bits.
     """
+    _check_whole_numbers(path, page)
     rows, cols = page.number(LENGTH), page.number(WIDTH)
     bits = page.number(BITS) or 1
     samples = page.number(SAMPLES) or 1
@@ -138,6 +141,14 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
     if rows * cols > _DENSEST * sum(counts):
         raise FileError(path, f"is damaged: {rows} x {cols} pixels cannot come out of {sum(counts)} bytes")
     return int(rows), int(cols), int(bits)
+
+
+def _check_whole_numbers(path: Path, page: Directory) -> None:
+    """Sizes and places are whole numbers, none negative; a damaged field type makes others of them."""
+    for tag in (*_SIZES, *_PLACES):
+        for number in page.numbers(tag) or ():
+            if not isinstance(number, int) or number < 0:
+                raise FileError(path, f"is damaged: tag {tag} is {number}, not a whole number of 0 or more")
 
 
 def _segments(page: Directory, rows: int, cols: int) -> int:

@@ -55,6 +55,8 @@ _KEYS = (
 _LENS_KEYS = ("f_number", "focal_length_mm", "distance_m")
 _LIGHT_KEYS = ("illuminant", "spectrum", "mean_luminance_cd_m2", "exposure", "files")
 _MOST_WAVELENGTHS = 200
+_LARGEST_F_NUMBER = 128.0
+"""At the chart's distance. Diffraction is then 0.1 mm wide, and the lens sees no patches."""
 
 
 def is_chart_protocol(path: str | PathLike[str]) -> bool:
@@ -142,6 +144,11 @@ def _chart(top: ProtocolEntry) -> _Chart:
         raise top.error(f"'wavelength_nm' is {_MOST_WAVELENGTHS} steps or fewer", "wavelength_nm")
     try:
         optics = DiffractionLimited(f_number=f_number, focal_length_mm=focal_mm)
+        if (working := f_number * (1.0 + abs(optics.magnification(distance_m)))) > _LARGEST_F_NUMBER:
+            raise InputError(
+                f"the lens has f/{working:.3g} at {distance_m:g} m, which leaves nothing of a chart; "
+                f"f/{_LARGEST_F_NUMBER:g} is the most"
+            )
         return _Chart(optics, distance_m, np.arange(first, last + step / 2, step))
     except InputError as error:
         raise entry.error(str(error)) from None
