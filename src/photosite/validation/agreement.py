@@ -22,7 +22,8 @@ class ChiSquare:
     statistic
         The sum.
     degrees_of_freedom
-        How many differences went in: what the sum is on average where the two cameras are alike.
+        How many differences went in, less the parameters fitted to them: what the sum is on average where the two
+        cameras are alike.
     p_value
         How often a sum as large or larger comes about where they are.
     """
@@ -33,7 +34,7 @@ class ChiSquare:
 
 
 def chi_square_of_means(
-    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
+    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0, fitted: int = 0
 ) -> ChiSquare:
     """Do the patch means differ by more than their standard errors?
 
@@ -49,6 +50,8 @@ def chi_square_of_means(
         (patches, channels), true where they count.
     tolerance
         Relative difference that is let pass: only what exceeds it counts.
+    fitted
+        Parameters of the simulation that were fitted to these means: each takes a degree of freedom.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def chi_square_of_means(
         raise InputError("patches hold too few pixels to be compared; widen the regions to 4 pixels of each channel")
     difference = np.abs(measured.mean_dn[used] - simulated.mean_dn[used])
     beyond = np.maximum(difference - tolerance * np.abs(simulated.mean_dn[used]), 0.0)
-    return _sum_of(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom)
+    return _sum_of(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom, fitted)
 
 
 def chi_square_of_noise(
@@ -100,8 +103,54 @@ def chi_square_of_noise(
     The standard errors come from the fourth moments, so no distribution is assumed. A patch without noise in
     both counts as alike.
     """
-    noise_m, noise_s = measured.spatial_noise_dn[used], simulated.spatial_noise_dn[used]
-    error = np.hypot(measured.spatial_variance_error_dn2[used], simulated.spatial_variance_error_dn2[used])
+    return _of_variances(
+        (measured.spatial_noise_dn[used], measured.spatial_variance_error_dn2[used]),
+        (simulated.spatial_noise_dn[used], simulated.spatial_variance_error_dn2[used]),
+        tolerance,
+    )
+
+
+def chi_square_of_temporal_noise(
+    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
+) -> ChiSquare | None:
+    """Do the variances of pixels from frame to frame differ by more than their standard errors?
+
+    Unlike the noise over pixels, this one does not see unevenness of the light.
+
+    Parameters
+    ----------
+    measured, simulated, used, tolerance
+        As for `chi_square_of_noise`.
+
+    Returns
+    -------
+    ChiSquare or None
+        None unless both have two frames or more.
+
+    Raises
+    ------
+    InputError
+        As `chi_square_of_noise`.
+
+    Notes
+    -----
+    The standard errors come from the scatter of the pixels' variances, so no distribution is assumed.
+    """
+    sides = []
+    for found in (measured, simulated):
+        if found.temporal_noise_dn is None or found.temporal_variance_error_dn2 is None:
+            return None
+        sides.append((found.temporal_noise_dn[used], found.temporal_variance_error_dn2[used]))
+    return _of_variances(*sides, tolerance)
+
+
+_NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Standard deviations, and standard errors of their squares."""
+
+
+def _of_variances(measured: _NoiseWithError, simulated: _NoiseWithError, tolerance: float) -> ChiSquare:
+    (noise_m, error_m), (noise_s, error_s) = measured, simulated
+    error = np.hypot(error_m, error_s)
     allowed = ((1.0 + tolerance) ** 2 - 1.0) * noise_s**2
     beyond = np.maximum(np.abs(noise_m**2 - noise_s**2) - allowed, 0.0)
     if ((error == 0) & (beyond > 0)).any():
@@ -111,8 +160,12 @@ def chi_square_of_noise(
     return _sum_of(squares**2)
 
 
-def _sum_of(squares: NDArray[np.float64]) -> ChiSquare:
+def _sum_of(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
     from scipy.stats import chi2
 
-    total, count = float(squares.sum()), int(squares.size)
-    return ChiSquare(total, count, float(chi2.sf(total, count)))
+    total, freedom = float(squares.sum()), int(squares.size) - fitted
+    if freedom < 1:
+        raise InputError(
+            f"{squares.size} patch means cannot test a simulation of which {fitted} parameters were fitted"
+        )
+    return ChiSquare(total, freedom, float(chi2.sf(total, freedom)))

@@ -12,7 +12,11 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.regions import Region
-from photosite.validation.agreement import chi_square_of_means, chi_square_of_noise
+from photosite.validation.agreement import (
+    chi_square_of_means,
+    chi_square_of_noise,
+    chi_square_of_temporal_noise,
+)
 from photosite.validation.charts import chart_regions, chart_xyz_d65, check_chart
 from photosite.validation.color import ColorComparison, compare_colors
 from photosite.validation.regression import Regression, regress
@@ -33,8 +37,9 @@ def validate(
 ) -> Validation:
     """Compare measured frames with simulated frames of the same chart, on the raw mosaic.
 
-    The verdict rests on two chi-squares, of patch means and of the noise over pixels, each at half the level:
-    two cameras that are alike are said to differ in at most that share of comparisons. Colour differences are
+    The verdict rests on two chi-squares, of patch means and of the noise over pixels, and where both are stacks of
+    frames on a third, of the noise from frame to frame. They share the level evenly: two cameras that are alike are
+    said to differ in at most that share of comparisons. Colour differences are
     reported, and follow from the means. Patches with a saturated channel are left out of all but the table,
     channel by channel (of the colours, altogether), and `notes` says which.
 
@@ -80,32 +85,73 @@ def validate(
     >>> result.agrees, abs(result.regression.slope.value - 1) < 0.01
     (True, True)
     """
-    if not 0 < level < 1:
-        raise InputError(f"the level is a share of false alarms between 0 and 1, not {level}")
-    if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
-        raise InputError(f"the tolerance is 0 percent or more, not {tolerance_percent}")
     first_measured, first_simulated = _first(measured, "measured"), _first(simulated, "simulated")
     _check_same_kind(first_measured, first_simulated)
     patches = _patches(chart, regions, first_measured)
     seen, made = patch_statistics(measured, patches), patch_statistics(simulated, patches)
-    used = ~(seen.saturated | made.saturated)
+    return compare_patches(
+        seen,
+        made,
+        _reference(chart, seen.names, reference_xyz),
+        level=level,
+        tolerance_percent=tolerance_percent,
+        exposures_s=(first_measured.exposure_s, first_simulated.exposure_s),
+    )
+
+
+def compare_patches(
+    measured: PatchStatistics,
+    simulated: PatchStatistics,
+    reference_xyz: NDArray[np.float64] | None = None,
+    *,
+    level: float = 0.05,
+    tolerance_percent: float = 0.0,
+    exposures_s: tuple[float | None, float | None] = (None, None),
+    fitted: int = 0,
+) -> Validation:
+    """What `validate` does once the patches are read: compare the statistics of the same patches and channels.
+
+    Parameters
+    ----------
+    measured, simulated
+        The patches, in the same order, channels too.
+    reference_xyz
+        (patches, 3), as for `validate`; None leaves the colour differences out.
+    level, tolerance_percent
+        As for `validate`.
+    exposures_s
+        Of the measured and the simulated frames.
+    fitted
+        Parameters of the simulation that were fitted to the measured patch means.
+
+    Raises
+    ------
+    InputError
+        If every patch is saturated, or the level or tolerance cannot be.
+    """
+    if not 0 < level < 1:
+        raise InputError(f"the level is a share of false alarms between 0 and 1, not {level}")
+    if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
+        raise InputError(f"the tolerance is 0 percent or more, not {tolerance_percent}")
+    used = ~(measured.saturated | simulated.saturated)
     if not used.any():
         raise InputError("every patch is saturated, so nothing can be compared; expose for less")
-    notes = _saturation_notes(seen, used)
-    regression, by_channel = _lines(seen, made, used, notes)
-    reference = _reference(chart, seen.names, reference_xyz)
+    notes = _saturation_notes(measured, used)
+    regression, by_channel = _lines(measured, simulated, used, notes)
+    tolerance = tolerance_percent / 100
     return Validation(
         level=level,
         tolerance_percent=tolerance_percent,
-        measured=seen,
-        simulated=made,
+        measured=measured,
+        simulated=simulated,
         used=used,
-        means=chi_square_of_means(seen, made, used, tolerance_percent / 100),
-        noise=chi_square_of_noise(seen, made, used, tolerance_percent / 100),
+        means=chi_square_of_means(measured, simulated, used, tolerance, fitted),
+        noise=chi_square_of_noise(measured, simulated, used, tolerance),
+        temporal_noise=chi_square_of_temporal_noise(measured, simulated, used, tolerance),
         regression=regression,
         regression_by_channel=by_channel,
-        color=_colors(seen, made, used, reference, notes),
-        exposures_s=(first_measured.exposure_s, first_simulated.exposure_s),
+        color=_colors(measured, simulated, used, reference_xyz, notes),
+        exposures_s=exposures_s,
         notes=tuple(notes),
     )
 

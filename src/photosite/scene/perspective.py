@@ -1,0 +1,274 @@
+"""A flat chart seen from the side: where its points fall in a frame, and the scene that a camera then sees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import InputError
+from photosite.regions import Corners, Patch, Quadrilateral, turning
+from photosite.scene.placement import place
+from photosite.scene.scene import Scene
+
+SAMPLES_PER_PATCH = 16
+"""Samples of a seen chart on the shorter side of its smallest patch: what a border between patches is blurred by."""
+
+_CELLS = 4
+"""A sample is the mean over so many points on each axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Homography:
+    """A projective map of one plane to another, as a camera's without distortion maps a flat chart to its frame.
+
+    Parameters
+    ----------
+    matrix
+        (3, 3): (a, b, 1) of the one plane becomes a multiple of (a', b', 1) of the other.
+
+    Notes
+    -----
+    R. Hartley and A. Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition 2004, chapter 4.
+    """
+
+    matrix: NDArray[np.float64]
+
+    @classmethod
+    def between(cls, source: ArrayLike, target: ArrayLike) -> Homography:
+        """The map that carries four points to four others, or, for more, the one of least algebraic error.
+
+        Parameters
+        ----------
+        source, target
+            (points, 2) each, four or more; no three of four in a line.
+
+        Raises
+        ------
+        InputError
+            If there are too few points, or they lie in a line.
+
+        Examples
+        --------
+        >>> square = [(0, 0), (0, 1), (1, 1), (1, 0)]
+        >>> view = Homography.between(square, [(0, 0), (0, 10), (10, 8), (10, 2)])   # far side at the bottom
+        >>> view([(0.0, 0.5), (0.5, 0.5)]).round(3) + 0.0
+        array([[0.   , 5.   ],
+               [6.25, 5.  ]])
+        """
+        one, other = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
+        if one.ndim != 2 or one.shape != other.shape or one.shape[1] != 2 or len(one) < 4:
+            raise InputError(
+                f"a perspective needs four points or more in each plane, not {one.shape} and {other.shape}"
+            )
+        scale_one, scale_other = _centring(one), _centring(other)
+        (a, b), (c, d) = _apply(scale_one, one).T, _apply(scale_other, other).T
+        nil, unit = np.zeros_like(a), np.ones_like(a)
+        rows = np.concatenate(
+            [
+                np.stack([a, b, unit, nil, nil, nil, -c * a, -c * b, -c], axis=1),
+                np.stack([nil, nil, nil, a, b, unit, -d * a, -d * b, -d], axis=1),
+            ]
+        )
+        _, size, directions = np.linalg.svd(rows)
+        if size[7] < 1e-9 * size[0]:
+            raise InputError("the points of a perspective lie in a line; give corners that span an area")
+        return cls(np.linalg.inv(scale_other) @ directions[-1].reshape(3, 3) @ scale_one)
+
+    @property
+    def inverse(self) -> Homography:
+        """The way back."""
+        return Homography(np.linalg.inv(self.matrix))
+
+    def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
+        """(..., 2) points mapped."""
+        return _apply(self.matrix, np.asarray(points, dtype=np.float64))
+
+
+def _apply(matrix: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    mapped = points @ matrix[:, :2].T + matrix[:, 2]
+    return np.asarray(mapped[..., :2] / mapped[..., 2:])
+
+
+def _centring(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3): moves the points' middle to 0 and scales them to unit size, for rounding's sake (Hartley)."""
+    middle = points.mean(axis=0)
+    size = float(np.abs(points - middle).max())
+    scale = 1.0 / size if size > 0 else 1.0
+    return np.array([[scale, 0.0, -scale * middle[0]], [0.0, scale, -scale * middle[1]], [0.0, 0.0, 1.0]])
+
+
+def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
+    """Whether four corners can be those of a chart in a frame of (rows, cols) pixels.
+
+    Raises
+    ------
+    InputError
+        If they are not finite, lie outside the frame, or do not go round a convex shape.
+    """
+    points = np.asarray(corners, dtype=np.float64)
+    if points.shape != (4, 2) or not np.isfinite(points).all():
+        raise InputError(f"a chart has four corners, each row,col in pixels, not {corners}")
+    if (points < 0).any() or (points > np.asarray(shape)).any():
+        worst = points[((points < 0) | (points > np.asarray(shape))).any(axis=1)][0]
+        raise InputError(
+            f"the chart's corner {worst[0]:g},{worst[1]:g} lies outside the frame of {shape[0]} x {shape[1]} pixels; "
+            "corners are row,col, rows counted from the top"
+        )
+    turns = turning(corners)
+    if not (turns.min() > 0 or turns.max() < 0):
+        raise InputError(
+            "the chart's corners do not go round a convex shape; give them in order: top left, top right, bottom "
+            "right, bottom left"
+        )
+
+
+def field_corners(chart: Scene) -> Corners:
+    """The corners of a chart's field of patches, in samples of the chart: top left, top right, bottom right, bottom left.
+
+    Parameters
+    ----------
+    chart
+        A scene whose patches are bright and whose border is black, as `photosite.scene.charts.macbeth` gives it.
+
+    Examples
+    --------
+    >>> from photosite.scene.charts import macbeth
+    >>> field_corners(macbeth())
+    ((4.0, 4.0), (4.0, 192.0), (128.0, 192.0), (128.0, 4.0))
+    """
+    lit = np.any(chart.weights != 0, axis=0)
+    rows, cols = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
+    if not rows.size:
+        raise InputError("a chart without light has no corners")
+    top, bottom, left, right = float(rows[0]), float(rows[-1] + 1), float(cols[0]), float(cols[-1] + 1)
+    return (top, left), (top, right), (bottom, right), (bottom, left)
+
+
+def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrilateral, ...]:
+    """Where a chart's patches lie in a frame: the inner part of each.
+
+    Parameters
+    ----------
+    chart
+        A chart with regions, facing the camera.
+    corners
+        Of its field of patches in the frame, as `field_corners` orders them.
+    inner
+        Part of each patch's side that is taken, about its middle; above 0, at most 1.
+
+    Examples
+    --------
+    >>> from photosite.scene.charts import macbeth
+    >>> seen = seen_patches(macbeth(), ((10, 20), (12, 220), (140, 210), (150, 15)), inner=0.6)
+    >>> len(seen), seen[0].name
+    (24, 'dark skin')
+    """
+    if not 0 < inner <= 1:
+        raise InputError(f"the inner part of a patch is above 0 and at most 1, not {inner}")
+    view = Homography.between(field_corners(chart), corners)
+    found = []
+    for region in chart.regions:
+        r0, r1, c0, c1 = _whole_patch(chart, region)
+        middle, half = np.array([(r0 + r1) / 2, (c0 + c1) / 2]), inner / 2 * np.array([r1 - r0, c1 - c0])
+        square = middle + half * np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)])
+        a, b, c, d = ((float(row), float(col)) for row, col in view(square))
+        found.append(Quadrilateral(region.name, (a, b, c, d)))
+    return tuple(found)
+
+
+def _whole_patch(chart: Scene, region: Patch) -> tuple[int, int, int, int]:
+    """First and last row and column of the patch that a region lies in, the last excluded."""
+    row, col = (region.r0 + region.r1) // 2, (region.c0 + region.c1) // 2
+    colour = chart.weights[:, row, col]
+    alike = (chart.weights == colour[:, None, None]).all(axis=0)
+    rows, cols = alike[:, col], alike[row]
+    return (*_run(rows, row), *_run(cols, col))
+
+
+def _run(alike: NDArray[np.bool_], at: int) -> tuple[int, int]:
+    """The run of true entries about one of them."""
+    changes = np.flatnonzero(~alike)
+    before, after = changes[changes < at], changes[changes > at]
+    return int(before[-1]) + 1 if before.size else 0, int(after[0]) if after.size else alike.size
+
+
+def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int], *, pixel_aspect: float = 1.0) -> Scene:
+    """The scene of a chart whose field of patches has given corners in the frame, and black around it.
+
+    Its samples are pixels or squares of pixels, each the mean of the chart over its area, fine enough that the inner
+    part of a patch is of one colour.
+
+    Parameters
+    ----------
+    chart
+        The chart, facing the camera.
+    corners
+        Of its field of patches in the frame, as `field_corners` orders them.
+    frame_shape
+        (rows, cols) of the frame, in pixels.
+    pixel_aspect
+        A pixel's height over its width.
+
+    Returns
+    -------
+    Scene
+        It fills the sensor; its spectra and distance are the chart's.
+
+    Raises
+    ------
+    InputError
+        If the corners cannot be.
+
+    Notes
+    -----
+    The chart's radiance does not change with the angle it is seen from: its patches are taken as matte.
+
+    Examples
+    --------
+    >>> from photosite.scene.charts import macbeth
+    >>> seen = in_perspective(macbeth(), ((10, 20), (12, 220), (140, 210), (150, 15)), (160, 240))
+    >>> len(seen.weights), round(float(seen.weights.sum(axis=0).max()), 3)
+    (24, 1.0)
+    """
+    check_corners(corners, frame_shape)
+    patches = seen_patches(chart, corners, inner=1.0)
+    side = min(_shortest_side(patch.corners) for patch in patches)
+    pixels = max(1.0, side / SAMPLES_PER_PATCH)
+    shape = (math.ceil(frame_shape[0] * pixel_aspect / pixels), math.ceil(frame_shape[1] / pixels))
+    where = place(shape, frame_shape, pixel_aspect=pixel_aspect)
+    back = Homography.between(field_corners(chart), corners).inverse
+    labels = _labels(chart)
+    seen = np.zeros((len(chart.weights) + 1, *shape), np.float32)
+    part = (np.arange(_CELLS) + 0.5) / _CELLS
+    for row in range(shape[0]):
+        rows = (row + part - where.row_start) / where.row_step
+        cols = ((np.arange(shape[1])[:, None] + part).ravel() - where.col_start) / where.col_step
+        at = back(np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1))
+        found = _looked_up(labels, at).reshape(_CELLS, shape[1], _CELLS)
+        for label in np.unique(found):
+            seen[label, row] = (found == label).mean(axis=(0, 2))
+    return replace(chart, weights=seen[1:], width_m=None, regions=(), name=f"{chart.name}, in perspective")
+
+
+def _labels(chart: Scene) -> NDArray[np.intp]:
+    """(rows, cols): 1 + which spectrum a sample shows, 0 for none."""
+    if not np.isin(chart.weights, (0.0, 1.0)).all() or (chart.weights.sum(axis=0) > 1).any():
+        raise InputError("a chart in perspective shows one spectrum at each sample, evenly lit")
+    return np.where(chart.weights.any(axis=0), chart.weights.argmax(axis=0) + 1, 0)
+
+
+def _looked_up(labels: NDArray[np.intp], at: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The labels at (..., 2) points of the chart; 0 beyond it."""
+    row, col = np.floor(at[..., 0]), np.floor(at[..., 1])
+    on = (row >= 0) & (row < labels.shape[0]) & (col >= 0) & (col < labels.shape[1])
+    found = np.zeros(row.shape, dtype=np.intp)
+    found[on] = labels[row[on].astype(np.intp), col[on].astype(np.intp)]
+    return found
+
+
+def _shortest_side(corners: Corners) -> float:
+    points = np.asarray(corners)
+    return float(np.hypot(*(points - np.roll(points, 1, axis=0)).T).min())
