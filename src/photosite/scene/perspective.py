@@ -75,12 +75,12 @@ class Homography:
         _, size, directions = np.linalg.svd(rows)
         if size[7] < 1e-9 * size[0]:
             raise InputError("the points of a perspective lie in a line; give corners that span an area")
-        return cls(np.linalg.inv(scale_other) @ directions[-1].reshape(3, 3) @ scale_one)
+        return cls(np.asarray(np.linalg.inv(scale_other) @ directions[-1].reshape(3, 3) @ scale_one))
 
     @property
     def inverse(self) -> Homography:
         """The way back."""
-        return Homography(np.linalg.inv(self.matrix))
+        return Homography(np.asarray(np.linalg.inv(self.matrix)))
 
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
         """(..., 2) points mapped."""
@@ -126,7 +126,7 @@ def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
 
 
 def field_corners(chart: Scene) -> Corners:
-    """The corners of a chart's field of patches, in samples of the chart: top left, top right, bottom right, bottom left.
+    """The corners of a chart's field of patches, in samples: top left, top right, bottom right, bottom left.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ def chi_square_of_temporal_noise(
         if found.temporal_noise_dn is None or found.temporal_variance_error_dn2 is None:
             return None
         sides.append((found.temporal_noise_dn[used], found.temporal_variance_error_dn2[used]))
-    return _of_variances(*sides, tolerance)
+    return _of_variances(sides[0], sides[1], tolerance)
 
 
 _NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -165,7 +165,5 @@ def _sum_of(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
 
     total, freedom = float(squares.sum()), int(squares.size) - fitted
     if freedom < 1:
-        raise InputError(
-            f"{squares.size} patch means cannot test a simulation of which {fitted} parameters were fitted"
-        )
+        raise InputError(f"{squares.size} patch means cannot test a simulation with {fitted} fitted parameters")
     return ChiSquare(total, freedom, float(chi2.sf(total, freedom)))
