@@ -52,7 +52,7 @@ def test_cie_1994_by_its_definition(chroma):
     """One difference at a time: lightness whole, chroma and hue by the reference's chroma (CIE 116-1995)."""
     reference = from_chroma_and_hue(50.0, chroma, 40.0)
     one = xyz_of(reference)
-    lighter = xyz_of(reference + [7.0, 0.0, 0.0])
+    lighter = xyz_of(reference + np.array([7.0, 0.0, 0.0]))
     assert delta_e_94(one, lighter) == pytest.approx(7.0, abs=1e-9)
     stronger = xyz_of(from_chroma_and_hue(50.0, chroma + 5.0, 40.0))
     assert delta_e_94(one, stronger) == pytest.approx(5.0 / (1 + 0.045 * chroma), abs=1e-9)
