@@ -56,3 +56,16 @@ def test_keys_and_texts():
     assert (optional_text("f.yaml", data, "name"), optional_text("f.yaml", data, "none")) == ("x", None)
     with pytest.raises(FileError, match=r"f\.yaml:2: 'frmes' is text, not 3"):
         optional_text("f.yaml", data, "frmes")
+
+
+def test_whole_numbers_that_no_float_holds_are_refused():
+    """The largest float has 1024 bits; what comes after would fail wherever it is first used."""
+    assert parse_yaml(f"a: {2**1023}", "f.yaml")["a"] == 2**1023
+    with pytest.raises(FileError, match="a whole number of 1329 bits"):
+        parse_yaml("a: [{b: 1" + "0" * 400 + "}]", "f.yaml")
+
+
+@pytest.mark.parametrize("content", ["a: !!set x", "a: !!int x", "a: !!timestamp x", "a: !!omap 3"])
+def test_tags_that_do_not_fit_are_refused(content):
+    with pytest.raises(FileError, match=r"f\.yaml"):
+        parse_yaml(content, "f.yaml")

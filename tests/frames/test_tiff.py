@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 
 import numpy as np
 import pytest
@@ -106,3 +107,15 @@ def test_pieces_that_do_not_make_the_page(tmp_path):
             file.pages.first.tags[name].overwrite(2_000_000)
     with pytest.raises(FileError, match="2000000 x 24 pixels cannot come out of"):
         read_raw(tmp_path / "b.tif")
+
+
+def test_places_that_are_no_whole_numbers_are_refused(tmp_path):
+    """A damaged field type makes a float of an offset."""
+    path = tmp_path / "a.tif"
+    RawFrame(np.full((4, 6), 64, np.uint16), bits=12).save(path)
+    content = bytearray(path.read_bytes())
+    at = content.index(struct.pack("<HH", 273, 4))  # StripOffsets, LONG
+    content[at + 2 : at + 4] = struct.pack("<H", 11)  # FLOAT
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=r"tag 273 is .*, not a whole number"):
+        read_raw(path)

@@ -144,7 +144,7 @@ def _chart(top: ProtocolEntry) -> _Chart:
         raise top.error(f"'wavelength_nm' is {_MOST_WAVELENGTHS} steps or fewer", "wavelength_nm")
     try:
         optics = DiffractionLimited(f_number=f_number, focal_length_mm=focal_mm)
-        if (working := f_number * (1.0 + abs(optics.magnification(distance_m)))) > _LARGEST_F_NUMBER:
+        if (working := optics.working_f_number(distance_m)) > _LARGEST_F_NUMBER:
             raise InputError(
                 f"the lens has f/{working:.3g} at {distance_m:g} m, which leaves nothing of a chart; "
                 f"f/{_LARGEST_F_NUMBER:g} is the most"
