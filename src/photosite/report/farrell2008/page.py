@@ -23,8 +23,8 @@ _LEAD = (
 )
 _NOTICE = (
     "The paper’s frames were never published. Whatever is called measured on this page was shot by a virtual camera. "
-    "It has the sensor of the paper’s Table 1, and what nobody tells a simulation: a lens with a small wavefront "
-    "error, a lamp that lights the chart unevenly, a fill factor of its own, and another chip of the same design. The "
+    "It has the sensor of the paper’s Table 1, and what nobody tells a simulation: a lens a little out of focus, "
+    "a lamp that lights the chart unevenly, a fill factor of its own, and another chip of the same design. The "
     "simulation was told none of these."
 )
 _FOOTER = "Values are estimate ± one standard uncertainty (GUM), unless they say otherwise."
@@ -70,7 +70,7 @@ def _truth_table(seed: int) -> Table:
             row(
                 "Lens",
                 "limited by diffraction",
-                lambda truth: f"wavefront error of {truth.wavefront_error_waves:g} waves RMS at 550 nm",
+                lambda truth: f"out of focus by {truth.wavefront_error_waves:g} waves RMS at 550 nm",
             ),
             row(
                 "Light on the chart",
