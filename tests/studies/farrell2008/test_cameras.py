@@ -31,7 +31,7 @@ def test_without_an_error_the_lens_is_the_ideal_one() -> None:
 
 @pytest.mark.parametrize("nm", [400.0, 550.0, 700.0])
 def test_the_image_of_a_point_is_as_much_dimmer_in_its_middle_as_defocus_makes_it(nm: float) -> None:
-    """Strehl ratio of defocus W (peak to valley in waves): (sin(pi W) / (pi W))^2; here by the transfer function's area."""
+    """Strehl ratio of defocus W, in waves at the rim: (sin(pi W) / (pi W))^2, by volumes of transfer."""
     w = np.sqrt(12) * 0.06 * 550 / nm
     f = np.linspace(0, IDEAL.cutoff_per_m(nm, 1.2), 4001)
     ideal, real = (np.sum(entry.otf(f, nm, 1.2) * f) for entry in (IDEAL, AberratedLens(IDEAL, 0.06)))

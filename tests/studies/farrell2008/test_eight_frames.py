@@ -31,8 +31,8 @@ def eight() -> EightFrames:
 def test_what_averaging_leaves(eight: EightFrames) -> None:
     """Closed forms with 4.58 and 6 mV and rounding of 0.977 mV; each measured figure within 4 standard errors (0.01 %).
 
-    98 304 pixels know a spread to 0.23 %, a correlation to (1 - 0.965^2) / 313 = 0.0002, a relative spread of chi-square
-    values of 7 degrees of freedom to 0.5 %.
+    98 304 pixels know a spread to 0.23 %, a correlation to (1 - 0.965^2) / 313 = 0.0002, a relative spread of
+    chi-square values of 7 degrees of freedom to 0.5 %.
     """
     left = (4.58**2 + (1000 / 1024) ** 2 / 12) / 8
     assert eight.frames == 8
