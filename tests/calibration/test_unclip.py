@@ -101,3 +101,10 @@ def test_what_no_clipped_normal_explains_is_missing():
     found = unclip(level_of(y), like(0.0, 2.0, 2.0))
     assert isinstance(found, Missing)
     assert "50 % of the numbers are 0" in found.reason
+
+
+def test_noise_that_a_solver_tries_takes_no_more_than_the_numbers_there_are():
+    """No digital number is above 2^16: noise of 10^15 DN has its moments from those, in 50 MB."""
+    pixels = _Pixels.of(5.0, 4.0, 1e30)
+    assert np.isfinite(pixels.variance).all()
+    assert pixels.mean.max() < 1 << 16

@@ -26,6 +26,10 @@ _POINTS = 97
 """Pixel means of the integral over the fixed pattern."""
 
 
+_MOST = 1 << 16
+"""No digital number is as large."""
+
+
 @dataclass(frozen=True)
 class _Pixels:
     """What pixels of the model read, by their true mean: central moments of a clipped and rounded normal.
@@ -54,7 +58,7 @@ class _Pixels:
         t = np.linspace(-_REACH, _REACH, _POINTS) if d > 0.0 else np.zeros(1)
         share = np.exp(-0.5 * t * t)
         offset = d * t
-        top = max(2, math.ceil(mu + _REACH * (d + r)) + 2)
+        top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _MOST))  # a solver may ask for any noise
         y = np.arange(1, top, dtype=np.float64)
         at_least = ndtr((mu + offset[:, None] - y + 0.5) / r)
         # E[y^k] is the sum over y of P(Y >= y) times what y^k grows by.
