@@ -74,6 +74,26 @@ def read_spectrum(path: str | PathLike[str]) -> tuple[Spectrum, NDArray[np.float
     return spectrum, table[:, 2] if table.shape[1] > 2 else np.zeros(len(table))
 
 
+def read_heading(path: str | PathLike[str]) -> tuple[str, ...]:
+    """The names of the columns of a CSV file with a spectrum, in lower case; none where it has no heading.
+
+    Parameters
+    ----------
+    path
+        As for `read_spectrum`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    """
+    for line in _text(Path(path)).splitlines():
+        cells = [cell.strip() for cell in line.split("#", 1)[0].split(",")]
+        if cells != [""]:
+            return () if _numbers(cells) is not None else tuple(cell.lower() for cell in cells)
+    return ()
+
+
 def _text(file: Path) -> str:
     try:
         with file.open("rb") as stream:

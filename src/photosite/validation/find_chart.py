@@ -1,0 +1,237 @@
+"""A ColorChecker found in a raw frame: 24 even patches in four rows of six."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from photosite.cfa import channel_sites
+from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.patches import patch_statistics
+from photosite.regions import Corners
+from photosite.scene.charts import macbeth
+from photosite.scene.perspective import Homography, field_corners, seen_patches
+from photosite.validation.charts import chart_xyz_d65
+
+_LONG_SIDE = 480
+"""Of the picture that is searched, in pixels."""
+
+_EVEN_SHARES = (0.75, 0.65, 0.55, 0.45, 0.35)
+"""Of the picture, by evenness, that are tried as what lies within patches; the rest is borders."""
+
+_PARALLELOGRAM = (0.88, 1.06)
+"""Area over 12 times the root of the determinant of the second moments: 1 for a parallelogram."""
+
+_MOST_ELONGATED = 3.0
+_SMALLEST = 30
+"""Pixels of a patch in the picture that is searched."""
+
+_ALIKE = 2.2
+"""Patches of one chart differ in area by less than this, in perspective and with worn borders."""
+
+_MISS = 0.3
+"""How far a patch may lie from where its neighbours expect it, in distances between patches."""
+
+_FEWEST = 17
+"""Of the 24 patches, to be sure of the rest: dark ones on a black border may not stand out."""
+
+_CORRELATION = 0.5
+"""Least correlation of the patches' brightness with a ColorChecker's."""
+
+_ROWS, _COLS = 4, 6
+
+
+@dataclass(frozen=True, eq=False)
+class _Blobs:
+    """Even parts of the picture: (n, 2) middles and (n,) areas, in pixels."""
+
+    middle: NDArray[np.float64]
+    area: NDArray[np.float64]
+
+
+def find_chart(frame: RawFrame) -> Corners:
+    """The corners of a ColorChecker's field of patches in a raw frame.
+
+    It looks for even patches, parallelograms of about one size, that lie on a grid, and takes four by six of them; the
+    way up follows from their brightness. It needs a chart that is in focus and takes a third of the frame or more on
+    its longer side, with darker or lighter borders between its patches, seen at less than about 40 degrees, one in
+    the frame, and not mirrored. Where it finds none it says so; where it finds one, look at the outline in the report:
+    corners set by hand are surer.
+
+    Parameters
+    ----------
+    frame
+        A frame of the chart.
+
+    Returns
+    -------
+    tuple
+        Four (row, col): of the dark skin's, the bluish green's, the black and the white patch's outer corner.
+
+    Raises
+    ------
+    InputError
+        If there is no such chart, or its brightness is not a ColorChecker's.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=64)
+    >>> camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    >>> found = find_chart(camera.capture(ps.charts.macbeth(), 1 / 3))
+    >>> bool(np.abs(np.array(found) - [(8, 8), (8, 384), (256, 384), (256, 8)]).max() < 2)
+    True
+    """
+    picture, scale = _picture(frame)
+    best: dict[tuple[int, int], int] = {}
+    middles: NDArray[np.float64] = np.empty((0, 2))
+    steepness = _steepness(picture)
+    for share in _EVEN_SHARES:
+        blobs = _blobs(steepness < np.quantile(steepness, share))
+        for found in _grids(blobs):
+            if len(found) > len(best):
+                best, middles = found, blobs.middle
+            if len(best) == _ROWS * _COLS:
+                break
+        if len(best) == _ROWS * _COLS:
+            break
+    if len(best) < _FEWEST:
+        raise InputError(
+            f"no ColorChecker found: at best {len(best)} of its 24 patches stand out as a grid, and {_FEWEST} are "
+            "needed; give its corners (--corners)"
+        )
+    return _upright(frame, best, middles * scale)
+
+
+def _picture(frame: RawFrame) -> tuple[NDArray[np.float64], float]:
+    """(channels, rows, cols) of root signals, small, and how many pixels of the frame one of its pixels is."""
+    tile = (len(frame.cfa), len(frame.cfa[0]))
+    rows, cols = frame.shape[0] // tile[0], frame.shape[1] // tile[1]
+    if tile[0] != tile[1] or min(rows, cols) < 1:
+        raise InputError("charts are found in frames with a square tile of filters; give its corners (--corners)")
+    factor = max(1, round(max(rows, cols) / _LONG_SIDE))
+    planes = []
+    for channel in frame.channels:
+        sites = [frame.dn[r :: tile[0], c :: tile[1]][:rows, :cols] for r, c in channel_sites(frame.cfa, channel)]
+        signal = np.mean(sites, axis=0) - frame.black_level_dn
+        small = signal[: rows // factor * factor, : cols // factor * factor]
+        planes.append(small.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3)))
+    # The root evens out shot noise. Below black there is noise only: it has no place in finding borders.
+    return np.sqrt(np.maximum(np.stack(planes), 0.0)), float(factor * tile[0])
+
+
+def _steepness(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, cols): the steepest channel's gradient."""
+    return np.asarray(np.max([ndimage.gaussian_gradient_magnitude(plane, 1.0) for plane in picture], axis=0))
+
+
+def _blobs(even: NDArray[np.bool_]) -> _Blobs:
+    """The even parts that may be patches."""
+    labels, count = ndimage.label(even)
+    middle, area = [], []
+    for label, where in enumerate(ndimage.find_objects(labels, count), start=1):
+        row, col = np.nonzero(labels[where] == label)
+        if row.size < _SMALLEST or row.size > even.size / (_ROWS * _COLS):
+            continue
+        spread = np.cov(row, col, bias=True) + np.eye(2) / 12.0
+        low, high = np.linalg.eigvalsh(spread)
+        fullness = row.size / (12.0 * np.sqrt(low * high))
+        if _PARALLELOGRAM[0] < fullness < _PARALLELOGRAM[1] and high < _MOST_ELONGATED**2 * low:
+            middle.append((where[0].start + row.mean() + 0.5, where[1].start + col.mean() + 0.5))
+            area.append(float(row.size))
+    return _Blobs(np.asarray(middle, dtype=np.float64).reshape(-1, 2), np.asarray(area))
+
+
+def _grids(blobs: _Blobs) -> Iterator[dict[tuple[int, int], int]]:
+    """Four by six places on grids of blobs that are alike, and which blob is at each."""
+    for first in range(len(blobs.area)):
+        ratio = blobs.area / blobs.area[first]
+        alike = np.flatnonzero((ratio < _ALIKE) & (ratio > 1 / _ALIKE))
+        if alike.size < _FEWEST:
+            continue
+        away = blobs.middle[alike] - blobs.middle[first]
+        near = alike[np.argsort(np.hypot(*away.T))[1:7]]
+        for one in near:
+            for other in near:
+                along, down = blobs.middle[one] - blobs.middle[first], blobs.middle[other] - blobs.middle[first]
+                length, height = np.hypot(*along), np.hypot(*down)
+                # (row, col): clockwise from along to down, as text is read, and not too slanted.
+                turn = (down[0] * along[1] - down[1] * along[0]) / (length * height)
+                if turn > 0.6 and 0.5 < length / height < 2.0:
+                    yield _window(_grown(blobs, alike, first, along, down))
+
+
+def _grown(
+    blobs: _Blobs, alike: NDArray[np.intp], first: int, along: NDArray[np.float64], down: NDArray[np.float64]
+) -> dict[tuple[int, int], int]:
+    """From one blob to its neighbours and on: which blob is at which place of the grid."""
+    places = {(0, 0): first}
+    steps = {(0, 0): (down, along)}
+    queue = [(0, 0)]
+    taken = {first}
+    while queue:
+        place = queue.pop(0)
+        here = blobs.middle[places[place]]
+        for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            there = (place[0] + sign * (axis == 0), place[1] + sign * (axis == 1))
+            step = steps[place][axis]
+            if there in places or max(map(abs, there)) >= _COLS:
+                continue
+            away = np.hypot(*(blobs.middle[alike] - here - sign * step).T)
+            nearest = int(alike[np.argmin(away)])
+            if nearest in taken or away.min() > _MISS * np.hypot(*step):
+                continue
+            places[there] = nearest
+            taken.add(nearest)
+            # What was stepped is what to step next: perspective changes it slowly.
+            new = list(steps[place])
+            new[axis] = sign * (blobs.middle[nearest] - here)
+            steps[there] = (new[0], new[1])
+            queue.append(there)
+    return places
+
+
+def _window(places: dict[tuple[int, int], int]) -> dict[tuple[int, int], int]:
+    """The four by six places, rows first and counted from 0, that hold most blobs; the grid may lie on its side."""
+    best: dict[tuple[int, int], int] = {}
+    turned = {(col, -row): blob for (row, col), blob in places.items()}
+    for grid in (places, turned):
+        rows, cols = {r for r, _ in grid}, {c for _, c in grid}
+        for r0 in range(min(rows) - _ROWS + 1, max(rows) + 1):
+            for c0 in range(min(cols) - _COLS + 1, max(cols) + 1):
+                inside = {
+                    (r - r0, c - c0): blob
+                    for (r, c), blob in grid.items()
+                    if r0 <= r < r0 + _ROWS and c0 <= c < c0 + _COLS
+                }
+                if len(inside) > len(best):
+                    best = inside
+    return best
+
+
+def _upright(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: NDArray[np.float64]) -> Corners:
+    """The field's corners, the chart the way up that its brightness says."""
+    chart = macbeth()
+    centres = np.array([((p.r0 + p.r1) / 2, (p.c0 + p.c1) / 2) for p in chart.regions])
+    field = np.array(field_corners(chart))
+    wanted = chart_xyz_d65("macbeth", [region.name for region in chart.regions])[:, 1]
+    seen = np.array([middle_px[blob] for blob in places.values()])
+    found: list[tuple[float, Corners]] = []
+    for turned in (False, True):
+        at = [centres[(_ROWS - 1 - r) * _COLS + _COLS - 1 - c] if turned else centres[r * _COLS + c] for r, c in places]
+        a, b, c, d = ((float(row), float(col)) for row, col in Homography.between(at, seen)(field))
+        corners = (a, b, c, d)
+        brightness = patch_statistics(frame, seen_patches(chart, corners, 0.5)).mean_dn.mean(axis=1)
+        found.append((float(np.corrcoef(brightness, wanted)[0, 1]), corners))
+    correlation, corners = max(found)
+    if not correlation > _CORRELATION:
+        raise InputError(
+            f"a grid of patches was found, but its brightness is not a ColorChecker's (correlation {correlation:.2f}); "
+            "give the chart's corners (--corners)"
+        )
+    return corners

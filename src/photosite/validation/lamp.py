@@ -1,0 +1,180 @@
+"""The light that a chart stood in: a name, or what a spectroradiometer measured, in a CSV file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.spectrum_file import read_heading, read_spectrum
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.scene.charts import macbeth_reflectance
+from photosite.spectra import (
+    DEFAULT_WAVELENGTH_NM,
+    Spectrum,
+    illuminant,
+    luminance_cd_m2,
+    photons_from_energy,
+)
+
+_RADIANCE_PER_UNIT: dict[str, float | None] = {
+    "spectral_irradiance_w_per_m2_nm": 1.0 / math.pi,
+    "spectral_irradiance_mw_per_m2_nm": 1e-3 / math.pi,
+    "spectral_irradiance_uw_per_cm2_nm": 1e-2 / math.pi,
+    "spectral_radiance_w_per_sr_m2_nm": 1.0,
+    "spectral_radiance_mw_per_sr_m2_nm": 1e-3,
+    "relative_energy": None,
+}
+"""What the second column may hold, and what one of it is as radiance of a perfect white, in W/sr/m2/nm.
+
+A matte white of reflectance 1 in the irradiance E has the radiance E / pi."""
+
+QUANTITIES = tuple(_RADIANCE_PER_UNIT)
+"""Names of the second column of a lamp's file."""
+
+_WAVELENGTH = "wavelength_nm"
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A light on a chart.
+
+    Parameters
+    ----------
+    name
+        Of the illuminant, or of the file.
+    light
+        What `photosite.scene.charts.macbeth` takes as its illuminant.
+    wavelength_nm
+        (wavelengths,) that a scene in this light is given at.
+    chart_luminance_cd_m2
+        Mean luminance of a ColorChecker's patches in this light; None where only the shape of the spectrum is known.
+    """
+
+    name: str
+    light: str | Spectrum
+    wavelength_nm: NDArray[np.float64]
+    chart_luminance_cd_m2: float | None = None
+
+    @classmethod
+    def named(cls, name: str) -> Lamp:
+        """An illuminant by its name, as for `photosite.spectra.illuminant`; its level is not known.
+
+        Raises
+        ------
+        InputError
+            If the illuminant is unknown.
+
+        Examples
+        --------
+        >>> Lamp.named("D65").wavelength_nm.size
+        41
+        """
+        illuminant(name, DEFAULT_WAVELENGTH_NM)
+        return cls(name, name, DEFAULT_WAVELENGTH_NM)
+
+
+def lamp_from(name_or_path: str | PathLike[str]) -> Lamp:
+    """A lamp by the name of an illuminant, or from a file.
+
+    Parameters
+    ----------
+    name_or_path
+        A name that ends in .csv, or of a file that is there, is a file.
+
+    Raises
+    ------
+    InputError
+        If the illuminant is unknown.
+    FileError
+        As `read_lamp`.
+    """
+    path = Path(name_or_path)
+    if path.suffix.lower() == ".csv" or path.is_file():
+        return read_lamp(path)
+    return Lamp.named(str(name_or_path))
+
+
+def read_lamp(path: str | PathLike[str]) -> Lamp:
+    """What a spectroradiometer measured at the chart.
+
+    Parameters
+    ----------
+    path
+        CSV with the heading `wavelength_nm,` and one of `QUANTITIES`: spectral irradiance on the chart, spectral
+        radiance of a white standard in its place, or relative energy, which leaves the level open. A third column of
+        standard uncertainties is read over. It is used from 380 to 780 nm, where the chart's reflectance is known.
+
+    Returns
+    -------
+    Lamp
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, the heading does not say what the columns are, a value is negative, or all are 0.
+
+    Notes
+    -----
+    The white standard's reflectance is taken as 1: divide by what its certificate says.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "lamp.csv")
+    ...     _ = file.write_text("wavelength_nm,spectral_radiance_w_per_sr_m2_nm\\n380,0.001\\n780,0.001\\n")
+    ...     lamp = read_lamp(file)
+    >>> round(lamp.chart_luminance_cd_m2, 1)
+    20.0
+    """
+    file = Path(path)
+    spectrum, _ = read_spectrum(file)
+    per_unit = _RADIANCE_PER_UNIT[_quantity(file)]
+    if (spectrum.values < 0).any():
+        at = int(np.argmin(spectrum.values))
+        raise FileError(
+            file,
+            f"light is not negative, but {spectrum.values[at]:g} at {spectrum.wavelength_nm[at]:g} nm is; "
+            "where that is the instrument's noise, write 0",
+        )
+    grid = _grid(file, spectrum.wavelength_nm)
+    values = spectrum.at(grid)
+    if not values.any():
+        raise FileError(file, "there is no light between 380 and 780 nm; check the columns")
+    light = Spectrum(grid, values)
+    return Lamp(file.name, light, grid, None if per_unit is None else _chart_luminance(light, per_unit))
+
+
+def _quantity(file: Path) -> str:
+    heading = read_heading(file)
+    wanted = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
+    if len(heading) < 2 or heading[0] != _WAVELENGTH:
+        raise FileError(file, f"does not say what its columns are; its first line must be {wanted}")
+    if heading[1] not in _RADIANCE_PER_UNIT:
+        raise FileError(file, f"unknown quantity '{heading[1]}'; {did_you_mean(heading[1], QUANTITIES)}")
+    return heading[1]
+
+
+def _grid(file: Path, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The file's wavelengths from 380 to 780 nm, and every 10 nm between them: coarse files tell of smooth lamps."""
+    low, high = max(380.0, wavelength_nm[0]), min(780.0, wavelength_nm[-1])
+    if not low < high:
+        raise FileError(
+            file, f"holds {wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm; light from 380 to 780 nm is wanted"
+        )
+    every = np.union1d(wavelength_nm, DEFAULT_WAVELENGTH_NM)
+    return np.union1d(every[(every > low) & (every < high)], [low, high])
+
+
+def _chart_luminance(light: Spectrum, radiance_per_unit: float) -> float:
+    grid = light.wavelength_nm
+    white = photons_from_energy(light.values * radiance_per_unit, grid)
+    found = float(luminance_cd_m2(macbeth_reflectance(grid).mean(axis=0) * white, grid))
+    if not found > 0:
+        raise InputError("the lamp has no light that is seen, so that its level is not known in cd/m2")
+    return found
