@@ -190,7 +190,7 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
         residual_noise=np.ma.array(np.sqrt(variance) / scale, mask=~used),
         patch_scatter=math.sqrt(fit.extra_variance) / scale,
         by_channel=_by_channel(ratio, variance, used, measured.channels, fill_factor),
-        chi_square=_chi_square(measured, simulated, used, scale),
+        chi_square=chi_square_of_means(measured, _scaled(simulated, scale), used, fitted=1),
     )
 
 
@@ -251,12 +251,6 @@ def _by_channel(
     return found
 
 
-def _chi_square(measured: PatchStatistics, simulated: PatchStatistics, used: Selection, scale: float) -> ChiSquare:
-    from scipy.stats import chi2
-
-    fitted = replace(
-        simulated, mean_dn=scale * simulated.mean_dn, standard_error_dn=scale * simulated.standard_error_dn
-    )
-    found = chi_square_of_means(measured, fitted, used)
-    freedom = found.degrees_of_freedom - 1
-    return ChiSquare(found.statistic, freedom, float(chi2.sf(found.statistic, freedom)))
+def _scaled(found: PatchStatistics, scale: float) -> PatchStatistics:
+    """Means and their errors, as a camera with another fill factor has them."""
+    return replace(found, mean_dn=scale * found.mean_dn, standard_error_dn=scale * found.standard_error_dn)

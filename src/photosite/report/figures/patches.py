@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,8 @@ from photosite.validation.result import Validation
 
 _DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)
 """A relative change of a variance, small, in decibels."""
+
+FillStyle = Literal["full", "bottom", "none"]
 
 _Points = tuple[str, int, NDArray[np.bool_]]
 
@@ -39,26 +41,41 @@ def patch_means_figure(validation: Validation, measured: str = "measured", simul
         above black.
     """
     figure, upper, lower = _two_axes()
-    seen, made = validation.measured, validation.simulated
-    darkest = math.inf
-    for channel, k, which in _channels(validation):
-        color, marker, _ = channel_style(channel, k)
-        x, y = made.mean_dn[which, k], seen.mean_dn[which, k]
-        error = COVERAGE_95 * np.hypot(made.standard_error_dn[which, k], seen.standard_error_dn[which, k])
-        upper.plot(x, y, marker, color=color, label=channel)
-        lit = x > 0
-        darkest = min(darkest, *x, *y)
-        percent = 100.0 / x[lit]
-        lower.errorbar(x[lit], (y - x)[lit] * percent, error[lit] * percent, fmt=marker, color=color, elinewidth=0.9)
-    if darkest > 0:
+    draw_patch_means(upper, lower, validation)
+    if min(float(found.mean_dn[validation.used].min()) for found in (validation.measured, validation.simulated)) > 0:
         upper.set(xscale="log", yscale="log")
-    _identity(upper)
+    draw_identity(upper)
     upper.set_ylabel(f"mean, {measured} (DN)")
     lower.set_ylabel("difference (%)")
     lower.set_xlabel(f"patch mean above black, {simulated} (DN)")
     upper.legend(loc="upper left", title="channel")
     figure.align_ylabels([upper, lower])
     return figure
+
+
+def draw_patch_means(upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full") -> None:
+    """Means, measured against simulated, on the upper axes, and their relative differences in percent on the lower.
+
+    Parameters
+    ----------
+    upper, lower
+        To draw on.
+    validation
+        The comparison; saturated patches are left out.
+    filled
+        How markers are filled, to tell comparisons on one pair of axes apart.
+    """
+    seen, made = validation.measured, validation.simulated
+    for channel, k, which in _channels(validation):
+        color, marker, _ = channel_style(channel, k)
+        look = color, marker, filled
+        x, y = made.mean_dn[which, k], seen.mean_dn[which, k]
+        error_x, error_y = (COVERAGE_95 * found.standard_error_dn[which, k] for found in (made, seen))
+        _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
+        lit = x > 0
+        percent = 100.0 / x[lit]
+        gap = (y - x)[lit] * percent, np.hypot(error_x, error_y)[lit] * percent
+        _draw_crosses(lower, (x[lit], gap[0]), (None, gap[1]), look)
 
 
 @styled()
@@ -76,21 +93,49 @@ def patch_snr_figure(validation: Validation, measured: str = "measured", simulat
         Bars are 95 % intervals from the standard errors of means and variances of both.
     """
     figure, upper, lower = _two_axes()
-    seen, made = validation.measured, validation.simulated
-    for channel, k, which in _channels(validation):
-        color, marker, _ = channel_style(channel, k)
-        shown = which & np.isfinite(made.spatial_snr_db[:, k]) & np.isfinite(seen.spatial_snr_db[:, k])
-        x, y = made.spatial_snr_db[shown, k], seen.spatial_snr_db[shown, k]
-        error = COVERAGE_95 * np.hypot(_snr_error_db(made, shown, k), _snr_error_db(seen, shown, k))
-        upper.plot(x, y, marker, color=color, label=channel)
-        lower.errorbar(x, y - x, error, fmt=marker, color=color, elinewidth=0.9)
-    _identity(upper)
+    draw_patch_snr(upper, lower, validation)
+    draw_identity(upper)
     upper.set_ylabel(f"SNR, {measured} (dB)")
     lower.set_ylabel("difference (dB)")
     lower.set_xlabel(f"patch SNR, {simulated} (dB)")
     upper.legend(loc="upper left", title="channel")
     figure.align_ylabels([upper, lower])
     return figure
+
+
+def draw_patch_snr(upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full") -> None:
+    """Signal-to-noise ratios on the upper axes, their differences in decibels on the lower.
+
+    Parameters
+    ----------
+    upper, lower, validation, filled
+        As for `draw_patch_means`; patches without a ratio are left out.
+    """
+    seen, made = validation.measured, validation.simulated
+    for channel, k, which in _channels(validation):
+        color, marker, _ = channel_style(channel, k)
+        look = color, marker, filled
+        shown = which & np.isfinite(made.spatial_snr_db[:, k]) & np.isfinite(seen.spatial_snr_db[:, k])
+        x, y = made.spatial_snr_db[shown, k], seen.spatial_snr_db[shown, k]
+        error_x, error_y = (COVERAGE_95 * _snr_error_db(found, shown, k) for found in (made, seen))
+        _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
+        _draw_crosses(lower, (x, y - x), (None, np.hypot(error_x, error_y)), look)
+
+
+_Values = NDArray[np.float64]
+
+
+def _draw_crosses(
+    axes: Axes,
+    points: tuple[_Values, _Values],
+    half: tuple[_Values | None, _Values],
+    look: tuple[str, str, FillStyle],
+    label: str | None = None,
+) -> None:
+    """Points with bars along both axes, or along the ordinate."""
+    color, marker, filled = look
+    axes.errorbar(*points, half[1], half[0], fmt="none", ecolor=color, elinewidth=0.9, zorder=2)
+    axes.plot(*points, marker, color=color, fillstyle=filled, markerfacecoloralt="white", label=label, zorder=3)
 
 
 def _snr_error_db(found: PatchStatistics, which: NDArray[np.bool_], k: int) -> NDArray[np.float64]:
@@ -116,7 +161,7 @@ def _channels(validation: Validation) -> Iterator[_Points]:
             yield channel, k, which
 
 
-def _identity(axes: Axes) -> None:
+def draw_identity(axes: Axes) -> None:
     """The line of equality, over what is shown."""
     low = min(axes.get_xlim()[0], axes.get_ylim()[0])
     high = max(axes.get_xlim()[1], axes.get_ylim()[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from photosite.measured import COVERAGE_95
@@ -24,6 +25,13 @@ def spectral_sensitivity_figure(sensor: Sensor) -> Figure:
     matplotlib.figure.Figure
     """
     figure, axes = new_figure(height_in=3.8)
+    draw_spectral_sensitivity(axes, sensor)
+    axes.legend(title="channel", loc="upper right")
+    return figure
+
+
+def draw_spectral_sensitivity(axes: Axes, sensor: Sensor) -> None:
+    """The same on given axes, without a legend."""
     for position, name in enumerate(sensor.channel_names):
         channel = sensor.channels[name]
         color, marker, line = channel_style(name, position)
@@ -40,5 +48,3 @@ def spectral_sensitivity_figure(sensor: Sensor) -> Figure:
                 axes.fill_between(wavelength, percent - half, percent + half, color=color, alpha=0.2, linewidth=0)
     axes.set(xlabel="wavelength (nm)", ylabel="quantum efficiency (%)")
     axes.set_ylim(bottom=0.0)
-    axes.legend(title="channel", loc="upper right")
-    return figure
