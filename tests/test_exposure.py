@@ -28,7 +28,24 @@ def test_parsed(text, exposure_s):
 
 
 @pytest.mark.parametrize(
-    "text", ["0", "-1", "1/0", "-1/8000", "nan", "inf", "1e999", "", "fast", "1/8000 s", "1e999999999", 0, -0.1, math.nan, math.inf]
+    "text",
+    [
+        "0",
+        "-1",
+        "1/0",
+        "-1/8000",
+        "nan",
+        "inf",
+        "1e999",
+        "",
+        "fast",
+        "1/8000 s",
+        "1e999999999",
+        0,
+        -0.1,
+        math.nan,
+        math.inf,
+    ],
 )
 def test_refused(text):
     with pytest.raises(InputError, match="exposure"):

@@ -16,7 +16,11 @@ def main() -> None:
     import atheris
 
     sys.path.insert(0, str(Path(__file__).parent))
-    with atheris.instrument_imports(include=["photosite", "ruamel", "tifffile"]):
+    import photosite.engine.mosaic
+    import photosite.engine.pixels
+    import photosite.engine.truncated_normal
+
+    with atheris.instrument_imports(include=["photosite", "ruamel", "tifffile"], exclude=["photosite.engine"]):
         import fuzzing
 
         import photosite.calibration.spectral_protocol
