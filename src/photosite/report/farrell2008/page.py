@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from photosite.measured import Measured
 from photosite.report.farrell2008.drawing import Drawing, Part
 from photosite.report.farrell2008.table1 import table1_part
 from photosite.report.html import Block, Column, Notice, Page, Section, Table
-from photosite.report.numbers import format_number
-from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
+from photosite.report.numbers import format_number, format_time
+from photosite.scene.scene import DEFAULT_DISTANCE_M
+from photosite.studies.farrell2008.cameras import CASES, ILLUMINANT, HiddenTruth
 from photosite.studies.farrell2008.study import CHAPTERS, Reproduction
 
 PARTS: dict[str, Callable[[Any], Part]] = {
@@ -46,13 +48,46 @@ def study_page(study: Reproduction, parts: Mapping[str, Part]) -> Page:
         `study_parts` of it.
     """
     titles = {chapter.key: chapter.title for chapter in CHAPTERS}
-    sections = [Section("What is measured here", (Notice(_NOTICE), _truth_table(study.seed)))]
+    sections = [Section("What is measured here", (Notice(_NOTICE), _conditions(), _truth_table(study.seed)))]
     sections += [Section(titles[key], tuple(_block(entry) for entry in part)) for key, part in parts.items()]
     return Page("Sensor calibration and simulation, reproduced", _LEAD, sections, _FOOTER)
 
 
 def _block(entry: Block | Drawing) -> Block:
     return entry.block if isinstance(entry, Drawing) else entry
+
+
+def _conditions() -> Table:
+    """What both sides know."""
+    sensors = [case.sensor() for case in CASES]
+
+    def row(what: str, *cells: str) -> tuple[str, ...]:
+        return what, *cells
+
+    return Table(
+        "What the measured cameras and the simulations of them have in common",
+        (Column(""), *(Column(case.title) for case in CASES)),
+        (
+            row("Pixel", *(f"{sensor.pixel.width_um.value:g} µm" for sensor in sensors)),
+            row("Voltage swing", *(_stated(sensor.pixel.voltage_swing_v, "V") for sensor in sensors)),
+            row("Well capacity", *(_stated(sensor.pixel.well_capacity_e, "e⁻") for sensor in sensors)),
+            row("Lens", *(f"f/{case.f_number:g}, {case.focal_length_mm:g} mm" for case in CASES)),
+            row("Exposure of the chart", *(format_time(case.exposure_s) for case in CASES)),
+            row(
+                "Chart",
+                *(
+                    f"ColorChecker at {DEFAULT_DISTANCE_M:g} m, tungsten light (CIE {ILLUMINANT}), "
+                    f"{', '.join(f'{level:g}' for level in case.luminances_cd_m2)} cd/m² on average over its patches"
+                    for case in CASES
+                ),
+            ),
+            row("Frames of the chart", *(f"{case.chart_rows} × {case.chart_cols} pixels" for case in CASES)),
+        ),
+    )
+
+
+def _stated(value: Measured, unit: str) -> str:
+    return f"{format_number(value.value, 4)} {unit}" + (" (assumed; confidential)" if value.assumed else "")
 
 
 def _truth_table(seed: int) -> Table:
@@ -75,7 +110,10 @@ def _truth_table(seed: int) -> Table:
             row(
                 "Light on the chart",
                 "even, as bright as the mean",
-                lambda truth: f"uneven by {100 * truth.unevenness:g} %, towards {truth.lamp_angle_deg:.0f}°",
+                lambda truth: (
+                    f"uneven by {100 * truth.unevenness:g} %, brightest towards {truth.lamp_angle_deg:.0f}° (0° is "
+                    "right, 90° down)"
+                ),
             ),
             row("Chip", "another one of the design", lambda truth: truth.serial),
         ),

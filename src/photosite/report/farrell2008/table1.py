@@ -43,7 +43,13 @@ def table1_part(result: Table1) -> Part:
 def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
     rows, cols = table.size
     share = rows * cols / (table.whole[0] * table.whole[1])
-    part = "all of them" if share == 1 else f"{share:.3g} of the sensor’s, so that the study takes minutes"
+    pixels = f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, all of the sensor’s."
+    if share < 1:
+        pixels = (
+            f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, {100 * share:.3g} % of the sensor’s, so that "
+            "the study takes minutes. Uncertainties of spreads and of mean noise shrink with the root of the number "
+            f"of pixels: all of them would tell each {share**-0.5:.2g} times as well."
+        )
     columns = (
         Column("Parameter"),
         Column("Unit"),
@@ -56,10 +62,7 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
     steps = tuple((step.kind, format_time(step.exposure_s), str(step.count)) for step in table.protocol.steps)
     return (
         Subheading(table.case.title),
-        Paragraph(
-            f"{table.protocol.frame_count} frames of {rows} × {cols} pixels: {part}. The paper’s frames had them all; "
-            "the uncertainties of spreads and of mean noise shrink with the root of the number of pixels."
-        ),
+        Paragraph(pixels),
         Table(f"Table 1, {table.case.title}", columns, tuple(_line(row) for row in table.rows)),
         Details(
             "What was shot",
@@ -75,16 +78,21 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
 
 
 def _line(row: Table1Row) -> tuple[str, ...]:
-    paper = "confidential" if row.paper is None else f"{row.paper:g}"
+    paper = "confidential" if row.paper is None else _plain(row.paper)
     return (
         row.label,
         row.unit,
         paper,
-        format_number(row.true, 4) if row.true else "0",
+        _plain(row.true),
         _estimated(row.estimate),
         _interval(row.estimate),
         row.words,
     )
+
+
+def _plain(value: float) -> str:
+    """An exact value, without zeros at its end."""
+    return format_uncertain(float(f"{value:.5g}"), 0.0)
 
 
 def _estimated(estimate: Estimate) -> str:
