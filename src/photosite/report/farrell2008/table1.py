@@ -47,7 +47,7 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
     if share < 1:
         pixels = (
             f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, {100 * share:.3g} % of the sensor’s, so "
-            "that the study takes minutes. Uncertainties of spreads and of mean noise shrink with the root of the number "
+            "that the study takes minutes. Uncertainties of spreads and mean noise shrink with the root of the number "
             f"of pixels: all of them would tell each {share**-0.5:.2g} times as well."
         )
     columns = (
