@@ -7,6 +7,7 @@ from typing import Any
 
 from photosite.measured import Measured
 from photosite.report.farrell2008.drawing import Drawing, Part
+from photosite.report.farrell2008.glance import glance_table
 from photosite.report.farrell2008.table1 import table1_part
 from photosite.report.html import Block, Column, Notice, Page, Section, Table
 from photosite.report.numbers import format_number, format_time
@@ -49,6 +50,7 @@ def study_page(study: Reproduction, parts: Mapping[str, Part]) -> Page:
     """
     titles = {chapter.key: chapter.title for chapter in CHAPTERS}
     sections = [Section("What is measured here", (Notice(_NOTICE), _conditions(), _truth_table(study.seed)))]
+    sections.append(Section("At a glance", (glance_table(study),)))
     sections += [Section(titles[key], tuple(_block(entry) for entry in part)) for key, part in parts.items()]
     return Page("Sensor calibration and simulation, reproduced", _LEAD, sections, _FOOTER)
 

@@ -67,6 +67,12 @@ class Table1Row:
     estimate: Estimate
     words: str
 
+    @property
+    def holds(self) -> bool:
+        """Whether there is an estimate and its 95 % interval holds the true value."""
+        ends = self.estimate.interval_95
+        return ends is not None and ends[0] <= self.true <= ends[1]
+
     def to_dict(self) -> dict[str, Any]:
         """All but the labels."""
         return {
