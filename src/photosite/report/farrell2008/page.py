@@ -7,7 +7,9 @@ from typing import Any
 
 from photosite.measured import Measured
 from photosite.report.farrell2008.drawing import Drawing, Part
+from photosite.report.farrell2008.fill_factor import fill_factor_part
 from photosite.report.farrell2008.glance import glance_table
+from photosite.report.farrell2008.patches import patches_part
 from photosite.report.farrell2008.table1 import table1_part
 from photosite.report.html import Block, Column, Notice, Page, Section, Table
 from photosite.report.numbers import format_number, format_time
@@ -17,6 +19,8 @@ from photosite.studies.farrell2008.study import CHAPTERS, Reproduction
 
 PARTS: dict[str, Callable[[Any], Part]] = {
     "table1": table1_part,
+    "fill_factor": fill_factor_part,
+    "patches": patches_part,
 }
 """What is drawn of each chapter of `studies.farrell2008.study.CHAPTERS`, by its key."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
@@ -53,7 +54,9 @@ def patch_means_figure(validation: Validation, measured: str = "measured", simul
     return figure
 
 
-def draw_patch_means(upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full") -> None:
+def draw_patch_means(
+    upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
+) -> None:
     """Means, measured against simulated, on the upper axes, and their relative differences in percent on the lower.
 
     Parameters
@@ -64,6 +67,8 @@ def draw_patch_means(upper: Axes, lower: Axes, validation: Validation, filled: F
         The comparison; saturated patches are left out.
     filled
         How markers are filled, to tell comparisons on one pair of axes apart.
+    largest_bar
+        Half-width of the widest interval on the lower axes; points known less well are on the upper axes only.
     """
     seen, made = validation.measured, validation.simulated
     for channel, k, which in _channels(validation):
@@ -73,9 +78,9 @@ def draw_patch_means(upper: Axes, lower: Axes, validation: Validation, filled: F
         error_x, error_y = (COVERAGE_95 * found.standard_error_dn[which, k] for found in (made, seen))
         _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
         lit = x > 0
-        percent = 100.0 / x[lit]
-        gap = (y - x)[lit] * percent, np.hypot(error_x, error_y)[lit] * percent
-        _draw_crosses(lower, (x[lit], gap[0]), (None, gap[1]), look)
+        half = 100.0 * np.hypot(error_x, error_y)[lit] / x[lit]
+        known = half <= largest_bar
+        _draw_crosses(lower, (x[lit][known], (100.0 * (y - x)[lit] / x[lit])[known]), (None, half[known]), look)
 
 
 @styled()
@@ -103,12 +108,14 @@ def patch_snr_figure(validation: Validation, measured: str = "measured", simulat
     return figure
 
 
-def draw_patch_snr(upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full") -> None:
+def draw_patch_snr(
+    upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
+) -> None:
     """Signal-to-noise ratios on the upper axes, their differences in decibels on the lower.
 
     Parameters
     ----------
-    upper, lower, validation, filled
+    upper, lower, validation, filled, largest_bar
         As for `draw_patch_means`; patches without a ratio are left out.
     """
     seen, made = validation.measured, validation.simulated
@@ -119,7 +126,9 @@ def draw_patch_snr(upper: Axes, lower: Axes, validation: Validation, filled: Fil
         x, y = made.spatial_snr_db[shown, k], seen.spatial_snr_db[shown, k]
         error_x, error_y = (COVERAGE_95 * _snr_error_db(found, shown, k) for found in (made, seen))
         _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
-        _draw_crosses(lower, (x, y - x), (None, np.hypot(error_x, error_y)), look)
+        half = np.hypot(error_x, error_y)
+        known = half <= largest_bar
+        _draw_crosses(lower, (x[known], (y - x)[known]), (None, half[known]), look)
 
 
 _Values = NDArray[np.float64]

@@ -14,6 +14,8 @@ from typing import Any, Protocol
 from photosite.errors import InputError, did_you_mean
 from photosite.studies.closed_loop import Silence, Watcher
 from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
+from photosite.studies.farrell2008.fill_factor import fit_fill_factors
+from photosite.studies.farrell2008.patches import compare_charts
 from photosite.studies.farrell2008.table1 import measure_table1
 
 
@@ -69,7 +71,14 @@ class Chapter:
 CHAPTERS: tuple[Chapter, ...] = (
     # Section 2.
     Chapter("table1", "Section 2: Table 1 measured", lambda run: measure_table1(run.seed, watch=run.watch)),
-    # Section 3: fill factor; Figures 2 to 5.
+    # Section 3.
+    Chapter("fill_factor", "Section 3: the fill factor", lambda run: fit_fill_factors(run.seed)),
+    Chapter(
+        "patches",
+        "Figures 1 to 5: the chart, measured and simulated",
+        lambda run: compare_charts(run.seed, run.results["fill_factor"]),
+        needs=("fill_factor",),
+    ),
     # Section 4 and 5: Figures 6 and 7; the scenes.
 )
 """In the order of the paper. A chapter is registered here, and its drawing in `report.farrell2008.page.PARTS`."""
