@@ -5,7 +5,7 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.metrics.snr import noise_budget
+from photosite.metrics.snr import noise_budget, signal_at_snr_e
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +76,17 @@ def test_total_is_what_a_simulated_even_field_shows(d200):
         seen = seen + rng.normal(0, 0.55 / 0.03, pixels) + rng.normal(0, 0.52 / 0.03, pixels)
         shown = 20 * np.log10(signal / seen.std())
         assert noise_budget(d200, volts).total_db == pytest.approx(shown, abs=0.03)
+
+
+@pytest.mark.parametrize("preset", ["nikon-d200", "vendor-2.2um", "vendor-1.4um"])
+@pytest.mark.parametrize("snr_db", [-20.0, 0.0, 20.0, 35.0])
+def test_signal_at_a_ratio_is_the_budget_turned_over(preset, snr_db):
+    sensor = ps.load_sensor(preset)
+    volts = signal_at_snr_e(sensor, snr_db) * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    assert noise_budget(sensor, volts).total_db == pytest.approx(snr_db, abs=1e-9)
+
+
+def test_a_ratio_that_prnu_forbids(d200):
+    with pytest.raises(InputError, match=r"never reached: PRNU alone keeps it below 38\.97 dB"):
+        signal_at_snr_e(d200, 39.0)
+    assert signal_at_snr_e(d200.with_(prnu_percent=0, read_noise_mv=0, dsnu_mv=0), 40.0) == pytest.approx(1e4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,3 +106,43 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
         read_dsnu_rule_below_volts=float(v_per_e * 2.0 * floor_e2 / (1.0 + root)),
         prnu_rules_above_volts=float(v_per_e * (1.0 + root) / (2.0 * prnu2)) if prnu2 else float("inf"),
     )
+
+
+def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
+    """The signal in electrons at which a sensor's total signal-to-noise ratio has some value.
+
+    Parameters
+    ----------
+    sensor
+        Whose noise.
+    snr_db
+        As `NoiseBudget.total_db`; 0 dB is where the signal equals the noise.
+
+    Raises
+    ------
+    InputError
+        If PRNU keeps the ratio below that at every signal.
+
+    Notes
+    -----
+    The positive root of S^2 = R (S + read^2 + DSNU^2 + PRNU^2 S^2), R = 10^(snr_db / 10), everything in electrons; as
+    there, saturation is not looked at.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200")
+    >>> signal_e = signal_at_snr_e(sensor, 20.0)
+    >>> round(signal_e, 1), float(noise_budget(sensor, signal_e * 30e-6).total_db.round(9))
+    (309.6, 20.0)
+    """
+    ratio = 10.0 ** (snr_db / 10.0)
+    prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
+    square = 1.0 - ratio * prnu2
+    if not square > 0:
+        raise InputError(
+            f"a signal-to-noise ratio of {snr_db:g} dB is never reached: PRNU alone keeps it below "
+            f"{-10.0 * math.log10(prnu2):.4g} dB"
+        )
+    floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
+    return (ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square)

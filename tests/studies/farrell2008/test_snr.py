@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import numpy as np
@@ -18,7 +19,7 @@ def chapter():
 
 
 def test_the_d200_at_full_swing_is_the_paper_s(chapter) -> None:
-    assert {"total": 38.10, "shot": 45.56, "read": 66.35, "dsnu": 65.86, "prnu": 38.97} == PAPER_D200_AT_SWING_DB
+    assert PAPER_D200_AT_SWING_DB == {"total": 38.10, "shot": 45.56, "read": 66.35, "dsnu": 65.86, "prnu": 38.97}
     assert chapter.sensors["d200"].swing_v == 1.08
     for name, difference in chapter.from_paper_db.items():
         assert abs(difference) < 0.01, name
@@ -43,7 +44,7 @@ def test_largest_noise_is_the_one_with_the_lowest_curve(preset, changes) -> None
     leads = largest_noises(sensor)
     assert leads[0].from_volts == 0.0
     assert leads[-1].to_volts == swing
-    assert all(a.to_volts == b.from_volts for a, b in zip(leads, leads[1:], strict=False))
+    assert all(a.to_volts == b.from_volts for a, b in itertools.pairwise(leads))
     volts = np.geomspace(1e-5 * swing, 0.999 * swing, 500)
     budget = noise_budget(sensor, volts)
     lowest = np.array(list(PARTS))[np.argmin([getattr(budget, f"{name}_db") for name in PARTS], axis=0)]

@@ -20,10 +20,10 @@ def snr_part(chapter: SnrChapter) -> Part:
         Drawing.of(
             "figure6-snr",
             snr_figure(chapter),
-            "Signal-to-noise ratio against volts, total and by cause, of the D200 and the vendor's sensor",
-            "Figure 6: signal-to-noise ratio of one frame of an even surface, from Table 1. Each line but the total's is "
-            "that of one noise alone. Circles are frames of the virtual cameras' even fields, with 95 % intervals, most "
-            "of them smaller than the circle.",
+            "Signal-to-noise ratio against volts, total and by cause, of the D200 and the vendor’s sensor",
+            "Figure 6: signal-to-noise ratio of one frame of an even surface, from Table 1. Each line but the total’s "
+            "is that of one noise alone. Circles are frames of the virtual cameras’ even fields, with 95 % intervals, "
+            "most of them smaller than the circle.",
         ),
         _table(chapter),
         Listing(tuple(line for sensor in chapter.sensors.values() for line in _words(sensor))),
@@ -115,8 +115,8 @@ def _words(sensor: SensorSnr) -> tuple[str, ...]:
         for lead in sensor.leads
     )
     return (
-        f"{title}: below {floor} V read noise and DSNU together are more than shot noise and PRNU together; above {prnu} V "
-        "PRNU is more than all the others together.",
+        f"{title}: below {floor} V read noise and DSNU together are more than shot noise and PRNU together; above "
+        f"{prnu} V PRNU is more than all the others together.",
         f"{title}: the largest single noise is {leads}."
         + ("" if any(lead.noise == "shot" for lead in sensor.leads) else " Shot noise is the largest nowhere."),
         f"{title}: the even fields differ from the formula by {sensor.fields.largest_deviation:.1f} standard errors at "
@@ -127,9 +127,9 @@ def _words(sensor: SensorSnr) -> tuple[str, ...]:
 def _difference_in_words(chapter: SnrChapter) -> str:
     largest = max(abs(value) for value in chapter.from_paper_db.values())
     return (
-        f"At full swing the D200's five curves differ from the paper's by {largest:.3f} dB at most, which is their "
-        "rounding: they are Table 1 in the formula of the paper's footnote, SNR = 10 log10(S² / N) in electrons, not a "
-        "measurement. The paper says in words that read noise and DSNU rule dim signals; the voltages above say how dim. "
-        "The vendor's curves rest on a conversion gain of 100 µV/e⁻ and a swing of 1 V, which the paper keeps "
+        f"At full swing the D200’s five curves differ from the paper’s by {largest:.3f} dB at most, which is their "
+        "rounding: they are Table 1 in the formula of the paper’s footnote, SNR = 10 log10(S² / N) in electrons, not "
+        "a measurement. The paper says in words that read noise and DSNU rule dim signals; the voltages above say how "
+        "dim. The vendor’s curves rest on a conversion gain of 100 µV/e⁻ and a swing of 1 V, which the paper keeps "
         "confidential and which are assumptions here."
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera import Camera
-from photosite.metrics.patches import patch_statistics
+from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.metrics.snr import NoiseBudget, noise_budget
 from photosite.regions import Region
 from photosite.sensor.model import Sensor
@@ -235,14 +235,33 @@ def _even_fields(case: Case, told: Sensor, seed: int) -> EvenFields:
     for number, level in enumerate(np.geomspace(_LOWEST_FIELD_SHARE * swing, _HIGHEST_FIELD_SHARE * swing, FIELDS)):
         mean_e = np.full((FIELD_PIXELS, FIELD_PIXELS), level / v_per_e, np.float32)
         raw = camera.expose(mean_e, case.exposure_s, seed=frame_key(seed, f"even fields of {case.key}"), frame=number)
-        field = patch_statistics(raw, everywhere)
-        green = field.channels.index(_FIELD_CHANNEL)
-        mean = float(field.mean_dn[0, green])
-        variance = float(field.spatial_noise_dn[0, green]) ** 2 - 1.0 / 12.0
-        relative = math.hypot(
-            float(field.standard_error_dn[0, green]) / mean,
-            0.5 * float(field.spatial_variance_error_dn2[0, green]) / variance,
-        )
-        rows.append((mean * v_per_dn, 10 * math.log10(mean**2 / variance), 20 / math.log(10) * relative))
-    volts, snr_db, error_db = np.array(rows).T
-    return EvenFields(volts, snr_db, error_db, noise_budget(told, volts).total_db)
+        mean_dn, snr_db, error_db = even_snr(patch_statistics(raw, everywhere), 0, _FIELD_CHANNEL)
+        rows.append((mean_dn * v_per_dn, snr_db, error_db))
+    volts, snrs_db, errors_db = np.array(rows).T
+    return EvenFields(volts, snrs_db, errors_db, noise_budget(told, volts).total_db)
+
+
+def even_snr(statistics: PatchStatistics, patch: int, channel: str) -> tuple[float, float, float]:
+    """Signal-to-noise ratio of an even patch in one frame, as the noise budget means it.
+
+    Parameters
+    ----------
+    statistics
+        Of one frame or more.
+    patch, channel
+        Which; its mean is above black.
+
+    Returns
+    -------
+    tuple of float
+        Mean above black in DN; 20 log10 of the mean over the standard deviation over pixels, the converter's 1/12 DN^2
+        taken off; its standard error in dB, to first order.
+    """
+    at = patch, statistics.channels.index(channel)
+    mean = float(statistics.mean_dn[at])
+    variance = float(statistics.spatial_noise_dn[at]) ** 2 - 1.0 / 12.0
+    relative = math.hypot(
+        float(statistics.standard_error_dn[at]) / mean,
+        0.5 * float(statistics.spatial_variance_error_dn2[at]) / variance,
+    )
+    return mean, 10 * math.log10(mean**2 / variance), 20 / math.log(10) * relative

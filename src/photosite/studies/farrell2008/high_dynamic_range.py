@@ -1,0 +1,240 @@
+"""Section 5, a scene of high dynamic range: one portrait in bright light beside one in shade, and a wedge of grays.
+
+What scene the paper took is not known here. This one is made so that its numbers can be checked: the wedge's steps are
+even, each half as bright as the one before.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.camera import Camera
+from photosite.cfa import channel_mask
+from photosite.develop.develop import develop
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.patches import patch_statistics
+from photosite.metrics.snr import noise_budget, signal_at_snr_e
+from photosite.regions import Region
+from photosite.scene.pictures import from_srgb
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.studies.farrell2008.cameras import CASES, Case, frame_key
+from photosite.studies.farrell2008.portrait import (
+    PORTRAIT_WIDTH_M,
+    filling,
+    portrait,
+    white_exposure,
+    white_surface_electrons,
+)
+from photosite.studies.farrell2008.snr import even_snr
+
+SHADE = 1 / 64
+"""Light on the right portrait over that on the left."""
+STEPS = 12
+"""Of the wedge, each half of the one before: 1 to 1/2048 of a white surface in the bright light."""
+ILLUMINANT, WHITE_CD_M2 = "D65", 2000.0
+"""Daylight on a white surface by a window; an assumption that moves nothing but the exposure times."""
+WHITE_SHARE = 0.85
+"""Exposures make a white surface in the bright light fill this share of the sensor's range."""
+
+_WEDGE_ROWS, _WEDGE_INSET = 60, 4
+_SAMPLES_PER_PIXEL = 2
+_CHANNEL = "G"
+_SEEN_ERRORS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Wedge:
+    """The wedge as a sensor reads it, green. Arrays are (steps,), brightest first.
+
+    Parameters
+    ----------
+    level
+        Light over that of the brightest step.
+    mean_e
+        Electrons that light gives, with what diffraction brings from brighter parts of the scene; near a border from
+        its far side too, since a frame's transform is periodic (of the brightest step, 0.0004 at the D200's darkest).
+    snr_db
+        Of the raw frame, as in `snr.even_snr`; None where the mean is less than three standard errors above black.
+    standard_error_db
+        Of `snr_db`.
+    expected_db
+        By the noise budget.
+    """
+
+    level: NDArray[np.float64]
+    mean_e: NDArray[np.float64]
+    snr_db: tuple[float | None, ...]
+    standard_error_db: tuple[float | None, ...]
+    expected_db: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HdrShot:
+    """The scene under one camera.
+
+    Parameters
+    ----------
+    case
+        Which.
+    sensor
+        Its sensor.
+    exposure_s
+        What puts white in the bright light at 85 % of the range.
+    picture
+        (rows, cols, 3) float32, display sRGB, bright light exposed as it should be.
+    lifted
+        The same frame, made brighter by as much as the shade is darker.
+    wedge
+        Its grays.
+    """
+
+    case: Case
+    sensor: Sensor
+    exposure_s: float
+    picture: NDArray[np.float32]
+    lifted: NDArray[np.float32]
+    wedge: Wedge
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """Saturation over the signal that equals its noise in one frame of an even surface, 20 log10."""
+        return dynamic_range_db(self.sensor)
+
+    def steps_above(self, snr_db: float) -> int:
+        """How many of the wedge's steps have more than a ratio, by the noise budget."""
+        return int((self.wedge.expected_db > snr_db).sum())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers for `results.json`."""
+        return {
+            "exposure_s": self.exposure_s,
+            "pixels": list(self.picture.shape[:2]),
+            "dynamic_range_db": self.dynamic_range_db,
+            "wedge": {
+                "level": self.wedge.level.tolist(),
+                "mean_e": self.wedge.mean_e.tolist(),
+                "snr_db": list(self.wedge.snr_db),
+                "standard_error_db": list(self.wedge.standard_error_db),
+                "expected_db": self.wedge.expected_db.tolist(),
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class HighDynamicRange:
+    """The scene of high dynamic range under both cameras."""
+
+    shots: tuple[HdrShot, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers for `results.json`."""
+        return {
+            "portrait": portrait().to_dict(),
+            "shade": SHADE,
+            "white_cd_m2": WHITE_CD_M2,
+            "cameras": {shot.case.key: shot.to_dict() for shot in self.shots},
+        }
+
+
+def high_dynamic_range(seed: int) -> HighDynamicRange:
+    """Shoot the scene with both cameras, each exposed for the bright light.
+
+    Parameters
+    ----------
+    seed
+        Of the study.
+
+    Notes
+    -----
+    Farrell, Okincha and Parmar (2008), section 5. Frames are 360 x 512 pixels of each chip.
+
+    Examples
+    --------
+    >>> [round(shot.dynamic_range_db, 1) for shot in high_dynamic_range(2008).shots]
+    [62.0, 41.8]
+    """
+    scene = hdr_scene()
+    return HighDynamicRange(tuple(_shoot(case, scene, seed) for case in CASES))
+
+
+def hdr_scene() -> Scene:
+    """Two portraits side by side, the right in shade, over a wedge of grays; a region for each step.
+
+    White in the bright light has weights of 1 and 2000 cd/m2.
+
+    Examples
+    --------
+    >>> scene = hdr_scene()
+    >>> scene.shape, float(scene.weights[0, -1, -1] * 2048), len(scene.regions)
+    ((360, 512), 1.0, 12)
+    """
+    print_ = from_srgb(portrait().picture, ILLUMINANT)
+    white = Scene.uniform(print_.basis.sum(axis=0), print_.wavelength_nm).mean_luminance_cd_m2()
+    n = _SAMPLES_PER_PIXEL
+    _, rows, cols = print_.weights.shape
+    small = print_.weights.reshape(3, rows // n, n, cols // n, n).mean(axis=(2, 4))
+    rows, cols = small.shape[1:]
+    weights = np.empty((3, rows + _WEDGE_ROWS, 2 * cols), np.float32)
+    weights[:, :rows, :cols], weights[:, :rows, cols:] = small, SHADE * small
+    edges = np.linspace(0, 2 * cols, STEPS + 1).round().astype(int)
+    for step, (left, right) in enumerate(itertools.pairwise(edges)):
+        weights[:, rows:, left:right] = 0.5**step
+    inset = _WEDGE_INSET
+    regions = tuple(
+        Region(f"step {step}", rows + inset, rows + _WEDGE_ROWS - inset, int(left) + inset, int(right) - inset)
+        for step, (left, right) in enumerate(itertools.pairwise(edges))
+    )
+    scene = replace(print_, weights=weights, regions=regions, name="portraits in bright light and in shade")
+    return scene.scaled(WHITE_CD_M2 / white)
+
+
+def dynamic_range_db(sensor: Sensor) -> float:
+    """20 log10 of the saturation capacity over the signal whose total ratio is 0 dB.
+
+    EMVA 1288's dynamic range asks for the signal that equals the temporal noise; here, as in Figure 6, the fixed
+    pattern counts as noise.
+    """
+    return 20 * math.log10(sensor.saturation_capacity_e / signal_at_snr_e(sensor, 0.0))
+
+
+def _shoot(case: Case, scene: Scene, seed: int) -> HdrShot:
+    rows, cols = scene.shape
+    sensor = case.sensor(rows, cols).with_(serial=f"{case.key}, section 5")
+    camera = Camera(case.lens, sensor)
+    placed = filling(scene, camera, 2 * PORTRAIT_WIDTH_M)
+    exposure_s = WHITE_SHARE * sensor.saturation_capacity_e / white_surface_electrons(camera, placed, 1.0)
+    mean_e = camera.mean_electrons(placed, exposure_s)
+    raw = camera.expose(mean_e, exposure_s, seed=frame_key(seed, f"high dynamic range, {case.key}"))
+    white = white_exposure(camera, placed, exposure_s)
+    return HdrShot(
+        case,
+        sensor,
+        exposure_s,
+        picture=develop(raw, "gray-world", exposure=white),
+        lifted=develop(raw, "gray-world", exposure=white / SHADE),
+        wedge=_wedge(raw, mean_e, sensor, camera.image_regions(placed)),
+    )
+
+
+def _wedge(raw: RawFrame, mean_e: NDArray[np.float32], sensor: Sensor, regions: tuple[Region, ...]) -> Wedge:
+    v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+    read = patch_statistics(raw, regions)
+    green = channel_mask(raw.cfa, _CHANNEL, raw.shape)
+    light_e, shown = [], []
+    for step, region in enumerate(regions):
+        inside = (slice(region.r0, region.r1), slice(region.c0, region.c1))
+        light_e.append(float(mean_e[inside][green[inside]].mean(dtype=np.float64)))
+        at = step, read.channels.index(_CHANNEL)
+        seen = read.mean_dn[at] > _SEEN_ERRORS * read.standard_error_dn[at]
+        shown.append(even_snr(read, step, _CHANNEL)[1:] if seen else (None, None))
+    snr_db, errors_db = zip(*shown, strict=True)
+    expected_db = noise_budget(sensor, np.array(light_e) * v_per_e).total_db
+    level = np.asarray(0.5 ** np.arange(STEPS), dtype=np.float64)
+    return Wedge(level, np.array(light_e), snr_db, errors_db, expected_db)

@@ -1,0 +1,289 @@
+"""The portrait of section 5 and what a camera makes of it: the scene, a shot, and the noise on the face.
+
+The paper's own scenes were not published. The portrait here is one that an installed package ships.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.camera import Camera
+from photosite.cfa import channel_mask
+from photosite.develop.develop import develop
+from photosite.errors import FileError
+from photosite.frames.raw_frame import RawFrame
+from photosite.regions import Region
+from photosite.scene.pictures import from_srgb
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.studies.farrell2008.cameras import ILLUMINANT
+
+PORTRAIT_SOURCE = (
+    "Commodore Grace M. Hopper, USNR; official portrait photograph of the United States Navy, 1984. As the work of a "
+    "federal agency it is in the public domain in the United States (17 U.S.C. 105). The file is matplotlib’s "
+    "sample_data/grace_hopper.jpg, whose comment names its origin, Wikimedia Commons, File:Grace_Hopper.jpg; "
+    "matplotlib took it in as a public domain image (pull request 1599)."
+)
+_PORTRAIT, _SHAPE = Path("sample_data") / "grace_hopper.jpg", (600, 512, 3)
+FACE = Region("face", 140, 320, 180, 350)
+"""Forehead to chin, in samples of the portrait."""
+
+PORTRAIT_WIDTH_M = 0.5
+"""Head and shoulders; an assumption. The camera stands where they fill the chip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Portrait:
+    """The picture.
+
+    Parameters
+    ----------
+    picture
+        (rows, cols, 3) uint8, display sRGB.
+    sha256
+        Of its file.
+    """
+
+    picture: NDArray[np.uint8]
+    sha256: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Where it is from."""
+        return {"source": PORTRAIT_SOURCE, "file_sha256": self.sha256}
+
+
+@lru_cache(maxsize=1)
+def portrait() -> Portrait:
+    """The portrait that matplotlib ships.
+
+    Raises
+    ------
+    FileError
+        If this matplotlib ships none, or one of another size.
+
+    Examples
+    --------
+    >>> portrait().picture.shape
+    (600, 512, 3)
+    """
+    import matplotlib
+    from PIL import Image
+
+    path = Path(matplotlib.get_data_path()) / _PORTRAIT
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(
+            path, f"cannot be read ({error.strerror}): this matplotlib lacks its sample data; install it from PyPI"
+        ) from None
+    with Image.open(io.BytesIO(content)) as image:
+        picture = np.asarray(image.convert("RGB"))
+    if picture.shape != _SHAPE:
+        raise FileError(
+            path, f"is not the portrait of this study: {picture.shape}, not {_SHAPE}; where is its face? see FACE"
+        )
+    return Portrait(picture, hashlib.sha256(content).hexdigest())
+
+
+def portrait_scene(luminance_cd_m2: float) -> Scene:
+    """The portrait as a print under the paper's tungsten light, with the face as a region.
+
+    Parameters
+    ----------
+    luminance_cd_m2
+        Mean over the whole picture.
+
+    Examples
+    --------
+    >>> scene = portrait_scene(5.0)
+    >>> scene.weights.shape, round(region_luminance_cd_m2(scene, FACE), 1)
+    ((3, 600, 512), 11.3)
+    """
+    scene = from_srgb(portrait().picture, ILLUMINANT, luminance_cd_m2, name="portrait")
+    return replace(scene, regions=(FACE,))
+
+
+def region_luminance_cd_m2(scene: Scene, region: Region) -> float:
+    """Mean luminance of some samples of a scene."""
+    part = scene.weights[:, region.r0 : region.r1, region.c0 : region.c1]
+    return replace(scene, weights=part, regions=()).mean_luminance_cd_m2()
+
+
+def filling(scene: Scene, camera: Camera, width_m: float = PORTRAIT_WIDTH_M) -> Scene:
+    """The scene, of some width, at the distance from which it fills the camera's chip from left to right.
+
+    From |m| = f / (d - f) with |m| the chip's width over the scene's, for a thin lens.
+
+    Examples
+    --------
+    >>> from photosite.studies.farrell2008.cameras import VENDOR
+    >>> camera = Camera(VENDOR.lens, VENDOR.sensor(300, 256))
+    >>> scene = filling(portrait_scene(5.0), camera)
+    >>> round(scene.distance_m, 2), round(camera.optics.magnification(scene.distance_m) * 0.5 * 1e6, 1)
+    (4.34, 563.2)
+    """
+    sensor = camera.sensor
+    chip_m = sensor.array.cols * sensor.pixel.width_um.value * 1e-6
+    # A thin lens: f follows from the magnification at any distance.
+    ratio = camera.optics.magnification(1.0)
+    focal_m = ratio / (1.0 + ratio)
+    return replace(scene, distance_m=focal_m * (1.0 + width_m / chip_m), width_m=None)
+
+
+@dataclass(frozen=True)
+class RegionNoise:
+    """What a channel reads in a region of one frame, beside what the noise model says.
+
+    Parameters
+    ----------
+    channel
+        Which.
+    mean_e
+        Mean electrons from light.
+    snr_db
+        20 log10 of `mean_e` over the root mean square of what the pixels read less what light gave them: temporal noise
+        and fixed pattern, without the scene's own structure, which a simulation knows.
+    standard_error_db
+        Of `snr_db`.
+    expected_db
+        By the noise model: shot noise, read noise, DSNU, PRNU and the converter's rounding at each pixel's own level.
+    """
+
+    channel: str
+    mean_e: float
+    snr_db: float
+    standard_error_db: float
+    expected_db: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Its numbers."""
+        names = ("mean_e", "snr_db", "standard_error_db", "expected_db")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A frame of the portrait, and the picture made of it.
+
+    Parameters
+    ----------
+    camera, exposure_s
+        What it was shot with.
+    raw
+        The frame.
+    picture
+        (rows, cols, 3) float32, display sRGB: bilinear demosaic, gray world, a white surface in this light is white.
+    face
+        Noise on the face, by channel.
+    """
+
+    camera: Camera
+    exposure_s: float
+    raw: RawFrame
+    picture: NDArray[np.float32]
+    face: tuple[RegionNoise, ...]
+
+    def noise(self, channel: str) -> RegionNoise:
+        """Of one channel."""
+        return next(entry for entry in self.face if entry.channel == channel)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers for `results.json`."""
+        return {
+            "exposure_s": self.exposure_s,
+            "pixels": list(self.raw.shape),
+            "face": {entry.channel: entry.to_dict() for entry in self.face},
+        }
+
+
+def shoot_portrait(camera: Camera, scene: Scene, exposure_s: float, key: int) -> Shot:
+    """Shoot a scene that has a face, and develop the frame.
+
+    Parameters
+    ----------
+    camera
+        Lens and sensor; the scene is moved to where it fills the chip.
+    scene
+        `portrait_scene`.
+    exposure_s
+        Exposure time.
+    key
+        Of the temporal noise.
+    """
+    placed = filling(scene, camera)
+    mean_e = camera.mean_electrons(placed, exposure_s)
+    raw = camera.expose(mean_e, exposure_s, seed=key)
+    picture = develop(raw, "gray-world", exposure=white_exposure(camera, placed, exposure_s))
+    face = region_noise(raw, mean_e, camera.sensor, camera.image_regions(placed)[0])
+    return Shot(camera, exposure_s, raw, picture, face)
+
+
+def white_surface_electrons(camera: Camera, scene: Scene, exposure_s: float) -> float:
+    """Electrons that a white surface in the scene's light gives the channel that sees most of it.
+
+    Parameters
+    ----------
+    scene
+        From `photosite.scene.pictures.from_srgb`: its basis spectra sum to those of white.
+    """
+    white = Scene.uniform(scene.basis.sum(axis=0), scene.wavelength_nm, scene.distance_m)
+    tile = camera.sensor.array.cfa
+    small = replace(camera, sensor=camera.sensor.with_(rows=len(tile), cols=len(tile[0])))
+    return float(small.mean_electrons(white, exposure_s).max())
+
+
+def white_exposure(camera: Camera, scene: Scene, exposure_s: float) -> float:
+    """The factor for `develop` that makes a white surface in the scene's light display white."""
+    sensor = camera.sensor
+    range_e = (sensor.white_level_dn - sensor.readout.black_level_dn.value) / sensor.system_gain_dn_per_e
+    return range_e / white_surface_electrons(camera, scene, exposure_s)
+
+
+def region_noise(
+    raw: RawFrame, mean_electrons: NDArray[np.float32], sensor: Sensor, region: Region
+) -> tuple[RegionNoise, ...]:
+    """Noise of each channel in a region of a frame, measured and by the model.
+
+    Parameters
+    ----------
+    raw
+        The frame; its region is neither saturated nor clipped at black.
+    mean_electrons
+        (rows, cols) what light gave its pixels.
+    sensor
+        Its sensor, without dark current.
+    region
+        Where.
+    """
+    inside = (slice(region.r0, region.r1), slice(region.c0, region.c1))
+    read_e = (raw.dn[inside] - raw.black_level_dn) / sensor.system_gain_dn_per_e
+    light_e = mean_electrons[inside].astype(np.float64)
+    floor_e2 = sum(sensor.electrons(q.value) ** 2 for q in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
+    floor_e2 += 1.0 / 12.0 / sensor.system_gain_dn_per_e**2
+    prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
+    found = []
+    for channel in "RGB":
+        mask = channel_mask(raw.cfa, channel, raw.shape)[inside]
+        light, square = light_e[mask], (read_e - light_e)[mask] ** 2
+        mean, variance = float(light.mean()), float(square.mean())
+        expected = float((light + floor_e2 + prnu2 * light**2).mean())
+        relative = float(square.std(ddof=1)) / variance / math.sqrt(square.size)
+        found.append(
+            RegionNoise(
+                channel,
+                mean,
+                10 * math.log10(mean**2 / variance),
+                10 / math.log(10) * relative,
+                10 * math.log10(mean**2 / expected),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,88 @@
+"""The portrait: its scene, where the camera stands, the noise on the face against the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photosite.camera import Camera
+from photosite.metrics.snr import noise_budget
+from photosite.regions import Region
+from photosite.scene.pictures import from_srgb
+from photosite.studies.farrell2008.cameras import D200, VENDOR
+from photosite.studies.farrell2008.portrait import (
+    FACE,
+    PORTRAIT_SOURCE,
+    filling,
+    portrait,
+    portrait_scene,
+    region_luminance_cd_m2,
+    region_noise,
+    shoot_portrait,
+    white_surface_electrons,
+)
+
+
+def test_the_file_says_where_it_is_from() -> None:
+    import io
+    from pathlib import Path
+
+    import matplotlib
+    from PIL import Image
+
+    content = (Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg").read_bytes()
+    assert Image.open(io.BytesIO(content)).info["comment"].endswith(b"commons.wikimedia.org/wiki/File:Grace_Hopper.jpg")
+    assert "public domain" in PORTRAIT_SOURCE
+    assert len(portrait().sha256) == 64
+
+
+def test_luminances() -> None:
+    scene = portrait_scene(5.0)
+    assert scene.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
+    # The slow way: each sample's spectrum.
+    from photosite.spectra import luminance_cd_m2
+
+    radiance = np.einsum("kij,kl->ijl", scene.weights[:, FACE.r0 : FACE.r1 : 9, FACE.c0 : FACE.c1 : 9], scene.basis)
+    thinned = luminance_cd_m2(radiance, scene.wavelength_nm).mean()
+    assert region_luminance_cd_m2(scene, FACE) == pytest.approx(thinned, rel=0.02)
+
+
+@pytest.mark.parametrize("case", [D200, VENDOR])
+def test_the_scene_fills_the_chip(case) -> None:
+    camera = Camera(case.lens, case.sensor(30, 26))
+    placed = filling(portrait_scene(5.0), camera, 0.4)
+    chip_m = 26 * camera.sensor.pixel.width_um.value * 1e-6
+    assert camera.optics.magnification(placed.distance_m) * 0.4 == pytest.approx(chip_m, rel=1e-12)
+
+
+def test_noise_of_a_region_is_the_noise_model_s() -> None:
+    # 3 channels on 24 chips with photons of their own: z is standard normal. Its mean over 72 lies within 4 / sqrt(72)
+    # in all but 6e-5 of seeds, its spread within 0.66 and 1.34 in all but 1e-4 (4 standard errors).
+    mean_e = np.full((64, 64), 500.0, np.float32)
+    whole = Region("all", 0, 64, 0, 64)
+    z = []
+    for number in range(24):
+        sensor = VENDOR.sensor(64, 64).with_(serial=f"chip {number}")
+        raw = Camera(VENDOR.lens, sensor).expose(mean_e, 0.066, seed=number)
+        for entry in region_noise(raw, mean_e, sensor, whole):
+            # The budget has no rounding, 1/12 DN^2 of 9.77 electrons each: 7.9 e-^2 beside 6270.
+            assert entry.expected_db == pytest.approx(noise_budget(sensor, 0.05).total_db, abs=0.01)
+            z.append((entry.snr_db - entry.expected_db) / entry.standard_error_db)
+    assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
+    assert 0.66 < np.std(z) < 1.34
+
+
+@pytest.mark.parametrize("case", [D200, VENDOR])
+def test_a_white_surface_is_developed_white_and_a_gray_one_gray(case) -> None:
+    # A chip without noise but its photons', filled to a third; the gray is 0.5 in linear light.
+    for code, wanted in ((255, 1.0), (188, 188 / 255)):
+        scene = replace(
+            from_srgb(np.full((60, 60, 3), code, np.uint8), "A", 40.0), regions=(Region("all", 5, 55, 5, 55),)
+        )
+        sensor = case.sensor(60, 60).with_(read_noise_mv=0, dsnu_mv=0, prnu_percent=0)
+        camera = Camera(case.lens, sensor)
+        exposure_s = 0.33 * sensor.saturation_capacity_e / white_surface_electrons(camera, scene, 1.0)
+        picture = shoot_portrait(camera, scene, exposure_s, 1).picture
+        assert np.median(picture) == pytest.approx(wanted, abs=0.01)
