@@ -6,10 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from photosite.measured import Measured
+from photosite.report.farrell2008.dim_face import dim_face_part
 from photosite.report.farrell2008.drawing import Drawing, Part
 from photosite.report.farrell2008.fill_factor import fill_factor_part
 from photosite.report.farrell2008.glance import glance_table
+from photosite.report.farrell2008.high_dynamic_range import high_dynamic_range_part
 from photosite.report.farrell2008.patches import patches_part
+from photosite.report.farrell2008.pixel_size import pixel_size_part
+from photosite.report.farrell2008.snr import snr_part
 from photosite.report.farrell2008.table1 import table1_part
 from photosite.report.html import Block, Column, Notice, Page, Section, Table
 from photosite.report.numbers import format_number, format_time
@@ -21,6 +25,10 @@ PARTS: dict[str, Callable[[Any], Part]] = {
     "table1": table1_part,
     "fill_factor": fill_factor_part,
     "patches": patches_part,
+    "snr": snr_part,
+    "pixel_size": pixel_size_part,
+    "dim_face": dim_face_part,
+    "high_dynamic_range": high_dynamic_range_part,
 }
 """What is drawn of each chapter of `studies.farrell2008.study.CHAPTERS`, by its key."""
 

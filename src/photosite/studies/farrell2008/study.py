@@ -14,8 +14,12 @@ from typing import Any, Protocol
 from photosite.errors import InputError, did_you_mean
 from photosite.studies.closed_loop import Silence, Watcher
 from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
+from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.fill_factor import fit_fill_factors
+from photosite.studies.farrell2008.high_dynamic_range import high_dynamic_range
 from photosite.studies.farrell2008.patches import compare_charts
+from photosite.studies.farrell2008.pixel_size import pixel_sizes
+from photosite.studies.farrell2008.snr import snr_against_volts
 from photosite.studies.farrell2008.table1 import measure_table1
 
 
@@ -79,7 +83,11 @@ CHAPTERS: tuple[Chapter, ...] = (
         lambda run: compare_charts(run.seed, run.results["fill_factor"]),
         needs=("fill_factor",),
     ),
-    # Section 4 and 5: Figures 6 and 7; the scenes.
+    # Sections 4 and 5.
+    Chapter("snr", "Figure 6: what limits the signal-to-noise ratio", lambda run: snr_against_volts(run.seed)),
+    Chapter("pixel_size", "Figure 7: 1.4 µm against 2.2 µm", lambda run: pixel_sizes(run.seed)),
+    Chapter("dim_face", "Section 5: a dimly lit face", lambda run: dim_face(run.seed)),
+    Chapter("high_dynamic_range", "Section 5: high dynamic range", lambda run: high_dynamic_range(run.seed)),
 )
 """In the order of the paper. A chapter is registered here, and its drawing in `report.farrell2008.page.PARTS`."""
 
