@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 from photosite.measured import COVERAGE_95
 from photosite.report.html import Column, Table
 from photosite.report.numbers import format_number, format_uncertain
+from photosite.studies.farrell2008.dim_face import EXPOSURE_S, LUMINANCE_CD_M2, DimFace
 from photosite.studies.farrell2008.fill_factor import FillFactors
+from photosite.studies.farrell2008.high_dynamic_range import HighDynamicRange
 from photosite.studies.farrell2008.patches import FORMULAS, Patches, differences, snr_difference_db
+from photosite.studies.farrell2008.pixel_size import PICTURE_LUMINANCE_CD_M2, PRESETS, PixelSize
 from photosite.studies.farrell2008.snr import PAPER_D200_AT_SWING_DB, SnrChapter
 from photosite.studies.farrell2008.study import Reproduction
 from photosite.studies.farrell2008.table1 import CameraTable, Table1
@@ -118,10 +122,59 @@ def _snr(result: SnrChapter) -> tuple[Row, ...]:
     )
 
 
+def _pixel_size(result: PixelSize) -> tuple[Row, ...]:
+    level = PICTURE_LUMINANCE_CD_M2
+    large, small = (result.curve(width, False) for width in sorted(PRESETS, reverse=True))
+    quiet_large, quiet_small = (result.curve(width, True) for width in sorted(PRESETS, reverse=True))
+    area_db = 10 * math.log10(small.per_large_pixel)
+    lost, quiet = (b.snr_at(level) - s.snr_at(level) for b, s in ((large, small), (quiet_large, quiet_small)))
+    return (
+        (
+            f"Figure 7, {large.width_um:g} µm against {small.width_um:g} µm at {level:g} cd/m²",
+            _PICTURED,
+            f"{large.snr_at(level):.1f} and {small.snr_at(level):.1f} dB on a white surface, one pixel each",
+            f"The small pixel lacks {lost:.1f} dB, and over the same area {lost - area_db:.1f} dB; without read noise and "
+            f"DSNU the two areas would be {abs(quiet - area_db):.1f} dB apart.",
+        ),
+    )
+
+
+def _dim_face(result: DimFace) -> tuple[Row, ...]:
+    shots = ", ".join(
+        f"{entry.shot.noise('G').snr_db:.0f} dB ({entry.case.title}, f/{entry.case.f_number:g})"
+        for entry in result.shots
+    )
+    ruled = [entry.case.title for entry in result.shots if entry.read_dsnu_rule_on_the_face]
+    return (
+        (
+            f"Face in dim light, {LUMINANCE_CD_M2:g} cd/m², {1e3 * EXPOSURE_S:g} ms",
+            "pictures; its portrait is not at hand",
+            f"SNR of green on the face: {shots}",
+            f"Read noise and DSNU rule the face under {len(ruled)} of {len(result.shots)} cameras. Simulated, not "
+            "measured.",
+        ),
+    )
+
+
+def _high_dynamic_range(result: HighDynamicRange) -> tuple[Row, ...]:
+    ranges = ", ".join(f"{shot.dynamic_range_db:.0f} dB ({shot.case.title})" for shot in result.shots)
+    return (
+        (
+            "Scene of high dynamic range",
+            "pictures; its scene is not at hand",
+            f"Dynamic range of one frame: {ranges}",
+            "Simulated, not measured.",
+        ),
+    )
+
+
 GLANCES: dict[type, Callable[[Any], tuple[Row, ...]]] = {
     Table1: _table1,
     FillFactors: _fill_factors,
     Patches: _patches,
     SnrChapter: _snr,
+    PixelSize: _pixel_size,
+    DimFace: _dim_face,
+    HighDynamicRange: _high_dynamic_range,
 }
 """Lines of a chapter, by the type of its result."""
