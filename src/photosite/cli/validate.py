@@ -1,24 +1,24 @@
-"""`photosite validate`: measured against simulated raw frames."""
+"""`photosite validate`: measured raw frames against simulated ones, or against what a sensor file makes of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from photosite.cli import options
-from photosite.cli.output import print_json, say_if_compiling, table
+from photosite.cli.output import print_json, say_if_compiling
+from photosite.cli.validate_frames import only_with_measured, show, validate_measured
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
-    from photosite.validation.result import Validation
 
 
 @click.command("validate")
-@click.argument("measured", type=click.Path(path_type=Path))
-@click.argument("simulated", type=click.Path(path_type=Path))
-@click.option("--chart", default="macbeth", help="Chart that fills the frames.")
+@click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="MEASURED SIMULATED | FILES")
+@click.option("--chart", default="macbeth", help="Chart that fills the frames; with two paths only.")
 @click.option("--level", type=options.above(), default=0.05, help="Share of false alarms allowed to the verdict.")
 @click.option(
     "--tolerance",
@@ -29,8 +29,61 @@ if TYPE_CHECKING:
 )
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@only_with_measured
 @options.json_option
+@click.pass_context
 def command(
+    ctx: click.Context,
+    /,
+    paths: tuple[Path, ...],
+    chart: str,
+    level: float,
+    tolerance: float,
+    bits: int | None,
+    cfa: str | None,
+    as_json: bool,
+    measured: tuple[Path, ...],
+    **camera: object,
+) -> None:
+    """Compare raw frames of a chart with simulated ones: patch means, noise and colours, and a verdict.
+
+    With two paths, MEASURED and SIMULATED: raw files, or folders of raw files of one scene and setting, in which the
+    chart fills the frame.
+
+    With --measured: raw frames of a real camera (further FILES may follow, of one scene and setting) against frames
+    that are simulated from a sensor file, the lamp, the lens and the exposure. The chart is where --corners say, or
+    is looked for.
+
+    Exit status 0 whatever the verdict; the verdict is the first line, and "agrees" in the JSON object.
+
+    \b
+    Examples:
+      photosite validate shot.dng simulated.dng --tolerance 1
+      photosite validate --measured shot*.nef --sensor mine.sensor.yaml --illuminant lamp.csv
+          --corners 412,388 420,3391 2201,3377 2188,405 --f-number 8 --fit fill_factor --report validation.html
+    """
+    given = [name for name in (*camera, "measured") if _is_given(ctx, name)]
+    if measured:
+        if _is_given(ctx, "chart"):
+            raise click.UsageError("--chart belongs to two paths; with --measured the chart is --scene", ctx)
+        frames = _all_frames((*measured, *paths), bits, cfa)
+        validate_measured(ctx, frames, level, tolerance, as_json, camera)
+        return
+    if given:
+        option = "--" + {"scene_name": "scene", "sensor_name": "sensor"}.get(given[0], given[0]).replace("_", "-")
+        raise click.UsageError(f"{option} belongs to --measured; two paths are compared as they are", ctx)
+    if len(paths) != 2:
+        raise click.UsageError(
+            f"expected two paths, MEASURED and SIMULATED, not {len(paths)}; or --measured FILES and --sensor FILE", ctx
+        )
+    _compare_two(paths[0], paths[1], chart, level, tolerance, bits, cfa, as_json)
+
+
+def _is_given(ctx: click.Context, name: str) -> bool:
+    return ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def _compare_two(
     measured: Path,
     simulated: Path,
     chart: str,
@@ -40,13 +93,6 @@ def command(
     cfa: str | None,
     as_json: bool,
 ) -> None:
-    """Compare measured with simulated raw frames of a chart: patch means, noise and colours, and a verdict.
-
-    Each of the two is a raw file, or a folder of raw files of one scene and setting. Exit status 0 whatever the
-    verdict; the verdict is the first line, and "agrees" in the JSON object.
-
-    Example: photosite validate shot.dng simulated.dng --tolerance 1
-    """
     from photosite.validation.validate import validate
 
     measured_raw, simulated_raw = (_frames(path, bits, cfa) for path in (measured, simulated))
@@ -61,7 +107,12 @@ def command(
     if as_json:
         print_json(result.to_dict())
     else:
-        _show(result)
+        click.echo("measured and simulated " + ("agree" if result.agrees else "differ"))
+        show((*result.reasons, *result.notes), result)
+
+
+def _all_frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
+    return [frame for path in paths for frame in _frames(path, bits, cfa)]
 
 
 def _frames(path: Path, bits: int | None, cfa: str | None) -> list[RawFrame]:
@@ -74,27 +125,3 @@ def _frames(path: Path, bits: int | None, cfa: str | None) -> list[RawFrame]:
     if not files:
         raise FileError(path, "holds no raw frames (DNG, camera raw, TIFF, PNG)")
     return [read_raw(file, bits=bits, cfa=cfa) for file in files]
-
-
-def _show(result: Validation) -> None:
-    click.echo("measured and simulated " + ("agree" if result.agrees else "differ"))
-    for line in (*result.reasons, *result.notes):
-        click.echo(f"  {line}")
-    channels = result.measured.channels
-    heading = ("patch", *(f"{c} {what}" for c in channels for what in ("measured", "simulated")))
-    means = [
-        (
-            name,
-            *(
-                f"{mean[patch, k]:.1f}"
-                for k in range(len(channels))
-                for mean in (result.measured.mean_dn, result.simulated.mean_dn)
-            ),
-        )
-        for patch, name in enumerate(result.measured.names)
-    ]
-    click.echo("\nMean above black, DN:")
-    click.echo(table([heading, *means], "<" + ">" * (2 * len(channels))))
-    if result.color is not None:
-        delta = result.color.delta_e_2000
-        click.echo(f"\ndelta E 2000 of the patches: mean {delta.mean():.2f}, largest {delta.max():.2f}")

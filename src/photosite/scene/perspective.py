@@ -13,8 +13,11 @@ from photosite.regions import Corners, Patch, Quadrilateral, turning
 from photosite.scene.placement import place
 from photosite.scene.scene import Scene
 
-SAMPLES_PER_PATCH = 16
+SAMPLES_PER_PATCH = 32
 """Samples of a seen chart on the shorter side of its smallest patch: what a border between patches is blurred by."""
+
+_MOST_SAMPLES = 1e6
+"""Of a seen chart, for its weights to fit in memory; where the chart is small in the frame, its borders blur more."""
 
 _CELLS = 4
 """A sample is the mean over so many points on each axis."""
@@ -236,7 +239,7 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
     check_corners(corners, frame_shape)
     patches = seen_patches(chart, corners, inner=1.0)
     side = min(_shortest_side(patch.corners) for patch in patches)
-    pixels = max(1.0, side / SAMPLES_PER_PATCH)
+    pixels = max(1.0, side / SAMPLES_PER_PATCH, math.sqrt(frame_shape[0] * frame_shape[1] / _MOST_SAMPLES))
     shape = (math.ceil(frame_shape[0] * pixel_aspect / pixels), math.ceil(frame_shape[1] / pixels))
     where = place(shape, frame_shape, pixel_aspect=pixel_aspect)
     back = Homography.between(field_corners(chart), corners).inverse

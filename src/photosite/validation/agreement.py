@@ -32,6 +32,17 @@ class ChiSquare:
     degrees_of_freedom: int
     p_value: float
 
+    @property
+    def p_text(self) -> str:
+        """The p-value in words, for no sum is known to more.
+
+        Examples
+        --------
+        >>> ChiSquare(80.0, 72, 0.2431).p_text, ChiSquare(9e4, 72, 0.0).p_text
+        ('p = 0.24', 'p < 1e-12')
+        """
+        return f"p = {self.p_value:.2g}" if self.p_value >= 1e-12 else "p < 1e-12"
+
 
 def chi_square_of_means(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0, fitted: int = 0

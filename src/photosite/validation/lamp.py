@@ -17,6 +17,7 @@ from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     Spectrum,
     illuminant,
+    integration_weights,
     luminance_cd_m2,
     photons_from_energy,
 )
@@ -37,6 +38,12 @@ QUANTITIES = tuple(_RADIANCE_PER_UNIT)
 """Names of the second column of a lamp's file."""
 
 _WAVELENGTH = "wavelength_nm"
+
+_FINE_NM = 0.25
+"""Step of the sums over a file's spectrum, beside its own entries."""
+
+_SMOOTH = 0.01
+"""RMS of what the simulator's wavelengths miss of a spectrum, in parts of its mean, up to which it is sampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +114,8 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     path
         CSV with the heading `wavelength_nm,` and one of `QUANTITIES`: spectral irradiance on the chart, spectral
         radiance of a white standard in its place, or relative energy, which leaves the level open. A third column of
-        standard uncertainties is read over. It is used from 380 to 780 nm, where the chart's reflectance is known.
+        standard uncertainties is read over. It is used from 380 to 780 nm, where the chart's reflectance is known, at
+        the simulator's wavelengths; lines between these count with their energy.
 
     Returns
     -------
@@ -142,12 +150,11 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
             f"light is not negative, but {spectrum.values[at]:g} at {spectrum.wavelength_nm[at]:g} nm is; "
             "where that is the instrument's noise, write 0",
         )
-    grid = _grid(file, spectrum.wavelength_nm)
-    values = spectrum.at(grid)
-    if not values.any():
+    light = _brought(file, spectrum)
+    if not light.values.any():
         raise FileError(file, "there is no light between 380 and 780 nm; check the columns")
-    light = Spectrum(grid, values)
-    return Lamp(file.name, light, grid, None if per_unit is None else _chart_luminance(light, per_unit))
+    level = None if per_unit is None else _chart_luminance(light, per_unit)
+    return Lamp(file.name, light, light.wavelength_nm, level)
 
 
 def _quantity(file: Path) -> str:
@@ -160,15 +167,26 @@ def _quantity(file: Path) -> str:
     return heading[1]
 
 
-def _grid(file: Path, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The file's wavelengths from 380 to 780 nm, and every 10 nm between them: coarse files tell of smooth lamps."""
-    low, high = max(380.0, wavelength_nm[0]), min(780.0, wavelength_nm[-1])
+def _brought(file: Path, spectrum: Spectrum) -> Spectrum:
+    """The spectrum at the simulator's wavelengths, as far as the file reaches.
+
+    A smooth one is sampled there. One with lines or noise finer than that is averaged under a triangle about each: a
+    line between two wavelengths is shared by both, with its energy, so that what is linear between the simulator's
+    wavelengths has the integral with the lamp that it should have.
+    """
+    at = spectrum.wavelength_nm
+    low, high = max(DEFAULT_WAVELENGTH_NM[0], at[0]), min(DEFAULT_WAVELENGTH_NM[-1], at[-1])
     if not low < high:
-        raise FileError(
-            file, f"holds {wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm; light from 380 to 780 nm is wanted"
-        )
-    every = np.union1d(wavelength_nm, DEFAULT_WAVELENGTH_NM)
-    return np.union1d(every[(every > low) & (every < high)], [low, high])
+        raise FileError(file, f"holds {at[0]:g} to {at[-1]:g} nm; light from 380 to 780 nm is wanted")
+    grid = np.union1d(np.clip(DEFAULT_WAVELENGTH_NM, low, high), [low, high])
+    fine = np.union1d(np.clip(at, low, high), np.linspace(low, high, 1 + math.ceil((high - low) / _FINE_NM)))
+    sampled = Spectrum(grid, spectrum.at(grid))
+    missed = spectrum.at(fine) - sampled.at(fine)
+    if np.sqrt(np.mean(missed**2)) <= _SMOOTH * spectrum.at(fine).mean():
+        return sampled
+    energy = spectrum.at(fine) * integration_weights(fine)
+    shares = np.stack([np.interp(fine, grid, triangle) for triangle in np.eye(grid.size)])
+    return Spectrum(grid, shares @ energy / (shares @ integration_weights(fine)))
 
 
 def _chart_luminance(light: Spectrum, radiance_per_unit: float) -> float:

@@ -133,7 +133,7 @@ class Validation:
         verdict = "agree" if test.p_value >= level else "differ"
         line = (
             f"{what} {verdict}: chi-square {test.statistic:.1f} with {test.degrees_of_freedom} degrees of freedom, "
-            f"p = {test.p_value:.2g}, at level {level:.3g}"
+            f"{test.p_text}, at level {level:.3g}"
         )
         if not self.tolerance_percent:
             return line

@@ -1,0 +1,334 @@
+"""The report of a validation: raw frames of a chart against their simulation, and whether they agree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from PIL import ImageDraw
+
+from photosite.cfa import tile_text
+from photosite.exposure import format_exposure
+from photosite.frames.raw_frame import RawFrame
+from photosite.optics.lens import DiffractionLimited
+from photosite.report.blocks import figure_block, sentence
+from photosite.report.figures.color_difference import color_difference_figure
+from photosite.report.figures.patches import patch_means_figure, patch_snr_figure
+from photosite.report.html import (
+    Block,
+    Column,
+    Details,
+    Heading,
+    Image,
+    Images,
+    Listing,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+)
+from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.pictures import WIDEST, develop_alike, jpeg_bytes, shrink
+from photosite.report.write import write_report
+from photosite.validation.agreement import ChiSquare
+from photosite.validation.fill_factor import FillFactorFit
+from photosite.validation.frames_result import FrameValidation
+from photosite.validation.regression import Estimate, Regression
+
+_FOOTER = (
+    "Intervals hold the true value in 95 % of comparisons. A p-value is the share of comparisons between two cameras "
+    "of one kind that come out as far apart or farther."
+)
+
+_MARGIN = 0.06
+"""Of the frame that the pictures show beside the chart, in parts of the chart's longer side."""
+
+_Picture = NDArray[np.float32]
+
+
+def write_validation_report(result: FrameValidation, path: str | PathLike[str]) -> None:
+    """Write the report of a validation: one HTML file that needs no other, or a PDF, by the name's ending.
+
+    Parameters
+    ----------
+    result
+        What `validate_frames` found.
+    path
+        The file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    write_report(validation_page(result), path)
+
+
+def validation_page(result: FrameValidation) -> Page:
+    """The report of a validation as a page.
+
+    Parameters
+    ----------
+    result
+        As for `write_validation_report`.
+    """
+    frames, simulated = result.frames
+    lead = (
+        f"{_counted(frames).capitalize()} of a ColorChecker against {_counted(simulated)} that the simulator made from "
+        f"the sensor file “{result.told.sensor.name}”: compared on the raw mosaic, before any processing."
+    )
+    sections = (
+        Section("Verdict", _verdict_blocks(result)),
+        Section("What the simulation was told", _told_blocks(result)),
+        Section("Pictures", _picture_blocks(result)),
+        Section("Patches", _patch_blocks(result)),
+        Section("Colours", _color_blocks(result)),
+        Section("Numbers", _number_blocks(result)),
+    )
+    return Page("Measured against simulated", lead, sections, _FOOTER)
+
+
+def _counted(frames: int) -> str:
+    return "one raw frame" if frames == 1 else f"{frames} raw frames"
+
+
+def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    found = result.validation
+    allowed = f", where differences of {found.tolerance_percent:g} % are let pass" if found.tolerance_percent else ""
+    verdict = (
+        f"Measured and simulated {'agree' if result.agrees else 'do not agree'}{allowed}. Of comparisons "
+        f"with the very camera described, {100 * found.level:g} % at most would end in “do not agree”."
+    )
+    named = [("Patch means", found.means), ("Noise over pixels", found.noise)]
+    if found.temporal_noise is not None:
+        named.append(("Noise from frame to frame", found.temporal_noise))
+    share = found.level / len(named)
+    columns = (
+        Column("Test"),
+        Column("Chi-square", numeric=True),
+        Column("Degrees of freedom", numeric=True),
+        Column("p-value", numeric=True),
+        Column("Result"),
+    )
+    rows = tuple(_test_row(name, test, share) for name, test in named)
+    caption = f"The tests behind the verdict; each says “differ” below p = {share:.3g}"
+    blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, columns, rows)]
+    if result.fit_in_words is not None:
+        blocks.append(Paragraph(sentence(result.fit_in_words)))
+    blocks.append(Listing(tuple(sentence(line) for line in result.reasons)))
+    notes = (*result.notes, *found.notes)
+    if notes:
+        blocks.append(Details("Assumed, or left out", (Listing(tuple(sentence(line) for line in notes)),)))
+    return tuple(blocks)
+
+
+def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
+    result = "agree" if test.p_value >= share else "differ"
+    return (
+        name,
+        f"{test.statistic:.1f}",
+        str(test.degrees_of_freedom),
+        test.p_text.removeprefix("p ").removeprefix("= "),
+        result,
+    )
+
+
+def _told_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    told, frame = result.told, result.measured
+    rows: list[tuple[str, str]] = [
+        ("Sensor file", f"{told.sensor.name}, colour filter array {tile_text(told.sensor.array.cfa)}"),
+        ("Frames", f"{frame.shape[0]} × {frame.shape[1]} pixels, {frame.bits} bits, black {frame.black_level_dn:g} DN"),
+        ("Illuminant", told.lamp.name),
+    ]
+    if told.luminance_cd_m2 is not None:
+        fitted = " (fitted)" if result.fitted == "light" else ""
+        rows.append(("Mean luminance of the patches", f"{told.luminance_cd_m2:.4g} cd/m²{fitted}"))
+    if told.exposure_s is not None:
+        said = "" if frame.exposure_s is None else f"; the frames say {format_exposure(frame.exposure_s)} s"
+        rows.append(("Exposure", f"{format_exposure(told.exposure_s)} s{said}"))
+    if isinstance(told.optics, DiffractionLimited):
+        rows.append(("Lens", f"f/{told.optics.f_number:g}, {told.optics.focal_length_mm:g} mm, limited by diffraction"))
+    if result.fitted == "fill_factor" and result.fit is not None:
+        rows.append(("Fill factor", f"{result.fit.value:.4g} (fitted)"))
+    else:
+        rows.append(("Fill factor", f"{told.sensor.pixel.fill_factor.value:.4g}"))
+    rows.append(("Distance to the chart", f"{told.distance_m:g} m"))
+    rows.append(
+        ("Corners of the field of patches", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners))
+    )
+    limits = Paragraph(
+        "The simulated chart is flat, matte and evenly lit, on black, with the ColorChecker's published reflectances. "
+        "The verdict takes what is listed here as exact."
+    )
+    return (Table("Camera, scene and light", (Column("What"), Column("Value")), tuple(rows)), limits)
+
+
+def _picture_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    rows, cols = _window(result)
+    colors = result.validation.color
+    pair = develop_alike(
+        _cut(result.measured, rows, cols), _cut(result.simulated, rows, cols), None if colors is None else colors.matrix
+    )
+    factor = -(-pair[0].shape[1] // WIDEST)
+    measured, simulated = (shrink(picture) for picture in pair)
+    outlined = _outlined(measured, result, (rows.start, cols.start), factor)
+    caption = (
+        "The chart, developed alike: bilinear demosaic, one colour matrix and one exposure for both. The outlines on "
+        "the measured picture are what was compared: look whether they lie within the patches, dark skin first."
+    )
+    images = (
+        Image(jpeg_bytes(outlined), "image/jpeg", "Measured chart with the outlines of its patches", "Measured"),
+        Image(jpeg_bytes(simulated), "image/jpeg", "Simulated chart", "Simulated"),
+    )
+    return (Images(images, caption),)
+
+
+def _window(result: FrameValidation) -> tuple[slice, slice]:
+    """Rows and columns of the frame about the chart, from the beginning of a tile."""
+    points = np.asarray(result.corners)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _MARGIN * float((high - low).max())
+    tile = (len(result.measured.cfa), len(result.measured.cfa[0]))
+    found = []
+    for axis in (0, 1):
+        first = max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis])
+        found.append(slice(first, min(result.measured.shape[axis], math.ceil(high[axis] + margin))))
+    return found[0], found[1]
+
+
+def _cut(frame: RawFrame, rows: slice, cols: slice) -> RawFrame:
+    return replace(frame, dn=frame.dn[rows, cols])
+
+
+def _outlined(picture: _Picture, result: FrameValidation, origin: tuple[int, int], factor: int) -> _Picture:
+    """The picture with the patches' outlines, white on black, to be seen on any colour."""
+    whole = Pillow.fromarray(np.rint(np.clip(picture, 0.0, 1.0) * 255.0).astype(np.uint8))
+    draw = ImageDraw.Draw(whole)
+    for patch in result.patches:
+        points = [((col - origin[1]) / factor, (row - origin[0]) / factor) for row, col in patch.corners]
+        for width, color in ((3, "black"), (1, "white")):
+            draw.line([*points, points[0]], fill=color, width=width)
+    return np.asarray(whole, dtype=np.float32) / np.float32(255.0)
+
+
+def _patch_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    found = result.validation
+    return (
+        figure_block(
+            patch_means_figure(found),
+            "Patch means, measured against simulated, and their relative differences",
+            "Patch means of each channel on the raw mosaic, with the line of equality. Below, the difference relative "
+            "to the simulation; bars are 95 % intervals.",
+        ),
+        figure_block(
+            patch_snr_figure(found),
+            "Patch signal-to-noise ratios, measured against simulated, and their differences",
+            "Signal-to-noise ratio over the pixels of each patch, fixed pattern included. Below, the difference; bars "
+            "are 95 % intervals. Light that is uneven within a patch counts as noise here.",
+        ),
+    )
+
+
+def _color_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    colors = result.validation.color
+    if colors is None:
+        return ()
+    caption = (
+        "Colour difference between measured and simulated patch means, through one colour matrix fitted to the "
+        "simulated patches under D65. A difference of about 1 is the smallest that is seen between adjacent surfaces."
+    )
+    summary = (
+        f"CIEDE2000: median {np.median(colors.delta_e_2000):.2f}, largest {colors.delta_e_2000.max():.2f} "
+        f"({colors.names[int(colors.delta_e_2000.argmax())]})."
+    )
+    figure = figure_block(color_difference_figure(colors), "Colour difference of each patch", caption)
+    return (Paragraph(summary), figure)
+
+
+def _number_blocks(result: FrameValidation) -> tuple[Block, ...]:
+    found = result.validation
+    lines = [("all", found.regression), *found.regression_by_channel.items()]
+    columns = (
+        Column("Channel"),
+        Column("Points", numeric=True),
+        Column("Ratio", numeric=True),
+        Column("Slope", numeric=True),
+        Column("Intercept (DN)", numeric=True),
+    )
+    rows = tuple(_line_row(name, line) for name, line in lines if line is not None)
+    caption = (
+        "Measured on simulated means: the ratio is the slope of a line through the origin, the other two are those of "
+        "a free line; in brackets, 95 % intervals from the patches' scatter"
+    )
+    blocks: list[Block] = [Table(caption, columns, rows)]
+    if result.fit is not None:
+        blocks.append(_fit_table(result.fit))
+    return (*blocks, Details("Every patch and channel", (_patch_table(result),)))
+
+
+def _fit_table(fit: FillFactorFit) -> Table:
+    """What was fitted, as a fill factor, from all channels and from each alone."""
+    columns = (Column("Channels"), Column("Fill factor ± standard error", numeric=True))
+    by_channel = ((name, format_uncertain(found.value, found.standard_error)) for name, found in fit.by_channel.items())
+    caption = (
+        "The fit, as a fill factor: it takes up whatever scales all patches alike, the level of light too. Channels "
+        "that differ by more than their errors say that something else differs as well. Apart from noise, patches "
+        f"scatter by {100 * fit.patch_scatter:.2g} %"
+    )
+    return Table(caption, columns, (("all", format_uncertain(fit.value, fit.standard_error)), *by_channel))
+
+
+def _line_row(name: str, line: Regression) -> tuple[str, ...]:
+    return (
+        name,
+        str(line.points),
+        _interval(line.slope_through_origin, 4),
+        _interval(line.slope, 4),
+        _interval(line.intercept, 2),
+    )
+
+
+def _interval(found: Estimate, digits: int) -> str:
+    value, low, high = (f"{x:.{digits}f}".replace("-", "−") for x in (found.value, found.lower_95, found.upper_95))
+    return f"{value} ({low} to {high})"
+
+
+def _patch_table(result: FrameValidation) -> Table:
+    found = result.validation
+    seen, made = found.measured, found.simulated
+    sides: list[tuple[str, NDArray[np.float64], NDArray[np.float64]]] = [
+        ("mean (DN)", seen.mean_dn, made.mean_dn),
+        ("SNR (dB)", seen.spatial_snr_db, made.spatial_snr_db),
+    ]
+    if seen.temporal_snr_db is not None and made.temporal_snr_db is not None:
+        sides.append(("SNR from frame to frame (dB)", seen.temporal_snr_db, made.temporal_snr_db))
+    columns = (
+        Column("Channel"),
+        *(Column(f"{what}, {side}", numeric=True) for what, _, _ in sides for side in ("measured", "simulated")),
+        Column("Difference of means (%)", numeric=True),
+        Column("Counts"),
+    )
+    rows: list[tuple[str, ...] | Heading] = []
+    difference = found.relative_difference
+    for patch, name in enumerate(seen.names):
+        rows.append(Heading(name))
+        for k, channel in enumerate(seen.channels):
+            percent = difference[patch, k]
+            rows.append(
+                (
+                    channel,
+                    *(_shown(side[patch, k]) for _, one, other in sides for side in (one, other)),
+                    "" if percent is np.ma.masked else f"{100 * percent:+.2f}".replace("-", "−"),
+                    "yes" if found.used[patch, k] else "no, saturated",
+                )
+            )
+    return Table("Patch means and signal-to-noise ratios, on the raw mosaic", columns, tuple(rows))
+
+
+def _shown(value: float) -> str:
+    return format_number(float(value), 4) if math.isfinite(value) else "none"
