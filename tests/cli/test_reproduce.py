@@ -28,3 +28,13 @@ def test_wrong_calls_are_one_line(photosite: Any) -> None:
         wrong = photosite(*arguments)
         assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
         assert said in wrong.err
+
+
+def test_fill_factor(photosite: Any) -> None:
+    shown = photosite("reproduce", "fill-factor", "--seeds", "1")
+    assert shown.status == 0
+    assert "Nikon D200" in shown.out
+    assert "100 %" in shown.out
+    found = json.loads(photosite("reproduce", "fill-factor", "--seeds", "1", "--json").out)
+    assert set(found) == {"d200", "vendor"}
+    assert found["d200"]["holds"]

@@ -51,7 +51,6 @@ def colors_figure(chapter: Patches) -> Figure:
     for line, (found, left_out) in zip(panels, rows, strict=True):
         for axes, formula in zip(line, FORMULAS, strict=True):
             _draw_histograms(axes, found, formula, left_out)
-            axes.set_xlabel(f"ΔE, {FORMULAS[formula]}")
         line[0].set_ylabel("patches")
         line[0].set_title(f"{found.case.title}, {'left out' if left_out else 'fitted'}", loc="left")
     handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -76,7 +75,7 @@ def _draw_histograms(axes: Axes, found: CameraPatches, formula: str, left_out: b
         linewidth=0.5,
     )
     means = " and ".join(f"{values.mean():.2f}" for values in sides.values())
-    axes.set_title(f"means {means}", loc="right", fontsize=9)
+    axes.set_xlabel(f"ΔE, {FORMULAS[formula]}; means {means}")
     axes.set_xlim(0.0, top)
     axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
 

@@ -33,9 +33,9 @@ def fill_factor_part(chapter: FillFactors) -> Part:
         Paragraph(
             "The fill factor is the one number that the paper could not measure. It chose the one with the least "
             "squared difference between measured and simulated patch means. So does the fit here: relative "
-            "differences, since what differs is proportional to the light, and a standard error from the scatter of patches, whose "
-            "three channels see the same light. The simulation is told of an evenly lit chart; the lamp is uneven by "
-            f"{100 * UNEVENNESS:g} %."
+            "differences, since what differs is proportional to the light, and a standard error from the scatter of "
+            "patches, whose three channels see the same light. The simulation is told of an evenly lit chart; the lamp "
+            f"is uneven by {100 * UNEVENNESS:g} %."
         ),
         _table(chapter),
         Drawing.of(

@@ -41,7 +41,7 @@ def patches_part(chapter: Patches) -> Part:
             "Patch means of the virtual cameras against the simulation, all patches and channels",
             "Figure 3: means of the 24 patches above black, on the raw mosaic, measured (virtual camera) against "
             "simulated with the fitted fill factor; the line is equality. Below: the relative difference, of the "
-            f"points that are known to ±{_LARGEST_BAR_PERCENT:g} % or better. Bars are 95 % intervals from the noise of "
+            f"points that are known to ±{_LARGEST_BAR_PERCENT:g} % or better. Bars are 95 % intervals from noise of "
             "both frames; in the upper panels most are smaller than the marks.",
         ),
         Drawing.of(
