@@ -133,8 +133,8 @@ def _pixel_size(result: PixelSize) -> tuple[Row, ...]:
             f"Figure 7, {large.width_um:g} µm against {small.width_um:g} µm at {level:g} cd/m²",
             _PICTURED,
             f"{large.snr_at(level):.1f} and {small.snr_at(level):.1f} dB on a white surface, one pixel each",
-            f"The small pixel lacks {lost:.1f} dB, and over the same area {lost - area_db:.1f} dB; without read noise and "
-            f"DSNU the two areas would be {abs(quiet - area_db):.1f} dB apart.",
+            f"The small pixel lacks {lost:.1f} dB, and over the same area {lost - area_db:.1f} dB; without read noise "
+            f"and DSNU the two areas would be {abs(quiet - area_db):.1f} dB apart.",
         ),
     )
 

@@ -149,6 +149,7 @@ def reproduce(seed: int = 2008, keys: Iterable[str] | None = None, watch: Watche
     for chapter in CHAPTERS:
         if chapter.key in wanted:
             begin = time.perf_counter()
+            watch.stage(chapter.title)
             results[chapter.key] = chapter.compute(Run(seed, watch, MappingProxyType(results)))
             seconds[chapter.key] = time.perf_counter() - begin
     return Reproduction(seed, results, seconds)
