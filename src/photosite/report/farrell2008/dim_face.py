@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from photosite.report.farrell2008.drawing import Drawing, Part
 from photosite.report.farrell2008.portraits import Column, portraits_figure
 from photosite.report.html import Column as TableColumn
@@ -13,7 +15,7 @@ from photosite.studies.farrell2008.portrait import PORTRAIT_SOURCE, portrait
 
 def dim_face_part(chapter: DimFace) -> Part:
     """The pictures, the noise on the face in numbers, and what is not known of the paper's."""
-    columns = [Column("portrait, as raised to spectra", portrait().picture, "no camera")]
+    columns = [Column("the print, no camera", portrait().picture, "as raised to spectra")]
     columns += [Column(_title(entry), entry.shot.picture, _note(entry)) for entry in chapter.shots]
     return (
         Paragraph(
@@ -75,13 +77,26 @@ def _table(chapter: DimFace) -> Table:
 def _words(chapter: DimFace) -> str:
     ruled = [_title(entry) for entry in chapter.shots if entry.read_dsnu_rule_on_the_face]
     free = [_title(entry) for entry in chapter.shots if not entry.read_dsnu_rule_on_the_face]
-    vendor, told = chapter.shots[0].shot.noise("G"), chapter.shots[1].shot.noise("G")
-    said = f"Read noise and DSNU are more than shot noise and PRNU on the face's green under {_listed(ruled)}"
+    vendor, told = chapter.shots[:2]
+    more_db = told.shot.noise("G").snr_db - vendor.shot.noise("G").snr_db
+    light = (vendor.case.f_number / told.case.f_number) ** 2
+    area = told.shot.camera.sensor.pixel_area_m2 / vendor.shot.camera.sensor.pixel_area_m2
+    noise = _floor_e(told) / _floor_e(vendor)
+    said = f"Read noise and DSNU are more than shot noise and PRNU on the face’s green under {_listed(ruled)}"
     said += f", and less under {_listed(free)}. " if free else ". "
     return said + (
-        f"The D200’s green has {told.snr_db - vendor.snr_db:.0f} dB more than the vendor’s although its lens passes an "
-        "eighth of the light: its pixel has 7.6 times the area, and its noise is a third in electrons. The paper shows "
-        "the same two sensors; which opening its D200 had for the face, and its numbers on it, are not known here."
+        f"The D200’s green has {more_db:.0f} dB more than the vendor’s although its lens passes {light:.2f} of the "
+        f"light: its pixel has {area:.1f} times the area, and {noise:.2f} of the read noise and DSNU in electrons. The "
+        "paper shows the same two sensors; which opening its D200 had for the face, and its numbers on it, are not "
+        "known here."
+    )
+
+
+def _floor_e(entry: FaceShot) -> float:
+    """Read noise and DSNU together."""
+    sensor = entry.shot.camera.sensor
+    return float(
+        np.hypot(sensor.electrons(sensor.noise.read_noise_mv.value), sensor.electrons(sensor.noise.dsnu_mv.value))
     )
 
 

@@ -61,7 +61,7 @@ def hdr_figure(chapter: HighDynamicRange) -> Figure:
     chapter
         What `high_dynamic_range` gave.
     """
-    figure = Figure(figsize=(10.2, 7.6))
+    figure = Figure(figsize=(8.6, 6.5))
     panels = figure.subplots(len(chapter.shots), 2)
     for line, shot in zip(panels, chapter.shots, strict=True):
         for axes, picture, what in (

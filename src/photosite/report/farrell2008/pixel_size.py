@@ -65,7 +65,7 @@ def pixel_size_figure(chapter: PixelSize) -> Figure:
     chapter
         What `pixel_sizes` gave.
     """
-    figure = Figure(figsize=(10.2, 4.6))
+    figure = Figure(figsize=(8.6, 4.5))
     left, right = figure.subplots(1, 2, sharey=True)
     _draw(left, chapter, lambda curve: curve.snr_db)
     _draw(right, chapter, lambda curve: curve.equal_area_db)
@@ -95,11 +95,11 @@ def _with(quiet: bool) -> str:
 
 
 def _title(entry: PixelPicture) -> str:
-    return f"{entry.width_um:g} µm\n{_with(entry.quiet)}"
+    return f"{entry.width_um:g} µm, {'without' if entry.quiet else 'with'}\nread noise, DSNU"
 
 
 def _note(entry: PixelPicture) -> str:
-    return f"green: {format_number(entry.shot.noise('G').snr_db, 3)} dB a pixel"
+    return f"green: {format_number(entry.shot.noise('G').snr_db, 3)} dB"
 
 
 def _table(chapter: PixelSize) -> Table:

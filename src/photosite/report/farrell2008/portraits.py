@@ -41,7 +41,7 @@ def portraits_figure(columns: Sequence[Column]) -> Figure:
     columns
         From left to right. Pictures may differ in size, and are shown alike.
     """
-    figure = Figure(figsize=(10.2, 6.3))
+    figure = Figure(figsize=(8.6, 5.2))
     wholes, faces = figure.subplots(
         2, len(columns), height_ratios=(600 / 512, (FACE.r1 - FACE.r0) / (FACE.c1 - FACE.c0))
     )

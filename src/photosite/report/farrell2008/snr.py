@@ -44,7 +44,7 @@ def snr_figure(chapter: SnrChapter) -> Figure:
     -----
     Farrell, Okincha and Parmar (2008), Figure 6.
     """
-    figure = Figure(figsize=(10.2, 4.9))
+    figure = Figure(figsize=(8.6, 4.7))
     panels = figure.subplots(1, 2, sharey=True)
     for axes, sensor in zip(panels, chapter.sensors.values(), strict=True):
         draw_noise_budget(axes, sensor.curves)
@@ -55,7 +55,7 @@ def snr_figure(chapter: SnrChapter) -> Figure:
     panels[0].set_ylim(min(axes.get_ylim()[0] for axes in panels), 88.0)
     panels[1].set_ylabel("")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(handles))
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(handles) // 2)
     return figure
 
 
