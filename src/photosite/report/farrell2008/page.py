@@ -16,7 +16,7 @@ from photosite.report.farrell2008.pixel_size import pixel_size_part
 from photosite.report.farrell2008.snr import snr_part
 from photosite.report.farrell2008.table1 import table1_part
 from photosite.report.html import Block, Column, Notice, Page, Section, Table
-from photosite.report.numbers import format_number, format_time
+from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.farrell2008.cameras import CASES, ILLUMINANT, HiddenTruth
 from photosite.studies.farrell2008.study import CHAPTERS, Reproduction
@@ -101,7 +101,7 @@ def _conditions() -> Table:
 
 
 def _stated(value: Measured, unit: str) -> str:
-    return f"{format_number(value.value, 4)} {unit}" + (" (assumed; confidential)" if value.assumed else "")
+    return f"{format_uncertain(value.value, 0.0)} {unit}" + (" (assumed; confidential)" if value.assumed else "")
 
 
 def _truth_table(seed: int) -> Table:
