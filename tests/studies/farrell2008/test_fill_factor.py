@@ -27,9 +27,8 @@ def vendor() -> CaseFit:
 
 
 def test_hidden_fill_factors_are_found() -> None:
-    # Over 100 seeds the error is 0.2 (D200) and 0.35 (vendor) standard errors, 0.6 on these small frames: a pull above
-    # 2 in one of eight fits comes about by chance in less than one of 100 sets of seeds. That the test sees a fill
-    # factor that is wrong by 1 % is the next one's.
+    # On frames of this size the error is 0.13 (D200) and 0.5 (vendor) standard errors, root mean square over 20 seeds:
+    # a pull of 2 is four of those, 1 false alarm in 4000 sets of eight fits. The power is the next test's.
     for recovery in recovery_study(range(4), rows=264, cols=392):
         assert recovery.found == 1.0, recovery.pulls
         assert recovery.holds

@@ -13,7 +13,7 @@ from photosite.report.farrell2008.drawing import Drawing, Part
 from photosite.report.html import Column, Listing, Paragraph, Table
 from photosite.report.numbers import format_interval, format_number, format_uncertain
 from photosite.report.style import BLACK, channel_style, styled
-from photosite.studies.farrell2008.cameras import UNEVENNESS
+from photosite.studies.farrell2008.cameras import FILL_FACTOR_BELOW, UNEVENNESS
 from photosite.studies.farrell2008.fill_factor import CaseFit, FillFactors
 from photosite.validation.fill_factor import FillFactorFit
 
@@ -102,7 +102,7 @@ def _words(found: CaseFit) -> tuple[str, ...]:
         f"{title}: the fit finds {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
         f"errors from the hidden {format_number(found.true, 4)}, {within} two. The paper found {paper:g} for its "
         "camera and gives no error. The difference from the paper says nothing of either: the virtual camera’s fill "
-        "factor was drawn from within 0.05 of it.",
+        f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below it.",
         f"{title}: noise alone does not explain what the fit leaves (chi-square {chi.statistic:.0f} with "
         f"{chi.degrees_of_freedom} degrees of freedom): patches scatter by {100 * fit.patch_scatter:.2f} %, which is "
         "the uneven light. Since that light was measured as a mean over the chart, its excess on one side makes up "

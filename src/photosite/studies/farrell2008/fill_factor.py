@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -99,6 +99,9 @@ def fit_case(case: Case, seed: int) -> CaseFit:
 
 
 def simulate_chart(case: Case, fill_factor: float, seed: int, luminance_cd_m2: float) -> RawFrame:
-    """The simulation's frame of the chart, with some fill factor; its noise is none of the measured frame's."""
+    """The simulation's frame of the chart, with some fill factor; chip and noise are none of the measured camera's."""
     key = frame_key(seed, f"simulated chart of {case.key} at {luminance_cd_m2:g} cd/m2")
-    return case.camera(fill_factor).capture(case.chart(luminance_cd_m2), case.exposure_s, seed=key)
+    camera = case.camera(fill_factor)
+    # One chip for all seeds would give all of them the same error: its fixed pattern's mean over each patch.
+    camera = replace(camera, sensor=camera.sensor.with_(serial=f"{case.key}, simulated {seed}"))
+    return camera.capture(case.chart(luminance_cd_m2), case.exposure_s, seed=key)

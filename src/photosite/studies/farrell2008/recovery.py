@@ -88,8 +88,7 @@ def recovery_study(
     seeds
         Of the study; one camera of each kind for each.
     rows, cols
-        Size of the frames. On smaller ones patches are smaller in pixels, and the lens's wavefront error, which the
-        simulation is not told of, takes a larger share of their light away.
+        Size of the frames. Smaller ones have fewer pixels in a patch, and so more noise in its mean.
     progress
         Called with (fits done, fits to do).
 
