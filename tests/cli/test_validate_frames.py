@@ -1,0 +1,129 @@
+"""`photosite validate --measured`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.cli.main import run
+from photosite.spectra import illuminant
+
+CORNERS = ("8,8", "8,384", "256,384", "256,8")
+
+
+@pytest.fixture(scope="module")
+def camera(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two frames of a chart by one chip, the sensor file, and the lamp's spectrum with its level."""
+    folder = tmp_path_factory.mktemp("camera")
+    sensor = ps.load_sensor("nikon-d200").with_(black_level_dn=64, rows=264, cols=392)
+    sensor.save(folder / "told.sensor.yaml")
+    sensor.with_(serial="measured").save(folder / "measured.sensor.yaml")
+    for seed in (1, 2):
+        shot = ["--sensor", str(folder / "measured.sensor.yaml"), "--seed", str(seed)]
+        assert run(["simulate", *shot, "-o", str(folder / f"shot{seed}.dng")]) == 0
+    grid = np.arange(380.0, 781.0, 10.0)
+    energy = illuminant("A", grid)
+    from photosite.validation.lamp import read_lamp
+
+    scale = 1.0
+    for _ in range(2):  # a lamp of 40 cd/m2 on the chart, as photosite simulate has by default
+        lines = [f"{a:g},{scale * b:.12g}" for a, b in zip(grid, energy, strict=True)]
+        (folder / "lamp.csv").write_text("wavelength_nm,spectral_irradiance_w_per_m2_nm\n" + "\n".join(lines))
+        level = read_lamp(folder / "lamp.csv").chart_luminance_cd_m2
+        assert level is not None
+        scale *= 40.0 / level
+    return folder
+
+
+def told(camera: Path, *more: str) -> list[str]:
+    return ["--sensor", str(camera / "told.sensor.yaml"), *more]
+
+
+def test_the_right_camera_agrees_and_the_report_is_written(photosite: Any, camera: Path, tmp_path: Path) -> None:
+    frames = ("--measured", camera / "shot1.dng", camera / "shot2.dng")
+    options = told(camera, "--illuminant", str(camera / "lamp.csv"), "--corners", *CORNERS, "--f-number", "8")
+    done = photosite("validate", *frames, *options, "--report", tmp_path / "report.html", "--json")
+    assert (done.status, done.err) == (0, f"wrote {tmp_path / 'report.html'}\n")
+    assert done.json["agrees"] is True
+    assert done.json["frames"] == [2, 2]
+    assert done.json["luminance_cd_m2"] == pytest.approx(40, rel=1e-6)
+    assert done.json["notes"] == ["not given, and taken as usual: 50 mm focal length, 1.2 m to the chart"]
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("data:image/") == 5
+    text = photosite("validate", *frames, *options).out
+    assert text.startswith("measured and simulated agree\n  patch means agree: chi-square ")
+
+
+def test_a_folder_and_a_chart_that_is_looked_for(photosite: Any, camera: Path, tmp_path: Path) -> None:
+    (tmp_path / "shot.dng").write_bytes((camera / "shot1.dng").read_bytes())
+    options = told(camera, "--illuminant", "A", "--luminance", "40", "--detect")
+    done = photosite("validate", "--measured", tmp_path, *options, "--fit", "fill_factor", "--json")
+    assert done.json["agrees"] is True
+    assert done.json["fit"]["value"] == pytest.approx(0.9, rel=2e-3)
+    wanted = [[float(part) for part in corner.split(",")] for corner in CORNERS]
+    np.testing.assert_allclose(done.json["corners"], wanted, atol=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--illuminant", "D65", "--luminance", "40", "--corners", *CORNERS), "the channels differ in their ratios"),
+        (("--illuminant", "A", "--luminance", "44", "--corners", *CORNERS), "all channels alike, 0.90"),
+        (
+            ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--exposure", "1/4"),
+            "the exposures differ: measured 0.333333 s, simulated 0.25 s",
+        ),
+        (
+            ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS[2:], *CORNERS[:2]),
+            "the chart is turned by 180 degrees",
+        ),
+        (
+            ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--f-number", "5.6"),
+            "all channels alike, 0.49",
+        ),
+        (
+            ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--black-level", "60"),
+            "the frames' black level is 60 DN, the sensor file's 64 DN",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(photosite: Any, camera: Path, options: tuple[str, ...], said: str) -> None:
+    done = photosite("validate", "--measured", camera / "shot1.dng", *told(camera), *options)
+    assert done.status == 0
+    assert done.out.startswith("measured and simulated differ\n")
+    assert said in done.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("a.dng", "b.dng", "--f-number", "8"), "--f-number belongs to --measured"),
+        (("a.dng", "b.dng", "--sensor", "nikon-d200"), "--sensor belongs to --measured"),
+        (("a.dng",), "expected two paths, MEASURED and SIMULATED, not 1"),
+        (("--measured", "SHOT", "--chart", "macbeth", "--sensor", "nikon-d200"), "--chart belongs to two paths"),
+        (("--measured", "SHOT", "--illuminant", "A"), "--measured needs --sensor as well"),
+        (("--measured", "SHOT", "--sensor", "nikon-d200"), "--measured needs --illuminant as well"),
+        (("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A"), "give --corners (four of row,col)"),
+        (
+            ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--detect", "--corners", *CORNERS),
+            "give --corners (four of row,col) or --detect, one of the two",
+        ),
+        (
+            ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--corners", *CORNERS),
+            "the level of light is not known: 'A' names a spectrum only",
+        ),
+        (
+            ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--corners", "8;8", *CORNERS[1:]),
+            "expected row,col in pixels, as in 412,388, not '8;8'",
+        ),
+        (("--measured", "none.dng", "--sensor", "nikon-d200", "--illuminant", "A", "--detect"), "no such file"),
+    ],
+)
+def test_wrong_calls_are_one_line(photosite: Any, camera: Path, options: tuple[str, ...], message: str) -> None:
+    done = photosite("validate", *(str(camera / "shot1.dng") if part == "SHOT" else part for part in options))
+    assert (done.status, done.out) == (2, "")
+    assert message in done.err
+    assert done.err.count("\n") == 1

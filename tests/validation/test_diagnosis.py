@@ -1,0 +1,70 @@
+"""What explains a difference: ratios against arithmetic, and corners' orders against the group they are."""
+
+import numpy as np
+import pytest
+
+from photosite.metrics.patches import PatchStatistics
+from photosite.validation.diagnosis import corner_orders, diagnose, scale_of
+from photosite.validation.validate import compare_patches
+
+NAMES = tuple(f"patch {i}" for i in range(24))
+LEVELS = np.random.default_rng(1).uniform(100, 3000, (24, 3))
+
+
+def patches(mean, saturated=0.0):
+    shape = np.shape(mean)
+    return PatchStatistics(
+        names=NAMES,
+        channels=("R", "G", "B"),
+        frames=1,
+        pixels=np.full(shape, 400),
+        mean_dn=np.asarray(mean, float),
+        standard_error_dn=np.full(shape, 0.5),
+        spatial_noise_dn=np.full(shape, 10.0),
+        spatial_variance_error_dn2=np.full(shape, 7.0),
+        temporal_noise_dn=None,
+        saturated_share=np.full(shape, saturated),
+        mean_e=None,
+    )
+
+
+def said(measured, others=None):
+    return diagnose(compare_patches(patches(measured), patches(LEVELS)), others or {})
+
+
+def test_ratios_and_scatter_are_those_put_in():
+    ratios = np.array([1.2, 1.0, 0.8])
+    away = np.where(np.arange(24)[:, None] % 2, 1.03, 0.97) * np.ones(3)
+    found = scale_of(patches(LEVELS * ratios * away), patches(LEVELS), np.ones((24, 3), bool))
+    for k, ratio in enumerate(found.ratio.values()):
+        assert ratio == pytest.approx((LEVELS * ratios * away)[:, k].sum() / LEVELS[:, k].sum())
+    assert found.scatter == pytest.approx(0.03, rel=0.05)
+    assert scale_of(patches(-LEVELS), patches(LEVELS), np.ones((24, 3), bool)) is None
+
+
+def test_one_ratio_many_ratios_no_ratio():
+    assert said(LEVELS) == ()
+    assert said(1.3 * LEVELS)[-1].startswith("all channels alike, 1.3000 of the simulation")
+    assert said(LEVELS * [1.2, 1.0, 0.8])[-1].startswith("the channels differ in their ratios")
+    assert said(LEVELS[::-1])[-1].startswith("patches differ one from another")
+    assert said(-LEVELS)[0].startswith("the measured patches are not above black")
+
+
+def test_another_reading_is_named_only_where_it_explains_much():
+    reading = {"the chart is turned": patches(LEVELS * 1.1), "worse": patches(LEVELS[::-1])}
+    (line,) = said(LEVELS[::-1], reading)
+    assert line.startswith("the chart is turned: then patches would scatter by")
+    assert line.endswith("about one ratio of each channel, not by 272 %")
+    noise = np.random.default_rng(2).normal(1, 0.04, (24, 3))
+    assert said(LEVELS * noise, {"nearly as bad": patches(LEVELS * (1 + 0.8 * (noise - 1)))})[0].startswith("measured")
+
+
+def test_the_other_orders_of_corners_are_the_seven_other_symmetries_of_a_rectangle():
+    corners = ((0.0, 0.0), (0.0, 3.0), (2.0, 3.0), (2.0, 0.0))
+    orders = corner_orders(corners)
+    assert len({*orders.values(), corners}) == 8
+    for order in orders.values():  # each goes round: neighbours stay neighbours
+        steps = [abs(corners.index(a) - corners.index(b)) for a, b in zip(order, order[1:] + order[:1], strict=True)]
+        assert set(steps) <= {1, 3}
+    # A chart that was turned clockwise by 90 degrees has its first corner where the second would be.
+    assert orders["turned by 90 degrees clockwise"][0] == corners[1]
