@@ -121,7 +121,8 @@ def _deviations(result: Table1) -> Drawing:
         deviations_figure(labels, away),
         "Distance of each estimate of Table 1 from the virtual sensor’s value, in standard uncertainties",
         "Estimates of Table 1 less what the virtual sensors have, in standard uncertainties. In the band lie 95 % of "
-        f"an honest calibration’s estimates, here {inside} of {len(away)}.",
+        f"an honest calibration’s estimates, here {inside} of {len(away)}. Those of conversion gain, system "
+        "gain and saturation capacity follow from one gain, and err together.",
     )
 
 

@@ -29,7 +29,7 @@ class EightFrames:
     ----------
     frames, pixels, exposure_s
         Of the repeated darks.
-    read_noise_mv, dsnu_mv, dsnu_uncertainty_mv
+    read_noise_mv, read_noise_uncertainty_mv, dsnu_mv, dsnu_uncertainty_mv
         As calibrated.
     naive_dsnu_mv, naive_expected_mv
         Spread of the mean frame, with what is left of the read noise in it; measured and expected.
@@ -65,6 +65,7 @@ class EightFrames:
     pixels: int
     exposure_s: float
     read_noise_mv: float
+    read_noise_uncertainty_mv: float
     dsnu_mv: float
     dsnu_uncertainty_mv: float
     naive_dsnu_mv: float
@@ -103,7 +104,8 @@ class EightFrames:
             f"{100 * self.noise_left_share:.1f} % of its variance is read noise that averaging has left "
             f"(read noise² / {self.frames}). That part is known from the same frames and is taken off.",
             f"That there is DSNU at all, were it as small as {self.smallest_dsnu_mv:.2f} mV.",
-            f"How large the read noise is, on average over the pixels: {self.read_noise_mv:.4f} mV.",
+            f"How large the read noise is, on average over the pixels: {self.read_noise_mv:.4f} ± "
+            f"{self.read_noise_uncertainty_mv:.4f} mV.",
         )
 
     @property
@@ -117,8 +119,8 @@ class EightFrames:
             f"pattern with a correlation of {self.map_correlation:.3f}. To know each pixel to a tenth of the DSNU "
             f"takes {self.frames_for_a_tenth} frames.",
             f"Which pixels are noisy. Chance alone spreads the variances of equal pixels by "
-            f"{100 * self.pixel_variance_scatter:.0f} % of their mean; a pixel that shows less than "
-            f"{self.noisy_pixel_factor:.1f} times the read noise is among what one in 1000 does by chance.",
+            f"{100 * self.pixel_variance_scatter:.0f} % of their mean, and of 1000 such pixels one shows more than "
+            f"{self.noisy_pixel_factor:.1f} times the read noise: only what lies beyond stands out.",
             f"How much the level wanders from frame to frame. {self.frames} levels tell the size of such a noise to "
             f"between {low:.2f} and {high:.2f} times what is found, however many pixels there are. The virtual sensor "
             f"has none; a real one may.",
@@ -165,6 +167,7 @@ def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
         pixels=pixels,
         exposure_s=group.exposure_s,
         read_noise_mv=read.value,
+        read_noise_uncertainty_mv=read.standard_uncertainty,
         dsnu_mv=dsnu.value,
         dsnu_uncertainty_mv=dsnu.standard_uncertainty,
         naive_dsnu_mv=float(mean.std(ddof=1)),
