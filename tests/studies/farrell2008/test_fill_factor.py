@@ -60,17 +60,20 @@ def test_the_fill_factor_does_not_depend_on_the_light(vendor: CaseFit) -> None:
     assert vendor.fit is vendor.fits[40.0]
 
 
-def test_what_the_fit_leaves_is_the_lamp(vendor: CaseFit) -> None:
-    """Over the chart the residuals slope towards the lamp, by an angle the simulation is not told."""
-    fit = vendor.fit
-    weight = 1 / (fit.residual_noise**2 + 1e-6)
+def test_what_the_fit_leaves_is_the_lamp() -> None:
+    """Over the chart the residuals slope towards the lamp, by an angle the simulation is not told.
+
+    Over 12 seeds the angle is found to 1.7 degrees (one standard deviation); the bound is four of those.
+    """
+    fit = fit_case(small(D200), 2008).fit
+    weight = 1 / fit.residual_noise**2
     patch = (weight * fit.residuals).sum(axis=1) / weight.sum(axis=1)
     row, col = np.divmod(np.arange(24), 6)
     design = np.column_stack([np.ones(24), col - 2.5, row - 1.5])
     _, right, down = np.linalg.lstsq(design, np.asarray(patch), rcond=None)[0]
-    truth = HiddenTruth.drawn(VENDOR, 2008)
+    truth = HiddenTruth.drawn(D200, 2008)
     away = (np.rad2deg(np.arctan2(down, right)) - truth.lamp_angle_deg + 180) % 360 - 180
-    assert abs(away) < 10
+    assert abs(away) < 7
     assert fit.chi_square.p_value < 1e-9
     assert 0.004 < fit.patch_scatter < 0.012
 

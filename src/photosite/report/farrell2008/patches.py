@@ -42,7 +42,7 @@ def patches_part(chapter: Patches) -> Part:
             "Figure 3: means of the 24 patches above black, on the raw mosaic, measured (virtual camera) against "
             "simulated with the fitted fill factor; the line is equality. Below: the relative difference, of the "
             f"points that are known to ±{_LARGEST_BAR_PERCENT:g} % or better. Bars are 95 % intervals from noise of "
-            "both frames; in the upper panels most are smaller than the marks.",
+            f"both frames; in the upper panels most are smaller than the marks.{_below_black(chapter)}",
         ),
         Drawing.of(
             "figure4-patch-snr",
@@ -55,6 +55,13 @@ def patches_part(chapter: Patches) -> Part:
         Listing(tuple(line for found in chapter.cameras.values() for line in _words(found))),
         *color_blocks(chapter),
     )
+
+
+def _below_black(chapter: Patches) -> str:
+    """Which points a logarithmic axis cannot show, as a sentence; nothing where there are none."""
+    every = [both for found in chapter.cameras.values() for both in found.comparisons.values()]
+    count = sum(int((np.minimum(both.measured.mean_dn, both.simulated.mean_dn) <= 0).sum()) for both in every)
+    return f" Not shown, since a mean is not above black: {count} of the points." if count else ""
 
 
 def _words(found: CameraPatches) -> tuple[str, ...]:
