@@ -32,7 +32,9 @@ def test_inside_is_what_lies_inside_with_all_four_corners(corners):
     small = 1e-6
     for r in range(quad.r0, quad.r1):
         for c in range(quad.c0, quad.c1):
-            points = [(r + small + i * (1 - 2 * small), c + small + j * (1 - 2 * small)) for i in (0, 1) for j in (0, 1)]
+            points = [
+                (r + small + i * (1 - 2 * small), c + small + j * (1 - 2 * small)) for i in (0, 1) for j in (0, 1)
+            ]
             assert inside[r - quad.r0, c - quad.c0] == all(within(corners, *p) for p in points), (r, c)
 
 

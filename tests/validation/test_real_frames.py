@@ -199,6 +199,15 @@ def test_the_level_of_light_fitted():
         validate_frames(shots(70), told, CORNERS)
 
 
+def test_the_simulated_chip_is_another_than_any():
+    # Measured by a chip of the sensor file's own serial, whose fixed pattern a simulation could have by accident.
+    own = ps.Camera(LENS, SENSOR.with_(rows=SHAPE[0], cols=SHAPE[1]))
+    result = validate_frames([own.expose(light() / np.float32(3), 1 / 3, seed=5)], TOLD, CORNERS)
+    assert result.simulated.metadata["serial"] != own.sensor.serial
+    # The same pattern in both would bring the sum to half of its degrees of freedom or less.
+    assert result.validation.means.p_value < 0.999
+
+
 def test_notes_say_what_was_assumed():
     small = SENSOR.with_(rows=SHAPE[0], cols=SHAPE[1])
     assert validate_frames(shots(71), replace(TOLD, sensor=small), CORNERS).notes == ()
