@@ -46,6 +46,7 @@ COMMANDS: dict[str, Entry] = {
     "export": Entry("export", "Write noise profiles and EMVA 1288 files for other programs."),
     "import": Entry("import_", "Read other programs' noise profiles, into sensor files too."),
     "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),
+    "compare": Entry("compare", "Compare another simulator's patches or mosaics with photosite's."),
     "develop": Entry("develop", "Make a picture of a raw frame."),
     "reproduce": Entry("reproduce", "Run studies anew: whether intervals cover the truth."),
     "bench": Entry("bench", "Time photosite on this machine, beside the plain way to do the same work."),

@@ -1,0 +1,102 @@
+"""Another simulator's patches or mosaics against photosite's simulation of the same set-up, or a second file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from photosite.cfa import tile_text
+from photosite.errors import InputError
+from photosite.validation.charts import chart_regions
+from photosite.validation.compare import PatchComparison, PatchValues, compare_values
+from photosite.validation.other_tool import Content, Mosaic
+from photosite.validation.result import Validation
+from photosite.validation.set_up import SetUp
+from photosite.validation.validate import validate
+
+MOST_SIMULATED = 10
+"""Frames are simulated as many as the other tool made, up to this."""
+
+
+def compare(
+    other: Content,
+    reference: Content | SetUp,
+    *,
+    chart: str = "macbeth",
+    tolerance_percent: float = 0.1,
+    level: float = 0.05,
+    seed: int = 0,
+) -> PatchComparison | Validation:
+    """Compare what another simulator made with a reference.
+
+    Raw frames against raw frames are compared as `photosite.validation.validate.validate` does, noise included. Patch
+    values, and mosaics in electrons, are compared by their means.
+
+    Parameters
+    ----------
+    other
+        Patch values, a mosaic in electrons, or raw frames; `photosite.validation.other_tool.read_other` reads them.
+    reference
+        The same of a second tool; or the set-up, which is then simulated as `other` asks: patches without noise, mean
+        electrons of the chart filling a mosaic, or raw frames with noise.
+    chart
+        The chart that fills mosaics.
+    tolerance_percent
+        Relative difference, of means and of the noise of raw frames, that is let pass.
+    level
+        Share of false alarms allowed to the verdict where there is noise.
+    seed
+        Of the noise of simulated raw frames.
+
+    Returns
+    -------
+    PatchComparison or Validation
+        The latter where both are raw frames; `other` is its `measured`.
+
+    Raises
+    ------
+    InputError
+        If the two cannot be compared.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200"))
+    >>> set_up = SetUp.of_chart(camera, ps.charts.macbeth("A", 40), 1 / 3)
+    >>> theirs = set_up.patch_values("e")
+    >>> brighter = replace(theirs, mean=1.02 * theirs.mean)
+    >>> compare(theirs, set_up).agrees, compare(brighter, set_up).agrees
+    (True, False)
+    """
+    made = _simulated(other, reference, seed) if isinstance(reference, SetUp) else reference
+    if isinstance(other, list) and isinstance(made, list):
+        return validate(other, made, chart, level=level, tolerance_percent=tolerance_percent)
+    values, base = _values(other, chart), _values(made, chart)
+    if isinstance(reference, SetUp) and isinstance(other, Mosaic):
+        # A mosaic's electrons stop at the well; photosite's mean does not.
+        well_e = reference.camera.sensor.pixel.well_capacity_e.value
+        base = replace(base, saturated=base.mean >= well_e)
+    return compare_values(values, base, tolerance_percent=tolerance_percent, level=level)
+
+
+def _simulated(other: Content, set_up: SetUp, seed: int) -> Content:
+    if isinstance(other, PatchValues):
+        return set_up.patch_values(other.unit)
+    tile = set_up.camera.sensor.array.cfa
+    cfa = other.cfa if isinstance(other, Mosaic) else other[0].cfa
+    if cfa != tile:
+        raise InputError(f"the mosaic's colour filter array is {tile_text(cfa)}, the set-up's {tile_text(tile)}")
+    if isinstance(other, Mosaic):
+        rows, cols = other.electrons.shape
+        return Mosaic(set_up.mean_electrons((rows, cols)).astype(float), tile)
+    return list(set_up.frames(other[0].shape, seed=seed, count=min(len(other), MOST_SIMULATED)))
+
+
+def _values(content: Content, chart: str) -> PatchValues:
+    if isinstance(content, PatchValues):
+        return content
+    if isinstance(content, Mosaic):
+        rows, cols = content.electrons.shape
+        return content.patch_values(chart_regions(chart, rows, cols))
+    from photosite.metrics.patches import patch_statistics
+
+    return PatchValues.of(patch_statistics(content, chart_regions(chart, *content[0].shape)))
