@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -106,10 +107,10 @@ class FrameValidation:
         low, high = (scale * end for end in self.fit.interval_95)
         luminance = ("mean luminance of the patches", " cd/m2")
         what, unit = ("fill factor", "") if self.fitted == "fill_factor" else luminance
-        return (
-            f"fitted: {what} {scale * self.fit.value:.4g} +- {scale * self.fit.standard_error:.2g}{unit} "
-            f"(95 % interval {low:.4g} to {high:.4g})"
-        )
+        error = scale * self.fit.standard_error
+        places = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 6  # the error to two digits
+        value, known, low_end, high_end = (f"{x:.{places}f}" for x in (scale * self.fit.value, error, low, high))
+        return f"fitted: {what} {value} +- {known}{unit} (95 % interval {low_end} to {high_end})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings for JSON: `Validation.to_dict`, and what this one adds."""

@@ -65,7 +65,8 @@ def validate_frames(
     level, tolerance_percent
         As for `photosite.validation.validate.validate`.
     seed
-        Of the simulation's noise. Its fixed pattern is of another chip than any, unless the sensor file has maps.
+        Of the simulation's noise, and of its fixed pattern: a chip of its own for each seed, unless the sensor file has
+        maps.
 
     Returns
     -------
@@ -101,7 +102,7 @@ def validate_frames(
     first = measured[0]
     check_corners(corners, first.shape)
     told = _completed(told, first, fit)
-    sensor, notes = _chip(told.sensor, first)
+    sensor, notes = _chip(told.sensor, first, seed)
     stack = [replace(frame, cfa=sensor.array.cfa) for frame in measured]
     chart = _chart(told)
     patches = seen_patches(chart, corners, INNER)
@@ -150,7 +151,7 @@ def _completed(told: Told, frame: RawFrame, fit: Fitted | None) -> Told:
     return replace(told, exposure_s=check_exposure(exposure_s), luminance_cd_m2=luminance)
 
 
-def _chip(sensor: Sensor, frame: RawFrame) -> tuple[Sensor, list[str]]:
+def _chip(sensor: Sensor, frame: RawFrame, seed: int) -> tuple[Sensor, list[str]]:
     """The sensor at the frames' size, as a chip of its own unless its maps are those of the measured one."""
     notes = []
     rows, cols = frame.shape
@@ -163,7 +164,7 @@ def _chip(sensor: Sensor, frame: RawFrame) -> tuple[Sensor, list[str]]:
             notes.append("the sensor file's maps have another size and are not used")
         sensor = sensor.with_(rows=rows, cols=cols, serial=sensor.serial)
     if sensor.maps is None:
-        sensor = sensor.with_(serial=f"{sensor.serial}, simulated")
+        sensor = sensor.with_(serial=f"{sensor.serial}, simulated {seed}")
     if frame.cfa == MONOCHROME and sensor.array.cfa != MONOCHROME:
         notes.append(
             "the frames do not say their colour filter array; they are read by the sensor file's, "
