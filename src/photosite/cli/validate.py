@@ -56,11 +56,13 @@ def command(
 
     Exit status 0 whatever the verdict; the verdict is the first line, and "agrees" in the JSON object.
 
+    Example: photosite validate shot.dng simulated.dng --tolerance 1
+
     \b
-    Examples:
-      photosite validate shot.dng simulated.dng --tolerance 1
-      photosite validate --measured shot*.nef --sensor mine.sensor.yaml --illuminant lamp.csv
-          --corners 412,388 420,3391 2201,3377 2188,405 --f-number 8 --fit fill_factor --report validation.html
+    Example: photosite validate --measured shot*.nef
+          --sensor mine.sensor.yaml --illuminant lamp.csv
+          --corners 412,388 420,3391 2201,3377 2188,405 --f-number 8
+          --fit fill_factor --report validation.html
     """
     given = [name for name in (*camera, "measured") if _is_given(ctx, name)]
     if measured:
