@@ -106,5 +106,5 @@ def test_values_that_cannot_be_compared(change, message):
 
 @pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"tolerance_percent": -1.0}])
 def test_levels_and_tolerances_that_cannot_be(wrong):
-    with pytest.raises(InputError, match="the level is|the tolerance is"):
+    with pytest.raises(InputError, match=r"the level is|the tolerance is"):
         compare_values(exact(LEVELS), exact(LEVELS), **wrong)

@@ -20,7 +20,7 @@ VALUES = np.arange(72.0).reshape(24, 3) + 1
 
 def test_csv_with_standard_errors_notes_and_another_order(tmp_path):
     file = tmp_path / "other.csv"
-    file.write_text("# a tool's\npatch,B_dn,R_dn,R_standard_error_dn\nwhite,1,2,0.5\n\n\"black, matte\",3,4,0\n")
+    file.write_text('# a tool\'s\npatch,B_dn,R_dn,R_standard_error_dn\nwhite,1,2,0.5\n\n"black, matte",3,4,0\n')
     found = read_csv(file)
     assert found.names == ("white", "black, matte")
     assert found.channels == ("B", "R")
@@ -127,7 +127,7 @@ def test_mat_files_that_are_none(tmp_path):
 def test_version_7_3_is_named(tmp_path):
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     (tmp_path / "a.mat").write_bytes(header + bytes(400))
-    with pytest.raises(FileError, match="version 7.3; save it with -v7"):
+    with pytest.raises(FileError, match=r"version 7\.3; save it with -v7"):
         read_mat(tmp_path / "a.mat", ELECTRONS)
 
 
@@ -153,3 +153,10 @@ def test_a_mosaics_patches_against_the_plain_way():
         values = [electrons[r, c] for r in range(3, 18) for c in range(5, 30) if (r % 2, c % 2) in sites[channel]]
         assert found.mean[0, k] == pytest.approx(np.mean(values))
         assert found.standard_error[0, k] == pytest.approx(np.std(values, ddof=1) / np.sqrt(len(values)))
+
+
+def test_a_reader_that_crashes_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("photosite.validation.mat_file.sys.executable", "/bin/false")
+    savemat(tmp_path / "a.mat", {"a": VALUES})
+    with pytest.raises(FileError, match="its reader crashed"):
+        read_mat(tmp_path / "a.mat", ELECTRONS)

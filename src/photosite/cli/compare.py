@@ -77,11 +77,9 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
 
     Exit status 0 whatever the verdict; the verdict is the first line, and "agrees" in the JSON object.
 
-    \b
-    Examples:
-      photosite compare isetcam_macbeth_tungsten.json --case d200 --integration rectangle
-      photosite compare patches.csv --sensor mine.sensor.yaml --illuminant D65 --exposure 1/30 --tolerance 0.5
-      photosite compare isetcam.mat --unit dn --variable sensor.data.dv
+    Example: photosite compare patches.csv --sensor mine.sensor.yaml --illuminant D65 --exposure 1/30 --tolerance 0.5
+
+    Example: photosite compare isetcam.mat --unit dn --variable sensor.data.dv
     """
     from photosite.validation.compare_tools import compare
 

@@ -6,8 +6,6 @@ import csv
 import io
 import math
 import re
-import struct
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -23,12 +21,10 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.frames.read import SUFFIXES, read_raw
 from photosite.regions import Patch
 from photosite.validation.compare import UNITS, PatchValues, Unit
+from photosite.validation.mat_file import load_mat
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
 
 _LARGEST_BYTES = 1 << 22
-_MOST_VALUES = 1 << 27
-"""Of one MATLAB array: a mosaic of 134 million pixels."""
-
 _MOST_CHANNELS = 4
 """An array with more columns is a mosaic, not patches by channels."""
 
@@ -280,7 +276,7 @@ def _mosaic(file: Path, name: str, values: NDArray[np.float64], reading: Reading
 
 def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64], dict[str, Any]]:
     """The array asked for, or the only one there is; its name; and all variables of the file."""
-    content = _loaded(file)
+    content = load_mat(file)
     arrays = {
         name: value
         for name, value in content.items()
@@ -295,10 +291,9 @@ def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64],
         wanted = next(iter(arrays))
     value: Any = content
     for part in wanted.split("."):
-        fields = value if isinstance(value, dict) else vars(value) if hasattr(value, "_fieldnames") else {}
-        if part not in fields or part.startswith("_"):
-            known = [field for field in fields if not field.startswith("_")]
-            raise FileError(file, f"has no variable '{wanted}'; {did_you_mean(part, known)}")
+        fields = value if isinstance(value, dict) else {}
+        if part not in fields:
+            raise FileError(file, f"has no variable '{wanted}'; {did_you_mean(part, fields)}")
         value = fields[part]
     if not (isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 2 and value.size):
         shape = f"of shape {value.shape} and type {value.dtype}" if isinstance(value, np.ndarray) else "something else"
@@ -308,53 +303,10 @@ def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64],
     return wanted, value.astype(np.float64), content
 
 
-def _loaded(file: Path) -> dict[str, Any]:
-    from scipy.io import loadmat, whosmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        with file.open("rb") as stream:
-            for name, shape, _ in whosmat(stream):
-                if math.prod(shape) > _MOST_VALUES:
-                    raise FileError(file, f"'{name}' has more than {_MOST_VALUES} values")
-            stream.seek(0)
-            content = loadmat(stream, struct_as_record=False)
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except NotImplementedError:
-        raise FileError(file, "is a MATLAB file of version 7.3; save it with -v7") from None
-    except (
-        MatReadError,
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        OverflowError,
-        MemoryError,
-        OSError,
-        struct.error,
-        zlib.error,
-    ) as error:
-        raise FileError(file, f"is no MATLAB file, or a damaged one: {error}") from None
-    return {name: _unwrapped(value) for name, value in content.items() if not name.startswith("__")}
-
-
-def _unwrapped(value: Any) -> Any:
-    """A structure of one element as the structure, its fields too."""
-    if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
-        value = value.item()
-    if hasattr(value, "_fieldnames"):
-        for field in value._fieldnames:
-            setattr(value, field, _unwrapped(getattr(value, field)))
-    return value
-
-
 def _texts(content: dict[str, Any], name: str) -> tuple[str, ...] | None:
     """The texts of a cell array, or None where there is none."""
     cells = content.get(name)
-    if not isinstance(cells, np.ndarray):
-        return None
-    return tuple(str(np.ravel(cell)[0]) if np.size(cell) else "" for cell in cells.ravel())
+    return tuple(map(str, cells)) if isinstance(cells, list) else None
 
 
 def _frames(path: Path, reading: Reading) -> Content:

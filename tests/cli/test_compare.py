@@ -1,0 +1,127 @@
+"""`photosite compare` from the command line: what agrees, what does not, and calls that cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from scipy.io import savemat
+
+import photosite as ps
+from photosite.validation.set_up import SetUp
+
+SENSOR = ps.load_sensor("nikon-d200")
+CAMERA = ps.Camera(ps.DiffractionLimited(8, 50), SENSOR)
+SET_UP = SetUp.of_chart(CAMERA, ps.charts.macbeth("A", 40), 1 / 3)
+SHAPE = (264, 392)
+
+
+def write_csv(path: Path, set_up: SetUp) -> Path:
+    values = set_up.patch_values("e")
+    lines = [f"{name},{','.join(map(repr, row))}" for name, row in zip(values.names, values.mean.tolist(), strict=True)]
+    path.write_text("patch,R_e,G_e,B_e\n" + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def patches(tmp_path: Path) -> Path:
+    return write_csv(tmp_path / "patches.csv", SET_UP)
+
+
+def test_isetcams_electrons(photosite: Any, reference: Path) -> None:
+    file = reference / "isetcam_macbeth_tungsten.json"
+    done = photosite("compare", file, "--case", "d200", "--integration", "rectangle", "--tolerance", 0.001)
+    assert done.status == 0
+    assert done.out.splitlines()[0].endswith(
+        "isetcam_macbeth_tungsten.json and photosite agree, at a tolerance of 0.001 %"
+    )
+    assert len([line for line in done.out.splitlines() if line.startswith("neutral 5 ")]) == 1
+    other_rule = photosite("compare", file, "--json").json
+    assert not other_rule["agrees"]
+    assert other_rule["beyond"] == 72
+
+
+def test_patches_as_csv(photosite: Any, patches: Path) -> None:
+    assert photosite("compare", patches, "--json").json["agrees"]
+    for wrong in (
+        ("--illuminant", "D65"),
+        ("--exposure", "1/4"),
+        ("--luminance", 40.1),
+        ("--sensor", "vendor-2.2um"),
+        ("--f-number", 7.9),
+    ):
+        told = photosite("compare", patches, *wrong, "--json")
+        assert not told.json["agrees"], wrong
+    quarter = photosite("compare", patches, "--exposure", "1/4", "--json").json
+    slope = quarter["regression"]["slope"]
+    assert slope["value"] == pytest.approx(4 / 3, rel=1e-5)
+    assert slope["lower_95"] <= slope["value"] <= slope["upper_95"]
+
+
+def test_a_mosaic_of_mean_electrons(photosite: Any, tmp_path: Path) -> None:
+    """Blurred patches of a chart against even fields of their light; what diffraction spreads is in proportion to N."""
+    found = {}
+    for f_number in (1, 8):
+        camera = replace(CAMERA, optics=ps.DiffractionLimited(f_number, 50))
+        set_up = SetUp.of_chart(camera, ps.charts.macbeth("A", 40), 1 / 3 * (f_number / 8) ** 2)
+        csv = write_csv(tmp_path / "patches.csv", set_up)
+        savemat(tmp_path / "mosaic.mat", {"electrons": set_up.mean_electrons(SHAPE)})
+        told = photosite("compare", tmp_path / "mosaic.mat", csv, "--unit", "e", "--tolerance", 0.3, "--json").json
+        found[f_number] = np.abs(told["relative_difference"]).max()
+        assert told["agrees"] == (f_number == 1)
+    assert found[8] / found[1] == pytest.approx(8, rel=0.15)
+
+
+def test_noisy_electrons_agree_within_their_noise(photosite: Any, tmp_path: Path) -> None:
+    electrons = np.random.default_rng(5).poisson(SET_UP.mean_electrons(SHAPE)).astype(float)
+    savemat(tmp_path / "shot.mat", {"electrons": electrons})
+    told = photosite("compare", tmp_path / "shot.mat", "--unit", "e", "--tolerance", 0, "--json").json
+    assert told["means"]["degrees_of_freedom"] == 72
+    assert told["agrees"]
+    brighter = photosite("compare", tmp_path / "shot.mat", "--unit", "e", "--luminance", 40.4, "--json").json
+    assert not brighter["agrees"]
+
+
+def test_plain_tiffs_are_validated(photosite: Any, tmp_path: Path) -> None:
+    (frame,) = SET_UP.frames(SHAPE, seed=3)
+    tifffile.imwrite(tmp_path / "shot.tif", frame.dn)
+    told = photosite("compare", tmp_path / "shot.tif", "--seed", 4, "--json").json
+    assert told["agrees"]
+    assert told["noise"]["degrees_of_freedom"] == 72
+    turned = photosite("compare", tmp_path / "shot.tif", "--cfa", "rggb", "--exposure", "0.32", "--json").json
+    assert not turned["agrees"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.csv"], "there is no such file"),
+        (["patches.csv", "--case", "d200", "--set-up", "none.json"], "there is no such file"),
+        (["patches.csv", "--set-up", "empty.json"], "holds no case"),
+        (["patches.csv", "--set-up", "wrong.json"], "is no JSON"),
+        (["patches.csv", "--set-up", "thin.json"], "lacks 'f_number'"),
+        (["patches.csv", "--set-up", "thin.json", "--f-number", "4"], "--f-number belongs to a set-up by options"),
+        (["thin.json"], "lacks 'f_number'"),
+        (["a.mat"], "does not say its unit"),
+        (["a.mat", "--unit", "e", "--cfa", "gbrg"], "the mosaic's colour filter array is GB/RG, the set-up's RG/GB"),
+        (["patches.csv", "a.mat", "--unit", "dn"], "no mosaic of 12 bits"),
+        (["patches.csv", "--illuminant", "Q"], "illuminant"),
+    ],
+)
+def test_calls_that_cannot_be(
+    photosite: Any, patches: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(patches.parent)
+    Path("empty.json").write_text("{}")
+    Path("wrong.json").write_text("{'a': 1}")
+    Path("thin.json").write_text('{"wavelength_nm": [400, 700], "d200": {"patch_photon_radiance": [[1, 1]]}}')
+    savemat("a.mat", {"electrons": np.full((20, 30), 0.5)})
+    done = photosite("compare", *arguments)
+    assert done.status == 2
+    assert message in done.err
+    assert done.err.count("\n") == 1
+    assert not done.out
