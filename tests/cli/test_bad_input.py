@@ -161,13 +161,17 @@ def test_one_exposure_only(refused: Any, tmp_path: Path) -> None:
     assert "one exposure" in message
 
 
-def test_black_clipped_darks(refused: Any, photosite: Any, tmp_path: Path) -> None:
-    stack = tmp_path / "stack"
-    assert photosite("shoot", "--rows", 32, "--cols", 48, "--black-level", 0, "-o", stack).status == 0
-    outputs = ("-o", tmp_path / "mine.sensor.yaml", "--report", tmp_path / "report.html")
-    message = refused("calibrate", stack, *outputs)
-    assert "clipped" in message
+def test_darks_clipped_to_nothing(refused: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    black = (rng.random((6, 32, 48)) < 0.01).astype(np.uint16)  # a hundredth of the numbers above 0
+    frames = {("dark", 0.01): [RawFrame(dn, bits=12) for dn in black]}
+    for time_s in (0.01, 0.02):
+        frames["light", time_s] = [_frame(32, 48, seed=seed, exposure_s=time_s) for seed in (1, 2)]
+    stack = _stack(tmp_path, frames)
+    message = refused("calibrate", stack, "--report", tmp_path / "report.html")
+    assert "0 DN" in message
     assert "black level" in message
+    assert not (tmp_path / "report.html").exists()
 
 
 def test_exposure_in_a_protocol(refused: Any, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from photosite.calibration.uncertain import (
 QUANTISATION = 1.0 / 12.0
 """Variance of rounding to whole numbers, DN^2."""
 
-COARSEST_STEP = 0.15
+COARSEST_STEP = 0.10
 """Of the exposure at saturation: EMVA 1288 wants 50 equal steps or more; where neighbours leave the largest variance
 more uncertain than this, it does not say where saturation is."""
 
