@@ -145,4 +145,4 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
             f"{-10.0 * math.log10(prnu2):.4g} dB"
         )
     floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
-    return (ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square)
+    return float((ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square))
