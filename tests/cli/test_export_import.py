@@ -38,6 +38,24 @@ def test_a_sensors_profile_in_a_dng(photosite: Any, tmp_path: Path) -> None:
     assert photosite("simulate", "--sensor", sensor, "--rows", 132, "--cols", 196, "-o", shot).status == 0
 
 
+def test_a_mono_sensor_to_darktable_and_libcamera_and_back(photosite: Any, tmp_path: Path) -> None:
+    """14 bits, 0.2 DN per electron: what a call that does not say mono reads back is what was written."""
+    mono, own, tuning = tmp_path / "mono.sensor.yaml", tmp_path / "own.json", tmp_path / "tuning.json"
+    channels = {"M": {"wavelength_nm": [500], "quantum_efficiency": [0.5]}}
+    sensor = ps.load_sensor("nikon-d200").with_(cfa="mono", channels=channels, bits=14)
+    sensor.save(mono)
+    slope = sensor.system_gain_dn_per_e / (sensor.white_level_dn - sensor.readout.black_level_dn.value)
+    assert photosite("export", mono, "darktable", "--gain-setting", 100, "-o", own).status == 0
+    (profile,) = photosite("import", own, "--json").json["profiles"]
+    assert profile["channels"].keys() == {"M"}
+    assert profile["channels"]["M"]["slope"] == pytest.approx(slope, rel=1e-12)
+    assert photosite("export", mono, "libcamera", "-o", tuning).status == 0
+    shown = photosite("import", tuning)
+    assert f"{4 * sensor.system_gain_dn_per_e:.4g}" in shown.out
+    assert "0 to 65535" in shown.out
+    assert "numbers of 16 bits" in shown.err
+
+
 def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path) -> None:
     folder, results = tmp_path / "emva", tmp_path / "results.xml"
     done = photosite("export", stack, "emva", "-o", folder)
@@ -59,7 +77,7 @@ def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["nikon-d200", "darktable", "-o", "x.json"], "does not say its gain setting"),
+        (["nikon-d200", "darktable", "-o", "x.json"], "does not say its gain setting; state it with --gain-setting"),
         (["nikon-d200", "dng", "-o", "x.dng"], "--into names the DNG file"),
         (["nikon-d200", "darktable", "--into", "y.dng", "-o", "x.json"], "--into names the DNG file"),
         (["nikon-d200", "emva-xml", "-o", "x.xml"], "is a sensor"),

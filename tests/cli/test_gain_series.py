@@ -84,7 +84,7 @@ def test_darktable_out_and_in(photosite: Any, shot: tuple[Path, GainSeriesLab], 
         "import", output, "--gain-setting", 400, "--sensor", shot[0] / "nominal.sensor.yaml", "-o", sensor, "--json"
     )
     assert done.status == 0
-    assert "factor of two" in done.err
+    assert "0.0625 of the raw noise variance" in done.err
     assert done.json["sensor"] == str(sensor)
     # The nominal sensor states no black level: the profile's white is 4095 DN above black there.
     expected = profiles[2].slope[0].value * 4095

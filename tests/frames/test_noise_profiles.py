@@ -66,11 +66,33 @@ def test_darktable_round_trip(tmp_path, channels):
     path = tmp_path / "noise.json"
     written = profile(channels=channels)
     write_darktable([written], path)
-    (again,) = read_darktable(path, mono=channels == ("M",))
+    (again,) = read_darktable(path)
     assert (again.channels, again.gain_setting, again.camera) == (channels, 100.0, "X-1")
-    assert again.slope[0].value == pytest.approx(written.slope[0].value, rel=1e-12)
-    assert again.offset[0].value == pytest.approx(written.offset[0].value, rel=1e-12)
+    assert again.slope[0].value == written.slope[0].value
+    assert again.offset[0].value == written.offset[0].value
     assert again.black_level_dn is None
+    assert not any("factor of two" in note for note in again.notes)
+
+
+def test_darktables_share_is_the_files_where_it_says_one(tmp_path):
+    """Others' files do not: there the caller says, and a contradiction to the file is refused."""
+    path = tmp_path / "noise.json"
+    write_darktable([profile()], path)
+    with pytest.raises(InputError, match="has a colour filter mosaic"):
+        read_darktable(path, mono=True)
+    data = json.loads(path.read_text())
+    model = data["noiseprofiles"][0]["models"][0]
+    comment, model["comment"] = model["comment"], "somebody's"
+    path.write_text(json.dumps(data))
+    colour, mono = read_darktable(path)[0], read_darktable(path, mono=True)[0]
+    assert colour.slope[0].value == 4 * mono.slope[0].value
+    assert "factor of two" in mono.notes[0]
+    model["comment"] = comment.replace("0.0625 of", "0.5 of")
+    path.write_text(json.dumps(data))
+    with pytest.raises(FileError, match=r"are 0\.5 of the raw noise variance"):
+        read_darktable(path)
+    with pytest.raises(InputError, match="all of a colour filter mosaic, or none"):
+        write_darktable([profile(), profile(200.0, channels=("M",))], path)
 
 
 def test_a_published_darktable_entry_is_a_plausible_camera(tmp_path):
@@ -142,6 +164,7 @@ def test_a_published_tuning_file(tmp_path):
     assert found.dark_noise_dn.value == 0
     assert 1 / found.slope[0].value == pytest.approx((65535 - 4096) / 3.67**2, rel=1e-9)
     assert any("came out below" in note for note in found.notes)
+    assert "numbers of 16 bits" in found.notes[0]
 
 
 @pytest.mark.parametrize(

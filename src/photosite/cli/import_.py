@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--model", help="The camera, of a file that holds several.")
-@click.option("--mono", is_flag=True, help="darktable: the camera has no colour filters.")
+@click.option("--mono", is_flag=True, help="darktable: the camera has no colour filters (photosite's own say).")
 @click.option("--gain-setting", type=float, metavar="ISO", help="The setting, of a file that holds several.")
 @click.option("--sensor", "sensor_name", metavar="NAME|FILE", help="What the profile does not tell, for -o.")
 @click.option(
@@ -57,8 +57,8 @@ def command(
         content: dict[str, Any] = {"profiles": [_as_dict(profile) for profile in profiles]}
         print_json(content | ({} if output is None else {"sensor": str(output)}))
         return
-    rows = [("setting", "channel", "slope", "offset", "K, DN/e⁻", "dark noise, DN", "camera")]
-    click.echo(table([*rows, *(row for profile in profiles for row in _rows(profile))], "><>>>><"))
+    rows = [("setting", "channel", "slope", "offset", "K, DN/e⁻", "dark noise, DN", "black to white, DN", "camera")]
+    click.echo(table([*rows, *(row for profile in profiles for row in _rows(profile))], "><>>>><<"))
     if output is not None:
         click.echo(f"wrote {output}")
 
@@ -78,11 +78,13 @@ def _rows(profile: NoiseProfile) -> list[tuple[str, ...]]:
     setting = "" if profile.gain_setting is None else f"{profile.gain_setting:g}"
     rows: list[tuple[str, ...]] = []
     for name, slope, offset in zip(profile.channels, profile.slope, profile.offset, strict=True):
-        gain = dark = ""
+        gain = dark = levels = ""
         if profile.white_level_dn is not None:
+            levels = f"{profile.black_level_dn:g} to {profile.white_level_dn:g}"
             gain = f"{slope.value * profile.span_dn:.4g}"
             dark = f"{offset.value**0.5 * profile.span_dn:.4g}" if offset.value >= 0 else "offset < 0"
-        rows.append((setting, name, f"{slope.value:.5g}", f"{offset.value:.5g}", gain, dark, profile.camera))
+        fit = (f"{slope.value:.5g}", f"{offset.value:.5g}")
+        rows.append((setting, name, *fit, gain, dark, levels, profile.camera))
     return rows
 
 

@@ -6,7 +6,8 @@ Both hold two numbers for a setting and say less than they seem to; what each lo
 darktable (`data/noiseprofiles.json` of its sources). Variance a x + b, in its pipeline's own scale: its profiling tool
 takes the noise from the diagonal details of a 2 x 2 Haar transform of the demosaiced picture. White noise keeps 1/4 of
 its variance there, and Bayer green 1/16, where each missing one is the mean of its two neighbours on a line. Its
-denoiser goes by green's numbers and the white balance, so all three are green's.
+denoiser goes by green's numbers and the white balance, so all three are green's. The file has no word for the share;
+photosite's own say it in the camera's comment, from where it is read back.
 
 libcamera, Raspberry Pi (`rpi.noise` of a tuning file). Standard deviation reference_constant + reference_slope
 sqrt(x), x above black on a scale of 16 bits at analogue gain 1; both grow with sqrt(gain). The tuning tool fits that
@@ -18,6 +19,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -32,6 +34,10 @@ from photosite.sensor.noise_profile import LOST, NoiseProfile
 
 HAAR_SHARE = {"mosaic": 1 / 16, "mono": 1 / 4}
 """Share of a raw pixel's noise variance that is in darktable's numbers."""
+
+_OWN_COMMENT = "written by photosite: a and b are {share:g} of the raw noise variance ({chip})"
+_OWN_SHARE = re.compile(r"written by photosite: a and b are ([0-9.]+) of the raw noise variance \(")
+_CHIPS = {"mosaic": "colour filter mosaic", "mono": "no colour filters"}
 
 _FULL_SCALE_DN16 = 65535
 _NODES = np.linspace(0.0, 1.0, 257)
@@ -63,19 +69,26 @@ def write_darktable(
     Raises
     ------
     InputError
-        If there are none, or one does not say its gain setting.
+        If there are none, one does not say its gain setting, or some are of a mosaic and some are not.
     FileError
         If the file cannot be written.
     """
     if not profiles:
         raise InputError("a noise profile file needs a profile, and there is none")
     name = model or profiles[0].camera or "unnamed camera"
+    chips = {"mono" if len(profile.channels) == 1 else "mosaic" for profile in profiles}
+    if len(chips) > 1:
+        raise InputError("the noise profiles of one camera are all of a colour filter mosaic, or none is")
+    (chip,) = chips
+    share = HAAR_SHARE[chip]
     entries = []
     for profile in profiles:
         if profile.gain_setting is None:
-            raise InputError("darktable looks profiles up by ISO, and this one does not say its gain setting; state it")
+            raise InputError(
+                "darktable looks profiles up by ISO, and this one does not say its gain setting; state it with "
+                "--gain-setting ISO (in Python: gain_setting)"
+            )
         green = _green(profile)
-        share = HAAR_SHARE["mono" if len(profile.channels) == 1 else "mosaic"]
         iso = profile.gain_setting
         entries.append(
             {
@@ -85,7 +98,8 @@ def write_darktable(
                 "b": [share * profile.offset[green].value] * 3,
             }
         )
-    models = [{"comment": f"written by photosite; {DARKTABLE_LOSS}", "model": name, "profiles": entries}]
+    comment = f"{_OWN_COMMENT.format(share=share, chip=_CHIPS[chip])}; {DARKTABLE_LOSS}"
+    models = [{"comment": comment, "model": name, "profiles": entries}]
     _write_json({"version": 0, "noiseprofiles": [{"maker": maker, "models": models}]}, path)
 
 
@@ -101,7 +115,7 @@ def read_darktable(
     model
         Which camera, as the file names it; None if it holds one only.
     mono
-        Whether the camera has no colour filters; the file does not say.
+        Whether the camera has no colour filters. The file does not say, but where photosite wrote it.
 
     Returns
     -------
@@ -113,17 +127,19 @@ def read_darktable(
     FileError
         If the file is no such profile, or a number in it cannot be.
     InputError
-        If the model is not in the file, or must be named.
+        If the model is not in the file, or must be named, or is said to have no colour filters and the file's comment
+        says that it has.
     """
     place = Path(path)
     data = _read_json(place)
-    models: dict[str, Any] = {}
+    models: dict[str, list[tuple[Any, str | None]]] = {}
     try:
         if data["version"] != 0:
             raise FileError(place, f"is a noise profile of version {data['version']}; version 0 is read")
         for maker in data["noiseprofiles"]:
             for entry in maker["models"]:
-                models.setdefault(str(entry["model"]), []).extend(entry["profiles"])
+                chip = _own_chip(entry.get("comment"))
+                models.setdefault(str(entry["model"]), []).extend((p, chip) for p in entry["profiles"])
         if not models:
             raise FileError(place, "holds no cameras")
         if model is None and len(models) == 1:
@@ -132,7 +148,9 @@ def read_darktable(
             raise InputError(f"{place} holds {len(models)} cameras; name one with model, {next(iter(models))!r} say")
         if model not in models:
             raise InputError(f"{place} has no camera '{model}'; {did_you_mean(model, models)}")
-        found = [_darktable_entry(entry, model, mono) for entry in models[model] if not entry.get("skip")]
+        if mono and any(chip == "mosaic" for _, chip in models[model]):
+            raise InputError(f"{place} says that '{model}' has a colour filter mosaic, so it is not mono")
+        found = [_darktable_entry(entry, model, mono, chip) for entry, chip in models[model] if not entry.get("skip")]
     except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
         if isinstance(error, InputError) and str(error).startswith(str(place)):
             raise
@@ -142,20 +160,33 @@ def read_darktable(
     return tuple(sorted(found, key=lambda profile: profile.gain_setting or 0.0))
 
 
-def _darktable_entry(entry: Mapping[str, Any], model: str, mono: bool) -> NoiseProfile:
-    share = HAAR_SHARE["mono" if mono else "mosaic"]
+def _own_chip(comment: Any) -> str | None:
+    """ "mono" or "mosaic" as photosite's own comment says it, None where another program wrote the file."""
+    said = _OWN_SHARE.match(comment) if isinstance(comment, str) else None
+    if said is None:
+        return None
+    for chip, share in HAAR_SHARE.items():
+        if float(said[1]) == share:
+            return chip
+    raise ValueError(f"its comment says that a and b are {said[1]} of the raw noise variance, which photosite's never")
+
+
+def _darktable_entry(entry: Mapping[str, Any], model: str, mono: bool, own: str | None) -> NoiseProfile:
+    chip = own or ("mono" if mono else "mosaic")
+    share = HAAR_SHARE[chip]
     slope, offset = _number(entry["a"][1], "a"), _number(entry["b"][1], "b")
-    channels = ("M",) if mono else ("R", "G", "B")
+    channels = ("M",) if chip == "mono" else ("R", "G", "B")
+    note = f"green's numbers, taken as {share:g} of the raw noise variance; the share depends on the demosaicing, and "
+    note += "gain and noise may be off by a factor of two"
+    if own is not None:
+        note = f"{share:g} of the raw noise variance of a chip with {_CHIPS[chip]}, as the file's own comment says"
     return NoiseProfile(
         channels,
         (Measured(slope / share),) * len(channels),
         (Measured(offset / share),) * len(channels),
         _number(entry["iso"], "iso"),
         camera=model,
-        notes=(
-            f"green's numbers, taken as {share:g} of the raw noise variance; the share depends on the demosaicing, and "
-            f"gain and noise may be off by a factor of two",
-        ),
+        notes=(note,),
     )
 
 
@@ -230,7 +261,8 @@ def read_libcamera(path: str | PathLike[str]) -> NoiseProfile:
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise FileError(place, f"is no Raspberry Pi tuning file with rpi.noise: {_reason(error)}") from None
     notes = [
-        "the curve whose straight line in sqrt(signal) the file holds: photon noise and one noise in the dark assumed"
+        "levels, K and noise are numbers of 16 bits (0 to 65535), as libcamera counts, whatever the converter's bits",
+        "the curve whose straight line in sqrt(signal) the file holds: photon noise and one noise in the dark assumed",
     ]
     if stated is None:
         notes.append("no rpi.black_level in the file: taken as 0")
