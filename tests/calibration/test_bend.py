@@ -1,5 +1,7 @@
 """A response that bends: found, sized and kept apart from light that bends; straight ones are left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,14 @@ def test_the_bend_goes_into_the_uncertainty_and_what_shares_it_drops_out():
     assert (responsivity / gain).relative == pytest.approx(0.02, rel=1e-3)
     assert bent_gain(Missing("no"), []) == Missing("no")
     assert bent_gain(Uncertain(0.3), []) == Uncertain(0.3)
+
+
+@pytest.mark.parametrize("lights", [1, 2, 4])
+def test_few_different_levels_say_nothing(lights):
+    """Twenty levels, of which many were taken under the same light: a parabola through them is not determined."""
+    levels = light_levels(np.random.default_rng(5), response=-0.04)
+    x = 20_000.0 * (1.0 + np.arange(20) % lights) * (1.0 + 1e-14 * np.arange(20))
+    assert found(replace(levels, x=x)) is None
 
 
 def test_few_levels_say_nothing():

@@ -50,7 +50,9 @@ def test_clipped_blacks_are_calibrated_and_it_is_said(black):
 
 
 def test_blacks_of_which_too_little_is_left_are_refused():
-    with pytest.raises(CalibrationError, match=r"clipped at 0 DN.*too little is left.*raise the camera's black") as error:
+    with pytest.raises(
+        CalibrationError, match=r"clipped at 0 DN.*too little is left.*raise the camera's black"
+    ) as error:
         calibrate(frame_set(measurement(dark=-6.0)))
     assert one_line(error)
     assert "dark frames at 0.01 s" in str(error.value)
@@ -117,6 +119,14 @@ def test_one_exposure_with_several_photon_counts_is_a_measurement():
     assert calibration.quantum_efficiency_percent.value is not None
     assert calibration.prnu_percent.value is not None
     assert "one exposure only" in calibration.dark_voltage_mv_per_s.reason
+
+
+def test_levels_that_all_state_the_same_light_are_refused():
+    frames = [("dark", t, dn, 0.0) for t in (0.01, 0.02) for dn in stack(64.0)]
+    frames += [("light", t, dn, 1e3) for t, y in ((0.01, 500.0), (0.02, 936.0)) for dn in stack(y, noise=15)]
+    with pytest.raises(CalibrationError, match=r"all 2 light levels state the same light, 1000 photons.*leave") as e:
+        calibrate(frame_set(frames))
+    assert one_line(e)
 
 
 def test_no_darks_are_refused():

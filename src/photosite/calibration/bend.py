@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from photosite.calibration.patterns import Channel
 
 LEAST_LEVELS = 5
-"""Levels in the linear range that a parabola needs to say anything."""
+"""Different levels in the linear range that a parabola needs to say anything."""
 
 BY_CHANCE = 1e-3
 """Share of straight responses that may be said to bend."""
@@ -76,6 +76,8 @@ def find_bend(levels: LightLevels, used: NDArray[np.bool_], source: Source) -> B
     x, y = levels.x[take], levels.signal[take]
     covariance = levels.signal_covariance[np.ix_(take, take)]
     unit = float(x.max())
+    if len(np.unique(np.round(x / unit, 6))) < LEAST_LEVELS:
+        return None
     parabola = fit_linear(np.column_stack([x / unit, (x / unit) ** 2]), y, covariance)
     slope, bend = (float(value) for value in parabola.parameters)
     uncertainty = float(np.sqrt(parabola.covariance[1, 1]))

@@ -70,8 +70,8 @@ def check_plan(frames: FrameSet) -> None:
     Raises
     ------
     CalibrationError
-        If there are several gain settings, no dark exposure was taken twice, there is one exposure only, or an
-        exposure time is not above zero.
+        If there are several gain settings, no dark exposure was taken twice, there is one exposure only, all
+        light levels state the same photons, or an exposure time is not above zero.
     """
     source = frames.source
     if len(frames.gain_settings) > 1:
@@ -105,6 +105,13 @@ def check_plan(frames: FrameSet) -> None:
         raise CalibrationError(
             f"{source}: all light frames have one exposure, {lights[0].exposure_s:g} s; gain and PRNU are slopes and "
             f"need at least two light levels, better ten, up to saturation"
+        )
+    photons = {group.photons_per_pixel for group in lights}
+    if len(lights) > 1 and len(photons) == 1 and None not in photons:
+        raise CalibrationError(
+            f"{source}: all {len(lights)} light levels state the same light, {lights[0].photons_per_pixel:g} photons "
+            f"per pixel; gain and responsivity are slopes against it: state the photons of each level, or leave them "
+            f"out, and the exposure times are taken"
         )
 
 
