@@ -45,6 +45,27 @@ def test_every_part_is_found(tile) -> None:
     assert all(not bands for bands in noise.bands.values())
 
 
+def test_what_is_not_there_has_an_interval_that_reaches_its_limit() -> None:
+    """Of ten sets without line noise, half have a variance below zero; none may say that the noise is below zero."""
+    tile, negative = np.zeros((1, 1), np.int64), 0
+    for seed in range(10):
+        rng = np.random.default_rng([seed, 5])
+        stack = rng.normal(100, PIXEL, (8, 40, 30)).round().astype(np.uint16)
+        sums = FrameSums((40, 30), tile).add(stack)
+        sources = tuple(FrameSource(str(i), lambda: np.zeros((40, 30), np.uint16)) for i in range(8))
+        group = GroupStatistics(FrameGroup("dark", 0.01, sources), tuple(map(Level.of, sums.label_totals())))
+        look = look_again(iter(stack), sums.mean_frame(), PIXEL, (np.zeros(0, np.int64), np.zeros(0, np.int64)))
+        noise = measure_temporal(group, look, sums.variance().astype(np.float32), sums.mean_frame(), tile)
+        for estimate in (noise.row_noise_dn, noise.column_noise_dn, noise.frame_noise_dn):
+            low, high = estimate.interval_95
+            assert low <= estimate.value <= high
+            assert high > 0.0
+            if estimate.value < 0.0:
+                negative += 1
+                assert high >= estimate.upper_limit_95
+    assert negative > 5
+
+
 def test_bands_are_told_from_channels_and_from_each_other() -> None:
     """A fixed pattern of columns; a hum whose phase changes from frame to frame, in rows."""
     rng = np.random.default_rng(7)

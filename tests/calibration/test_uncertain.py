@@ -10,6 +10,7 @@ from photosite.calibration.uncertain import (
     Missing,
     Source,
     Uncertain,
+    combined,
     correlated,
     derive,
     signed_root,
@@ -18,6 +19,7 @@ from photosite.calibration.uncertain import (
     upper_limit_95,
     weighted_mean,
 )
+from photosite.measured import COVERAGE_95
 
 
 def test_what_two_results_share_cancels():
@@ -26,6 +28,11 @@ def test_what_two_results_share_cancels():
     assert (a / b).standard_uncertainty == pytest.approx(0.0, abs=1e-15)
     assert (a - b * (5 / 7)).standard_uncertainty == pytest.approx(0.0, abs=1e-15)
     assert (a + b).standard_uncertainty == pytest.approx(12 * 0.01 / 0.28**2)
+
+
+def test_a_combination_keeps_what_is_shared():
+    gain = Uncertain.of(2.0, 0.1)
+    assert combined([gain, gain], [3.0, -3.0]).standard_uncertainty == 0.0
 
 
 def test_independent_inputs_add_in_squares():
@@ -178,3 +185,14 @@ def test_joint_covariance_is_that_of_draws():
     scale = np.sqrt(np.diag(drawn))
     assert np.abs(joint.matrix - drawn).max() < 0.016 * np.outer(scale, scale).max()
     np.testing.assert_allclose(joint.matrix / np.outer(scale, scale), drawn / np.outer(scale, scale), atol=0.016)
+
+
+@pytest.mark.parametrize("variance", [-5.0, -2.04, -0.5, 0.0, 1.0, 4.0])
+def test_the_interval_of_a_spread_is_never_wholly_below_zero(variance):
+    """Of a negative variance it ends at the upper limit; above zero it is the roots of the variance's own ends."""
+    known = Uncertain.of(variance, 1.0)
+    low, high = spread_interval_95(known)
+    assert low == signed_root(variance - COVERAGE_95)
+    assert high > 0.0
+    limit = upper_limit_95(known)
+    assert high == pytest.approx(limit if variance < 0.0 else signed_root(variance + COVERAGE_95))

@@ -17,7 +17,7 @@ from photosite.calibration.line_noise import TemporalParts, temporal_parts
 from photosite.calibration.result import Estimate
 from photosite.calibration.second_look import SecondLook
 from photosite.calibration.tail import Tail, measure_tail
-from photosite.calibration.uncertain import Uncertain, spread, upper_limit_95, weighted_mean
+from photosite.calibration.uncertain import Uncertain, spread, spread_interval_95, upper_limit_95, weighted_mean
 from photosite.engine.accumulate import MeanFrame
 
 
@@ -144,7 +144,7 @@ def _pooled(stack: GroupStatistics, parts: Sequence[TemporalParts]) -> TemporalP
 
 
 def _deviation(variance: Uncertain, method: str) -> Estimate:
-    return Estimate.of(spread(variance), method, upper_limit_95(variance))
+    return Estimate.of(spread(variance), method, upper_limit_95(variance), spread_interval_95(variance))
 
 
 def _frame_noise(look: SecondLook, pixels: int, parts: TemporalParts, method: str) -> Estimate:
@@ -154,7 +154,8 @@ def _frame_noise(look: SecondLook, pixels: int, parts: TemporalParts, method: st
     variance = float(means.var(ddof=1))
     rows, cols = row_sums.shape[1], column_sums.shape[2]
     explained = parts.pixel * (1.0 / pixels) + parts.row * (1.0 / rows) + parts.column * (1.0 / cols)
-    return _deviation(Uncertain.of(variance, variance * math.sqrt(2.0 / (len(means) - 1))) - explained, method)
+    of_means = Uncertain.of_variance(variance, variance * math.sqrt(2.0 / (len(means) - 1)))
+    return _deviation(of_means - explained, method)
 
 
 def _bands(look: SecondLook, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:

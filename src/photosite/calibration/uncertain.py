@@ -233,14 +233,7 @@ def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Unce
 
 
 def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArray[np.float64]) -> Uncertain:
-    """A linear combination, what the values share kept.
-
-    Examples
-    --------
-    >>> gain = Uncertain.of(2.0, 0.1)
-    >>> combined([gain, gain], [3.0, -3.0]).standard_uncertainty
-    0.0
-    """
+    """A linear combination, what the values share kept."""
     result = Uncertain(0.0)
     for value, coefficient in zip(values, coefficients, strict=True):
         result = result + value * float(coefficient)
@@ -334,14 +327,18 @@ def spread(variance: Uncertain) -> Uncertain:
 def spread_interval_95(variance: Uncertain) -> tuple[float, float]:
     """The 95 % interval of `spread`: the signed roots of the ends of the variance's interval.
 
+    Where the variance came out negative, it reaches up to `upper_limit_95`, which such an interval may end below: no
+    standard deviation is negative.
+
     Examples
     --------
     >>> low, high = spread_interval_95(Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)))
     >>> round(low, 2), round(high, 2)
     (1.32, 4.07)
     """
-    low, high = variance.interval_95
-    return signed_root(low), signed_root(high)
+    low, high = (signed_root(end) for end in variance.interval_95)
+    limit = upper_limit_95(variance) if variance.value < 0.0 else None
+    return low, high if limit is None else max(high, limit)
 
 
 def upper_limit_95(variance: Uncertain) -> float | None:
