@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.plausible import Nonsense, dark_current_slope, efficient
+from photosite.calibration.plausible import Nonsense, dark_current_slope, efficient, of_variance, too_short
 from photosite.calibration.uncertain import Uncertain
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
@@ -160,9 +160,55 @@ def test_darks_that_grow_like_flats_are_told():
 
 
 def test_exposures_that_no_shutter_makes_are_told():
-    frames = [(kind, 1e-6 * t, dn) for kind, t, dn in measurement()]
+    frames = [(kind, 1e-6 * t if kind == "light" else 1e-3 * t, dn) for kind, t, dn in measurement()]
     calibration = calibrated(frames)
     assert any("hardly a shutter is as fast" in text for text in calibration.warnings)
+
+
+@pytest.mark.parametrize(
+    ("off", "factor", "unit"), [(1e-6, "1000 or more", "microseconds"), (4e-8, "1000000 or more", "milliseconds")]
+)
+def test_exposures_in_another_unit_give_no_dark_current(off, factor, unit):
+    calibration = calibrated([(kind, off * t, dn) for kind, t, dn in measurement()])
+    for name in (
+        "dark_current_e_per_s",
+        "dark_current_from_variance_e_per_s",
+        "dark_voltage_mv_per_s",
+        "dcnu_percent",
+    ):
+        entry = getattr(calibration, name)
+        assert entry.value is None, name
+        assert "an EMVA descriptor's times are nanoseconds" in entry.reason, name
+        assert f"off by a factor of {factor}" in entry.reason, name
+        assert f"{unit} where nanoseconds belong" in entry.reason, name
+    assert any(text.startswith("dark current could not be true") for text in calibration.warnings)
+    assert not any("shutter" in text for text in calibration.warnings)  # said once
+    assert calibration.read_noise_dn.value == pytest.approx(READ_DN, rel=0.05)
+
+
+def test_the_factor_of_another_unit():
+    assert too_short(np.array([2e-5, 1e-4])) is None
+    assert too_short(np.array([0.0, 1.0])) is None
+    assert "factor of 1000 or more (0.001 to 0.02 s), microseconds" in too_short(np.array([1e-6, 2e-5])).reason
+    assert "factor of 1000000000 or more (1e-05 to 0.002 s), seconds" in too_short(np.array([1e-14, 2e-12])).reason
+
+
+def test_maps_hold_no_dark_rate_in_another_unit():
+    frames = frame_set_from_arrays([(kind, 1e-6 * t, dn) for kind, t, dn in measurement(levels=LEVELS[:4])], bits=12)
+    chip = calibrate(frames, maps=True).chip
+    assert chip.dark_rate_dn_per_s is None
+    assert chip.prnu is not None
+
+
+def test_a_variance_that_does_not_grow_is_no_dark_current_where_the_level_fell():
+    fallen = dark_current_slope(Uncertain.of(-9.0, 1.0), np.array([0.1, 1.0]))
+    withheld = of_variance(Uncertain.of(1.0, 0.5), fallen)
+    assert isinstance(withheld, Nonsense)
+    assert "does not grow beyond chance" in withheld.reason
+    assert "the dark level falls" in withheld.reason
+    clamped = Uncertain.of(5.0, 0.5)  # a camera that holds its dark level shows it here alone
+    assert of_variance(clamped, fallen) is clamped
+    assert of_variance(Uncertain.of(1.0, 0.5), Uncertain.of(1.0, 0.5)).value == 1.0
 
 
 def test_a_lens_cap_left_on_is_no_flat():

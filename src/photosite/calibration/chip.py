@@ -15,6 +15,7 @@ from photosite.calibration.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.judge import reference_dark
 from photosite.calibration.nonuniformity import PixelSlopes, slope_coefficients
 from photosite.calibration.pixel_noise import NoiseSpread, moderated, noise_spread
+from photosite.calibration.plausible import too_short
 from photosite.calibration.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration
 from photosite.calibration.second_look import SecondLook, look_again
@@ -235,6 +236,9 @@ def _chip(
         unknown = np.zeros((1, 1), np.float32)
         rate, of_rate = (maps.get(name, unknown) for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"))
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
+    if too_short(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
+        for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"):
+            maps.pop(name, None)  # per second of times that cannot be true; taken off flats in the same times above
     blinkers = _blinking(dark, look, suspects, shot)
     chip = MeasuredChip(
         **maps,

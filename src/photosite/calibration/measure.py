@@ -33,7 +33,7 @@ from photosite.calibration.photon_transfer import (
     light_levels,
     linear_levels,
 )
-from photosite.calibration.plausible import Nonsense, check_step, dark_current_slope, efficient
+from photosite.calibration.plausible import Nonsense, check_step, dark_current_slope, efficient, of_variance
 from photosite.calibration.reading import FrameReader
 from photosite.calibration.spatial import Parts, channel_parts
 from photosite.calibration.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
@@ -311,6 +311,7 @@ def measure_dark(background: Darkness, level: Level, label: str) -> Measurements
     """What the dark frames alone tell; the rest says that there is no light."""
     black, slope = background.mean.line
     slope = dark_current_slope(slope, background.mean.exposure_s)
+    noise_slope = dark_current_slope(background.variance.line[1], background.variance.exposure_s, of_variance=True)
     clipping = zero_clip_uncertainty(level)
     read = level.noise + Uncertain.of(-QUANTISATION, clipping)
     return Measurements(
@@ -321,9 +322,7 @@ def measure_dark(background: Darkness, level: Level, label: str) -> Measurements
         dark_slope=slope,
         dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
         dark_variance=background.variance.at_zero,
-        dark_variance_slope=dark_current_slope(
-            background.variance.line[1], background.variance.exposure_s, of_variance=True
-        ),
+        dark_variance_slope=of_variance(noise_slope, slope),
         response_variance=NO_LIGHT,
         gain=NO_LIGHT,
         saturation_dn=NO_LIGHT,

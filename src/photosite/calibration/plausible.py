@@ -35,6 +35,12 @@ LEAST_SIGNAL = 0.02
 SHORTEST_S = 1e-6
 """Exposure below which few image sensors have a shutter."""
 
+SHORTEST_DARKS_S = 1e-4
+"""Longest dark exposure below which no dark current is told: one of 10 000 electrons per second gathers one."""
+
+LONGEST_LIKELY_S = 1e-3
+"""What the longest dark exposure of a measurement reaches at least, to say by which factor stated ones are off."""
+
 LEAK_SHARE = 0.3
 """Of what flats gain over the same time: dark frames that gain more are as likely lit as warm."""
 
@@ -47,7 +53,9 @@ class Nonsense(Missing):
 
 
 def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
-    """The slope of the dark level or variance against exposure, or why it is none: charge does not flow backwards.
+    """The slope of the dark level or variance against exposure, or why it is none.
+
+    Charge does not flow backwards, and exposures too short for any to gather are in another unit than was said.
 
     Parameters
     ----------
@@ -60,6 +68,8 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
     """
     if isinstance(slope, Missing):
         return slope
+    if (why := too_short(exposure_s)) is not None:
+        return why
     above = slope.interval_95[1] - slope.value
     if slope.value + BEYOND_CHANCE * above >= 0.0:
         return slope
@@ -72,6 +82,52 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
         f"its dark signal off itself (black clamping), the black level drifted or the chip cooled down between the "
         f"exposures, or the exposure times are not what the protocol or descriptor says (order, unit)"
     )
+
+
+def too_short(exposure_s: NDArray[np.float64]) -> Nonsense | None:
+    """Why darks of these exposures, two or more, tell of no dark current: the times cannot be true; None if they can.
+
+    Parameters
+    ----------
+    exposure_s
+        (m,) the dark exposures.
+
+    Examples
+    --------
+    >>> print(too_short(np.array([2e-7, 2e-5])).reason)  # doctest: +ELLIPSIS
+    the dark exposures are 2e-07 to 2e-05 s, ... off by a factor of 1000 or more (0.0002 to 0.02 s), microseconds ...
+    """
+    low, high = float(exposure_s.min()), float(exposure_s.max())
+    if not 0.0 < high < SHORTEST_DARKS_S:
+        return None
+    factor = 1e3
+    while high * factor < LONGEST_LIKELY_S:
+        factor *= 1e3
+    meant = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}.get(factor)
+    where = "" if meant is None else f", {meant} where nanoseconds belong"
+    return Nonsense(
+        f"the dark exposures are {low:.3g} to {high:.3g} s, too short for any dark current to gather (none reaches "
+        f"{SHORTEST_DARKS_S:g} s): an EMVA descriptor's times are nanoseconds, a protocol's seconds, and these seem "
+        f"off by a factor of {factor:.0f} or more ({low * factor:.3g} to {high * factor:.3g} s){where}: correct them"
+    )
+
+
+def of_variance(slope: Value, of_mean: Value) -> Value:
+    """The slope of the dark variance, or why it is none where the level's was nonsense.
+
+    A camera that holds its dark level shows its dark current in the variance alone (EMVA 1288 R4.0, dark current): then
+    the variance grows beyond chance. What does not is no better than the level's.
+
+    Parameters
+    ----------
+    slope, of_mean
+        DN^2/s of the variance and DN/s of the level, as `dark_current_slope` gave them.
+    """
+    if isinstance(slope, Missing) or not isinstance(of_mean, Nonsense):
+        return slope
+    if slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
+        return slope
+    return Nonsense(f"the dark temporal variance does not grow beyond chance, and {of_mean.reason}")
 
 
 def efficient(responsivity: Value, gain: Value) -> Value:
@@ -277,7 +333,8 @@ def warnings(frames: FrameSet, darks: Sequence[GroupStatistics], channels: Seque
 def _fast_shutter(frames: FrameSet) -> list[str]:
     exposures = [group.exposure_s for group in frames.groups]
     shortest, longest = min(exposures), max(exposures)
-    if shortest >= SHORTEST_S:
+    darks = np.unique([group.exposure_s for group in frames.of_kind("dark")])
+    if shortest >= SHORTEST_S or (len(darks) > 1 and too_short(darks) is not None):  # The latter is said of the figure.
         return []
     return [
         f"exposures from {shortest:.3g} to {longest:.3g} s: hardly a shutter is as fast as the shortest; if the times "
