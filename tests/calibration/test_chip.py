@@ -12,6 +12,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip import measure_chip
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.report.chip import temporal_blocks
 from photosite.sensor.file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
@@ -216,8 +217,25 @@ def test_with_darks_of_one_exposure_there_is_no_dark_rate(tmp_path) -> None:
 def test_clipped_darks_have_no_maps() -> None:
     """Black 2 standard deviations above 0: of the chip something can be said, of a pixel below it nothing."""
     calibration = calibrate(shoot(SMALL, 5), SMALL)
-    with pytest.raises(CalibrationError, match=r"dark frames at 0\.01 s: more than 0\.1 % of the numbers are 0"):
+    with pytest.raises(CalibrationError, match=r"dark frames at 0\.01 s: .* numbers are 0, more than the 0\.1 % up to"):
         measure_chip(shoot(SMALL.with_(black_level_dn=6), 5), calibration)
+
+
+def test_clipped_darks_are_calibrated_without_maps() -> None:
+    """What maps cannot be had from leaves everything else as it is without them."""
+    clipped = SMALL.with_(black_level_dn=4)
+    with_maps, without = (calibrate(shoot(clipped, 5, levels=5), clipped, maps=maps) for maps in (True, False))
+    assert with_maps.estimates() == without.estimates()
+    assert with_maps.read_noise_dn.value is not None
+    assert with_maps.chip is None
+    assert with_maps.temporal is None
+    assert "more than the 0.1 % up to which" in with_maps.no_chip
+    assert with_maps.warnings == (
+        *without.warnings,
+        f"the chip was not measured, there are no maps: {with_maps.no_chip}",
+    )
+    assert with_maps.no_chip in temporal_blocks(with_maps)[0].text
+    assert without.no_chip is None
 
 
 def test_a_calibration_saves_its_chip_beside_its_sensor(trip, tmp_path) -> None:

@@ -75,7 +75,8 @@ def calibrate(
         Beyond which deviations from the mean pixels are listed in `Calibration.spatial`.
     maps
         Measure the chip itself, too: `Calibration.chip` and `Calibration.temporal` (`photosite.calibration.chip`). The
-        frames are read once more for it, the darks of the read noise twice.
+        frames are read once more for it, the darks of the read noise twice. Darks clipped at 0 show no chip: then
+        `Calibration.no_chip` and a warning say so.
     progress
         Called with (frames read, frames to read) after each frame; the second number grows where frames
         must be read again, and for maps both begin again.
@@ -94,7 +95,7 @@ def calibrate(
     CalibrationError
         If the frames cannot support a calibration: several gain settings, one exposure only, no repeated darks, blacks
         so clipped that too little is left, light frames darker than the dark ones, flats that do not go with the
-        light stated for them, numbers of other bits than stated; for maps, blacks clipped at all.
+        light stated for them, numbers of other bits than stated.
     FileError
         If a frame cannot be read or has another size, or the folder of partial sums holds something else.
     InputError
@@ -127,13 +128,22 @@ def calibrate(
     with FrameReader(frames, progress, kept) as reader:
         calibration = _calibrate(frames, base, reader, far)
     if maps:
-        from photosite.calibration.chip import measure_chip
-
-        chip, temporal = measure_chip(frames, calibration, progress)
-        calibration = replace(calibration, chip=chip, temporal=temporal)
+        calibration = _with_chip(frames, calibration, progress)
     if kept is not None:
         kept.remove()
     return calibration
+
+
+def _with_chip(frames: FrameSet, calibration: Calibration, progress: Progress | None) -> Calibration:
+    """With the chip's maps, or the reason that there are none: what else was measured does not need them."""
+    from photosite.calibration.chip import ClippedChipError, measure_chip
+
+    try:
+        chip, temporal = measure_chip(frames, calibration, progress)
+    except ClippedChipError as error:
+        warning = f"the chip was not measured, there are no maps: {error}"
+        return replace(calibration, no_chip=str(error), warnings=(*calibration.warnings, warning))
+    return replace(calibration, chip=chip, temporal=temporal)
 
 
 def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: FarThresholds | None) -> Calibration:

@@ -41,6 +41,10 @@ FloatMap = NDArray[np.float32]
 _Place = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
+class ClippedChipError(CalibrationError):
+    """Darks clipped at 0 show no chip; what they tell of the sensor stands."""
+
+
 @dataclass(frozen=True)
 class _DarkMaps:
     """What the darks tell of each pixel, DN and seconds."""
@@ -87,7 +91,7 @@ def measure_chip(
 
     Raises
     ------
-    CalibrationError
+    ClippedChipError
         If the darks are clipped at zero.
     FileError
         If a frame cannot be read.
@@ -123,9 +127,10 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
         sums = reader.sums(group)
         groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
         if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
-            raise CalibrationError(
-                f"{groups[-1].label}: more than {100 * CLIPPED_DARK:g} % of the numbers are 0, and what a pixel reads "
-                f"below 0 is not seen; maps of the chip need darks with a pedestal"
+            raise ClippedChipError(
+                f"{groups[-1].label}: {100 * max(level.low_fraction for level in groups[-1].levels):.2g} % of the "
+                f"numbers are 0, more than the {100 * CLIPPED_DARK:g} % up to which the chip is measured, and what a "
+                f"pixel reads below 0 is not seen; maps of the chip need darks with a pedestal"
             )
         if index == wanted:
             stack = _mean_and_variance(sums)

@@ -263,6 +263,8 @@ class Calibration(Parameters):
         Per channel, the figures of the general model, or why they are missing.
     chip, temporal
         The chip's maps and defects, and its temporal noise by rows, columns and tail; None unless maps were asked for.
+    no_chip
+        Why they are None where maps were asked for.
     gain_setting, temperature_c
         The operating point, as far as files or protocol say it: the camera's gain setting, and the lowest and highest
         temperature of the sensor.
@@ -296,6 +298,7 @@ class Calibration(Parameters):
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
+    no_chip: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
 

@@ -130,7 +130,7 @@ def command(
     far = FarThresholds(far_dark, far_light)
     calibration = calibrate(frames, sensor, maps=maps, far=far, progress=Stages(), partial=partial)
     _save(calibration, output, report)
-    beside = maps_path(output) if maps and output is not None else None
+    beside = maps_path(output) if calibration.chip is not None and output is not None else None
     if as_json:
         written = {"sensor": output, "maps": beside, "report": report}
         print_json(calibration.to_dict() | {name: str(file) for name, file in written.items() if file is not None})
