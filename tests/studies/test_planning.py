@@ -12,7 +12,8 @@ import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.engine.jit import threads_for
 from photosite.errors import InputError
-from photosite.studies.planning import Want, plan_frames, plan_protocol, predictable, step_from
+from photosite.studies.plan_search import Design, plan_frames
+from photosite.studies.planning import Want, plan_protocol, predictable, step_from
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 from photosite.studies.virtual_sensors import CONDITIONS
 
@@ -75,6 +76,25 @@ def test_every_want_is_met_and_fewer_frames_would_not_do() -> None:
     )
     less = plan_protocol(virtual_lab(sensor, fewer, level=1.25 / 0.579)).expected
     assert max(want.reached(getattr(less, name)) for name, want in wants.items()) > 1.0
+
+
+def test_a_want_below_the_least_protocol_takes_that_and_no_more() -> None:
+    """Three levels in the linear range of green and red alike, three dark exposures, two frames at each."""
+    sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=400, cols=400))
+    wants = {w.parameter: w for w in map(Want.parse, ("prnu_percent=2%", "system_gain_dn_per_e=0.5%"))}
+    plan = plan_frames(sensor, wants)
+    assert plan.least
+    assert {step.count for step in plan.protocol.steps} == {2}
+    lights, darks = ([g for g in plan.groups if g.kind == kind] for kind in ("light", "dark"))
+    assert len(darks) == 3
+    linear = [sum(g.electrons[k] <= 0.7 * sensor.saturation_capacity_e for g in lights) for k in range(3)]
+    assert min(linear) == 3
+    assert plan.protocol.frame_count == 2 * (len(darks) + len(lights)) <= 28
+    full = Design().protocol(2, 2, 2)
+    assert plan.protocol.frame_count < full.frame_count
+    better = plan_frames(sensor, {"k": Want.parse("system_gain_dn_per_e=0.05%")})
+    assert not better.least
+    assert better.protocol.frame_count > plan.protocol.frame_count
 
 
 def test_what_no_number_of_frames_reaches_is_said() -> None:

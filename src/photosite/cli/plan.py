@@ -71,14 +71,16 @@ def command(
     """How many frames a wanted precision takes, or what precision a protocol reaches.
 
     The sensor is a guess: a preset like it, or a file. With --want, the fewest frames that are found: darks at one
-    exposure, a dark series, and flats in 16 equal steps up to 1.25 saturations. With --protocol or --step, the expected
+    exposure, a dark series, and flats in up to 16 equal steps to 1.25 saturations, and never less than a calibration
+    needs, which is said where it is enough. With --protocol or --step, the expected
     uncertainty of every parameter. Nothing is simulated: the fits and the propagation of the calibration are run on the
     levels to be expected, and a real laboratory adds its own scatter.
 
     Example: photosite plan --rows 1000 --cols 1500 --want prnu_percent=2% --want system_gain_dn_per_e=0.5%
     """
     from photosite.cli.shoot import prepared_sensor
-    from photosite.studies.planning import Design, Want, plan_frames, plan_protocol
+    from photosite.studies.plan_search import Design, plan_frames
+    from photosite.studies.planning import Want, plan_protocol
     from photosite.studies.virtual_lab import virtual_lab
 
     if sum(map(bool, (wants, protocol, steps))) != 1:
@@ -130,6 +132,10 @@ def _show(plan: Plan, sensor: Sensor, note: str) -> None:
     click.echo(f"{plan.protocol.frame_count} frames of {sensor.name}, {array.rows} x {array.cols} pixels")
     if note:
         click.echo(note)
+    if plan.least:
+        from photosite.studies.plan_search import LEAST_IN_WORDS
+
+        click.echo(f"the least that a calibration needs ({LEAST_IN_WORDS}): what is wanted takes no frame more")
     rows = [("frames", "exposure", "light")]
     capacity = sensor.saturation_capacity_e
     for group in plan.groups:

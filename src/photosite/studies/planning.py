@@ -1,9 +1,11 @@
-"""Before the lab day: what precision a protocol will reach, and how many frames a wanted precision takes."""
+"""Before the lab day: what precision a protocol will reach.
+
+How many frames a wanted precision takes is searched in `photosite.studies.plan_search`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,16 +16,8 @@ from photosite.cfa import channel_sites
 from photosite.errors import InputError
 from photosite.exposure import parse_exposure
 from photosite.sensor.model import Sensor
-from photosite.studies.protocol import ShootingProtocol, Step, series
-from photosite.studies.virtual_lab import VirtualLab, virtual_lab
-
-MOST_FRAMES = 4096
-"""Frames at one setting beyond which a plan does not go."""
-
-LEVELS, TOP = 16, 1.25
-"""Flats of a design: equal steps up to so many saturations."""
-
-_DARK_EXPOSURES = 6
+from photosite.studies.protocol import ShootingProtocol, Step
+from photosite.studies.virtual_lab import VirtualLab
 
 
 @dataclass(frozen=True)
@@ -106,6 +100,8 @@ class Plan:
         The parameters with their uncertainties.
     wants
         What was asked for; empty where a protocol was given.
+    least
+        Whether this is the least that a calibration needs, so that the wants take no frame more.
     """
 
     sensor: Sensor
@@ -113,6 +109,7 @@ class Plan:
     groups: tuple[PlannedGroup, ...]
     expected: Parameters
     wants: tuple[Want, ...] = ()
+    least: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """What `photosite plan --json` prints."""
@@ -122,6 +119,7 @@ class Plan:
             "rows": self.sensor.array.rows,
             "cols": self.sensor.array.cols,
             "frames": self.protocol.frame_count,
+            **({"least_of_a_calibration": self.least} if self.wants else {}),
             "steps": [
                 {
                     "kind": group.kind,
@@ -160,7 +158,7 @@ def plan_protocol(lab: VirtualLab) -> Plan:
     --------
     >>> import photosite as ps
     >>> from photosite.studies.protocol import paper_d200_protocol
-    >>> from photosite.studies.virtual_lab import with_pedestal
+    >>> from photosite.studies.virtual_lab import virtual_lab, with_pedestal
     >>> plan = plan_protocol(virtual_lab(with_pedestal(ps.load_sensor("nikon-d200")), paper_d200_protocol()))
     >>> gain = plan.expected.system_gain_dn_per_e
     >>> f"{100 * gain.standard_uncertainty / gain.value:.3f} %"
@@ -188,135 +186,6 @@ def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
             electrons = tuple(float(mean[site]) for site in sites)
         groups.append(PlannedGroup(step.kind, step.exposure_s, count, electrons, lab.photons_per_pixel(step)))
     return tuple(groups)
-
-
-@dataclass(frozen=True)
-class Design:
-    """A protocol with three numbers free: darks at one exposure, darks of a series, flats at each level."""
-
-    longest_dark_s: float = 5.0
-    longest_flat_s: float = 0.05
-
-    def protocol(self, darks: int, repeats: int, flats: int) -> ShootingProtocol:
-        """Darks at the shortest flat's exposure, a dark series from there, and flats in equal steps."""
-        shortest = self.longest_flat_s / LEVELS
-        return ShootingProtocol(
-            "planned",
-            (
-                Step("dark", shortest, darks),
-                *series("dark", 2 * shortest, self.longest_dark_s, _DARK_EXPOSURES, repeats),
-                *(Step("light", shortest * (k + 1), flats) for k in range(LEVELS)),
-            ),
-        )
-
-
-def plan_frames(
-    sensor: Sensor,
-    wants: Mapping[str, Want],
-    *,
-    design: Design | None = None,
-    illuminant: str = "D65",
-    metered: bool = False,
-) -> Plan:
-    """The fewest frames that are found to reach what is wanted.
-
-    From two frames at every setting on, the number that brings the wants nearest for the frames it costs is doubled,
-    until all are met; then each number is brought down as far as they stay met.
-
-    Parameters
-    ----------
-    sensor
-        A guess of the sensor.
-    wants
-        By parameter.
-    design
-        The exposures.
-    illuminant
-        Light of the flats.
-    metered
-        Whether the photons will be known.
-
-    Raises
-    ------
-    InputError
-        If nothing is wanted, a parameter cannot be had from such frames, or no number of frames is enough: the pixels
-        themselves are a sample.
-
-    Examples
-    --------
-    >>> import photosite as ps
-    >>> from photosite.studies.virtual_lab import with_pedestal
-    >>> sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=200, cols=200))
-    >>> plan = plan_frames(sensor, {"read_noise_dn": Want.parse("read_noise_dn=0.2%")})
-    >>> plan.protocol.steps[0].count, plan.protocol.frame_count  # 1 / sqrt(2 (n - 1) 40 000) is 0.2 %
-    (5, 49)
-    """
-    if not wants:
-        raise InputError("say what is wanted, such as prnu_percent=2%")
-    design = design or Design()
-    level = TOP / _weakest_share(sensor, design, illuminant)
-
-    def planned(counts: tuple[int, ...]) -> Plan:
-        protocol = design.protocol(*counts)
-        lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, photons_known=metered)
-        return replace(plan_protocol(lab), wants=tuple(wants.values()))
-
-    def worst(plan: Plan) -> float:
-        return max(want.reached(getattr(plan.expected, want.parameter)) for want in wants.values())
-
-    counts = [2, 2, 2]
-    plan = planned(tuple(counts))
-    while worst(plan) > 1.0:
-        options = []
-        for k in range(3):
-            if 2 * counts[k] <= MOST_FRAMES:
-                more = [2 * n if i == k else n for i, n in enumerate(counts)]
-                better = planned(tuple(more))
-                cost = better.protocol.frame_count - plan.protocol.frame_count
-                options.append((_progress(plan, better, wants) / cost, more, better))
-        if not options or max(option[0] for option in options) <= 1e-9:
-            raise _unreachable(planned((MOST_FRAMES,) * 3), wants)
-        _, counts, plan = max(options, key=lambda option: option[0])
-    for k in (2, 1, 0):
-        low, high = (counts[k] // 2 if counts[k] > 2 else 1), counts[k]
-        while high - low > 1:
-            middle = (low + high) // 2
-            tried = planned(tuple(middle if i == k else n for i, n in enumerate(counts)))
-            low, high = (low, middle) if worst(tried) <= 1.0 else (middle, high)
-        counts[k] = high
-    return planned(tuple(counts))
-
-
-def _weakest_share(sensor: Sensor, design: Design, illuminant: str) -> float:
-    """Electrons of the least over those of the most sensitive channel: all channels are to reach saturation."""
-    lab = virtual_lab(sensor, design.protocol(2, 2, 1), illuminant=illuminant)
-    brightest = planned_groups(lab)[-1].electrons
-    least = min(brightest)
-    return least / max(brightest) if least > 0.05 * max(brightest) else 1.0
-
-
-def _progress(before: Plan, after: Plan, wants: Mapping[str, Want]) -> float:
-    """How far the wants that are not met come nearer, in logarithms."""
-    result = 0.0
-    for want in wants.values():
-        then, now = (want.reached(getattr(plan.expected, want.parameter)) for plan in (before, after))
-        if then > 1.0:
-            result += math.log(then / max(now, 1.0))
-    return result
-
-
-def _unreachable(best: Plan, wants: Mapping[str, Want]) -> InputError:
-    for want in wants.values():
-        found = getattr(best.expected, want.parameter)
-        if want.reached(found) > 1.0:
-            share = f" ({100 * found.standard_uncertainty / abs(found.value):.2g} %)" if found.value else ""
-            array = best.sensor.array
-            return InputError(
-                f"{want.parameter} to {want.text} cannot be reached: with {MOST_FRAMES} frames at every setting its "
-                f"standard uncertainty is {found.standard_uncertainty:.3g}{share}, for {array.rows} x {array.cols} "
-                f"pixels are a sample themselves; want less, or plan for a larger chip"
-            )
-    raise AssertionError("some want is not met")
 
 
 def setting_text(group: PlannedGroup, capacity_e: float) -> str:
