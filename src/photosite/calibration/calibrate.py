@@ -211,6 +211,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
         base=base,
         chip=None,
         temporal=None,
+        no_chip=None,
         known=known,
         gain_setting=frames.gain_settings[0],
         temperature_c=_temperatures(frames),

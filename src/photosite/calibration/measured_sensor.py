@@ -6,6 +6,7 @@ from datetime import date
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from photosite.calibration.result import Estimate
 from photosite.calibration.uncertain import JointCovariance, Uncertain, Value, derive
 from photosite.errors import CalibrationError
 from photosite.measured import Measured
@@ -14,7 +15,7 @@ from photosite.sensor.maps_file import maps_path
 from photosite.sensor.model import Sensor
 
 if TYPE_CHECKING:
-    from photosite.calibration.result import Calibration, Estimate
+    from photosite.calibration.result import Calibration
 
 
 def measured_sensor(calibration: Calibration) -> Sensor:
@@ -49,10 +50,10 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         if estimate.value is not None:
             changes[field] = _not_negative(estimate, source)
             uncertain[field] = estimate.uncertain
-    capacity = _capacity(calibration)
-    if isinstance(capacity, Uncertain) and (well := _well(capacity, calibration, base, source)) is not None:
-        changes["well_capacity_e"] = well
-        uncertain["well_capacity_e"] = capacity
+    well = well_capacity(calibration)
+    if well.value is not None:
+        changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
+        uncertain["well_capacity_e"] = well.uncertain
     joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
     return base.with_(
         **changes,
@@ -90,24 +91,32 @@ def _not_negative(estimate: Estimate, source: str) -> Measured:
     return Measured(0.0, measured.standard_uncertainty, note)
 
 
-def _capacity(calibration: Calibration) -> Value:
-    """Electrons between black and clipped flats."""
-    return derive(
+def well_capacity(calibration: Calibration) -> Estimate:
+    """Electrons between black and clipped flats: the well, where the flats filled it before the converter ran out.
+
+    Where the converter is the limit the well is at least what the converter can count: that is no measurement of a well
+    known beforehand to be larger. EMVA 1288's saturation capacity is another figure, read off the largest variance.
+    """
+    capacity = derive(
         lambda top, black, gain: (top - black) / gain,
         calibration.saturation_dn.uncertain,
         calibration.black_level_dn.uncertain,
         calibration.system_gain_dn_per_e.uncertain,
     )
+    base, method = calibration.base, f"(saturation less black level) / system gain{_at_least(calibration)}"
+    if (
+        isinstance(capacity, Uncertain)
+        and _converter_is_the_limit(calibration)
+        and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
+    ):
+        why = f"the converter's range ends before the well is full; the well holds {capacity.value:.4g} or more"
+        return Estimate(reason=why, method=method)
+    return Estimate.of(capacity, method)
 
 
-def _well(capacity: Uncertain, calibration: Calibration, base: Sensor, source: str) -> Measured | None:
-    """The well, where the flats filled it before the converter ran out; None leaves it as it was.
+def _converter_is_the_limit(calibration: Calibration) -> bool:
+    return (calibration.saturation_dn.value or 0.0) > (1 << calibration.bits) - 1.5
 
-    Where the converter is the limit the well is at least what the converter can count.
-    """
-    converter_is_the_limit = (calibration.saturation_dn.value or 0.0) > (1 << calibration.bits) - 1.5
-    if converter_is_the_limit and base.pixel.well_capacity_e.value >= capacity.value:
-        return None
-    if converter_is_the_limit:
-        source += "; the converter's range, the well holds at least that"
-    return Measured(capacity.value, capacity.standard_uncertainty, source)
+
+def _at_least(calibration: Calibration) -> str:
+    return "; the converter's range, the well holds at least that" if _converter_is_the_limit(calibration) else ""

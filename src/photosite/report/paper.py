@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from photosite.calibration.measured_sensor import well_capacity
 from photosite.calibration.result import Calibration, Estimate
 from photosite.measured import Measured
 from photosite.report.blocks import figure_block
@@ -50,7 +51,7 @@ _TABLE_1 = (
     _Row("Read noise", "e⁻", lambda s: _electrons(s, s.noise.read_noise_mv), "read_noise_e"),
     _Row("Conversion gain", "µV/e⁻", lambda s: s.pixel.conversion_gain_uv_per_e, "conversion_gain_uv_per_e"),
     _Row("Voltage swing", "V", lambda s: s.pixel.voltage_swing_v),
-    _Row("Well capacity", "e⁻", lambda s: s.pixel.well_capacity_e, "saturation_capacity_e"),
+    _Row("Well capacity", "e⁻", lambda s: s.pixel.well_capacity_e, "well_capacity_e"),
     _Row("DSNU", "mV", lambda s: s.noise.dsnu_mv, "dsnu_mv"),
     _Row("DSNU", "e⁻", lambda s: _electrons(s, s.noise.dsnu_mv), "dsnu_e"),
     _Row("PRNU", "%", lambda s: s.noise.prnu_percent, "prnu_percent"),
@@ -92,7 +93,7 @@ def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
 def table_1(calibration: Calibration) -> Table:
     """Table 1 of the paper with the measured values beside."""
     paper, base = load_sensor(PAPER_SENSOR), calibration.base
-    estimates = calibration.estimates()
+    estimates = calibration.estimates() | {"well_capacity_e": well_capacity(calibration)}
     rows = []
     for line in _TABLE_1:
         entry = None if line.parameter is None else estimates[line.parameter]
@@ -103,6 +104,8 @@ def table_1(calibration: Calibration) -> Table:
             measured = f"{calibration.bits}"
         known = () if base is None else (_known(line.known(base)),)
         interval = "" if entry is None else interval_text(entry)
+        if entry is not None and line.parameter == "well_capacity_e":
+            interval = interval or entry.reason or ""
         rows.append((line.label, line.unit, measured, interval, *known, _known(line.known(paper))))
     beforehand = () if base is None else (Column("Known beforehand", numeric=True),)
     columns = (

@@ -1,0 +1,39 @@
+"""Table 1 of the 2008 paper and the sensor file say one thing of the well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.uncertain import Uncertain
+from photosite.report.numbers import format_uncertain
+from photosite.report.paper import table_1
+from photosite.studies.closed_loop import ClosedLoop
+
+
+def _well_row(calibration: Calibration) -> tuple[str, ...]:
+    (row,) = (row for row in table_1(calibration).rows if row[0] == "Well capacity")
+    return row
+
+
+def test_the_well_is_that_of_the_sensor_file(loop: ClosedLoop) -> None:
+    """Flats that fill the well below the converter's top; EMVA's saturation capacity is another figure."""
+    full = replace(
+        loop.calibration,
+        saturation_dn=Estimate.of(Uncertain.of(3500.0, 1.0), "brightest flats"),
+        saturation_capacity_e=Estimate(33_300.0, 4600.0),
+    )
+    well = full.sensor.pixel.well_capacity_e
+    assert _well_row(full)[2] == format_uncertain(well.value, well.standard_uncertainty)
+
+
+def test_a_converter_that_ends_first_tells_no_well(loop: ClosedLoop) -> None:
+    top = float((1 << loop.calibration.bits) - 1)
+    limited = replace(loop.calibration, saturation_dn=Estimate.of(Uncertain.of(top, 0.1), "brightest flats"))
+    assert limited.base is not None
+    deep = replace(limited, base=limited.base.with_(well_capacity_e=1e6))
+    for calibration in (deep, replace(limited, base=None)):
+        row = _well_row(calibration)
+        assert row[2] == "not estimated"
+        assert "the converter's range ends before the well is full" in row[3]
+    assert deep.sensor.pixel.well_capacity_e.value == 1e6
