@@ -290,7 +290,7 @@ def _warnings(
     """What the analysis showed that its reader should know."""
     warnings: list[str] = []
     if reader.rejected:
-        warnings.append(f"{len(reader.rejected)} repeated frames were left out, first: {reader.rejected[0]}")
+        warnings.append(f"{len(reader.rejected)} repeated or broken frames were left out, first: {reader.rejected[0]}")
     if not channels:
         return [*warnings, "no light frames: gain, electrons, PRNU and saturation could not be estimated"]
     longest_dark = max(entry.group.exposure_s for entry in dark.groups)

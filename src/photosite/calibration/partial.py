@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.atomic import atomic_path
 from photosite.calibration.groups import group_label
@@ -18,7 +19,7 @@ from photosite.engine.accumulate import FrameSums
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 
-_VERSION = 1
+_VERSION = 2
 SAVE_EVERY_S = 20.0
 """Seconds of work that may be lost; a group that is finished is kept at once."""
 
@@ -37,12 +38,21 @@ class Progressed:
         Of each of these, the digest of the rows that are looked at first.
     rejected
         What was said of the others.
+    judged
+        Whether the group was read to its end, and broken frames left out.
+    tops
+        Of a group that was judged, `crowded` of its channels.
+    samples
+        (used, rows, cols) of a group that was not: `Grid.sample` of each frame used.
     """
 
     looked_at: int
     used: tuple[int, ...]
     seen: tuple[str, ...]
     rejected: tuple[str, ...]
+    judged: bool
+    tops: tuple[tuple[float, float], ...]
+    samples: NDArray[np.uint16] = field(compare=False, repr=False)
 
 
 class PartialSums:
@@ -98,11 +108,14 @@ class PartialSums:
             "used": progressed.used,
             "seen": progressed.seen,
             "rejected": progressed.rejected,
+            "judged": progressed.judged,
+            "tops": progressed.tops,
         }
         with atomic_path(self._files[id(group)]) as temporary, h5py.File(temporary, "w") as file:
             file.attrs["progressed"] = json.dumps(note)
             for name, array in sums.state().items():
                 file.create_dataset(name, data=array)
+            file.create_dataset("samples", data=progressed.samples)
         self._saved_s = time.monotonic()
 
     def load(self, group: FrameGroup, sums: FrameSums) -> Progressed | None:
@@ -152,10 +165,12 @@ class PartialSums:
 
             with h5py.File(path, "r") as file:
                 note: dict[str, Any] = json.loads(file.attrs["progressed"])
-            found = Progressed(
-                int(note["looked_at"]), tuple(note["used"]), tuple(note["seen"]), tuple(note["rejected"])
-            )
-            version, identity = note["version"], note["group"]
+                version, identity = note["version"], note["group"]
+                if version == _VERSION:
+                    found = Progressed(
+                        int(note["looked_at"]), tuple(note["used"]), tuple(note["seen"]), tuple(note["rejected"]),
+                        bool(note["judged"]), tuple((a, b) for a, b in note["tops"]), np.asarray(file["samples"]),
+                    )  # fmt: skip
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise self._damaged(path, error) from None
         if version != _VERSION or identity != self._identity(group):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -14,11 +14,12 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.broken import Grid, broken_frames, crowded
 from photosite.calibration.groups import group_label, label_tile
 from photosite.calibration.partial import PartialSums, Progressed
 from photosite.calibration.provenance import UsedFrame
 from photosite.engine.accumulate import FrameSums, MeanFrame
-from photosite.errors import FileError
+from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 Progress = Callable[[int, int], None]
@@ -54,7 +55,8 @@ class FrameReader:
 
     Threads read the next frames while those that came are reduced. Each frame is checked against what the
     set promised, and one whose pixels repeat an earlier one of its group to the last bit is left out: a copy would pass
-    for a frame without noise. To be used in a `with` statement, which ends the threads.
+    for a frame without noise. Once a group is read, frames that are broken (`calibration/broken.py`) are left out, too,
+    and the others summed again. To be used in a `with` statement, which ends the threads.
 
     Parameters
     ----------
@@ -72,6 +74,9 @@ class FrameReader:
         self.white = (1 << frames.bits) - 1
         self.used_frames: list[UsedFrame] = []
         self.rejected: list[str] = []
+        self.tops: dict[int, tuple[tuple[float, float], ...]] = {}
+        """By `id` of a group, per channel: the top of a smaller converter that its pixels are at, and their share."""
+        self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
         self._expected = frames.frame_count
@@ -114,6 +119,8 @@ class FrameReader:
         ------
         FileError
             If a frame cannot be read, or has another size or range than the set.
+        CalibrationError
+            If frames of the group differ so much that some are broken, and no majority tells which.
         """
         if self._sums is None:
             self._sums = FrameSums((self.frames.rows, self.frames.cols), self.tile, white=self.white)
@@ -123,16 +130,21 @@ class FrameReader:
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass has its order"
-        look = _FirstLook(group)
+        look = _FirstLook(group, Grid.of((self.frames.rows, self.frames.cols), len(group)))
         if self._partial is not None and (kept := self._partial.load(group, result)) is not None:
             look.resume(kept)
             self.rejected += kept.rejected
             self._count(kept.looked_at)
         self._add(result, self._new(look), look)
-        if self._partial is not None:
-            self._partial.save(group, result, look.progressed())
+        if not look.judged:
+            self._judge(look, result)
+            if self._partial is not None:
+                self._partial.save(group, result, look.progressed())
         self._used[id(group)] = tuple(look.used)
+        self.tops[id(group)] = look.tops
         totals = result.frame_totals()
+        if self._dark_dn is None and group.kind == "dark":
+            self._dark_dn = sum(totals) / (len(totals) * result.sum.size)
         self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(look.used, totals, strict=True)]
         return result
 
@@ -160,11 +172,33 @@ class FrameReader:
             return mean
         return self.sums(group).mean_frame()
 
+    def _judge(self, look: _FirstLook, sums: FrameSums) -> None:
+        """Leave broken frames out of a group's sums."""
+        if broken := broken_frames(look.samples, self._dark_dn):
+            label, n = group_label(look.group), len(look.used)
+            named = [(look.group.frames[look.used[entry.place]].name, entry.reason) for entry in broken]
+            if 2 * len(broken) >= n:
+                shown = ", ".join(name for name, _ in named[:3]) + (f" and {len(named) - 3} more" * (len(named) > 3))
+                raise CalibrationError(
+                    f"{self.frames.source}: {label}: {shown} {'' if n == 2 else f'of {n} '}differ from each other "
+                    f"far beyond noise, and no majority tells which are broken ({named[0][0]}: {named[0][1]}); look at "
+                    f"them and take the broken ones out, or correct what is listed as one setting"
+                )
+            reasons = [f"{name} is not like the other {label}: {reason}" for name, reason in named]
+            look.leave_out([entry.place for entry in broken], reasons)
+            self.rejected += reasons
+            self.expect(len(look.used))
+            self._add(sums.clear(), self._read_ahead(look.group.frames[i] for i in look.used))
+        rows, cols = np.ix_(look.grid.rows % self.tile.shape[0], look.grid.cols % self.tile.shape[1])
+        look.tops = crowded(look.samples, self.tile[rows, cols], self.frames.bits)
+        look.judged, look.samples = True, []
+
     def _new(self, look: _FirstLook) -> Iterator[_Read]:
         """The frames of the first pass that are left of a group, repeats left out."""
         for read in islice(self._first_pass, len(look.group) - look.looked_at):
             if (first := self._repeated(read, look)) is None:
                 look.used.append(look.looked_at)
+                look.samples.append(look.grid.sample(read.dn))
                 look.looked_at += 1
                 yield read
             else:
@@ -241,21 +275,37 @@ class FrameReader:
 class _FirstLook:
     """The first pass over a group, as far as it got: see `Progressed`."""
 
-    def __init__(self, group: FrameGroup) -> None:
+    def __init__(self, group: FrameGroup, grid: Grid) -> None:
         self.group = group
+        self.grid = grid
         self.looked_at = 0
         self.used: list[int] = []
         self.seen: list[str] = []
         self.rejected: list[str] = []
+        self.judged = False
+        self.tops: tuple[tuple[float, float], ...] = ()
+        self.samples: list[NDArray[np.uint16]] = []
 
     def resume(self, kept: Progressed) -> None:
         """Go on from what was kept."""
-        self.looked_at = kept.looked_at
+        self.looked_at, self.judged, self.tops = kept.looked_at, kept.judged, kept.tops
         self.used, self.seen, self.rejected = list(kept.used), list(kept.seen), list(kept.rejected)
+        self.samples = list(kept.samples)
 
     def progressed(self) -> Progressed:
         """What is to be kept."""
-        return Progressed(self.looked_at, tuple(self.used), tuple(self.seen), tuple(self.rejected))
+        none = np.empty((0, len(self.grid.rows), len(self.grid.cols)), np.uint16)
+        return Progressed(
+            self.looked_at, tuple(self.used), tuple(self.seen), tuple(self.rejected), self.judged, self.tops,
+            np.stack(self.samples) if self.samples else none,
+        )  # fmt: skip
+
+    def leave_out(self, places: Collection[int], reasons: Sequence[str]) -> None:
+        """Take frames out that were used, by their places among these."""
+        left = [i for i in range(len(self.used)) if i not in places]
+        self.used, self.seen = [self.used[i] for i in left], [self.seen[i] for i in left]
+        self.samples = [self.samples[i] for i in left]
+        self.rejected += reasons
 
     def alike(self, digest: str) -> list[FrameSource]:
         """The frames used whose first rows have this digest."""

@@ -1,0 +1,181 @@
+"""Frames that are half-read, black, white or lit are left out or refused; lamps that drift and saturation are not."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from photosite.calibration import partial, reading
+from photosite.calibration.broken import BLOCKS, SIDE, Grid, broken_frames
+from photosite.calibration.calibrate import calibrate
+from photosite.errors import CalibrationError
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+
+ROWS, COLS = 64, 80
+STACK = ("light", 0.006)
+PAIR = ("light", 0.004)
+DARKS = ("dark", 0.006)
+DARK_PAIR = ("dark", 0.012)
+
+Frames = dict[tuple[str, float], list[NDArray[np.uint16]]]
+
+
+@dataclass
+class Chip:
+    """12 bits, black 60 DN, 0.5 DN per electron, light that falls off by 10 %."""
+
+    seed: int
+    lamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng([self.seed, 77])
+        y, x = np.mgrid[-1 : 1 : ROWS * 1j, -1 : 1 : COLS * 1j]
+        self.light = (1.0 - 0.05 * (x * x + y * y)) * self.rng.normal(1.0, 0.01, (ROWS, COLS))
+        self.offset = self.rng.normal(60.0, 2.0, (ROWS, COLS))
+
+    def frame(self, electrons: float) -> NDArray[np.uint16]:
+        drift = 1.0 + self.lamp * self.rng.normal()
+        light = self.rng.poisson(np.maximum(electrons * drift * self.light, 0.0))
+        dn = self.offset + 0.5 * light + self.rng.normal(0.0, 2.5, light.shape)
+        return np.clip(np.rint(dn), 0, 4095).astype(np.uint16)
+
+    def frames(self) -> Frames:
+        result = {DARKS: [self.frame(20.0) for _ in range(16)], DARK_PAIR: [self.frame(25.0) for _ in range(2)]}
+        for t in np.array([1, 2, 3, 4, 6, 8, 10, 12]) / 1000:
+            count = 16 if ("light", t) == STACK else 2
+            result["light", float(t)] = [self.frame(20.0 + 0.72e6 * t) for _ in range(count)]
+        return result
+
+
+def frame_set(frames: Frames) -> FrameSet:
+    groups = [
+        FrameGroup(kind, t, tuple(FrameSource(f"{kind}-{t:g}-{i}", lambda dn=dn: dn) for i, dn in enumerate(stack)))
+        for (kind, t), stack in frames.items()
+    ]
+    return FrameSet(tuple(groups), ROWS, COLS, 12)
+
+
+def half_black(dn: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    dn = dn.copy()
+    dn[50:] = 0
+    return dn
+
+
+def last_rows_black(dn: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    dn = dn.copy()
+    dn[-ROWS // BLOCKS :] = 0
+    return dn
+
+
+BREAK = {
+    "half black": half_black,
+    "last rows black": last_rows_black,
+    "black": np.zeros_like,
+    "white": lambda dn: np.full_like(dn, 4095),
+    "lit": lambda dn: dn + np.uint16(60 if dn.mean() < 200 else 1500),
+}
+
+
+@pytest.mark.parametrize(
+    ("group", "kind"), [*((STACK, kind) for kind in BREAK), (DARKS, "lit"), (DARKS, "half black"), (DARKS, "black")]
+)
+def test_one_of_many_is_left_out_and_the_result_is_that_of_the_others(kind: str, group: tuple[str, float]) -> None:
+    frames, others = Chip(1).frames(), Chip(1).frames()
+    frames[group][5] = BREAK[kind](frames[group][5])
+    del others[group][5]
+    calibration = calibrate(frame_set(frames))
+    assert len(calibration.rejected) == 1
+    assert calibration.rejected[0].startswith(f"{group[0]}-0.006-5 is not like the other {group[0]} frames at 0.006 s:")
+    assert any("1 repeated or broken frames were left out" in text for text in calibration.warnings)
+    assert len(calibration.frames_used) == sum(map(len, others.values()))
+    clean = calibrate(frame_set(others))
+    assert clean.rejected == ()
+    for name in ("read_noise_dn", "system_gain_dn_per_e", "dsnu_dn", "prnu_percent", "saturation_dn"):
+        found, right = getattr(calibration, name), getattr(clean, name)
+        assert found.value == pytest.approx(right.value, rel=0.01), name
+
+
+@pytest.mark.parametrize("kind", BREAK)
+@pytest.mark.parametrize("group", [PAIR, DARK_PAIR])
+def test_of_a_pair_that_differs_nothing_tells_which_is_broken(kind: str, group: tuple[str, float]) -> None:
+    frames = Chip(2).frames()
+    frames[group][1] = BREAK[kind](frames[group][1])
+    name = f"{group[0]}-{group[1]:g}"
+    with pytest.raises(CalibrationError, match=rf"{name}-0, {name}-1 differ from each other far beyond noise") as e:
+        calibrate(frame_set(frames))
+    assert "\n" not in str(e.value)
+
+
+def test_two_and_two_are_no_majority() -> None:
+    frames = Chip(3).frames()
+    frames[STACK] = [*frames[STACK][:2], *map(half_black, frames[STACK][2:4])]
+    with pytest.raises(CalibrationError, match="of 4 differ from each other far beyond noise"):
+        calibrate(frame_set(frames))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_lamp_that_scatters_by_5_percent_is_none_of_it(seed: int) -> None:
+    """Saturated groups, and such at the knee, are in the set."""
+    assert calibrate(frame_set(Chip(seed, lamp=0.05).frames())).rejected == ()
+
+
+def samples(rng: np.random.Generator, electrons: float, frames: int, lamp: float) -> list[NDArray[np.uint16]]:
+    y, x = np.mgrid[-1 : 1 : SIDE * 1j, -1 : 1 : SIDE * 1j]
+    light = electrons * (1.0 - 0.1 * (x * x + y * y)) * rng.normal(1.0, 0.01, x.shape)
+    drift = 1.0 + rng.normal(0.0, lamp, (frames, 1, 1))
+    mean = light * drift
+    dn = 60.0 + 0.5 * (mean + np.sqrt(mean) * rng.normal(size=mean.shape)) + rng.normal(0.0, 2.0, mean.shape)
+    return list(np.clip(np.rint(dn), 0, 4095).astype(np.uint16))
+
+
+@pytest.mark.parametrize("lamp", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("n", [2, 3, 5, 16])
+def test_no_false_alarm_from_darkness_to_saturation(n: int, lamp: float) -> None:
+    rng = np.random.default_rng([n, int(100 * lamp)])
+    for electrons in (0.0, 3.0, 100.0, 2000.0, 6000.0, 7600.0, 8200.0, 9500.0, 20000.0):
+        for _ in range(4):
+            assert broken_frames(samples(rng, electrons, n, lamp), 60.0) == [], electrons
+
+
+def test_no_false_alarm_on_the_smallest_frames_nor_with_rows_of_their_own_noise() -> None:
+    rng = np.random.default_rng(5)
+    for shape in ((8, 8), (1, 40), (5, 7), (64, 64)):
+        for _ in range(100):
+            rows = rng.normal(0.0, 5.0, (6, shape[0], 1)) if shape[0] == SIDE else 0.0
+            stack = np.rint(rng.normal(500.0, 5.0, (6, *shape)) + rows).astype(np.uint16)
+            assert broken_frames(list(stack), 60.0) == []
+            assert broken_frames(list(stack), None) == []
+
+
+def test_the_grid_sees_all_phases_of_a_mosaic_and_all_of_small_frames() -> None:
+    grid = Grid.of((3000, 4000), 10)
+    assert len(grid.rows) == len(grid.cols) == SIDE
+    assert np.all(np.diff(grid.rows) > 0)
+    assert np.all(grid.rows % 2 == np.arange(SIDE) % 2)
+    assert Grid.of((65, 7), 10).rows.max() < 65
+    assert Grid.of((65, 7), 10).cols.tolist() == list(range(7))
+    assert len(Grid.of((3000, 4000), 30_000).rows) < SIDE
+
+
+@pytest.mark.parametrize("fails_at", [12, 17, 34])
+def test_a_run_broken_off_judges_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
+    monkeypatch.setattr(partial, "SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr(reading, "_TOGETHER", 4)
+    frames = Chip(4).frames()
+    frames[DARKS][3] = np.zeros_like(frames[DARKS][3])
+    frames[STACK][7] = half_black(frames[STACK][7])
+    whole = calibrate(frame_set(frames))
+    assert len(whole.rejected) == 2
+
+    def failing(done: int, total: int) -> None:
+        if done == fails_at:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(frame_set(frames), progress=failing, partial=tmp_path / "sums")
+    again = calibrate(frame_set(frames), partial=tmp_path / "sums")
+    assert again.estimates() == whole.estimates()
+    assert again.rejected == whole.rejected
+    assert again.frames_sha256 == whole.frames_sha256
