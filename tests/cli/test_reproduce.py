@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from photosite.cli.reproduce import CONDITION_NAMES
+from photosite.studies.virtual_sensors import CONDITIONS
+
 
 def test_coverage(photosite: Any) -> None:
     arguments = ("reproduce", "coverage", "--sensors", "4", "--condition", "few-mono-12", "--processes", "1")
@@ -17,6 +20,15 @@ def test_coverage(photosite: Any) -> None:
     row = found["conditions"]["few-mono-12"]["parameters"]["system_gain_dn_per_e"]
     assert row["estimated"] == 4
     assert 0 <= row["covered"] <= 1
+    assert row["remarks"] == []
+    assert found["false_alarm_probability"] == 1e-3
+    assert "lines are marked" in shown.out
+
+
+def test_help_lists_the_conditions(photosite: Any) -> None:
+    assert tuple(CONDITIONS) == CONDITION_NAMES
+    told = photosite("reproduce", "coverage", "--help").out
+    assert all(name in "".join(told.split()) for name in CONDITIONS)
 
 
 def test_wrong_calls_are_one_line(photosite: Any) -> None:
@@ -24,6 +36,7 @@ def test_wrong_calls_are_one_line(photosite: Any) -> None:
         (("reproduce", "coverag"), "did you mean 'coverage'?"),
         (("reproduce", "coverage", "--condition", "few-mono"), "few-mono-12"),
         (("reproduce", "coverage", "--sensors", "0"), "--sensors"),
+        (("reproduce", "coverage", "--quick", "--sensors", "40"), "one of the two"),
     ):
         wrong = photosite(*arguments)
         assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)

@@ -13,11 +13,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from photosite.calibration import fit
 from photosite.errors import InputError
-from photosite.studies.coverage import Coverage, CoverageStudy, coverage_study, measure_sensor
+from photosite.studies.coverage import Coverage, CoverageStudy, Outcome, _row, coverage_study, measure_sensor
 from photosite.studies.virtual_sensors import CONDITIONS, condition
 
 SENSORS = 160
@@ -40,6 +41,7 @@ def test_intervals_cover_and_errors_are_centred(study: CoverageStudy) -> None:
     assert len(study.rows) >= 30
     assert all(row.estimated == SENSORS and row.wrong == 0 for row in study.rows)
     assert _off(study) == {}
+    assert [(row.parameter, row.remarks) for row in study.rows if not row.holds] == []
 
 
 def test_uncertainties_a_third_too_small_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,8 +53,50 @@ def test_uncertainties_a_third_too_small_are_found(monkeypatch: pytest.MonkeyPat
         return parameters, normal * (2 / 3) ** 2, estimator, chi_square
 
     monkeypatch.setattr(fit, "_solve", proud)
-    found = _off(coverage_study(["few-mono-12"], sensors=SENSORS // 2, processes=1))
-    assert {"system_gain_dn_per_e", "conversion_gain_uv_per_e", "quantum_efficiency_percent"} <= set(found)
+    study = coverage_study(["few-mono-12"], sensors=SENSORS // 2, processes=1)
+    wanted = {"system_gain_dn_per_e", "conversion_gain_uv_per_e", "quantum_efficiency_percent"}
+    assert wanted <= set(_off(study))
+    assert wanted <= {row.parameter for row in study.rows if "too few hold the truth" in row.remarks}
+
+
+@pytest.mark.parametrize(
+    ("sensors", "covered", "bias", "bias_error", "remarks"),
+    [
+        (50, 45, 0.2, 0.14, ()),  # P(45 or fewer, or as rare above) = 0.10
+        (50, 41, 0.0, 0.14, ("too few hold the truth",)),  # 0.0007
+        (50, 50, 0.0, 0.14, ()),  # 0.95^50 = 0.08
+        (800, 735, 0.0, 0.04, ("too few hold the truth",)),  # 91.9 %
+        (800, 800, 0.0, 0.04, ("too many hold the truth",)),
+        (800, 760, 0.3, 0.04, ("biased",)),
+        (800, 760, 0.2, 0.04, ()),  # 2.5 standard errors beyond 0.1
+        (1, 0, 3.0, 0.0, ()),
+    ],
+)
+def test_only_what_so_many_sensors_tell_is_marked(
+    sensors: int, covered: int, bias: float, bias_error: float, remarks: tuple[str, ...]
+) -> None:
+    row = Coverage(
+        "few-mono-12", "x", sensors, sensors, covered / sensors, bias, 1.0, exact=0, wrong=0, bias_error=bias_error
+    )
+    assert row.remarks == remarks
+    assert row.holds == (not remarks)
+
+
+def test_the_standard_error_of_the_mean_error_is_that_over_sensors() -> None:
+    """Errors of standard normal noise, all of one uncertainty: 1 / sqrt(n), to the spread's own error of 4 %."""
+    errors = np.random.default_rng(8).normal(0.0, 1.0, 400)
+    row = _row("few-mono-12", "x", [Outcome(float(e), 1.0, 1.0, abs(e) < 1.96) for e in errors], [])
+    assert row.bias == pytest.approx(errors.mean())
+    assert row.bias_error == pytest.approx(1 / 20, rel=0.16)
+
+
+def test_refused_sensors_are_counted_by_reason() -> None:
+    study = coverage_study(["clipped-mono-12"], sensors=6, processes=1)
+    (entry,) = study.refused["clipped-mono-12"]
+    assert entry.sensors == 1
+    assert "virtual frames of clipped-mono-12, sensor 5: dark frames at" in entry.example
+    told = study.to_dict()["conditions"]["clipped-mono-12"]
+    assert (told["refused"], told["why_refused"]) == (1, [{"sensors": 1, "example": entry.example}])
 
 
 def test_processes_do_not_change_the_numbers() -> None:

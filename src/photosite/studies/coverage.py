@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -17,9 +18,14 @@ from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab
 from photosite.studies.virtual_sensors import CONDITIONS, condition
 
-LEAST_COVERED, MOST_COVERED = 0.93, 0.97
+PROMISED = 0.95
+"""Share of the intervals that are to hold the truth."""
+
 LARGEST_BIAS = 0.1
-"""Of the standard uncertainty, in size."""
+"""Of the standard uncertainty, in size: what a mean error may be, beside what so many sensors leave to chance."""
+
+FALSE_ALARM = 1e-3
+"""Chance that an honest parameter is marked for its share, and again that one is for its mean error."""
 
 _BATCH = 10
 _ROUNDING = 1e-9
@@ -60,8 +66,8 @@ class Coverage:
         How many there were, and of how many there is an estimate.
     covered
         Share of the uncertain estimates whose 95 % interval holds the truth.
-    bias
-        Mean error over mean standard uncertainty.
+    bias, bias_error
+        Mean error over mean standard uncertainty, and its standard error (by the scatter of the errors over sensors).
     width
         Root of the mean squared error over the uncertainty: 1 for honest uncertainties.
     exact
@@ -82,13 +88,54 @@ class Coverage:
     exact: int
     wrong: int
     reason: str | None = None
+    bias_error: float = 0.0
+
+    @property
+    def share_probability(self) -> float:
+        """How likely a share as far from 95 % as this is where intervals are honest: binomial, both sides, exact."""
+        from scipy.stats import binomtest
+
+        known = self.estimated - self.exact
+        return float(binomtest(round(self.covered * known), known, PROMISED).pvalue) if known else 1.0
+
+    @property
+    def bias_probability(self) -> float:
+        """How likely a mean error as large as this, or larger, is where the true one is a tenth of the uncertainty.
+
+        By Student's distribution for the number of sensors; 1 where there are too few for a standard error.
+        """
+        from scipy.stats import t
+
+        known = self.estimated - self.exact
+        beyond = abs(self.bias) - LARGEST_BIAS
+        if known < 2 or beyond <= 0.0:
+            return 1.0
+        return float(2.0 * t.sf(beyond / self.bias_error, known - 1)) if self.bias_error > 0.0 else 0.0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What so many sensors can tell to be wrong, in words."""
+        said = []
+        if self.wrong:
+            said.append(f"{self.wrong} of {self.exact} exact ones wrong")
+        if self.share_probability < FALSE_ALARM:
+            said.append(f"{'too few' if self.covered < PROMISED else 'too many'} hold the truth")
+        if self.bias_probability < FALSE_ALARM:
+            said.append("biased")
+        return tuple(said)
 
     @property
     def holds(self) -> bool:
-        """Whether 93 to 97 % cover and the bias is below a tenth of the uncertainty; an exact one is always right."""
-        if self.wrong or self.exact == self.estimated:
-            return not self.wrong
-        return LEAST_COVERED <= self.covered <= MOST_COVERED and abs(self.bias) < LARGEST_BIAS
+        """Whether nothing speaks against it at `FALSE_ALARM`; an exact one is always right."""
+        return not self.remarks
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Sensors of one condition that a calibration refused for the same reason, and what it said of the first."""
+
+    sensors: int
+    example: str
 
 
 @dataclass(frozen=True)
@@ -100,19 +147,21 @@ class CoverageStudy:
     rows
         A line per condition and parameter that was estimated at least once.
     refused
-        Per condition, calibrations that were refused, and the first one's reason.
+        Per condition, calibrations that were refused: every reason, numbers left out, with how many and an example.
     sensors
         Virtual sensors per condition.
     """
 
     rows: tuple[Coverage, ...]
-    refused: Mapping[str, tuple[int, str]]
+    refused: Mapping[str, tuple[Refusal, ...]]
     sensors: int
 
     def to_dict(self) -> dict[str, Any]:
         """What `photosite reproduce coverage --json` prints."""
         return {
             "sensors_per_condition": self.sensors,
+            "false_alarm_probability": FALSE_ALARM,
+            "parameters_outside": sum(not row.holds for row in self.rows),
             "conditions": {
                 name: {
                     "summary": CONDITIONS[name].summary,
@@ -120,18 +169,23 @@ class CoverageStudy:
                         row.parameter: {
                             "estimated": row.estimated,
                             "covered": row.covered,
+                            "share_probability": row.share_probability,
                             "bias": row.bias,
+                            "bias_standard_error": row.bias_error,
+                            "bias_probability": row.bias_probability,
                             "width": row.width,
                             "exact": row.exact,
                             "wrong": row.wrong,
                             "holds": row.holds,
+                            "remarks": list(row.remarks),
                         }
                         for row in self.rows
                         if row.condition == name
                     },
-                    **(
-                        {"refused": self.refused[name][0], "why": self.refused[name][1]} if name in self.refused else {}
-                    ),
+                    "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
+                    "why_refused": [
+                        {"sensors": entry.sensors, "example": entry.example} for entry in self.refused.get(name, ())
+                    ],
                 }
                 for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
             },
@@ -178,9 +232,18 @@ def coverage_study(
         done += len(batch)
         if progress is not None:
             progress(done, len(chosen) * sensors)
-    return CoverageStudy(
-        tuple(_rows(found)), {name: (len(why), why[0]) for name, why in refused.items() if why}, sensors
-    )
+    return CoverageStudy(tuple(_rows(found)), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
+
+
+def _refusals(reasons: Sequence[str]) -> tuple[Refusal, ...]:
+    """By reason, the most frequent first; numbers and the sensor's name are not part of a reason."""
+    kinds: dict[str, list[str]] = {}
+    for reason in reasons:
+        kinds.setdefault(re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason), []).append(
+            reason
+        )
+    groups = sorted(kinds.values(), key=len, reverse=True)
+    return tuple(Refusal(len(group), group[0]) for group in groups)
 
 
 def _batches(sensors: int) -> list[range]:
@@ -259,15 +322,20 @@ def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequen
     known = [entry for entry in outcomes if entry.standard_uncertainty > 0.0]
     n = max(len(known), 1)
     uncertainty = math.fsum(entry.standard_uncertainty / entry.scale for entry in known)
+    bias = math.fsum(entry.error / entry.scale for entry in known) / uncertainty if known else 0.0
+    # A ratio of two means: its residuals are error - bias * uncertainty.
+    residuals = [(entry.error - bias * entry.standard_uncertainty) / entry.scale for entry in known]
+    scatter = math.fsum(x**2 for x in residuals) * n / max(n - 1, 1)
     return Coverage(
         condition=name,
         parameter=parameter,
         sensors=len(outcomes) + len(reasons),
         estimated=len(outcomes),
         covered=sum(entry.covered for entry in known) / n,
-        bias=math.fsum(entry.error / entry.scale for entry in known) / uncertainty if known else 0.0,
+        bias=bias,
         width=math.sqrt(math.fsum((entry.error / entry.standard_uncertainty) ** 2 for entry in known) / n),
         exact=len(exact),
         wrong=sum(not entry.covered for entry in exact),
         reason=reasons[0] if reasons else None,
+        bias_error=math.sqrt(scatter) / uncertainty if known else 0.0,
     )

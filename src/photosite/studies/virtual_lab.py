@@ -176,6 +176,7 @@ class VirtualLab:
             sensor.array.cols,
             sensor.readout.bits,
             sensor.array.cfa,
+            f"virtual frames of {sensor.name}",
             sensor=nominal_sensor(sensor),
             black_level_dn=sensor.readout.black_level_dn.value,
         )
