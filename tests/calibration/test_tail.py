@@ -85,7 +85,7 @@ def test_shapes_of_tukeys_distribution_come_back(shape) -> None:
 
 def test_normal_noise_has_the_shape_that_is_said_of_it() -> None:
     edges = np.linspace(-6, 6, 2001)
-    assert tukey_shape(np.diff(stats.norm.cdf(edges)), 12 / 2000) == pytest.approx(NORMAL_SHAPE, abs=0.001)
+    assert tukey_shape(np.diff(stats.norm.cdf(edges)), 12 / 2000) == pytest.approx(NORMAL_SHAPE, abs=1e-5)
 
 
 def test_three_frames_have_no_fourth_moment() -> None:

@@ -18,15 +18,15 @@ QUANTISATION_FOURTH = -1.0 / 120.0
 BLOCKS = 16
 """Blocks of rows whose scatter gives the uncertainties (jackknife)."""
 
-NORMAL_SHAPE = 0.136
-"""Tukey's lambda at which the distribution correlates best with a normal one."""
+NORMAL_SHAPE = 0.13556
+"""What `tukey_shape` makes of a normal distribution: Tukey's lambda that correlates best with it."""
 
 _LEAST_SHAPE, _MOST_SHAPE = -0.45, 1.0
 
 
 @dataclass(frozen=True)
 class Tail:
-    """How far temporal dark noise is from normal; 0 excess and a shape of 0.14 are normal.
+    """How far temporal dark noise is from normal; 0 excess and a shape of `NORMAL_SHAPE` are normal.
 
     Parameters
     ----------
@@ -38,13 +38,20 @@ class Tail:
         The share of pixels having different noise: 3 var(variance) / mean(variance)^2.
     tukey_lambda
         Shape of the Tukey lambda distribution that the readings follow best; smaller is a heavier tail, 0 the logistic
-        distribution.
+        distribution. One above 0 ends at a largest deviation (`tukey_reach`), which readings may pass: it is the middle
+        of the distribution that is followed.
     """
 
     excess_kurtosis: Estimate
     within_pixels: Estimate
     between_pixels: Estimate
     tukey_lambda: Estimate
+
+    @property
+    def shape_is_normal(self) -> bool:
+        """Whether the shape cannot be told from a normal distribution's: `NORMAL_SHAPE` is in its 95 % interval."""
+        interval = self.tukey_lambda.interval_95
+        return interval is not None and interval[0] <= NORMAL_SHAPE <= interval[1]
 
 
 def measure_tail(
@@ -155,8 +162,8 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     --------
     >>> from scipy.special import ndtr
     >>> edges = np.linspace(-8, 8, 257)
-    >>> round(tukey_shape(np.diff(ndtr(edges)), 1 / 16), 2)  # normal
-    0.14
+    >>> round(tukey_shape(np.diff(ndtr(edges)), 1 / 16), 5) == NORMAL_SHAPE
+    True
     >>> abs(tukey_shape(np.diff(1 / (1 + np.exp(-4 * edges))), 1 / 16)) < 2e-3  # logistic
     True
     """
@@ -190,6 +197,17 @@ def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.f
     scale = standard_deviation / np.sqrt(_quantile_square(shape))
     x = np.log(p / (1.0 - p)) if abs(shape) < 1e-6 else (p**shape - (1.0 - p) ** shape) / shape
     return x * scale, 1.0 / (scale * (p ** (shape - 1.0) + (1.0 - p) ** (shape - 1.0)))
+
+
+def tukey_reach(shape: float, standard_deviation: float) -> float:
+    """The largest deviation that a Tukey lambda distribution has; no end for a shape of 0 and less.
+
+    Examples
+    --------
+    >>> round(tukey_reach(NORMAL_SHAPE, 1.0), 2), tukey_reach(-0.1, 1.0)
+    (5.05, inf)
+    """
+    return standard_deviation / (shape * float(np.sqrt(_quantile_square(shape)))) if shape > 0.0 else float("inf")
 
 
 def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float64]:

@@ -179,6 +179,7 @@ def _show(calibration: Calibration) -> None:
 
 
 def _show_chip(calibration: Calibration) -> None:
+    from photosite.calibration.tail import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
 
     chip, temporal = calibration.chip, calibration.temporal
@@ -193,7 +194,7 @@ def _show_chip(calibration: Calibration) -> None:
         ("excess kurtosis", "", temporal.tail.excess_kurtosis),
         ("  within pixels", "", temporal.tail.within_pixels),
         ("  between pixels", "", temporal.tail.between_pixels),
-        ("Tukey lambda (0.14: normal)", "", temporal.tail.tukey_lambda),
+        (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.tail.tukey_lambda),
     ):
         if entry.value is not None and entry.standard_uncertainty is not None:
             rows.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))

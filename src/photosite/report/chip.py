@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.tail import NORMAL_SHAPE
 from photosite.calibration.temporal import TemporalNoise
 from photosite.report.blocks import figure_block, reason_block
 from photosite.report.figures.defect_map import defect_map_figure
@@ -34,7 +35,7 @@ _TAIL = {
     "excess_kurtosis": ("Excess kurtosis of the readings (normal: 0)", "1"),
     "within_pixels": ("of it, noise of a pixel not normal", "1"),
     "between_pixels": ("of it, pixels of different noise", "1"),
-    "tukey_lambda": ("Tukey lambda shape (normal: 0.14)", "1"),
+    "tukey_lambda": (f"Tukey lambda shape (normal: {NORMAL_SHAPE:.4f})", "1"),
 }
 
 _DEFECTS = {
@@ -65,7 +66,8 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
             "Histogram of the readings about their pixels' means, logarithmic, with the normal distribution",
             "Readings of the dark about their pixels' means, shifts of frames, rows and columns taken off. Bars are "
             "one standard deviation of a count. Where the points leave the normal distribution, large deviations are "
-            "more frequent than a single standard deviation tells.",
+            "more frequent than a single standard deviation tells. A Tukey lambda distribution is drawn where its "
+            "shape can be told from the normal one's; of a shape above 0 it has an end, beyond which it says nothing.",
         ),
         *_bands(noise),
     )

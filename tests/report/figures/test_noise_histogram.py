@@ -11,7 +11,7 @@ from photosite.calibration.temporal import TemporalNoise
 from photosite.report.figures.noise_histogram import noise_histogram_figure
 
 
-def noise(values, width=0.25):
+def noise(values, width=0.25, shape=Estimate(-0.05, 0.01)):  # noqa: B008
     edges = (np.arange(1025) - 512) * width
     one = Estimate(1.0, 0.1)
     return TemporalNoise(
@@ -21,7 +21,7 @@ def noise(values, width=0.25):
         row_noise_dn=one,
         column_noise_dn=one,
         frame_noise_dn=one,
-        tail=Tail(one, one, one, Estimate(0.14, 0.01)),
+        tail=Tail(one, one, one, shape),
         bands={},
         residual_dn=(edges[1:] + edges[:-1]) / 2,
         residual_count=np.histogram(values, edges)[0],
@@ -29,17 +29,39 @@ def noise(values, width=0.25):
 
 
 def test_points_and_curves_are_densities_of_the_same_noise() -> None:
-    """Normal noise of 3 DN: points, normal curve and Tukey lambda of shape 0.14 agree where there are many readings."""
-    (axes,) = noise_histogram_figure(noise(np.random.default_rng(1).normal(0, 3, 1_000_000))).axes
-    points, normal, tukey = axes.get_lines()
+    """Noise of Tukey's distribution of shape 0.3, which is told from normal: its points lie on its curve."""
+    p = np.random.default_rng(1).random(1_000_000)
+    values = 5 * (p**0.3 - (1 - p) ** 0.3)
+    (axes,) = noise_histogram_figure(noise(values, width=0.05, shape=Estimate(0.3, 0.01))).axes
+    points, _, tukey = axes.get_lines()
     x, density = points.get_data()
-    assert np.sum(density) * 0.5 == pytest.approx(1.0, abs=1e-6)  # two bins of 0.25 DN to a point
-    core = np.abs(x) < 6
-    for curve in (normal, tukey):
-        assert np.interp(x, *curve.get_data())[core] == pytest.approx(density[core], rel=0.06)
-    assert normal.get_label() == "normal, 2.99 DN by the quartiles"
-    assert tukey.get_label() == "Tukey lambda, shape 0.140"
+    assert np.sum(density) * 0.1 == pytest.approx(1.0, abs=1e-6)  # two bins of 0.05 DN to a point
+    core = np.abs(x) < 2.5
+    assert np.interp(x, *tukey.get_data())[core] == pytest.approx(density[core], rel=0.06)
+    assert tukey.get_label() == "Tukey lambda, shape 0.300"
     assert axes.get_yscale() == "log"
+
+
+def test_normal_noise_has_the_normal_curve_alone() -> None:
+    values = np.random.default_rng(1).normal(0, 3, 1_000_000)
+    for shape in (Estimate(0.14, 0.01), Estimate(0.1357, 0.0003)):
+        (axes,) = noise_histogram_figure(noise(values, shape=shape)).axes
+        points, normal = axes.get_lines()
+        x, density = points.get_data()
+        core = np.abs(x) < 6
+        assert np.interp(x, *normal.get_data())[core] == pytest.approx(density[core], rel=0.06)
+        assert normal.get_label() == "normal, 2.99 DN by the quartiles"
+
+
+def test_a_curve_that_ends_before_the_readings_says_so() -> None:
+    """All readings stay; shape 0.1 ends at 5.66 standard deviations, here of 3.2 DN, and 20 lie at 30."""
+    values = np.concatenate([np.random.default_rng(3).normal(0, 3, 100_000), np.full(20, 30.1)])
+    (axes,) = noise_histogram_figure(noise(values, shape=Estimate(0.1, 0.002))).axes
+    labels = [line.get_label() for line in axes.get_lines()]
+    (label,) = [text for text in labels if text.startswith("Tukey")]
+    assert label.startswith("Tukey lambda, shape 0.100: ends at ±")
+    assert label.endswith("DN, 20 readings beyond")
+    assert axes.get_lines()[0].get_data()[0].max() > 30.0
 
 
 def test_a_tail_leaves_the_normal_curve() -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.calibration.tail import tukey_density
+from photosite.calibration.tail import tukey_density, tukey_reach
 from photosite.calibration.temporal import TemporalNoise
 from photosite.report.style import BLACK, BLUE, ORANGE, new_figure, styled
 
@@ -29,7 +30,9 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     -------
     matplotlib.figure.Figure
         Density against digital numbers, logarithmic: a tail heavier than normal leaves the dashed line. The normal
-        distribution is that of the histogram's quartiles, the Tukey lambda one has its shape and standard deviation.
+        distribution is that of the histogram's quartiles; the Tukey lambda one has its shape and standard deviation,
+        and is drawn where its shape can be told from a normal one's. Where it ends, its label says how many readings
+        lie beyond.
     """
     figure, axes = new_figure()
     bins = len(noise.residual_count) // _PER_POINT * _PER_POINT
@@ -53,15 +56,8 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
         label=f"normal, {sigma:.3g} DN by the quartiles",
         zorder=3,
     )
-    shape = noise.tail.tukey_lambda.value
-    if shape is not None:
-        spread = float(np.sqrt(count @ x**2 / total))
-        axes.plot(
-            *tukey_density(shape, spread),
-            color=ORANGE,
-            label=f"Tukey lambda, shape {shape:.3f}".replace("-", "−"),
-            zorder=4,
-        )
+    if noise.tail.tukey_lambda.value is not None and not noise.tail.shape_is_normal:
+        _draw_tukey(axes, noise.tail.tukey_lambda.value, x, count)
     axes.set_yscale("log")
     axes.set_ylim(0.4 / (total * width), 3.0 * float(density.max()))
     reach = 1.05 * max(-x[there][0], x[there][-1], 5 * sigma)
@@ -70,6 +66,18 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     axes.set_ylabel("density (1/DN)")
     axes.legend(loc="lower center")
     return figure
+
+
+def _draw_tukey(axes: Axes, shape: float, x: NDArray[np.float64], count: NDArray[np.int64]) -> None:
+    """The Tukey lambda distribution of the readings' standard deviation; above a shape of 0 it has an end."""
+    spread = float(np.sqrt(count @ x**2 / count.sum()))
+    reach = tukey_reach(shape, spread)
+    label = f"Tukey lambda, shape {shape:.3f}".replace("-", "−")
+    if (beyond := int(count[np.abs(x) > reach].sum())) > 0:
+        label += f": ends at ±{reach:.3g} DN, {beyond} readings beyond"
+        for end in (-reach, reach):
+            axes.axvline(end, color=ORANGE, linestyle=":", linewidth=0.9, zorder=1)
+    axes.plot(*tukey_density(shape, spread), color=ORANGE, label=label, zorder=4)
 
 
 def _quantiles(noise: TemporalNoise, p: NDArray[np.float64]) -> NDArray[np.float64]:
