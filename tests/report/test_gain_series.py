@@ -89,6 +89,24 @@ def test_tables(series: GainSeries) -> None:
     assert "(< 1.00)" in high[2]  # type: ignore[index]
 
 
+def test_each_setting_s_warnings_rejects_and_frames_are_in_the_report(series: GainSeries) -> None:
+    """A setting's own warning stands once, under its setting, not among those of the series too."""
+    first = replace(
+        series.steps[0].calibration, warnings=("the lamp wanders",), rejected=("a.tif: is a copy of b.tif",)
+    )
+    steps = (replace(series.steps[0], calibration=first), *series.steps[1:])
+    told = replace(series, steps=steps, warnings=("gain setting 100: the lamp wanders", "odd things happened"))
+    html = render_page(gain_series_page(told))
+    assert html.count("lamp wanders") == 1
+    assert html.count("Odd things happened.") == 1
+    assert "a.tif: is a copy of b.tif" in html
+    assert html.count("All 12 frames were used, none was left out.") == 3
+    digests = first.frame_digests
+    assert len(digests) == 12
+    assert all(html.count(digest) >= 4 for digest in digests)
+    assert "SHA-256" in html
+
+
 def test_figure_draws_the_model(series: GainSeries) -> None:
     """The line through the low conversion gain is sqrt(pre^2 + (post / K)^2) in electrons, at both its ends."""
     noise, gain = gain_series_figure(series).axes

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from os import PathLike
 
-from photosite.calibration.gain_series_result import GainSeries
+from photosite.calibration.gain_series_result import GainSeries, GainStep
 from photosite.calibration.parameters import parameter_label
 from photosite.report.blocks import figure_block, sentence
+from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks
 from photosite.report.figures.gain_series import gain_series_figure
-from photosite.report.html import Block, Column, Notice, Page, Paragraph, Section, Table
+from photosite.report.html import Block, Column, Notice, Page, Paragraph, Section, Subheading, Table
 from photosite.report.numbers import format_number
 from photosite.report.tables import format_estimate
 from photosite.report.write import write_report
@@ -67,16 +68,41 @@ def gain_series_page(series: GainSeries) -> Page:
         Section("Settings", (settings_table(series), figure)),
         Section("Read noise before and after the amplifier", (Paragraph(_MODEL), modes_table(series))),
         Section("Conversion gain", switch_blocks(series)),
-        Section("Notes", tuple(Notice(sentence(text), warning=True) for text in series.warnings) or (_QUIET,)),
+        Section("Warnings and frames left out", warning_sections(series)),
+        Section("Provenance", provenance_sections(series)),
     )
     return Page(f"Gain series of {name}", lead, sections, FOOTER)
 
 
-_QUIET = Paragraph("Nothing was noticed that spoils an estimate.")
+_QUIET = Paragraph("Nothing was noticed that spoils what is said of all settings together.")
 _MODEL = (
     "The variance of the read noise in DN is (noise before the amplifier × K)² + (noise after it)²: the first is "
     "amplified with the signal, the second is the converter's and does not know the gain. Rounding is taken off."
 )
+
+
+def warning_sections(series: GainSeries) -> tuple[Block, ...]:
+    """What is to be known of the series, then of each setting: frames left out and warnings."""
+    own = {_of_setting(step, text) for step in series.steps for text in step.calibration.warnings}
+    together = tuple(Notice(sentence(text), warning=True) for text in series.warnings if text not in own)
+    blocks: list[Block] = [*together] if together else [_QUIET]
+    for step in series.steps:
+        of_it = (*rejected_blocks(step.calibration), *warning_blocks(step.calibration))
+        blocks += [Subheading(f"Gain setting {step.setting:g}"), *of_it]
+    return tuple(blocks)
+
+
+def _of_setting(step: GainStep, text: str) -> str:
+    """A setting's warning as it stands among the series'."""
+    return f"gain setting {step.setting:g}: {text}"
+
+
+def provenance_sections(series: GainSeries) -> tuple[Block, ...]:
+    """Per setting: what was opened, which frames were used, and their digests."""
+    blocks: list[Block] = []
+    for step in series.steps:
+        blocks += [Subheading(f"Gain setting {step.setting:g}"), *provenance_blocks(step.calibration)]
+    return tuple(blocks)
 
 
 def settings_table(series: GainSeries) -> Table:
