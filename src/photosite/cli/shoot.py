@@ -61,6 +61,10 @@ def command(
     (what a laboratory knows beforehand) and truth.sensor.yaml (what the calibration is to find). A full-size D200 takes
     8 GB; --rows and --cols make a smaller chip of the same pixels.
 
+    A sensor file with maps holds in them what averaging left of the noise of the frames that they were measured on.
+    Frames that were shot, too, had a seed, 0 unless said: shoot from their maps with another, or the very noise that is
+    in the maps comes again, and what is measured is not independent of it.
+
     Example: photosite shoot --rows 648 --cols 968 -o stack && photosite calibrate stack
     """
     from photosite.studies.protocol import paper_d200_protocol
@@ -73,6 +77,11 @@ def command(
     if note:
         protocol = replace(protocol, name=f"{protocol.name}; {note}")
     say_if_compiling()
+    if sensor.maps is not None and seed_is_default():
+        say(
+            f"the sensor's maps hold what is left of their frames' noise: if those were shot with seed {seed}, too, "
+            f"it is repeated; say another --seed, or this one if they were not"
+        )
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
     if note:
         say(f"{note} (--no-pedestal shoots without, --black-level with another)")
@@ -94,6 +103,12 @@ def command(
         )
     else:
         click.echo(f"wrote {protocol.frame_count} frames of {sensor.array.rows} x {sensor.array.cols} to {output}")
+
+
+def seed_is_default() -> bool:
+    """Whether the command running was given no --seed."""
+    source = click.get_current_context().get_parameter_source("seed")
+    return source is click.core.ParameterSource.DEFAULT
 
 
 def prepared_sensor(
