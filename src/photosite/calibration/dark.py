@@ -36,7 +36,7 @@ class DarkLine:
     fit
         The line, or None with one exposure only.
     shared
-        (m,) standard uncertainty that the points have in common, 0 but for clipped darks.
+        (m,) standard uncertainty that the points have in common: of clipped darks, and of rounding.
     points
         The quantity with its independent sources, where other results share them; else empty.
     """
@@ -156,11 +156,17 @@ class Darkness:
         temporal, uncertainty = temporal_variances(t, levels)
         samples = np.array([level.frames * level.pixels for level in levels])
         own = np.array([level.mean_variance for level in levels])
+        turned = np.array([level.shared_mean > 0.0 for level in levels])
+        best_known = min((level for level in levels if level.repeated), key=lambda level: level.variance_uncertainty)
         of_mean, of_variance = (
-            np.array([getattr(level, name) for level in levels]) for name in ("shared_mean", "shared_variance")
+            np.array([getattr(level, f"shared_{name}") for level in levels])
+            if turned.any()
+            # One phase for all: unequal shares of one cause would let the fit play them off against each other.
+            else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
+            for name in ("mean", "variance")
         )
         mean = DarkLine.through(
-            t, np.array([level.mean for level in levels]), np.where(of_mean > 0.0, own, temporal / samples), of_mean
+            t, np.array([level.mean for level in levels]), np.where(turned, own, temporal / samples), of_mean
         )
         noise = DarkLine.through(
             t[repeated],

@@ -207,9 +207,9 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         "spread of per-pixel dark slopes, their noise taken off, relative to the mean slope", "dark_slope_variance"
     )
     return {
-        "read_noise_dn": _spread(m.read_variance, one, read),
-        "read_noise_e": _spread(m.read_variance, per_e, read),
-        "read_noise_mv": _spread(m.read_variance, mv, read),
+        "read_noise_dn": _read_noise(m, one, read),
+        "read_noise_e": _read_noise(m, per_e, read),
+        "read_noise_mv": _read_noise(m, mv, read),
         "dsnu_dn": _spread(m.dsnu_variance, one, dsnu),
         "dsnu_e": _spread(m.dsnu_variance, per_e, dsnu),
         "dsnu_mv": _spread(m.dsnu_variance, mv, dsnu),
@@ -238,6 +238,22 @@ def _percent_of_dark(slope: Value) -> Value:
     if slope.value < 3.0 * slope.standard_uncertainty:
         return Missing("the dark current is not distinguishable from zero; take longer dark exposures")
     return 100.0 / slope
+
+
+def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
+    """Read noise in the unit that `scale` turns it into; where rounding hides it, its upper limit alone."""
+    dark, found = m.dark_variance, _spread(m.read_variance, scale, method)
+    if not isinstance(dark, Uncertain) or dark.value >= LEAST_DARK_VARIANCE or found.value is None:
+        return found
+    assert isinstance(scale, Uncertain)
+    assert found.interval_95 is not None
+    limit = max(math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION) * scale.value, found.interval_95[1])
+    return Estimate(
+        reason=f"the dark temporal variance, {dark.value:.3g} DN^2, is below {LEAST_DARK_VARIANCE} DN^2: rounding to "
+        f"whole numbers hides the read noise; its 95 % upper limit is {limit:.3g}",
+        upper_limit_95=limit,
+        method=method,
+    )
 
 
 def _temporal_dark_noise(dark_variance: Value, per_e: Value, clipped: str) -> Estimate:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.rounding import rounding_uncertainty
 from photosite.calibration.uncertain import Source, Uncertain
 from photosite.cfa import channel_names
 from photosite.engine.accumulate import LabelTotals
@@ -44,6 +45,9 @@ class Level:
     shared_mean, shared_variance
         Standard uncertainties that all clipped dark levels of the channel share: they do not drop out of a difference
         with a light level, and do out of one between two of them. 0 where nothing was clipped.
+    rounding_mean, rounding_variance
+        Standard uncertainties of mean and variance from rounding (`calibration/rounding.py`), which are not among the
+        others: levels of one mean share them.
     sources
         Shares of `variance_uncertainty`, in squares, by independent source: what is found with this level is
         correlated with what else is.
@@ -61,6 +65,8 @@ class Level:
     frame_shift: float
     shared_mean: float = 0.0
     shared_variance: float = 0.0
+    rounding_mean: float = 0.0
+    rounding_variance: float = 0.0
     sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
 
     @classmethod
@@ -69,7 +75,7 @@ class Level:
         samples = totals.frames * totals.pixels
         variance = totals.pixel_variance if totals.frames > 1 else math.nan
         shift = totals.frame_mean_variance - variance / totals.pixels if totals.frames > 1 else math.nan
-        return cls(
+        level = cls(
             pixels=totals.pixels,
             frames=totals.frames,
             mean=totals.mean,
@@ -81,6 +87,13 @@ class Level:
             high_fraction=totals.high / samples,
             frame_shift=math.copysign(math.sqrt(abs(shift)), shift) if totals.frames > 1 else math.nan,
         )
+        return level.with_rounding()
+
+    def with_rounding(self) -> Level:
+        """The level with what rounding may have done to its mean and variance."""
+        spatial = self.spatial_variance - self.variance / self.frames
+        of_mean, of_variance = rounding_uncertainty(self.variance, self.variance_uncertainty, spatial)
+        return replace(self, rounding_mean=of_mean, rounding_variance=of_variance)
 
     @property
     def noise(self) -> Uncertain:
@@ -151,6 +164,8 @@ def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
         frame_shift=mean("frame_shift"),
         shared_mean=independent("shared_mean"),
         shared_variance=independent("shared_variance"),
+        rounding_mean=mean("rounding_mean"),
+        rounding_variance=mean("rounding_variance"),
         sources=sources,
     )
 

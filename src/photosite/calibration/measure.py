@@ -313,7 +313,7 @@ def measure_dark(background: Darkness, level: Level, label: str) -> Measurements
     slope = dark_current_slope(slope, background.mean.exposure_s)
     noise_slope = dark_current_slope(background.variance.line[1], background.variance.exposure_s, of_variance=True)
     clipping = zero_clip_uncertainty(level)
-    read = level.noise + Uncertain.of(-QUANTISATION, clipping)
+    read = level.noise + Uncertain.of(-QUANTISATION, clipping) + Uncertain.of(0.0, level.rounding_variance)
     return Measurements(
         pixels=level.pixels,
         read_variance=read,

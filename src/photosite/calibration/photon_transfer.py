@@ -101,14 +101,17 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: Darkness
         [level.mean_variance if level.repeated else level.spatial_variance / level.pixels for level in levels]
     )
     spread = np.array([level.variance_uncertainty for level in levels])
+    of_mean = np.array([level.rounding_mean for level in levels])
+    of_variance = np.array([level.rounding_variance for level in levels])
     return LightLevels(
         abscissa="photons_per_pixel" if known else "exposure_s",
         x=x[order],
         exposure_s=exposure,
         signal=mean - take_mean @ dark.mean.y,
-        signal_covariance=np.diag(sampling) + take_mean @ dark.mean.covariance @ take_mean.T,
+        signal_covariance=np.diag(sampling + of_mean**2) + take_mean @ dark.mean.covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
-        shot_covariance=np.diag(spread**2) + take_variance @ dark.variance.covariance @ take_variance.T,
+        shot_covariance=np.diag(spread**2 + of_variance**2)
+        + take_variance @ dark.variance.covariance @ take_variance.T,
         noise=variance,
         noise_uncertainty=spread,
         dark_noise=dark.variance.points,

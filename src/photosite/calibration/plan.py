@@ -163,7 +163,7 @@ def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Le
         low_fraction=float(ndtr((0.5 - mean) / sigma)) if sigma > 0.0 else 0.0,
         high_fraction=0.0 if by_well else 1.0 - open_share,
         frame_shift=0.0,
-    )
+    ).with_rounding()
 
 
 def _check_darks(darks: Sequence[GroupStatistics]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.banding import Band, find_bands
 from photosite.calibration.figures import QUANTISATION
-from photosite.calibration.groups import GroupStatistics
+from photosite.calibration.groups import GroupStatistics, pooled_level
 from photosite.calibration.line_noise import TemporalParts, temporal_parts
 from photosite.calibration.result import Estimate
 from photosite.calibration.second_look import SecondLook
@@ -120,12 +120,13 @@ def measure_temporal(
     """
     parts = _pooled(stack, [temporal_parts(level, look.lines, tile, k) for k, level in enumerate(stack.levels)])
     method = f"{stack.frames} {stack.label}, two-way analysis of variance"
+    rounding = pooled_level(stack.levels).rounding_variance
     histogram = look.histogram.sum(axis=0)
     bins = len(histogram)
     return TemporalNoise(
         frames=stack.frames,
         exposure_s=stack.group.exposure_s,
-        pixel_noise_dn=_deviation(parts.pixel - QUANTISATION, method),
+        pixel_noise_dn=_deviation(parts.pixel - QUANTISATION + Uncertain.of(0.0, rounding), method),
         row_noise_dn=_deviation(parts.row, method),
         column_noise_dn=_deviation(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),

@@ -1,0 +1,85 @@
+"""Coarse converters: intervals hold whatever the phase of the mean; below a third of a step only a limit is given."""
+
+import numpy as np
+import pytest
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.rounding import left_of_phases, rounding_error, rounding_uncertainty
+from photosite.frames.frame_set import frame_set_from_arrays
+
+GAIN, SHAPE = 0.02, (60, 80)
+
+
+def coarse(noise, black, seed=0):
+    """An 8-bit camera of 50 electrons a step."""
+    rng = np.random.default_rng([seed, 71, round(1e3 * noise), round(1e3 * black)])
+    response, frames = 1.0 + 0.01 * rng.standard_normal(SHAPE), []
+    for i in range(12):
+        for kind, electrons in (("dark", 0.0), ("light", 900.0 * i + 300.0)):
+            for _ in range(16 if i == 5 else 2):
+                signal = GAIN * rng.poisson(electrons * response) if electrons else 0.0
+                dn = np.clip(np.rint(black + signal + noise * rng.standard_normal(SHAPE)), 0, 255).astype(np.uint16)
+                frames.append((kind, 1e-3 * (i + 1), dn, 2.0 * electrons))
+    return calibrate(frame_set_from_arrays(frames, bits=8))
+
+
+@pytest.mark.parametrize("mean", [6.0, 6.2, 6.35, 6.5])
+@pytest.mark.parametrize("sd", [0.1, 0.3, 0.5, 0.8])
+def test_the_sums_are_those_of_rounded_normals(mean, sd):
+    """Against the sum over the whole numbers, each with the probability that it is read."""
+    from scipy.special import ndtr
+
+    steps = np.arange(-5, 20)
+    share = ndtr((steps + 0.5 - mean) / sd) - ndtr((steps - 0.5 - mean) / sd)
+    read = float(share @ steps)
+    of_mean, of_variance = rounding_error(mean, sd)
+    assert float(of_mean) == pytest.approx(read - mean, abs=1e-9)
+    assert float(of_variance) == pytest.approx(float(share @ (steps - read) ** 2) - sd**2 - 1 / 12, abs=1e-9)
+
+
+@pytest.mark.parametrize("black", [6.0, 6.25, 6.5])
+@pytest.mark.parametrize("noise", [0.3, 0.35, 0.5, 0.8])
+def test_intervals_hold_at_any_phase(noise, black):
+    """The effect is systematic: at no phase may the truth lie outside but by chance of sampling (five figures, 12 sets:
+    the ends allow 3.3 / 1.96 of the half-widths, beyond which one in 1000 lies)."""
+    found = coarse(noise, black)
+
+    def held(estimate, truth):
+        low, high = estimate.interval_95
+        middle = estimate.value
+        return middle - 1.68 * (middle - low) <= truth <= middle + 1.68 * (high - middle)
+
+    assert held(found.black_level_dn, black)
+    assert held(found.system_gain_dn_per_e, GAIN)
+    assert held(found.temporal_dark_noise_e, noise / GAIN)
+    if found.read_noise_dn.value is None:
+        assert noise < 0.45
+        assert found.read_noise_dn.upper_limit_95 > noise
+        assert "rounding to whole numbers hides the read noise" in found.read_noise_dn.reason
+    else:
+        assert held(found.read_noise_dn, noise)
+        assert held(found.read_noise_e, noise / GAIN)
+
+
+def test_what_rounding_hides_has_a_limit_and_no_value():
+    """A fifth of a step, the mean on a whole number: one number in 80 is another, and its variance tells nothing."""
+    found = coarse(0.2, 6.0)
+    for estimate, truth in ((found.read_noise_dn, 0.2), (found.read_noise_e, 0.2 / GAIN)):
+        assert estimate.value is None
+        assert estimate.upper_limit_95 > truth
+    assert found.temporal_dark_noise_e.interval_95[1] > 0.2 / GAIN
+    assert sum("below 0.24 DN^2" in line for line in found.warnings) == 1
+    assert not any("row noise" in line for line in found.warnings)
+
+
+def test_nothing_changes_above_one_step():
+    of_mean, of_variance = rounding_uncertainty(1.0 + 1 / 12, 1e-3, 0.0)
+    assert of_mean < 1e-8
+    assert of_variance < 1e-6
+    assert rounding_uncertainty(float("nan"), float("nan"), 0.0) == (0.0, 0.0)
+
+
+def test_pixels_of_many_phases_average_it_down():
+    assert rounding_uncertainty(0.2, 1e-3, 1.0)[1] < 0.15 * rounding_uncertainty(0.2, 1e-3, 0.0)[1]
+    assert left_of_phases(-1.0) == 1.0
+    assert 0.0 < left_of_phases(100.0) < left_of_phases(0.01) < 1.0
