@@ -179,18 +179,18 @@ def test_the_high_pass_parts_prnu_from_the_fall_off(simulated):
 
 
 def test_the_8_bit_camera_whose_exposures_are_microseconds(tmp_path):
-    """Its dark level falls with exposure, per stated second by 600 000 electrons: no number, but the reason."""
+    """Its dark level falls with exposure, per stated second by 600 000 electrons: no number, but the factor."""
     chip = Imperfect(
         7, bits=8, gain=0.02, black_dn=12.0, read_e=40.0, dsnu_e=20.0, sine_e=10.0, outlier_e=500.0, bend=0.0,
         dark_e_per_s=0.0, clamp_e_per_s=600.0,
     )  # fmt: skip
     path = write_set(tmp_path / "frames", chip, levels=24, longest_s=0.018, ns_per_s=1e6)
     calibration = calibrate(open_frames(path))
-    for name in ("dark_current_e_per_s", "dcnu_percent"):
+    for name in ("dark_current_e_per_s", "dark_current_from_variance_e_per_s", "dcnu_percent"):
         entry = getattr(calibration, name)
         assert entry.value is None, entry
-        assert "the dark level falls" in entry.reason
-        assert "unit" in entry.reason
+        assert "off by a factor of 1000 or more" in entry.reason
+        assert "microseconds where nanoseconds belong" in entry.reason
     assert any(text.startswith("dark current could not be true") for text in calibration.warnings)
     assert any("nanoseconds" in text for text in calibration.warnings)
     for name, value in (("system_gain_dn_per_e", chip.gain), ("quantum_efficiency_percent", 100 * chip.efficiency)):
