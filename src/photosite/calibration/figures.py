@@ -197,7 +197,7 @@ def _part_estimates(parts: Parts | Missing, scale: Value, method: str) -> dict[s
 
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     one = Uncertain(1.0)
-    read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance, 1/12 DN^2 taken off"))
+    read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance, 1/12 DN² taken off"))
     dsnu = m.method(
         m.dark_method or "spread over pixels of the mean repeated dark, temporal variance / n taken off",
         "dsnu_variance",
@@ -225,7 +225,7 @@ def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Es
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
         "dark_current_from_variance_e_per_s": Estimate.of(
             derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e),
-            "slope of the dark temporal variance against exposure / K^2 (EMVA 1288 R4.0, dark current)",
+            "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)",
         ),
         "dcnu_percent": _spread(m.dark_slope_variance, _percent_of_dark(m.dark_slope), dcnu),
         "black_level_dn": Estimate.of(m.black_level, m.dark_method or "mean dark level at exposure zero"),
@@ -245,11 +245,10 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
     dark, found = m.dark_variance, _spread(m.read_variance, scale, method)
     if not isinstance(dark, Uncertain) or dark.value >= LEAST_DARK_VARIANCE or found.value is None:
         return found
-    assert isinstance(scale, Uncertain)
-    assert found.interval_95 is not None
+    assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
     limit = max(math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION) * scale.value, found.interval_95[1])
     return Estimate(
-        reason=f"the dark temporal variance, {dark.value:.3g} DN^2, is below {LEAST_DARK_VARIANCE} DN^2: rounding to "
+        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: rounding to "
         f"whole numbers hides the read noise; its 95 % upper limit is {limit:.3g}",
         upper_limit_95=limit,
         method=method,
@@ -257,7 +256,7 @@ def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
 
 
 def _temporal_dark_noise(dark_variance: Value, per_e: Value, clipped: str) -> Estimate:
-    method = f"dark temporal variance at exposure zero{clipped}, 1/12 DN^2 taken off (EMVA 1288 R4.0, dark noise)"
+    method = f"dark temporal variance at exposure zero{clipped}, 1/12 DN² taken off (EMVA 1288 R4.0, dark noise)"
     result = _spread(derive(lambda v: v - QUANTISATION, dark_variance), per_e, method)
     if (
         isinstance(dark_variance, Uncertain)
@@ -332,7 +331,7 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
         ),
         "sensitivity_threshold_photons": (
             threshold,
-            "photons at SNR 1: (sqrt(dark variance / K^2 + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
+            "photons at SNR 1: (sqrt(dark variance / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
             "responsivity",
         ),
         "saturation_capacity_photons": (saturation.photons, saturation.photons_text, saturation.figure),
@@ -355,7 +354,7 @@ def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
 
 
 def _turned_back(m: Measurements) -> str:
-    return ", brought back to what it is without clipping," if m.dark_method else ""
+    return ", brought back to what it is without clipping" if m.dark_method else ""
 
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
