@@ -106,6 +106,17 @@ def test_flats_that_end_at_the_top_of_a_smaller_converter():
     assert calibrated(measurement(bits=8, black=20.0, levels=levels), bits=8).saturation_dn.value == 255.0
 
 
+@pytest.mark.parametrize("low", [1, 7])
+def test_some_pixels_that_respond_less_do_not_hide_the_top(low):
+    frames = measurement(bits=10, levels=(*LEVELS[:4], 6000.0))
+    frames = [
+        (kind, t, np.where(np.arange(dn.size).reshape(dn.shape) < low, dn // 2 + 32, dn)) for kind, t, dn in frames
+    ]
+    with pytest.raises(CalibrationError, match=r"read 1023 DN in 9.* % of the pixels, the top of a 10-bit converter"):
+        calibrated(frames, bits=16)
+    assert calibrated(frames, bits=10).saturation_dn.value == pytest.approx(1023.0, abs=6.0)
+
+
 def test_numbers_moved_up_to_sixteen_bits():
     frames = [(kind, t, dn << 4) for kind, t, dn in measurement()]
     with pytest.raises(CalibrationError, match=r"multiples of 16: they are those of a 12-bit converter moved up by 4"):

@@ -135,8 +135,11 @@ def test_eight_and_sixteen_bits_do_not_mix(tmp_path):
 def test_bits_and_mosaic_from_the_caller(tmp_path):
     (tmp_path / "protocol.yml").write_text("photosite_protocol: 1\nframes: [{kind: dark, exposure: 1, files: a.png}]\n")
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / "a.png")
-    assert open_frames(tmp_path).bits == 16
+    assumed = open_frames(tmp_path)
+    assert assumed.bits == 16
+    assert [note.split(":")[0] for note in assumed.notes] == ["no bits are stated"]
     frames = open_frames(tmp_path, bits=10, cfa=[["G", "R"], ["B", "G"]])
+    assert frames.notes == ()
     assert (frames.bits, frames.cfa) == (10, cfa_from("grbg"))
 
 

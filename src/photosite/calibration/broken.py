@@ -210,9 +210,9 @@ def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> floa
 def crowded(
     samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64], bits: int
 ) -> tuple[tuple[float, float], ...]:
-    """Per label, the top of a smaller converter at which most numbers are, and their share; (0, 0) if no number is.
+    """Per label, the highest number and the share of pixels at it, where it can be the top of a smaller converter.
 
-    Numbers above that top make it none.
+    The share is 0 where it is no 2^k - 1 from 6 bits to one below the converter's.
 
     Parameters
     ----------
@@ -225,5 +225,5 @@ def crowded(
         values = stack[:, labels == label]
         top = int(values.max(initial=0))
         smaller = 6 <= top.bit_length() < bits and top & (top + 1) == 0
-        result.append((float(top), float((values == top).mean())) if smaller else (0.0, 0.0))
+        result.append((float(top), float((values == top).mean()) if smaller else 0.0))
     return tuple(result)

@@ -158,7 +158,8 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
     gain_fit: GainFit | None = None
     if lights:
         channels = with_bends([read_channel(k, dark, lights, reader.white) for k in range(len(names))])
-        plausible.check_flats(frames, names, dark.as_read, channels)
+        tops = [reader.tops[id(entry.group)] for entry in lights]
+        plausible.check_flats(frames, names, dark.as_read, channels, tops)
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
         patterns = PatternReader(
             reader, dark.as_read, lights, dark.reference, dark.mean, channels, dark.slopes, dark.noise, dark.scatter,

@@ -41,6 +41,9 @@ SHORTEST_DARKS_S = 1e-4
 LONGEST_LIKELY_S = 1e-3
 """What the longest dark exposure of a measurement reaches at least, to say by which factor stated ones are off."""
 
+AT_THE_TOP = 0.98
+"""Share of a light level's pixels at the top of a smaller converter that makes it the converter's own top."""
+
 LEAK_SHARE = 0.3
 """Of what flats gain over the same time: dark frames that gain more are as likely lit as warm."""
 
@@ -184,7 +187,11 @@ def _differ(group: GroupStatistics) -> bool:
 
 
 def check_flats(
-    frames: FrameSet, names: Sequence[str], darks: Sequence[GroupStatistics], channels: Sequence[Channel]
+    frames: FrameSet,
+    names: Sequence[str],
+    darks: Sequence[GroupStatistics],
+    channels: Sequence[Channel],
+    tops: Sequence[Sequence[tuple[float, float]]],
 ) -> None:
     """Refuse flats that cannot be what they were said to be: bits, light levels, and darks among them.
 
@@ -193,31 +200,36 @@ def check_flats(
     CalibrationError
         See `check_bits`, `check_proportion` and `check_dark_levels`.
     """
-    check_bits(frames, names, channels)
+    check_bits(frames, names, tops)
     check_dark_levels(frames, darks, max(float(channel.levels.signal.max()) for channel in channels))
     check_proportion(frames, names, channels)
 
 
-def check_bits(frames: FrameSet, names: Sequence[str], channels: Sequence[Channel]) -> None:
+def check_bits(frames: FrameSet, names: Sequence[str], tops: Sequence[Sequence[tuple[float, float]]]) -> None:
     """Refuse flats that end at the top of a smaller converter than is said.
+
+    Clipped by a converter pixels read the same; by a well they spread round any number. Some pixels may respond less.
+
+    Parameters
+    ----------
+    tops
+        Of each light level, per channel: `photosite.calibration.broken.crowded`.
 
     Raises
     ------
     CalibrationError
         With where they end.
     """
-    for name, channel in zip(names, channels, strict=True):
-        brightest = int(np.argmax(channel.levels.signal))
-        if channel.levels.mean_variance[brightest] > 0.0:
-            continue  # Clipped by a converter all pixels read the same; by a well they spread round any number.
-        for bits in range(6, frames.bits):
-            top = (1 << bits) - 1
-            if channel.levels.mean[brightest] == top:
-                of_channel = f" of channel {name}" if len(names) > 1 else ""
-                raise CalibrationError(
-                    f"{frames.source}: the brightest flats{of_channel} read {top} DN in every pixel, the top of a "
-                    f"{bits}-bit converter, and {frames.bits} bits are stated; correct the bits"
-                )
+    for k, name in enumerate(names):
+        highest, share = max((level[k] for level in tops), default=(0.0, 0.0))
+        top = int(highest)
+        if share >= AT_THE_TOP and 0 < top < (1 << frames.bits) - 1:
+            of_channel = f" of channel {name}" if len(names) > 1 else ""
+            pixels = "every pixel" if share == 1.0 else f"{100 * share:.3g} % of the pixels"
+            raise CalibrationError(
+                f"{frames.source}: the brightest flats{of_channel} read {top} DN in {pixels}, the top of a "
+                f"{top.bit_length()}-bit converter, and {frames.bits} bits are stated or assumed; correct the bits"
+            )
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class FrameReader:
         self.used_frames: list[UsedFrame] = []
         self.rejected: list[str] = []
         self.tops: dict[int, tuple[tuple[float, float], ...]] = {}
-        """By `id` of a group, per channel: the top of a smaller converter that its pixels are at, and their share."""
+        """By `id` of a group, per channel: the highest number, and the share at it (`crowded`)."""
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0

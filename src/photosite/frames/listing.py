@@ -133,7 +133,7 @@ def frame_set_of_files(entries: Sequence[FileEntry], source: str, expected: Expe
         source,
         sensor,
         _shared([h.black_level_dn for h in headers]) if expected.black_level_dn is None else expected.black_level_dn,
-        notes,
+        (*notes, *_bits_notes(headers, expected)),  # Said with what comes of the frames: it need not matter.
         _shared([h.white_level_dn for h in headers]),
     )
 
@@ -338,6 +338,17 @@ def _bits(entries: Sequence[FileEntry], headers: Sequence[FrameHeader], expected
     if said is None and expected.sensor is not None and all(header.bits is None for header in headers):
         said = expected.sensor.readout.bits
     return _common("bits", entries, [agreed_bits(e.path, h, said) for e, h in zip(entries, headers, strict=True)], None)
+
+
+def _bits_notes(headers: Sequence[FrameHeader], expected: Expected) -> tuple[str, ...]:
+    """A line where nobody says the converter's bits and files have room for more than most converters have."""
+    assumed = [header.stored_bits for header in headers if header.bits is None]
+    if not assumed or assumed[0] is None or assumed[0] <= 8 or expected.bits is not None or expected.sensor is not None:
+        return ()
+    return (
+        f"no bits are stated: those that the files store were assumed, {assumed[0]}, with the top at "
+        f"{(1 << assumed[0]) - 1} DN; if the converter has fewer, state them: saturation depends on it",
+    )
 
 
 def _check_sensor(source: str, sensor: Sensor | None, bits: int, cfa: Cfa) -> None:
