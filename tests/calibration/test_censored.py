@@ -6,6 +6,7 @@ standard errors either way.
 """
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from photosite.calibration.censored import (
     count_clipped,
     fit_censored,
 )
-from photosite.calibration.uncertain import Missing
+from photosite.calibration.figures import _temporal_dark_noise, _turned_back
+from photosite.calibration.uncertain import Missing, Uncertain
 
 D200_READ_DN, D200_DSNU_DN = 2.1723, 2.2976
 """0.52 mV and 0.55 mV at 0.2394 mV/DN."""
@@ -129,7 +131,7 @@ def test_a_spread_that_is_none_may_come_out_negative():
     ("setting", "reason"),
     [
         ((1024, 8, -40.0, 2.0, 2.0), "0 pixels ever read more"),
-        ((400, 4, -6.0, 1.0, 3.0), r"known to \+-\d+ % only|does not tell read noise from DSNU|too little is left"),
+        ((400, 4, -6.0, 1.0, 3.0), r"known to ±\d+ % only|does not tell read noise from DSNU|too little is left"),
         ((1024, 16, 0.0, 1.0, 0.3), f"below {LEAST_READ_NOISE:g}: rounding and clipping together hide it"),
     ],
 )
@@ -150,3 +152,10 @@ def test_what_the_model_does_not_describe_is_seen_and_widens_the_uncertainty():
     assert not mixed.misfit_is_chance
     assert mixed.misfit > 3
     assert (np.diag(mixed.covariance) > 2 * np.diag(plain.covariance)).all()
+
+
+def test_the_words_of_a_clipped_dark_have_no_comma_twice():
+    method = _temporal_dark_noise(
+        Uncertain.of(4.0, 0.1), Uncertain(1.0), _turned_back(SimpleNamespace(dark_method="x"))
+    )
+    assert "without clipping, 1/12 DN² taken off" in (method.method or "")

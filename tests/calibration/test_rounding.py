@@ -68,7 +68,7 @@ def test_what_rounding_hides_has_a_limit_and_no_value():
         assert estimate.value is None
         assert estimate.upper_limit_95 > truth
     assert found.temporal_dark_noise_e.interval_95[1] > 0.2 / GAIN
-    assert sum("below 0.24 DN^2" in line for line in found.warnings) == 1
+    assert sum("below 0.24 DN²" in line for line in found.warnings) == 1
     assert not any("row noise" in line for line in found.warnings)
 
 

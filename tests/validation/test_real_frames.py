@@ -176,7 +176,7 @@ def test_the_fitted_fill_factor_is_the_hidden_one():
     assert abs(result.fit.value - 0.83) < 3.5 * result.fit.standard_error < 3e-3
     assert result.fit.simulated_with == 0.9
     # The error to two digits, and the value to the error's last.
-    assert f"fitted: fill factor {result.fit.value:.5f} +- {result.fit.standard_error:.5f} " in result.fit_in_words
+    assert f"fitted: fill factor {result.fit.value:.5f} ± {result.fit.standard_error:.5f} " in result.fit_in_words
     assert 9.5e-5 < result.fit.standard_error < 9.5e-4
     again = fit_fill_factor(result.validation.measured, result.validation.simulated, result.fit.value)
     assert again.value == pytest.approx(result.fit.value, rel=1e-3)  # what was simulated in the end is the fit

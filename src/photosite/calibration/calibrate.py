@@ -302,7 +302,7 @@ def _warnings(
             f"the dark of the longer ones was extrapolated"
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
-        of_channel = f" in channel {', '.join(unsaturated)}" if len(names) > 1 else ""
+        of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
         warnings.append(f"no flat reached saturation{of_channel}; all unclipped levels were taken as linear")
     for name, channel in zip(names, channels, strict=True):
         if channel.used.sum() < 3:
@@ -320,7 +320,7 @@ def _warnings(
     warnings += _dark_currents(together)
     if isinstance(together.dark_variance, Uncertain) and together.dark_variance.value < LEAST_DARK_VARIANCE:
         warnings.append(
-            f"the dark temporal variance, {together.dark_variance.value:.3g} DN^2, is below "
-            f"{LEAST_DARK_VARIANCE} DN^2: quantisation hides the read noise, take its upper limit"
+            f"the dark temporal variance, {together.dark_variance.value:.3g} DN², is below "
+            f"{LEAST_DARK_VARIANCE} DN²: quantisation hides the read noise, take its upper limit"
         )
     return warnings

@@ -319,7 +319,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
     if uncertain > MOST_UNCERTAIN:
         return Missing(
-            f"{_percent(share)} of the numbers are 0; the noise that is left is known to +-{100 * uncertain:.0f} % only"
+            f"{_percent(share)} of the numbers are 0; the noise that is left is known to ±{100 * uncertain:.0f} % only"
         )
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
     rounding = ROUNDING_ERROR / (2880.0 * (b + ROUNDING) ** 2) * np.array([0.5 * math.sqrt(b), b, b])

@@ -128,7 +128,7 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
         groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
         if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
             raise ClippedChipError(
-                f"{groups[-1].label}: {100 * max(level.low_fraction for level in groups[-1].levels):.2g} % of the "
+                f"{groups[-1].label}: {100 * max(level.low_fraction for level in groups[-1].levels):.3g} % of the "
                 f"numbers are 0, more than the {100 * CLIPPED_DARK:g} % up to which the chip is measured, and what a "
                 f"pixel reads below 0 is not seen; maps of the chip need darks with a pedestal"
             )

@@ -96,13 +96,13 @@ class ClippedDarks:
         """What was done, and where the model does not describe the darks."""
         share = max(dark.zero_share for dark in self.censored)
         text = (
-            f"the darks are clipped at 0 (up to {100 * share:.2g} % of their numbers): read noise, DSNU and black "
+            f"the darks are clipped at 0 (up to {100 * share:.3g} % of their numbers): read noise, DSNU and black "
             f"level are by {METHOD}; dark levels were turned back by the same model, and light levels with more than a "
             f"few numbers at 0 were left out"
         )
         if odd := [n for n, dark in zip(names, self.censored, strict=True) if not dark.misfit_is_chance]:
             worst = max(dark.misfit for dark in self.censored)
-            where = f" of channel {', '.join(odd)}" if len(names) > 1 else ""
+            where = f" of channel{'s' * (len(odd) > 1)} {', '.join(odd)}" if len(names) > 1 else ""
             text += (
                 f"; the darks{where} are not as that model has them (hot pixels, shading, tails; chi square "
                 f"{worst:.2g} per degree of freedom), and uncertainties were widened accordingly"

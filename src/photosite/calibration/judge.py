@@ -134,7 +134,7 @@ def check_darks(frames: FrameSet, darks: Sequence[GroupStatistics], rejected: Se
                 )
             if level.high_fraction > CLIPPED_BLACK:
                 raise CalibrationError(
-                    f"{where}: {100 * level.high_fraction:.2g} % of the pixels are at {(1 << frames.bits) - 1} DN; "
+                    f"{where}: {100 * level.high_fraction:.3g} % of the pixels are at {(1 << frames.bits) - 1} DN; "
                     f"dark frames cannot be saturated: cover the lens, shorten the exposure"
                 )
             if level.repeated and level.variance == 0.0:

@@ -207,7 +207,7 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     share = float(levels.white_share.max())
     if share > CLIPPED_SHARE:
         value = Uncertain.of(float(white))
-        return value, f"the converter's highest number, which {100 * share:.2g} % of the brightest flats read"
+        return value, f"the converter's highest number, which {100 * share:.3g} % of the brightest flats read"
     return Missing("no flat is clipped; take flats up to where they do not get brighter"), "fully clipped flats"
 
 
@@ -299,7 +299,7 @@ def gain_value(fit: GainFit | None) -> Value:
     gain, uncertainty = float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0]))
     if gain < 2.0 * uncertainty:
         return Missing(
-            f"the temporal variance does not rise with the signal (slope {gain:.3g} +- {uncertainty:.3g} DN); "
+            f"the temporal variance does not rise with the signal (slope {gain:.3g} ± {uncertainty:.3g} DN); "
             f"photon transfer needs brighter flats or more frames"
         )
     return fit.uncertain[0]

@@ -171,7 +171,7 @@ def _check_darks(darks: Sequence[GroupStatistics]) -> None:
         low = max(level.low_fraction for level in entry.levels)
         if low > CLIPPED_BLACK:
             raise InputError(
-                f"with this black level {100 * low:.2g} % of the pixels of the {entry.label} would be at 0 DN; a plan "
+                f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be at 0 DN; a plan "
                 f"is for frames that do not clip: take a black level (pedestal) of five standard deviations of the dark"
             )
 

@@ -78,9 +78,9 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
         return slope
     low, high = float(exposure_s.min()), float(exposure_s.max())
     fall, uncertainty = -slope.value * (high - low), slope.standard_uncertainty * (high - low)
-    what, unit = ("temporal variance", "DN^2") if of_variance else ("level", "DN")
+    what, unit = ("temporal variance", "DN²") if of_variance else ("level", "DN")
     return Nonsense(
-        f"the dark {what} falls by {fall:.3g} +- {uncertainty:.1g} {unit} "
+        f"the dark {what} falls by {fall:.3g} ± {uncertainty:.1g} {unit} "
         f"from {format_exposure(low)} to {format_exposure(high)} s, and no dark current is negative: the camera takes "
         f"its dark signal off itself (black clamping), the black level drifted or the chip cooled down between the "
         f"exposures, or the exposure times are not what the protocol or descriptor says (order, unit)"

@@ -117,7 +117,7 @@ def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) 
                 raise CalibrationError(f"{frames.source}: the region holds {level.pixels} pixels of channel {name}")
             if level.low_fraction > CLIPPED_BLACK:
                 raise CalibrationError(
-                    f"{frames.source}: {100 * level.low_fraction:.2g} % of the dark frames' numbers at "
+                    f"{frames.source}: {100 * level.low_fraction:.3g} % of the dark frames' numbers at "
                     f"{exposure_s:g} s are clipped at 0, so that what is taken off the light frames is too high; "
                     f"raise the black level"
                 )
@@ -181,7 +181,7 @@ def _covariance(
 def _reason(light: Level, dark: Level, sensor: Sensor) -> str:
     """Why a channel's band cannot be used; empty where it can."""
     if light.high_fraction > CLIPPED_SHARE:
-        return f"{100 * light.high_fraction:.2g} % of its pixels are saturated; expose it for less time"
+        return f"{100 * light.high_fraction:.3g} % of its pixels are saturated; expose it for less time"
     well = sensor.pixel.well_capacity_e
     spread_dn = math.sqrt(max(light.spatial_variance, 0.0))
     full_dn = well.value * sensor.system_gain_dn_per_e

@@ -119,7 +119,7 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     caption = f"The tests behind the verdict; each says “differ” below p = {share:.3g}"
     blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, columns, rows)]
     if result.fit_in_words is not None:
-        blocks.append(Paragraph(sentence(result.fit_in_words.replace("+-", "±"))))
+        blocks.append(Paragraph(sentence(result.fit_in_words)))
     if not result.agrees or found.tolerance_percent:  # else they say what the table says
         blocks.append(Listing(tuple(sentence(line) for line in result.reasons)))
     notes = (*result.notes, *found.notes)

@@ -171,7 +171,7 @@ def _scaled(entry: Measured, factor: float) -> Measured:
 
 def _root(variance: Measured, what: str) -> Measured:
     if variance.value < 0:
-        raise InputError(f"{what} of {variance.value:.3g} DN^2 is no variance: the profile tells no dark noise")
+        raise InputError(f"{what} of {variance.value:.3g} DN² is no variance: the profile tells no dark noise")
     value = math.sqrt(variance.value)
     if variance.standard_uncertainty == 0:
         return Measured(value)

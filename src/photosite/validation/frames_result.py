@@ -110,7 +110,7 @@ class FrameValidation:
         error = scale * self.fit.standard_error
         places = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 6  # the error to two digits
         value, known, low_end, high_end = (f"{x:.{places}f}" for x in (scale * self.fit.value, error, low, high))
-        return f"fitted: {what} {value} +- {known}{unit} (95 % interval {low_end} to {high_end})"
+        return f"fitted: {what} {value} ± {known}{unit} (95 % interval {low_end} to {high_end})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings for JSON: `Validation.to_dict`, and what this one adds."""

@@ -241,7 +241,7 @@ def _contradictions(frame: RawFrame, sensor: Sensor, fill_factor: FillFactorFit 
         )
     if fill_factor is not None and fill_factor.value > 1.0:
         found.append(
-            f"the fitted fill factor {fill_factor.value:.4g} +- {fill_factor.standard_error:.2g} is above 1, which no "
+            f"the fitted fill factor {fill_factor.value:.4g} ± {fill_factor.standard_error:.2g} is above 1, which no "
             "pixel has: light, exposure, f-number or quantum efficiency are not those told"
         )
     return tuple(found)
