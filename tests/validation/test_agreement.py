@@ -52,3 +52,34 @@ def test_noise_within_its_tolerance_agrees():
     lenient = chi_square_of_noise(loud, quiet, ALL, 0.2)
     assert sharp.p_value < 1e-12
     assert lenient.p_value > 0.5
+
+
+def stack(seed, frames, temporal=6.0, pattern=4.0):
+    """A chip of its own for each seed: 1500 patches of 100 pixels, fixed pattern and noise from frame to frame."""
+    rng = np.random.default_rng(seed)
+    fixed = rng.normal(1000.0, pattern, (1500, 100))
+    noise = rng.normal(0.0, temporal, (frames, 1500, 100))
+    regions = [Region(str(i), i, i + 1, 0, 100) for i in range(1500)]
+    return patch_statistics([RawFrame(np.rint(fixed + dn).astype(np.uint16), 12) for dn in noise], regions)
+
+
+@pytest.mark.parametrize("pattern", [0.0, 4.0, 12.0])
+@pytest.mark.parametrize("frames", [1, 3, 5])
+def test_noise_is_told_at_the_stated_level_for_any_number_of_frames(frames, pattern):
+    from scipy.stats import kstest
+
+    one, other = stack(11, frames, pattern=pattern), stack(12, frames, pattern=pattern)
+    tests = [chi_square_of_noise(one, other, np.arange(1500)[:, None] // 10 == k) for k in range(150)]
+    # The mean of 1500 squares is known to 0.037; 150 p-values are uniform, and 5 % of them, give or take 1.8 %, say
+    # "differ" at 0.05.
+    assert np.mean([test.statistic for test in tests]) / 10 == pytest.approx(1.0, abs=0.13)
+    found = np.array([test.p_value for test in tests])
+    assert kstest(found, "uniform").pvalue > 1e-3
+    assert (found < 0.05).mean() < 0.12
+
+
+def test_more_frames_tell_smaller_differences_of_noise():
+    few, many = (
+        chi_square_of_noise(stack(13, n, 6.15), stack(14, n), np.ones((1500, 1), bool)).statistic for n in (1, 5)
+    )
+    assert many - 1500 > 2 * (few - 1500) > 0

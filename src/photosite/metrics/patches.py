@@ -41,8 +41,9 @@ class PatchStatistics:
         Standard deviation over the pixels of one frame, root mean square over frames: temporal noise and
         fixed pattern together, and any unevenness of the light.
     spatial_variance_error_dn2
-        Standard error of its square, from the fourth moment, so for any distribution. Several frames share
-        their fixed pattern, so they are not taken to bring it down.
+        Standard error of its square, for any distribution: from the scatter over pixels of their squared distances
+        from the mean, averaged over frames. More frames bring it down only to what the fixed pattern, which they
+        share, leaves. Pixels are taken as independent.
     temporal_noise_dn
         Standard deviation of a pixel over the frames, root mean square over pixels; None for a single frame.
     saturated_share
@@ -210,14 +211,22 @@ def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[flo
 
 
 def _error_of_variance(dn: NDArray[np.float64]) -> float:
-    """Standard error of the variance over the pixels of one frame, (frames, pixels); mean square over frames.
+    """Standard error of the mean over frames of the variance over pixels; (frames, pixels).
 
-    var(s^2) = (m4 - m2^2 (n - 3) / (n - 1)) / n (A. Stuart and J. K. Ord, "Kendall's Advanced Theory", vol. 1).
+    With q_i the mean over frames of pixel i's squared distance from its frame's mean, and C_fg the covariance over
+    pixels of frames f and g, the mean of F unbiased variances over n pixels has the variance
+
+        (var(q) + 2 / (n - 1) sum_fg C_fg^2 / F^2) / n,
+
+    since two sample variances have the covariance kappa_ffgg / n + 2 C_fg^2 / (n - 1) (P. McCullagh, "Tensor Methods
+    in Statistics", 1987, chapter 4). For one frame this is (m4 - m2^2 (n - 3) / (n - 1)) / n (A. Stuart and J. K. Ord,
+    "Kendall's Advanced Theory", vol. 1).
     """
-    count = dn.shape[1]
+    frames, count = dn.shape
     away = dn - dn.mean(axis=1, keepdims=True)
-    second, fourth = (away**2).mean(axis=1), (away**4).mean(axis=1)
-    return float(np.mean((fourth - second**2 * (count - 3) / (count - 1)) / count) ** 0.5)
+    of_pixels = float((away**2).mean(axis=0).var())
+    shared = float(((away @ away.T / count) ** 2).sum()) / frames**2
+    return float(((of_pixels + 2.0 * shared / (count - 1)) / count) ** 0.5)
 
 
 def _rounding_variance(variance_dn2: float) -> float:

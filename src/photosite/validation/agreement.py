@@ -111,8 +111,9 @@ def chi_square_of_noise(
 
     Notes
     -----
-    The standard errors come from the fourth moments, so no distribution is assumed. A patch without noise in
-    both counts as alike.
+    The standard errors come from the scatter over pixels, so no distribution is assumed, nor how much of the noise is
+    fixed pattern, which the frames of a stack share. As for the means, the two chips' patterns are taken as different:
+    for one and the same chip the p-value is too large. A patch without noise in both counts as alike.
     """
     return _of_variances(
         (measured.spatial_noise_dn[used], measured.spatial_variance_error_dn2[used]),
