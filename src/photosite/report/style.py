@@ -17,6 +17,7 @@ import matplotlib
 import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 # Okabe and Ito, "Color Universal Design" (2008): told apart by readers of every colour vision.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -39,6 +40,9 @@ _OTHERS: tuple[tuple[str, str, LineStyle], ...] = (
 )
 
 WIDTH_IN, HEIGHT_IN = 7.0, 4.5
+
+STRIP_IN = 0.26
+"""Height of the strip for a line below a figure."""
 
 BAND = 0.22
 """Opacity of an uncertainty band."""
@@ -110,17 +114,43 @@ def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]
     return _CHANNELS.get(channel) or _OTHERS[position % len(_OTHERS)]
 
 
-def svg_bytes(figure: Figure) -> bytes:
-    """The figure as SVG; text is drawn as outlines. The same figure gives the same bytes."""
+def svg_bytes(figure: Figure, below: str | None = None) -> bytes:
+    """The figure as SVG; text is drawn as outlines. The same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure
+        It stays as it is.
+    below
+        A small line in a strip of its own under the figure.
+    """
     stream = io.BytesIO()
-    with styled():
-        figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    with styled(), _strip(figure, below) as area:
+        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(stream, format="svg", metadata=metadata, bbox_inches=area)
     return stream.getvalue()
 
 
-def png_bytes(figure: Figure, dots_per_inch: float = 150.0) -> bytes:
-    """The figure as PNG."""
+def png_bytes(figure: Figure, dots_per_inch: float = 150.0, below: str | None = None) -> bytes:
+    """The figure as PNG; `below` as in `svg_bytes`."""
     stream = io.BytesIO()
-    with styled():
-        figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    with styled(), _strip(figure, below) as area:
+        figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None}, bbox_inches=area)
     return stream.getvalue()
+
+
+@contextmanager
+def _strip(figure: Figure, below: str | None) -> Iterator[Bbox | None]:
+    """What to save, in inches: the figure, and under it the line. Outside the figure, where no layout can touch it."""
+    if below is None:
+        yield None
+        return
+    width, height = figure.get_size_inches()
+    text = figure.text(
+        1.0 - 0.08 / width, -0.5 * STRIP_IN / height, below, ha="right", va="center", fontsize=8.0, color=GRAY
+    )
+    text.set_in_layout(False)
+    try:
+        yield Bbox.from_extents(0.0, -STRIP_IN, width, height)
+    finally:
+        text.remove()

@@ -10,6 +10,26 @@ from matplotlib.figure import Figure
 from photosite.report.html import Block, Image, Images
 from photosite.report.style import png_bytes, svg_bytes
 
+_OF_THE_PAPER = {
+    "figure1-spectral-sensitivity": (
+        "Figure 1: virtual cameras, not the paper’s curves. D200: another D200’s, with an assumed scale; vendor: "
+        "ISETCam’s example sensor"
+    ),
+    "figure2-pictures": "Figure 2: virtual cameras",
+    "figure3-patch-means": "Figure 3: virtual cameras",
+    "figure4-patch-snr": "Figure 4: virtual cameras",
+    "figure5-color-differences": "Figure 5: virtual cameras",
+    "figure6-snr": "Figure 6: virtual cameras",
+    "figure7-pixel-size-pictures": "Figure 7: simulated",
+    "figure7-pixel-size-snr": "Figure 7: simulated",
+    "fill-factor-residuals": "Section 3, not a figure of the paper: virtual cameras",
+    "table1-deviations": "Table 1, not a figure of the paper: virtual cameras",
+    "section5-dim-face": "Section 5, not the paper’s picture: simulated",
+    "section5-high-dynamic-range": "Section 5, not the paper’s picture: simulated",
+    "section5-high-dynamic-range-wedge": "Section 5, not a figure of the paper: simulated",
+}
+"""What stands below each figure, since its files are read without the page's captions."""
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -33,8 +53,9 @@ class Drawing:
 
     @classmethod
     def of(cls, name: str, figure: Figure, alternative: str, caption: str) -> Drawing:
-        """Draw a figure, in both formats."""
-        return cls(name, svg_bytes(figure), png_bytes(figure), alternative, caption)
+        """Draw a figure, in both formats, with a line below that says which it is and that no camera was measured."""
+        below = f"photosite, Farrell et al. 2008, {_OF_THE_PAPER[name]}"
+        return cls(name, svg_bytes(figure, below), png_bytes(figure, below=below), alternative, caption)
 
     @property
     def block(self) -> Images:

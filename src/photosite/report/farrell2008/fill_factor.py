@@ -26,6 +26,14 @@ _MAP_PERCENT = 2.0
 _LARGEST_BAR_PERCENT = 2.0
 """Points that are known less well are not drawn by channel; they would hide the others."""
 
+TOO_LARGE = (
+    "That is no measure of success: the standard error is too large here, over 100 seeds about 17 times for the D200 "
+    "and 2.5 times for the vendor’s sensor, because the simulation is told the chart’s mean light, over which the "
+    "lamp’s slope cancels. Where a meter reads the light at one place, as in practice, the error of that reading rules, "
+    "and no standard error from the patches holds it."
+)
+"""What to think of a distance in standard errors; the numbers are docs/fill-factor.md's."""
+
 
 def fill_factor_part(chapter: FillFactors) -> Part:
     """The table beside the paper's values, the residuals, and the differences in words."""
@@ -35,7 +43,7 @@ def fill_factor_part(chapter: FillFactors) -> Part:
             "squared difference between measured and simulated patch means. So does the fit here: relative "
             "differences, since what differs is proportional to the light, and a standard error from the scatter of "
             "patches, whose three channels see the same light. The simulation is told of an evenly lit chart; the lamp "
-            f"is uneven by {100 * UNEVENNESS:g} %."
+            f"is uneven by {100 * UNEVENNESS:g} %, and of its mean light over the chart."
         ),
         _table(chapter),
         Drawing.of(
@@ -100,7 +108,7 @@ def _words(found: CaseFit) -> tuple[str, ...]:
     chi = fit.chi_square
     return (
         f"{title}: the fit finds {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
-        f"errors from the hidden {format_number(found.true, 4)}, {within} two. The paper found {paper:g} for its "
+        f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} The paper found {paper:g} for its "
         "camera and gives no error. The difference from the paper says nothing of either: the virtual camera’s fill "
         f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below it.",
         f"{title}: noise alone does not explain what the fit leaves (chi-square {chi.statistic:.0f} with "

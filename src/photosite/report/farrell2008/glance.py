@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from photosite.measured import COVERAGE_95
+from photosite.report.farrell2008.fill_factor import TOO_LARGE
 from photosite.report.html import Column, Table
 from photosite.report.numbers import format_number, format_uncertain
 from photosite.studies.farrell2008.dim_face import EXPOSURE_S, LUMINANCE_CD_M2, DimFace
@@ -61,7 +62,8 @@ def _noise_row(table: CameraTable) -> Row:
             for row in rows
             if row.estimate.value is not None
         ),
-        f"{inside} of {len(table.rows)} figures of the table hold the virtual sensor’s value in their 95 % interval.",
+        f"{inside} of {len(table.rows)} figures of the table hold the virtual sensor’s value in their 95 % interval. "
+        "Conversion gain, system gain and saturation capacity come from one gain: they are right or wrong together.",
     )
 
 
@@ -75,8 +77,8 @@ def _fill_factors(result: FillFactors) -> tuple[Row, ...]:
                 f"Fill factor, {found.case.title}",
                 f"{found.case.paper_fill_factor:g}",
                 f"{format_uncertain(fit.value, fit.standard_error)}; hidden: {format_number(found.true, 4)}",
-                f"{abs(found.pull):.1f} standard errors from the hidden value, {inside} the 95 % interval. The hidden "
-                "value was drawn for this study; the paper’s cannot be tested without its frames.",
+                f"{abs(found.pull):.1f} standard errors from the hidden value, {inside} the 95 % interval. {TOO_LARGE} The "
+                "hidden value was drawn for this study; the paper’s cannot be tested without its frames.",
             )
         )
     return tuple(rows)

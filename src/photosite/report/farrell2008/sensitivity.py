@@ -11,14 +11,19 @@ from photosite.studies.farrell2008.patches import Patches
 
 
 def sensitivity_drawing(chapter: Patches) -> Drawing:
-    """Figure 1, and where its curves come from."""
+    """Figure 1, and where its curves come from and where they end."""
+    vendor = list(chapter.cameras.values())[-1]
+    red = vendor.sensor.channels["R"]
+    end_nm, end = red.wavelength_nm[-1], red.quantum_efficiency[-1]
     return Drawing.of(
         "figure1-spectral-sensitivity",
         sensitivity_figure(chapter),
         "Quantum efficiency against wavelength of the D200 and the vendor's sensor",
         "Figure 1: spectral sensitivity, lens and infrared filter included. Not the paper’s curves: their numbers were "
         "not published. The D200’s shape is a measurement of another D200 (rawtoaces), its scale an assumption; the "
-        "vendor’s curves, which the paper keeps confidential, are those of ISETCam’s example sensor.",
+        "vendor’s curves, which the paper keeps confidential, are those of ISETCam’s example sensor. Its table ends "
+        f"at {end_nm:g} nm, where its red still stands at {100 * end:.1f} %: what lies beyond is not "
+        "known, and none is assumed.",
     )
 
 

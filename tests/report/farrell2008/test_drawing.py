@@ -1,0 +1,61 @@
+"""Every figure says in itself what it is of the paper, and that no camera was measured."""
+
+from __future__ import annotations
+
+import io
+from xml.etree import ElementTree
+
+import matplotlib.image
+import pytest
+from matplotlib.figure import Figure
+
+from photosite.report.farrell2008 import drawing
+from photosite.report.farrell2008.drawing import Drawing
+from photosite.report.style import STRIP_IN, png_bytes, styled
+
+NARROWEST_IN = 7.0
+"""Of the study's figures."""
+
+
+def figure(width_in: float = NARROWEST_IN) -> Figure:
+    with styled():
+        made = Figure(figsize=(width_in, 3.0))
+        made.subplots().plot([0, 1], [0, 1])
+    return made
+
+
+@pytest.mark.parametrize(("name", "line"), drawing._OF_THE_PAPER.items())
+def test_each_line_says_virtual_or_simulated_and_which_figure_it_is(name: str, line: str) -> None:
+    assert "virtual" in line or "simulated" in line
+    number = name.split("-")[0]
+    said = {"fill": "Section 3", "table1": "Table 1", "section5": "Section 5"}.get(number, f"Figure {number[-1]}")
+    assert line.startswith(said)
+
+
+def test_the_line_stands_under_the_figure_in_a_strip_of_its_own() -> None:
+    one = figure()
+    plain = matplotlib.image.imread(io.BytesIO(png_bytes(one, 100.0)))
+    lined = matplotlib.image.imread(io.BytesIO(png_bytes(one, 100.0, below="a line")))
+    rows = round(100 * STRIP_IN)
+    assert lined.shape[0] - plain.shape[0] == rows
+    assert (lined[: plain.shape[0]] == plain).all()
+    strip = lined[plain.shape[0] :, :, :3]
+    assert strip.min() < 0.6  # the line
+    assert strip[0].min() == strip[-1].min() == 1.0  # not cut off
+    assert not one.texts
+
+
+@pytest.mark.parametrize("name", drawing._OF_THE_PAPER)
+def test_no_line_is_wider_than_its_figure(name: str) -> None:
+    one = figure(10.2 if name.startswith("figure1") else NARROWEST_IN)
+    below = f"photosite, Farrell et al. 2008, {drawing._OF_THE_PAPER[name]}"
+    text = one.text(0.0, 0.0, below, fontsize=8.0)
+    one.draw_without_rendering()
+    assert text.get_window_extent().width < 0.97 * one.bbox.width
+
+
+def test_both_files_have_the_line() -> None:
+    drawn = Drawing.of("figure6-snr", figure(), "", "")
+    height = ElementTree.fromstring(drawn.svg).get("height")
+    assert height is not None
+    assert float(height.removesuffix("pt")) == pytest.approx(72 * (3.0 + STRIP_IN), abs=0.1)
