@@ -13,6 +13,7 @@ from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.color import ColorComparison
+from photosite.validation.noise_difference import noise_in_words
 from photosite.validation.regression import Regression
 
 
@@ -116,6 +117,9 @@ class Validation:
         largest = self._largest(self.relative_difference)
         if largest and not self.tolerance_percent:
             lines.append(f"the largest difference of means is {largest}")
+        for test, temporal in ((self.noise, False), (self.temporal_noise, True)):
+            if test is not None and test.p_value < self.level / len(self.tests):
+                lines.extend(noise_in_words(self.measured, self.simulated, self.used, temporal=temporal))
         for name, line in self.regression_by_channel.items():
             if line is not None:
                 slope = line.slope_through_origin
