@@ -29,8 +29,8 @@ _LARGEST_BAR_PERCENT = 2.0
 TOO_LARGE = (
     "That is no measure of success: the standard error is too large here, over 100 seeds about 17 times for the D200 "
     "and 2.5 times for the vendor’s sensor, because the simulation is told the chart’s mean light, over which the "
-    "lamp’s slope cancels. Where a meter reads the light at one place, as in practice, the error of that reading rules, "
-    "and no standard error from the patches holds it."
+    "lamp’s slope cancels. In practice a meter reads the light at one place, the error of that reading rules, and "
+    "no standard error from the patches holds it."
 )
 """What to think of a distance in standard errors; the numbers are docs/fill-factor.md's."""
 
@@ -108,8 +108,8 @@ def _words(found: CaseFit) -> tuple[str, ...]:
     chi = fit.chi_square
     return (
         f"{title}: the fit finds {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
-        f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} The paper found {paper:g} for its "
-        "camera and gives no error. The difference from the paper says nothing of either: the virtual camera’s fill "
+        f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} "
+        f"The paper found {paper:g} for its camera and gives no error. The difference from the paper says nothing of either: the virtual camera’s fill "
         f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below it.",
         f"{title}: noise alone does not explain what the fit leaves (chi-square {chi.statistic:.0f} with "
         f"{chi.degrees_of_freedom} degrees of freedom): patches scatter by {100 * fit.patch_scatter:.2f} %, which is "
