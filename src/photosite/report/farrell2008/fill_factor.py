@@ -109,7 +109,8 @@ def _words(found: CaseFit) -> tuple[str, ...]:
     return (
         f"{title}: the fit finds {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
         f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} "
-        f"The paper found {paper:g} for its camera and gives no error. The difference from the paper says nothing of either: the virtual camera’s fill "
+        f"The paper found {paper:g} for its camera and gives no error. The "
+        "difference from the paper says nothing of either: the virtual camera’s fill "
         f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below it.",
         f"{title}: noise alone does not explain what the fit leaves (chi-square {chi.statistic:.0f} with "
         f"{chi.degrees_of_freedom} degrees of freedom): patches scatter by {100 * fit.patch_scatter:.2f} %, which is "

@@ -78,7 +78,8 @@ def _fill_factors(result: FillFactors) -> tuple[Row, ...]:
                 f"{found.case.paper_fill_factor:g}",
                 f"{format_uncertain(fit.value, fit.standard_error)}; hidden: {format_number(found.true, 4)}",
                 f"{abs(found.pull):.1f} standard errors from the hidden value, {inside} the 95 % interval. "
-                f"{TOO_LARGE} The hidden value was drawn for this study; the paper’s cannot be tested without its frames.",
+                f"{TOO_LARGE} The hidden value was drawn for this study; the "
+                "paper’s cannot be tested without its frames.",
             )
         )
     return tuple(rows)
