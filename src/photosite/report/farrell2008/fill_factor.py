@@ -139,7 +139,7 @@ def residuals_figure(chapter: FillFactors) -> Figure:
     bar.set_label("residual, mean of channels (%)")
     panels[1, 0].set_ylabel("residual (%)")
     handles, labels = panels[1, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(handles))
     return figure
 
 
