@@ -13,6 +13,9 @@ from photosite.errors import InputError
 Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]
 """Four (row, col) in pixels, one after the other round the shape; they run over borders: pixel i covers i to i + 1."""
 
+ROUNDING_PX = 1e-6
+"""Corners may lie this far outside a frame: computed ones that were meant to lie on its border."""
+
 
 @dataclass(frozen=True, slots=True)
 class Region:
@@ -82,7 +85,7 @@ class Quadrilateral:
         points = np.asarray(self.corners, dtype=np.float64)
         if points.shape != (4, 2) or not np.isfinite(points).all():
             raise InputError(f"patch '{self.name}' needs four corners (row, col) of finite numbers")
-        if points.min() < 0:
+        if points.min() < -ROUNDING_PX:
             raise InputError(f"patch '{self.name}' begins outside the frame, at {_listed(self.corners)}")
         turns = turning(self.corners)
         if not (turns.min() > 0 or turns.max() < 0):

@@ -7,7 +7,7 @@ import pytest
 
 from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES, macbeth, macbeth_regions
-from photosite.scene.perspective import Homography, field_corners, in_perspective, seen_patches
+from photosite.scene.perspective import Homography, check_corners, field_corners, in_perspective, seen_patches
 
 CORNERS = ((12.0, 30.0), (4.0, 214.0), (146.0, 200.0), (120.0, 10.0))
 SHAPE = (160, 230)
@@ -106,3 +106,14 @@ def test_what_cannot_be_seen():
         seen_patches(chart, CORNERS, 1.5)
     with pytest.raises(InputError, match="evenly lit"):
         in_perspective(replace(chart, weights=chart.weights * 0.5), CORNERS, SHAPE)
+
+
+def test_corners_outside_by_rounding_alone_are_on_the_border():
+    beyond = ((-1e-9, -1e-9), (-1e-9, 230 + 1e-9), (160 + 1e-9, 230 + 1e-9), (160 + 1e-9, -1e-9))
+    check_corners(beyond, SHAPE)
+    on = ((0.0, 0.0), (0.0, 230.0), (160.0, 230.0), (160.0, 0.0))
+    pair = (in_perspective(macbeth(), corners, SHAPE) for corners in (beyond, on))
+    one, other = (scene.weights for scene in pair)
+    np.testing.assert_allclose(one, other, atol=1e-6)
+    with pytest.raises(InputError, match="lies outside the frame"):
+        check_corners(((-1e-5, 0.0), *on[1:]), SHAPE)

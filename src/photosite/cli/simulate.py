@@ -63,6 +63,10 @@ def command(
     light (CIE A), 1/3 s. The chart fills the frame. The same seed gives the same frame; the sensor's fixed pattern
     belongs to its serial and is the same in all frames.
 
+    Where the ColorChecker's patches stand, for validate's --corners: their field reaches 62 P above and below the
+    frame's middle and 94 P to its left and right, P = max(cols / 196, rows / 132) pixels (square ones). The D200's
+    corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
+
     Example: photosite simulate --exposure 1/10 --seed 7 -o shot.dng --preview shot.png
     """
     from photosite.camera import Camera

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
-from photosite.regions import Corners, Patch, Quadrilateral, turning
+from photosite.regions import ROUNDING_PX, Corners, Patch, Quadrilateral, turning
 from photosite.scene.placement import place
 from photosite.scene.scene import Scene
 
@@ -114,8 +114,9 @@ def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
     points = np.asarray(corners, dtype=np.float64)
     if points.shape != (4, 2) or not np.isfinite(points).all():
         raise InputError(f"a chart has four corners, each row,col in pixels, not {corners}")
-    if (points < 0).any() or (points > np.asarray(shape)).any():
-        worst = points[((points < 0) | (points > np.asarray(shape))).any(axis=1)][0]
+    outside = (points < -ROUNDING_PX) | (points > np.asarray(shape) + ROUNDING_PX)
+    if outside.any():
+        worst = points[outside.any(axis=1)][0]
         raise InputError(
             f"the chart's corner {worst[0]:g},{worst[1]:g} lies outside the frame of {shape[0]} x {shape[1]} pixels; "
             "corners are row,col, rows counted from the top"
