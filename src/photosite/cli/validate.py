@@ -68,7 +68,7 @@ def command(
     if measured:
         if _is_given(ctx, "chart"):
             raise click.UsageError("--chart belongs to two paths; with --measured the chart is --scene", ctx)
-        frames = _all_frames((*measured, *paths), bits, cfa)
+        frames = _measured((*measured, *paths), bits, cfa)
         validate_measured(ctx, frames, level, tolerance, as_json, camera)
         return
     if given:
@@ -97,7 +97,7 @@ def _compare_two(
 ) -> None:
     from photosite.validation.validate import validate
 
-    measured_raw, simulated_raw = (_frames(path, bits, cfa) for path in (measured, simulated))
+    measured_raw, simulated_raw = _measured([measured], bits, cfa), _read(_files(simulated), bits, cfa)
     say_if_compiling()
     result = validate(
         measured_raw,
@@ -113,17 +113,29 @@ def _compare_two(
         show((*result.reasons, *result.notes), result)
 
 
-def _all_frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
-    return [frame for path in paths for frame in _frames(path, bits, cfa)]
+def _measured(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
+    """The frames of files and folders, refused by their files' names where two are identical."""
+    from photosite.validation.repeats import check_repeats
+
+    files = [file for path in paths for file in _files(path)]
+    frames = _read(files, bits, cfa)
+    check_repeats(frames, [str(file) for file in files])
+    return frames
 
 
-def _frames(path: Path, bits: int | None, cfa: str | None) -> list[RawFrame]:
+def _read(files: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
+    from photosite.frames.read import read_raw
+
+    return [read_raw(file, bits=bits, cfa=cfa) for file in files]
+
+
+def _files(path: Path) -> list[Path]:
     from photosite.errors import FileError
-    from photosite.frames.read import SUFFIXES, read_raw
+    from photosite.frames.read import SUFFIXES
 
     if not path.is_dir():
-        return [read_raw(path, bits=bits, cfa=cfa)]
+        return [path]
     files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
     if not files:
         raise FileError(path, "holds no raw frames (DNG, camera raw, TIFF, PNG)")
-    return [read_raw(file, bits=bits, cfa=cfa) for file in files]
+    return files

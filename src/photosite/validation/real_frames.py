@@ -22,6 +22,7 @@ from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.frames_result import FITTED, Fitted, FrameValidation, Told
+from photosite.validation.repeats import check_repeats
 from photosite.validation.validate import compare_patches
 
 INNER = 0.6
@@ -75,8 +76,8 @@ def validate_frames(
     Raises
     ------
     InputError
-        If frames differ in setting, the corners cannot be, exposure or luminance are not known, or as
-        `photosite.validation.validate.compare_patches`.
+        If frames differ in setting or two are identical, the corners cannot be, exposure or luminance are not
+        known, or as `photosite.validation.validate.compare_patches`.
 
     Notes
     -----
@@ -99,6 +100,7 @@ def validate_frames(
         raise InputError("there is no measured frame; give one or more")
     if fit is not None and fit not in FITTED:
         raise InputError(f"one of {', '.join(FITTED)} can be fitted, not '{fit}'")
+    check_repeats(measured)
     first = measured[0]
     check_corners(corners, first.shape)
     told = _completed(told, first, fit)

@@ -20,6 +20,7 @@ from photosite.validation.agreement import (
 from photosite.validation.charts import chart_regions, chart_xyz_d65, check_chart
 from photosite.validation.color import ColorComparison, compare_colors
 from photosite.validation.regression import Regression, regress
+from photosite.validation.repeats import check_repeats
 from photosite.validation.result import Validation
 
 Frames = RawFrame | Sequence[RawFrame]
@@ -67,7 +68,8 @@ def validate(
     Raises
     ------
     InputError
-        If the frames are not RawFrames, sizes, tiles or bits differ, the chart or a patch is unknown, there are no
+        If the frames are not RawFrames, two measured ones are identical,
+        sizes, tiles or bits differ, the chart or a patch is unknown, there are no
         regions, a region does not lie in the frame, every patch is saturated, or the level or tolerance cannot
         be.
 
@@ -87,6 +89,7 @@ def validate(
     """
     first_measured, first_simulated = _first(measured, "measured"), _first(simulated, "simulated")
     _check_same_kind(first_measured, first_simulated)
+    check_repeats([measured] if isinstance(measured, RawFrame) else measured)
     patches = _patches(chart, regions, first_measured)
     seen, made = patch_statistics(measured, patches), patch_statistics(simulated, patches)
     return compare_patches(
