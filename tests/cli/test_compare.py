@@ -45,6 +45,14 @@ def test_isetcams_electrons(photosite: Any, reference: Path) -> None:
     assert other_rule["beyond"] == 72
 
 
+def test_the_case_and_the_rule_that_agrees_are_said_at_the_top(photosite: Any, reference: Path) -> None:
+    file = reference / "isetcam_macbeth_tungsten.json"
+    first = photosite("compare", file).out.splitlines()[:3]
+    assert first[1:] == ["  case: d200", "  by the rectangle rule they agree: --integration rectangle"]
+    other = photosite("compare", file, "--integration", "rectangle", "--json").json
+    assert (other["case"], other["hint"]) == ("d200", None)
+
+
 def test_patches_as_csv(photosite: Any, patches: Path) -> None:
     assert photosite("compare", patches, "--json").json["agrees"]
     for wrong in (

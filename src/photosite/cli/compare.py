@@ -90,11 +90,24 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
     if base is None:
         raise click.UsageError("there is nothing to compare with; give a REFERENCE or a set-up", ctx)
     result = compare(values, base, tolerance_percent=told["tolerance"], level=told["level"], seed=told["seed"])
+    case, hint = None, None
+    file = told["set_up_file"] or (other if other.suffix.lower() == ".json" else None)
+    if file is not None and set_up is not None:
+        from photosite.validation.set_up import case_of, read_set_up
+
+        case = case_of(file, told["case"])
+        if not result.agrees and told["integration"] == "trapezoid":
+            by_rectangle = read_set_up(file, case, integration="rectangle")[0]
+            again = compare(
+                values, by_rectangle, tolerance_percent=told["tolerance"], level=told["level"], seed=told["seed"]
+            )
+            if again.agrees:
+                hint = "by the rectangle rule they agree: --integration rectangle"
     named = [str(other), "photosite" if reference is None else str(reference)]
     if as_json:
-        print_json({"compared": named} | result.to_dict())
+        print_json({"compared": named, "case": case, "hint": hint} | result.to_dict())
     else:
-        _show(named, result)
+        _show(named, result, [line for line in (case and f"case: {case}", hint) if line])
 
 
 def _set_up(ctx: click.Context, other: Path, told: dict[str, Any], *, needed: bool) -> SetUp | None:
@@ -158,13 +171,13 @@ def _reading(told: dict[str, Any], sensor: Sensor) -> Any:
     )
 
 
-def _show(named: list[str], result: PatchComparison | Validation) -> None:
+def _show(named: list[str], result: PatchComparison | Validation, before: list[str]) -> None:
     from photosite.validation.compare import UNITS
     from photosite.validation.result import Validation
 
     verdict = "agree" if result.agrees else "differ"
     click.echo(f"{named[0]} and {named[1]} {verdict}, at a tolerance of {result.tolerance_percent:g} %")
-    for line in (*result.reasons, *result.notes):
+    for line in (*before, *result.reasons, *result.notes):
         click.echo(f"  {line}")
     if isinstance(result, Validation):
         names, channels, unit = result.measured.names, result.measured.channels, UNITS["dn"]

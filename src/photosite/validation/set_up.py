@@ -158,7 +158,7 @@ def read_set_up(
     """
     file = Path(path)
     content = _json(file)
-    cases = {name: part for name, part in content.items() if isinstance(part, dict) and "patch_photon_radiance" in part}
+    cases = _cases(content)
     name = _chosen(file, cases, case)
     facts = _Facts(file, name, cases[name])
     grid = _Facts(file, "the file", content).table("wavelength_nm", 1)
@@ -223,6 +223,16 @@ def _json(file: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise FileError(file, "must be an object with 'wavelength_nm' and a case")
     return content
+
+
+def case_of(path: str | PathLike[str], case: str | None = None) -> str:
+    """Name of the case that `read_set_up` takes."""
+    file = Path(path)
+    return _chosen(file, _cases(_json(file)), case)
+
+
+def _cases(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: part for name, part in content.items() if isinstance(part, dict) and "patch_photon_radiance" in part}
 
 
 def _chosen(file: Path, cases: Mapping[str, Any], case: str | None) -> str:
