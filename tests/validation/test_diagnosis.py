@@ -68,3 +68,19 @@ def test_the_other_orders_of_corners_are_the_seven_other_symmetries_of_a_rectang
         assert set(steps) <= {1, 3}
     # A chart that was turned clockwise by 90 degrees has its first corner where the second would be.
     assert orders["turned by 90 degrees clockwise"][0] == corners[1]
+
+
+def test_what_was_fitted_is_not_named():
+    result = compare_patches(patches(1.01 * LEVELS), patches(LEVELS))
+    assert "level of light" in diagnose(result, {})[-1]
+    (_, line) = diagnose(result, {}, "light")
+    assert line.startswith("what scales all patches alike is fitted (light)")
+    assert "misplaced corners" in line
+    assert "level of light" not in line
+
+
+def test_a_ratio_that_may_be_one_is_left_out():
+    away = LEVELS * np.where(np.arange(24)[:, None] % 2, 1.05, 0.95)
+    assert not any("measured is" in line for line in compare_patches(patches(away), patches(LEVELS)).reasons)
+    reasons = compare_patches(patches(1.3 * LEVELS), patches(LEVELS)).reasons
+    assert sum("measured is 1.3000 of simulated" in line for line in reasons) == 3

@@ -73,7 +73,9 @@ def corner_orders(corners: Corners) -> dict[str, Corners]:
     }
 
 
-def diagnose(validation: Validation, others: Mapping[str, PatchStatistics]) -> tuple[str, ...]:
+def diagnose(
+    validation: Validation, others: Mapping[str, PatchStatistics], fitted: str | None = None
+) -> tuple[str, ...]:
     """Why measured and simulated patches differ, as far as their numbers tell.
 
     Parameters
@@ -83,6 +85,8 @@ def diagnose(validation: Validation, others: Mapping[str, PatchStatistics]) -> t
     others
         The measured frames read in other ways, by what would have to be the case: corners in another order, another
         colour filter array.
+    fitted
+        What the simulation was fitted in. It took up whatever scales all patches alike, so none of that is named.
 
     Returns
     -------
@@ -97,7 +101,7 @@ def diagnose(validation: Validation, others: Mapping[str, PatchStatistics]) -> t
     better = _better(validation, others, found.scatter)
     if better is not None:
         return (better,)
-    return _of_scale(found)
+    return _of_scale(found, fitted)
 
 
 def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatter: float) -> str | None:
@@ -118,7 +122,7 @@ def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatt
     )
 
 
-def _of_scale(found: Scale) -> tuple[str, ...]:
+def _of_scale(found: Scale, fitted: str | None) -> tuple[str, ...]:
     ratios = np.array(list(found.ratio.values()))
     middle = float(np.exp(np.log(ratios).mean()))
     apart = float(ratios.max() / ratios.min() - 1.0)
@@ -127,11 +131,16 @@ def _of_scale(found: Scale) -> tuple[str, ...]:
     lines = [f"measured over simulated is {listed}; {about}"]
     if found.scatter > max(_SMALL, apart):
         lines.append(
-            "patches differ one from another, not by a common ratio: another chart, corners beside the patches, light "
+            "patches differ one from another, not by a common ratio: another chart, misplaced corners, light "
             "that is uneven, stray light, or spectra (lamp, quantum efficiency) that are not those told"
         )
     elif apart > _SMALL:
         lines.append("the channels differ in their ratios: the lamp's spectrum or the quantum efficiencies are others")
+    elif fitted is not None:
+        lines.append(
+            f"what scales all patches alike is fitted ({fitted.replace('_', ' ')}); what is left is small: misplaced "
+            "corners, uneven or stray light, or spectra that are not quite those told"
+        )
     else:
         lines.append(
             f"all channels alike, {middle:.4f} of the simulation: level of light, exposure, f-number, fill factor or "

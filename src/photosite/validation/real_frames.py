@@ -130,7 +130,9 @@ def validate_frames(
         fitted=fit,
         fit=found,
         contradictions=_contradictions(first, sensor, found if fit == "fill_factor" else None),
-        diagnosis=() if validation.agrees else diagnose(validation, _other_readings(stack, chart, corners, patches)),
+        diagnosis=()
+        if validation.agrees
+        else diagnose(validation, _other_readings(stack, chart, corners, patches), fit),
         measured=stack[0],
         simulated=shots[0],
         frames=(len(stack), count),

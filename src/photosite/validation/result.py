@@ -121,8 +121,10 @@ class Validation:
             if test is not None and test.p_value < self.level / len(self.tests):
                 lines.extend(noise_in_words(self.measured, self.simulated, self.used, temporal=temporal))
         for name, line in self.regression_by_channel.items():
-            if line is not None:
-                slope = line.slope_through_origin
+            if line is None:
+                continue
+            slope = line.slope_through_origin
+            if not slope.lower_95 <= 1.0 <= slope.upper_95:
                 lines.append(
                     f"channel {name}: measured is {slope.value:.4f} of simulated "
                     f"({slope.lower_95:.4f} to {slope.upper_95:.4f})"
