@@ -159,7 +159,7 @@ def test_corners_half_a_patch_off_do_not_agree():
     beside = tuple((row, col + 9.0) for row, col in CORNERS)
     result = validate_frames(shots(66), TOLD, beside)
     assert not result.agrees
-    assert any("corners beside the patches" in line for line in result.diagnosis)
+    assert any("misplaced corners" in line for line in result.diagnosis)
 
 
 def test_uneven_light_differs_unless_it_is_let_pass():
