@@ -9,7 +9,7 @@ from photosite.cli.output import print_json, table
 
 
 @click.command("bench")
-@click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; under a minute.")
+@click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
 @click.option("--case", "names", multiple=True, metavar="NAME", help="Only this case; may be given several times.")
 @options.json_option
 def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:

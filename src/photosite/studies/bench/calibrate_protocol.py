@@ -54,14 +54,14 @@ def measured(folder: Path, quick: bool = False) -> Case:
     place = str(folder)
     work_read(place)  # the page cache is warm, the kernels compiled
     work_calibrate(place)
-    ours, theirs = in_turn(lambda: work_calibrate(place), lambda: work_read(place), 2 if quick else 5)
+    ours, theirs = in_turn(lambda: work_calibrate(place), lambda: work_read(place), 1 if quick else 5)
     frames = open_frames(folder)
     return Case(ours, theirs, peak_mb(work_calibrate, folder=place), frames.frame_count * ROWS * COLS / 1e6)
 
 
 def calibrate_protocol(quick: bool = False, repeats: int | None = None) -> Case:
-    """64 frames (`quick`: 32; or 16 times `repeats`) calibrated, against reading their files and doing nothing."""
+    """64 frames (`quick`: 16; or 16 times `repeats`) calibrated, against reading their files and doing nothing."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "frames"
-        write_frames(place, repeats or (2 if quick else 4))
+        write_frames(place, repeats or (1 if quick else 4))
         return measured(place, quick)
