@@ -83,4 +83,4 @@ def test_a_ratio_that_may_be_one_is_left_out():
     away = LEVELS * np.where(np.arange(24)[:, None] % 2, 1.05, 0.95)
     assert not any("measured is" in line for line in compare_patches(patches(away), patches(LEVELS)).reasons)
     reasons = compare_patches(patches(1.3 * LEVELS), patches(LEVELS)).reasons
-    assert sum("measured is 1.3000 of simulated" in line for line in reasons) == 3
+    assert sum("measured is 1.3000 times simulated" in line for line in reasons) == 3

@@ -96,7 +96,7 @@ def test_the_reasons_say_by_how_much():
         line = result.regression_by_channel[name].slope_through_origin
         # Patch means are good to a few parts in a thousand, and nothing else separates the slope from 1.25.
         assert line.value == pytest.approx(1.25, abs=0.01)
-        assert f"channel {name}: measured is {line.value:.4f} of simulated" in text
+        assert f"channel {name}: measured is {line.value:.4f} times simulated" in text
 
 
 def test_a_wrong_noise_is_told_from_a_wrong_mean():

@@ -126,7 +126,7 @@ class Validation:
             slope = line.slope_through_origin
             if not slope.lower_95 <= 1.0 <= slope.upper_95:
                 lines.append(
-                    f"channel {name}: measured is {slope.value:.4f} of simulated "
+                    f"channel {name}: measured is {slope.value:.4f} times simulated "
                     f"({slope.lower_95:.4f} to {slope.upper_95:.4f})"
                 )
         one, other = self.exposures_s

@@ -27,12 +27,12 @@ _LARGEST_BAR_PERCENT = 2.0
 """Points that are known less well are not drawn by channel; they would hide the others."""
 
 TOO_LARGE = (
-    "That is no measure of success: the standard error is too large here, over 100 seeds about 17 times for the D200 "
-    "and 2.5 times for the vendor’s sensor, because the simulation is told the chart’s mean light, over which the "
-    "lamp’s slope cancels. In practice a meter reads the light at one place, the error of that reading rules, and "
-    "no standard error from the patches holds it."
+    "That is no measure of success: the standard error is too large here, because the simulation is told the chart’s "
+    "mean light, over which the lamp’s slope cancels (photosite reproduce fill-factor says by how much, over 100 "
+    "seeds). In practice a meter reads the light at one place, the error of that reading rules, and no standard error "
+    "from the patches holds it."
 )
-"""What to think of a distance in standard errors; the numbers are docs/fill-factor.md's."""
+"""What to think of a distance in standard errors."""
 
 
 def fill_factor_part(chapter: FillFactors) -> Part:
