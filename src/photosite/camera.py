@@ -15,7 +15,7 @@ from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
 from photosite.mosaic import electron_rate, electrons_per_weight, placement
-from photosite.optics.lens import Optics
+from photosite.optics.spread import Optics
 from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
 from photosite.scene.scene import Scene

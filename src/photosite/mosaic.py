@@ -16,7 +16,7 @@ from photosite.engine.jit import threads_for
 from photosite.engine.mosaic import Laying, mosaic_of_maps
 from photosite.engine.transfer import RadialTransfer, Sampling
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.lens import Optics
+from photosite.optics.spread import Optics, RadialSpread
 from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -26,9 +26,6 @@ _TRANSFER_NODES = 4097
 _SVD_STRIDE = 16
 _MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
-_PADDING_PERIODS = 40.0
-"""Scene kept beyond each border of the frame, in periods of the lens's cutoff (lambda N): 99.5 % of an Airy pattern's
-light lies within that radius."""
 _STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
@@ -82,13 +79,14 @@ def _blurred_mosaic(
     pixel, array = sensor.pixel, sensor.array
     pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
     side = math.sqrt(pixel.fill_factor.value)
-    transfer, mixing = _reduced_transfer(scene, optics, coupling)
+    spread = optics.spread(scene.distance_m)
+    transfer, mixing = _reduced_transfer(scene, spread, coupling)
     where = placement(scene, optics, sensor)
     laying = Laying(
         shape=(array.rows, array.cols),
         start=(where.row_start, where.col_start),
         step=(where.row_step, where.col_step),
-        padding=_padding(scene, optics, min(pitch)),
+        padding=_padding(scene, spread, min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
     )
     with threads_for(array.rows * array.cols * cells**2):
@@ -102,23 +100,23 @@ def _blurred_mosaic(
         )
 
 
-def _padding(scene: Scene, optics: Optics, pitch_m: float) -> int:
+def _padding(scene: Scene, spread: RadialSpread, pitch_m: float) -> int:
     """Pixels of scene kept beyond each border."""
     middle = scene.wavelength_nm[scene.wavelength_nm.size // 2]
-    return math.ceil(_PADDING_PERIODS / optics.cutoff_per_m(middle, scene.distance_m) / pitch_m)
+    return math.ceil(spread.reach_m(middle) / pitch_m)
 
 
 def _reduced_transfer(
-    scene: Scene, optics: Optics, coupling: NDArray[np.float64]
+    scene: Scene, spread: RadialSpread, coupling: NDArray[np.float64]
 ) -> tuple[RadialTransfer, NDArray[np.float64]]:
     """The lens summed over wavelength for R maps, and (R, K) how these mix from the scene's K weights.
 
     A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot tell them all apart: the
     weights are combined to the ten or so maps that matter, by singular values.
     """
-    reach = max(optics.cutoff_per_m(w, scene.distance_m) for w in scene.wavelength_nm)
+    reach = max(spread.cutoff_per_m(w) for w in scene.wavelength_nm)
     frequencies = np.linspace(0.0, reach, _TRANSFER_NODES)
-    otf = np.stack([optics.otf(frequencies, w, scene.distance_m) for w in scene.wavelength_nm])
+    otf = np.stack([spread.otf(frequencies, w) for w in scene.wavelength_nm])
     table = coupling @ otf  # (channels, K, nodes)
     channels, count, nodes = table.shape
     tall = table.transpose(0, 2, 1).reshape(-1, count)

@@ -4,39 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
 from photosite.spectra import Spectrum, wavelength_grid
 
-
-class Optics(Protocol):
-    """What a camera asks of its lens. Distances are from the lens to the object, in m."""
-
-    def magnification(self, distance_m: float) -> float:
-        """|m|, image size over object size."""
-        ...
-
-    def irradiance_per_radiance(self, wavelength_nm: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
-        """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
-        ...
-
-    def cutoff_per_m(self, wavelength_nm: float, distance_m: float) -> float:
-        """Spatial frequency on the sensor, cycles/m, beyond which the optical transfer function is 0."""
-        ...
-
-    def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
-        """Optical transfer function at spatial frequencies on the sensor, cycles/m, of any shape; 1 at 0."""
-        ...
-
-    def relative_illumination(
-        self, image_height_m: NDArray[np.float64], distance_m: float
-    ) -> NDArray[np.float64] | None:
-        """Irradiance over that on axis at distances from the axis on the sensor; None where it is 1 everywhere."""
-        ...
+AIRY_REACH_PERIODS = 40.0
+"""Radius that holds 99.5 % of an Airy pattern's light, in periods of the cutoff, lambda N."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +123,20 @@ class DiffractionLimited:
         image_distance_m = self.focal_length_mm * 1e-3 * (1 + self.magnification(distance_m))
         falloff: NDArray[np.float64] = 1.0 / (1.0 + (image_height_m / image_distance_m) ** 2) ** 2
         return falloff
+
+    def spread(self, distance_m: float) -> RadialSpread:
+        """Diffraction's point spread: 99.5 % of an Airy pattern's light lies within 40 periods of the cutoff."""
+        return RadialSpread(
+            otf=lambda frequency_per_m, wavelength_nm: self.otf(frequency_per_m, wavelength_nm, distance_m),
+            cutoff_per_m=lambda wavelength_nm: self.cutoff_per_m(wavelength_nm, distance_m),
+            reach_m=lambda wavelength_nm: AIRY_REACH_PERIODS / self.cutoff_per_m(wavelength_nm, distance_m),
+        )
+
+    def mapping(self, distance_m: float) -> RadialMapping | None:
+        """None: it has no distortion."""
+        return None
+
+    @property
+    def veiling_glare(self) -> VeilingGlare | None:
+        """None: it scatters nothing."""
+        return None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from photosite.cfa import channel_sites
-from photosite.optics.lens import Optics
+from photosite.optics.spread import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import integration_weights

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import Optics
+from photosite.optics.spread import Optics
 from photosite.regions import Corners, Quadrilateral
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.sensor.model import Sensor

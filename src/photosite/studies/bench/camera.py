@@ -28,11 +28,14 @@ EXPOSURE_S = 1 / 3
 ROWS, COLS = 2592, 3872
 
 
+LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
+
+
 @lru_cache(maxsize=4)
 def camera(rows: int = ROWS, cols: int = COLS) -> Camera:
     """A D200 with a pedestal, at f/8."""
     sensor = load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=32)
-    return Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    return Camera(LENS, sensor)
 
 
 @lru_cache(maxsize=8)
@@ -43,7 +46,7 @@ def scene(wavelengths: int = 31) -> Scene:
 
 def mean_per_wavelength(rows: int, cols: int, wavelengths: int = 31) -> NDArray[np.float32]:
     """The plain way: radiance on the pixel grid, transform, lens and pixel, back, for one wavelength after another."""
-    chart, lens, sensor = scene(wavelengths), camera().optics, camera().sensor
+    chart, lens, sensor = scene(wavelengths), LENS, camera().sensor
     row = np.minimum((np.arange(rows) * chart.shape[0]) // rows, chart.shape[0] - 1)
     col = np.minimum((np.arange(cols) * chart.shape[1]) // cols, chart.shape[1] - 1)
     pitch_m = sensor.pixel.width_um.value * 1e-6

@@ -27,6 +27,7 @@ from photosite.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.lens import DiffractionLimited
+from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.file import load_sensor
@@ -133,6 +134,20 @@ class AberratedLens:
     ) -> NDArray[np.float64] | None:
         """As the lens's."""
         return self.lens.relative_illumination(image_height_m, distance_m)
+
+    def spread(self, distance_m: float) -> RadialSpread:
+        """The point spread of the pupil with its wavefront error; so small a one does not reach farther."""
+        ideal = self.lens.spread(distance_m)
+        return replace(ideal, otf=lambda frequency, wavelength_nm: self.otf(frequency, wavelength_nm, distance_m))
+
+    def mapping(self, distance_m: float) -> RadialMapping | None:
+        """As the lens's."""
+        return self.lens.mapping(distance_m)
+
+    @property
+    def veiling_glare(self) -> VeilingGlare | None:
+        """As the lens's."""
+        return self.lens.veiling_glare
 
 
 @dataclass(frozen=True)
