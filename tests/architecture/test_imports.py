@@ -30,11 +30,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra"},
     "profile": COMMON | {"scene", "sensor", "spectra"},
     "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "profile"},
+    "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
     "calibration": COMMON | {"frames", "sensor", "engine", "spectra"},
     "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
     "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
 }
-BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "profile", "camera"}
+BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "profile", "camera", "camera_file"}
 BELOW |= {"calibration", "develop", "metrics"}
 MAY_IMPORT["validation"] = BELOW
 MAY_IMPORT["report"] = BELOW | {"validation", "studies"}

@@ -38,7 +38,8 @@ class Entry:
 COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "Close the loop on a virtual D200: shoot, calibrate, simulate, compare, report."),
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
-    "simulate": Entry("simulate", "Simulate a raw frame of a chart."),
+    "scenes": Entry("scenes", "List the scenes by formula, look at scenes and their files."),
+    "simulate": Entry("simulate", "Simulate a raw frame of a scene."),
     "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
     "plan": Entry("plan", "How many frames a wanted precision takes; what precision a protocol reaches."),
     "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark and flat frames."),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,12 +16,11 @@ from photosite.exposure import parse_exposure
 
 if TYPE_CHECKING:
     from photosite.optics.lens import DiffractionLimited
-    from photosite.scene.scene import Scene
+    from photosite.scene.request import SceneRequest
     from photosite.sensor.model import Sensor
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-SCENES = ("macbeth", "uniform", "slanted-edge")
 RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png", ".h5", ".hdf5")
 PICTURE_SUFFIXES = (".png",)
 
@@ -108,7 +108,7 @@ def black_level_option(text: str) -> Callable[[F], F]:
 
 
 def lens_options(function: F) -> F:
-    """--f-number and --focal-length."""
+    """--f-number and --focal-length, of a lens limited by diffraction."""
     function = click.option("--focal-length", type=above(), default=50.0, metavar="MM", help="Focal length in mm.")(
         function
     )
@@ -116,15 +116,70 @@ def lens_options(function: F) -> F:
 
 
 def scene_options(function: F) -> F:
-    """--scene, --illuminant, --luminance and --distance."""
+    """--scene and what is said of it; None where nothing is."""
+    source = click.option(
+        "--scene",
+        "scene_source",
+        metavar="NAME|FILE",
+        help="What is seen: a formula's name, or a scene's file; photosite scenes lists them.  [default: macbeth]",
+    )
+    return source(_said_of_scene(function))
+
+
+def scene_argument(function: F) -> F:
+    """The scene as the command's argument, and what is said of it."""
+    return click.argument("scene_source", metavar="NAME|FILE")(_said_of_scene(function))
+
+
+def _said_of_scene(function: F) -> F:
     for option in (
-        click.option("--distance", type=above(), default=1.2, metavar="M", help="From lens to scene, in m."),
-        click.option("--luminance", type=above(), default=40.0, metavar="CD/M2", help="Mean luminance in cd/m2."),
-        illuminant_option("A"),
-        click.option("--scene", "scene_name", type=click.Choice(SCENES), default="macbeth", help="What is seen."),
+        click.option("--units", metavar="UNIT", help="What a scene's file holds, where it does not say."),
+        click.option("--width", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."),
+        click.option("--distance", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"),
+        click.option(
+            "--luminance", type=above(), metavar="CD/M2", help="Mean luminance in cd/m2.  [default: 40; a file's own]"
+        ),
+        click.option(
+            "--illuminant",
+            metavar="NAME",
+            help="CIE illuminant (A, D65, ...) or blackbody (3200K).  [default: A; a file's own]",
+        ),
+        click.option(
+            "--scene-option",
+            "scene_options",
+            type=name_and_value,
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="An option of the scene's formula (contrast=10); may be repeated. See photosite scenes.",
+        ),
     ):
         function = option(function)
     return function
+
+
+def request_of(base: SceneRequest, told: Mapping[str, Any]) -> SceneRequest:
+    """What is asked for: a base, with what the options of a scene say put in its place."""
+    if told["scene_source"] is not None:  # another scene: what the base says of its own is not said of it
+        base = replace(base.unsaid, source=told["scene_source"])
+    said = {
+        "illuminant": told["illuminant"],
+        "mean_luminance_cd_m2": told["luminance"],
+        "distance_m": told["distance"],
+        "width_m": told["width"],
+        "units": told["units"],
+    }
+    given = {name: value for name, value in said.items() if value is not None}
+    return replace(base, **given, options={**base.options, **dict(told["scene_options"])})
+
+
+def name_and_value(text: str) -> tuple[str, Any]:
+    """NAME=VALUE, the value read as YAML has it: a number, a list, true, or text."""
+    from photosite.yaml_file import parse_yaml
+
+    name, sign, value = text.partition("=")
+    if not sign or not name.strip():
+        raise click.BadParameter(f"expected NAME=VALUE, such as contrast=10, not '{text}'")
+    return name.strip().replace("-", "_"), parse_yaml(value, f"--scene-option {name}")
 
 
 def illuminant_option(default: str) -> Callable[[F], F]:
@@ -172,11 +227,3 @@ def lens(f_number: float, focal_length: float) -> DiffractionLimited:
     from photosite.optics.lens import DiffractionLimited
 
     return DiffractionLimited(f_number=f_number, focal_length_mm=focal_length)
-
-
-def scene(name: str, illuminant: str, luminance: float, distance: float) -> Scene:
-    """The scene asked for."""
-    from photosite.scene import charts
-
-    make = {"macbeth": charts.macbeth, "uniform": charts.uniform, "slanted-edge": charts.slanted_edge}[name]
-    return make(illuminant, luminance, distance_m=distance)

@@ -1,4 +1,4 @@
-"""`photosite simulate`: one raw frame of a chart."""
+"""`photosite simulate`: one raw frame of a scene."""
 
 from __future__ import annotations
 
@@ -11,25 +11,39 @@ import click
 
 from photosite.cli import options
 from photosite.cli.output import print_json, say_if_compiling
+from photosite.errors import InputError
 from photosite.exposure import format_exposure
 
 if TYPE_CHECKING:
     from photosite.camera import Camera
+    from photosite.camera_file import SetUp
     from photosite.frames.raw_frame import RawFrame
+    from photosite.optics.spread import Optics
+    from photosite.scene.request import SceneRequest
+    from photosite.scene.scene import Scene
 
 
 @click.command("simulate")
-@options.sensor_option()
+@click.option(
+    "--camera",
+    "camera_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera file (YAML): sensor, optics and scene in one place; other options go before it.",
+)
+@options.sensor_option(default=None)
 @options.size_options
 @options.black_level_option("Black level in DN, instead of the sensor's.")
 @options.scene_options
-@options.lens_options
+@click.option("--optics", "optics_file", type=click.Path(path_type=Path), metavar="FILE", help="Optics file (YAML).")
+@click.option("--f-number", type=options.above(), metavar="N", help="f-number of a perfect lens.  [default: 8]")
+@click.option("--focal-length", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]")
+@click.option("--exposure", type=options.exposure_time, metavar="SECONDS", help="Exposure time in s.  [default: 1/3]")
 @click.option(
-    "--exposure",
-    type=options.exposure_time,
-    metavar="SECONDS",
-    default="1/3",
-    help="Exposure time in s; 1/3 is read as such.",
+    "--cells",
+    type=click.IntRange(1),
+    metavar="ODD",
+    help="Cells across a pixel on which the scene is laid: 3 or more for edges that are to be measured.  [default: 1]",
 )
 @options.seed_option()
 @options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif, .png or .h5.")
@@ -41,60 +55,89 @@ if TYPE_CHECKING:
 )
 @options.json_option
 def command(
-    sensor_name: str,
-    rows: int | None,
-    cols: int | None,
-    black_level: float | None,
-    scene_name: str,
-    illuminant: str,
-    luminance: float,
-    distance: float,
-    f_number: float,
-    focal_length: float,
-    exposure: float,
-    seed: int,
-    output: Path,
-    preview: Path | None,
-    as_json: bool,
+    camera_file: Path | None, exposure: float | None, seed: int, output: Path, preview: Path | None, **told: Any
 ) -> None:
-    """Simulate a raw frame of a chart, seen through a diffraction-limited lens.
+    """Simulate a raw frame of a scene.
 
     The defaults are the paper's: a Nikon D200 with a 50 mm lens at f/8, a ColorChecker of 40 cd/m2 under tungsten
-    light (CIE A), 1/3 s. The chart fills the frame. The same seed gives the same frame; the sensor's fixed pattern
-    belongs to its serial and is the same in all frames.
+    light (CIE A), 1/3 s. The same seed gives the same frame; the sensor's fixed pattern belongs to its serial and is
+    the same in all frames.
+
+    A scene is a formula's name (photosite scenes lists them) or a file: a spectral cube, a render, a measured chart or
+    a picture. Files have their own light, where they say so; --illuminant lights reflectances and pictures, --luminance
+    scales. A lens is --f-number and --focal-length, or --optics FILE. --camera FILE holds all of it.
 
     Where the ColorChecker's patches stand, for validate's --corners: their field reaches 62 P above and below the
     frame's middle and 94 P to its left and right, P = max(cols / 196, rows / 132) pixels (square ones). The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
-    Example: photosite simulate --exposure 1/10 --seed 7 -o shot.dng --preview shot.png
+    Example: photosite simulate --scene siemens-star --f-number 4 --seed 7 -o shot.dng --preview shot.png
     """
-    from photosite.camera import Camera
-
-    sensor = options.load_sensor_resized(sensor_name, rows, cols, black_level)
-    camera = Camera(options.lens(f_number, focal_length), sensor)
-    scene = options.scene(scene_name, illuminant, luminance, distance)
+    as_json = told.pop("as_json")
+    set_up = _set_up(camera_file, told)
+    camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
+    scene = set_up.scene.scene()
     say_if_compiling()
-    raw = _balanced(camera.capture(scene, exposure, seed=seed), camera, illuminant)
+    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, set_up.scene, scene)
     _save(raw, output, preview)
-    if as_json:
-        print_json(_facts(raw, output, preview) | {"scene": scene.name, "sensor": sensor.name, "seed": seed})
-        return
     facts = _facts(raw, output, preview)
+    if as_json:
+        print_json(facts | {"scene": scene.name, "sensor": camera.sensor.name, "seed": seed})
+        return
     click.echo(
-        f"wrote {output}: {raw.shape[0]} x {raw.shape[1]} pixels of {sensor.name}, {scene.name}, "
-        f"{format_exposure(exposure)} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
+        f"wrote {output}: {raw.shape[0]} x {raw.shape[1]} pixels of {camera.sensor.name}, {scene.name}, "
+        f"{format_exposure(time_s)} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
         f"{100 * facts['saturated_fraction']:.3g} % saturated"
     )
     if preview is not None:
         click.echo(f"wrote {preview}")
 
 
-def _balanced(raw: RawFrame, camera: Camera, illuminant: str) -> RawFrame:
-    """The frame with what gray reads under its light, which a DNG keeps as its white balance."""
-    from photosite.scene.charts import uniform
+def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
+    """The camera file's set-up, or the paper's, with what the options say put in its place."""
+    from photosite.camera_file import SetUp, load_camera
 
-    neutral = camera.as_shot_neutral(uniform(illuminant, 1.0))
+    base = SetUp() if camera_file is None else load_camera(camera_file)
+    sensor = base.sensor
+    if told["sensor_name"] is not None:
+        sensor = options.load_sensor_resized(told["sensor_name"], None, None)
+    changes = {"rows": told["rows"], "cols": told["cols"], "black_level_dn": told["black_level"]}
+    return replace(
+        base,
+        sensor=sensor.with_(**{name: value for name, value in changes.items() if value is not None}),
+        optics=_optics(base.optics, told),
+        scene=options.request_of(base.scene, told),
+        cells_per_pixel=base.cells_per_pixel if told["cells"] is None else told["cells"],
+    )
+
+
+def _optics(base: Optics, told: dict[str, Any]) -> Optics:
+    from photosite.optics.file import load_optics
+    from photosite.optics.lens import DiffractionLimited
+
+    marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length"]}
+    marks = {name: value for name, value in marks.items() if value is not None}
+    if told["optics_file"] is not None:
+        base = load_optics(told["optics_file"])
+    if not marks:
+        return base
+    if told["optics_file"] is not None or not isinstance(base, DiffractionLimited):
+        option = "--" + next(iter(marks)).removesuffix("_mm").replace("_", "-")
+        raise InputError(f"{option} is said by the lens's file; leave one of them out, or change the file")
+    return replace(base, **marks)
+
+
+def _balanced(raw: RawFrame, camera: Camera, request: SceneRequest, scene: Scene) -> RawFrame:
+    """The frame with what gray reads under its light, where that is known: a DNG keeps it as its white balance."""
+    from photosite.scene.charts import uniform
+    from photosite.scene.request import DEFAULT_ILLUMINANT
+
+    light = request.illuminant
+    if light is None and not request.is_file:
+        light = DEFAULT_ILLUMINANT
+    if light is None:
+        return raw
+    neutral = camera.as_shot_neutral(uniform(light, 1.0))
     if neutral is None:
         return raw
     return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))

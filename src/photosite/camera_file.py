@@ -1,0 +1,206 @@
+"""Camera files: sensor, optics and scene of a whole set-up in one YAML file.
+
+photosite_camera: 1
+name: D200 with its 50 mm
+sensor: nikon-d200                  # a preset, or a sensor file
+optics: planar50.optics.yaml        # an optics file, or its fields: {f_number: 8, focal_length_mm: 50}
+scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}
+exposure: 1/3
+integration: trapezoid
+cells_per_pixel: 1
+
+File names are relative to the camera file. What is left out is the 2008 paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, get_args
+
+from photosite.camera import Camera
+from photosite.errors import FileError, InputError
+from photosite.exposure import parse_exposure
+from photosite.optics.lens import DiffractionLimited
+from photosite.optics.spread import Optics
+from photosite.scene.request import SceneRequest, check_options, scene_request
+from photosite.sensor.file import load_sensor
+from photosite.sensor.model import Sensor
+from photosite.spectra import Rule
+from photosite.yaml_file import check_keys, line_of, optional_text, read_yaml
+
+VERSION_KEY = "photosite_camera"
+DEFAULT_SENSOR = "nikon-d200"
+DEFAULT_F_NUMBER = 8.0
+DEFAULT_FOCAL_LENGTH_MM = 50.0
+DEFAULT_EXPOSURE_S = 1 / 3
+"""The 2008 paper's set-up; its scene's defaults stand in `photosite.scene.request`."""
+
+_KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
+_NUMBERS = {
+    "luminance_cd_m2": "mean_luminance_cd_m2",
+    "distance_m": "distance_m",
+    "width_m": "width_m",
+    "tolerance": "tolerance",
+}
+"""Numbers of the section `scene`, and their names in a `SceneRequest`."""
+_SCENE_KEYS = ("source", "illuminant", "units", "wavelength_nm", "options", *_NUMBERS)
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """A camera, and what it is usually pointed at.
+
+    Parameters
+    ----------
+    sensor, optics, integration, cells_per_pixel
+        As for `Camera`.
+    scene
+        What is seen.
+    exposure_s
+        Exposure time.
+    name
+        What to call it.
+
+    Examples
+    --------
+    >>> paper = SetUp()
+    >>> paper.sensor.name, paper.scene.source
+    ('Nikon D200', 'macbeth')
+    """
+
+    sensor: Sensor = field(default_factory=lambda: load_sensor(DEFAULT_SENSOR))
+    optics: Optics = field(default_factory=lambda: DiffractionLimited(DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM))
+    scene: SceneRequest = field(default_factory=SceneRequest)
+    exposure_s: float = DEFAULT_EXPOSURE_S
+    integration: Rule = "trapezoid"
+    cells_per_pixel: int = 1
+    name: str | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The lens in front of the sensor.
+
+        Raises
+        ------
+        InputError
+            If cells_per_pixel is not odd and positive.
+        """
+        return Camera(self.optics, self.sensor, self.integration, self.cells_per_pixel)
+
+
+def load_camera(path: str | PathLike[str]) -> SetUp:
+    """A set-up from a camera file.
+
+    Parameters
+    ----------
+    path
+        A YAML file with the fields that this module's text shows.
+
+    Raises
+    ------
+    FileError
+        If it is missing, is not YAML, or does not describe a camera, with the line; or if a file that it names is so.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "mine.camera.yaml").write_text("photosite_camera: 1\\noptics: {f_number: 4}\\n")
+    ...     load_camera(f"{folder}/mine.camera.yaml").optics.f_number
+    Traceback (most recent call last):
+    photosite.errors.FileError: ...mine.camera.yaml:2: optics: field 'focal_length_mm' is missing
+    """
+    file = Path(path)
+    data = read_yaml(file, "a camera file")
+    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
+        raise FileError(file, f"does not describe a camera: expected '{VERSION_KEY}: 1' and the camera's fields")
+    check_keys(file, data, _KEYS, "a camera file")
+    given: dict[str, Any] = {"name": optional_text(file, data, "name")}
+    for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", _scene), ("exposure", _exposure)):
+        if data.get(key) is not None:
+            given["exposure_s" if key == "exposure" else key] = read(file, data)
+    if (rule := optional_text(file, data, "integration")) is not None:
+        if rule not in get_args(Rule):
+            raise FileError(
+                file, f"integration is 'trapezoid' or 'rectangle', not '{rule}'", line_of(data, "integration")
+            )
+        given["integration"] = rule
+    if (cells := data.get("cells_per_pixel")) is not None:
+        if not isinstance(cells, int) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
+            raise FileError(
+                file, f"cells_per_pixel is 1, 3, 5, ..., not {cells!r:.40}", line_of(data, "cells_per_pixel")
+            )
+        given["cells_per_pixel"] = int(cells)
+    return SetUp(**given)
+
+
+def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:
+    name = optional_text(file, data, "sensor") or ""
+    is_file = Path(name).suffix in (".yaml", ".yml") or Path(name).name != name
+    try:
+        return load_sensor(file.parent / name if is_file else name)
+    except InputError as error:
+        raise FileError(file, str(error), line_of(data, "sensor")) from None
+
+
+def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
+    from photosite.optics.file import load_optics, parse_optics
+
+    told = data["optics"]
+    if isinstance(told, str):
+        return load_optics(file.parent / told)
+    if not isinstance(told, Mapping):
+        raise FileError(file, f"optics is an optics file, or its fields, not {told!r:.40}", line_of(data, "optics"))
+    return parse_optics(told, file, section="optics")
+
+
+def _scene(file: Path, data: Mapping[str, Any]) -> SceneRequest:
+    told = data["scene"]
+    line = line_of(data, "scene")
+    if isinstance(told, str):
+        told = {"source": told}
+    if not isinstance(told, Mapping):
+        raise FileError(file, f"scene is a formula's name, a file, or fields, not {told!r:.40}", line)
+    check_keys(file, told, _SCENE_KEYS, "scene")
+    said: dict[str, Any] = {"units": optional_text(file, told, "units")}
+    illuminant = told.get("illuminant")
+    if illuminant is not None and not isinstance(illuminant, str) and not _is_number(illuminant):
+        raise FileError(file, f"scene.illuminant is a name or a temperature in K, not {illuminant!r:.40}", line)
+    said["illuminant"] = illuminant
+    for key, name in _NUMBERS.items():
+        if (value := told.get(key)) is not None:
+            if not _is_number(value) or not value > 0:
+                raise FileError(file, f"scene.{key} is a number above 0, not {value!r:.40}", line_of(told, key) or line)
+            said[name] = float(value)
+    if (grid := told.get("wavelength_nm")) is not None:
+        if not isinstance(grid, list) or not all(map(_is_number, grid)):
+            raise FileError(file, "scene.wavelength_nm is a list of numbers", line_of(told, "wavelength_nm") or line)
+        said["wavelength_nm"] = [float(value) for value in grid]
+    options = told.get("options") or {}
+    if not isinstance(options, Mapping):
+        raise FileError(file, f"scene.options are fields, not {options!r:.40}", line_of(told, "options") or line)
+    said["options"] = {str(key): value for key, value in options.items()}
+    source = optional_text(file, told, "source") or SceneRequest().source
+    request = scene_request(source, file.parent, **said)
+    try:
+        if not request.is_file:
+            check_options(request.source, request.options)
+        elif not Path(request.source).exists():
+            raise InputError(f"scene.source '{source}' is neither a formula nor a file beside this one")
+    except InputError as error:
+        raise FileError(file, str(error), line_of(told, "source") or line) from None
+    return request
+
+
+def _exposure(file: Path, data: Mapping[str, Any]) -> float:
+    try:
+        return parse_exposure(fspath(str(data["exposure"])))
+    except InputError as error:
+        raise FileError(file, f"exposure: {error}", line_of(data, "exposure")) from None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

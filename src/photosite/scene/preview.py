@@ -1,0 +1,74 @@
+"""What a scene looks like to the standard observer: a picture of its radiance, without a camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.cie import colour_science
+from photosite.errors import InputError
+from photosite.scene.scene import Scene
+from photosite.spectra import xyz
+
+_STRIP = 256
+
+
+def tristimulus(scene: Scene) -> NDArray[np.float32]:
+    """(rows, cols, 3): CIE 1931 tristimulus values of every sample, Y in cd/m2.
+
+    Examples
+    --------
+    >>> from photosite.scene import charts
+    >>> round(float(tristimulus(charts.uniform("A", 40))[0, 0, 1]), 4)
+    40.0
+    """
+    of_basis = xyz(scene.basis, scene.wavelength_nm)  # (K, 3)
+    rows, cols = scene.shape
+    values = np.empty((rows, cols, 3), np.float32)
+    for first in range(0, rows, _STRIP):
+        strip = scene.weights[:, first : first + _STRIP].astype(np.float64)
+        values[first : first + _STRIP] = np.tensordot(strip, of_basis, axes=(0, 0))
+    return values
+
+
+def preview(
+    scene: Scene, white_cd_m2: float | None = None, *, white_xy: tuple[float, float] | None = None
+) -> NDArray[np.float32]:
+    """(rows, cols, 3) display sRGB, 0 to 1, of a scene as an eye adapted to its light would see it.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    white_cd_m2
+        Luminance that becomes display white; more is white too. None: that of the brightest 1 % of samples.
+    white_xy
+        Chromaticity that becomes display white, by von Kries' adaptation in CAT02. None: that of the scene's mean.
+
+    Raises
+    ------
+    InputError
+        If the scene is dark, or the white is not above 0.
+
+    Notes
+    -----
+    For looking at: what a display cannot show (colours outside sRGB, light above white) is cut off.
+
+    Examples
+    --------
+    >>> from photosite.scene import charts
+    >>> gray = preview(charts.uniform("A", 40), white_cd_m2=80)
+    >>> gray.shape, bool(np.ptp(gray) < 2e-3)
+    ((1, 1, 3), True)
+    """
+    colour = colour_science()
+    values = tristimulus(scene)
+    white = float(np.quantile(values[..., 1], 0.99)) if white_cd_m2 is None else white_cd_m2
+    if not white > 0:
+        raise InputError("a scene without light has no picture; give it a luminance, or say which one is white")
+    mean = values.reshape(-1, 3).mean(axis=0, dtype=np.float64) if white_xy is None else colour.xy_to_XYZ(white_xy)
+    d65 = colour.xy_to_XYZ(colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"])
+    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(mean / mean[1], d65, transform="CAT02")
+    to_rgb = (colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ adapt / white).astype(np.float32)
+    linear = np.clip(values @ to_rgb.T, 0.0, 1.0)
+    return np.asarray(colour.models.eotf_inverse_sRGB(linear), np.float32)

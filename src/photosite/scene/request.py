@@ -1,0 +1,193 @@
+"""A scene as people ask for one: a formula's name with its options, or a file, with a light and a place.
+
+The command line and the camera file both speak of scenes this way.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from photosite.errors import InputError, did_you_mean
+from photosite.scene.scene import Scene
+
+FORMULAS: Mapping[str, str] = MappingProxyType(
+    {
+        "macbeth": "photosite.scene.charts:macbeth",
+        "uniform": "photosite.scene.charts:uniform",
+        "slanted-edge": "photosite.scene.charts:slanted_edge",
+    }
+)
+"""Scenes by formula: the name as one asks for it, and the function that makes it."""
+
+DEFAULT_SCENE = "macbeth"
+DEFAULT_ILLUMINANT = "A"
+DEFAULT_LUMINANCE_CD_M2 = 40.0
+"""The 2008 paper's chart and light. Files have their own light, where they say so."""
+
+_SHARED = ("illuminant", "mean_luminance_cd_m2", "wavelength_nm", "distance_m", "width_m", "rule")
+"""What a request says in fields of its own, not among a formula's options."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRequest:
+    """What scene is wanted. None is left to the formula or the file.
+
+    Parameters
+    ----------
+    source
+        A formula's name (`FORMULAS`), or a file that `photosite.scene.files.read_scene` reads.
+    illuminant
+        As for `photosite.spectra.illuminant`. For a formula None is CIE A, the paper's light. A file of reflectances or
+        of a picture is lit by it; one of radiances whose reflectances are not known refuses it.
+    mean_luminance_cd_m2
+        None: 40 cd/m2 for a formula, what a file says for a file.
+    distance_m
+        From the lens.
+    width_m
+        At that distance; None lets the scene fill the sensor, unless its file says how wide it is.
+    wavelength_nm
+        (wavelengths,) of the scene.
+    units, tolerance
+        As for `read_scene`; files only.
+    options
+        A formula's own options, such as `contrast` of slanted-edge.
+    """
+
+    source: str = DEFAULT_SCENE
+    illuminant: str | float | None = None
+    mean_luminance_cd_m2: float | None = None
+    distance_m: float | None = None
+    width_m: float | None = None
+    wavelength_nm: ArrayLike | None = None
+    units: str | None = None
+    tolerance: float | None = None
+    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def is_file(self) -> bool:
+        """Whether the source is a file, not a formula."""
+        return self.source not in FORMULAS
+
+    @property
+    def unsaid(self) -> SceneRequest:
+        """Where this scene stands, and nothing else of it: for another scene in its place."""
+        return SceneRequest(distance_m=self.distance_m)
+
+    def scene(self) -> Scene:
+        """The scene itself.
+
+        Raises
+        ------
+        InputError
+            If there is neither such a formula nor such a file, an option is not the formula's, or a value cannot be.
+        FileError
+            If the file cannot be read as a scene.
+
+        Examples
+        --------
+        >>> SceneRequest("slanted-edge", options={"contrast": 10, "rows": 20, "cols": 30}).scene().shape
+        (20, 30)
+        >>> SceneRequest("slantededge").scene()
+        Traceback (most recent call last):
+        photosite.errors.InputError: no scene 'slantededge': it is no file, and no formula; did you mean 'slanted-edge'?
+        """
+        return self._of_file() if self.is_file else self._of_formula()
+
+    def _of_formula(self) -> Scene:
+        make = formula(self.source)
+        for name in ("units", "tolerance"):
+            if getattr(self, name) is not None:
+                raise InputError(f"{name} is said of a scene's file; '{self.source}' is a formula")
+        check_options(self.source, self.options)
+        wanted: dict[str, Any] = {
+            "illuminant": DEFAULT_ILLUMINANT if self.illuminant is None else self.illuminant,
+            "mean_luminance_cd_m2": (
+                DEFAULT_LUMINANCE_CD_M2 if self.mean_luminance_cd_m2 is None else self.mean_luminance_cd_m2
+            ),
+            "wavelength_nm": self.wavelength_nm,
+            "distance_m": self.distance_m,
+            "width_m": self.width_m,
+        }
+        takes = inspect.signature(make).parameters
+        for name in ("illuminant", "width_m"):
+            if name not in takes and getattr(self, name) is not None:
+                raise InputError(f"the scene '{self.source}' takes no {name}")
+        shared = {name: value for name, value in wanted.items() if name in takes and value is not None}
+        try:
+            return make(**shared, **self.options)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"the scene '{self.source}' cannot be made of these options: {error}") from None
+
+    def _of_file(self) -> Scene:
+        path = Path(self.source)
+        if not path.exists() and path.name == self.source and not path.suffix:
+            raise InputError(
+                f"no scene '{self.source}': it is no file, and no formula; {did_you_mean(self.source, FORMULAS)}"
+            )
+        if self.options:
+            raise InputError(f"option '{next(iter(self.options))}' is a formula's; a scene's file takes none")
+        said = {
+            "illuminant": self.illuminant,
+            "mean_luminance_cd_m2": self.mean_luminance_cd_m2,
+            "distance_m": self.distance_m,
+            "width_m": self.width_m,
+            "wavelength_nm": self.wavelength_nm,
+            "units": self.units,
+            "tolerance": self.tolerance,
+        }
+        from photosite.scene.files import read_scene
+
+        return read_scene(path, **{name: value for name, value in said.items() if value is not None})
+
+
+def formula(name: str) -> Callable[..., Scene]:
+    """The function that makes a formula's scene."""
+    module, _, attribute = FORMULAS[name].partition(":")
+    made: Callable[..., Scene] = getattr(importlib.import_module(module), attribute)
+    return made
+
+
+def formula_options(name: str) -> dict[str, Any]:
+    """A formula's own options with their defaults.
+
+    Examples
+    --------
+    >>> formula_options("slanted-edge")
+    {'angle_deg': 5.0, 'contrast': 4.0, 'rows': 400, 'cols': 400}
+    """
+    parameters = inspect.signature(formula(name)).parameters.values()
+    return {entry.name: entry.default for entry in parameters if entry.name not in _SHARED}
+
+
+def check_options(name: str, options: Mapping[str, Any]) -> None:
+    """Whether a formula has these options.
+
+    Raises
+    ------
+    InputError
+        If it lacks one.
+    """
+    known = formula_options(name)
+    for option in options:
+        if option not in known:
+            hint = did_you_mean(option, known) if known else "it has none"
+            raise InputError(f"the scene '{name}' has no option '{option}'; {hint}")
+
+
+def scene_request(source: str | PathLike[str], folder: Path | None = None, **said: Any) -> SceneRequest:
+    """A request whose source, where it is a file, is named from a folder: a camera file's, say."""
+    text = fspath(source)
+    if text in FORMULAS or folder is None:
+        return SceneRequest(text, **said)
+    return SceneRequest(fspath(folder / text), **said)
