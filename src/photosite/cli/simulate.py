@@ -112,12 +112,13 @@ def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
 
 
 def _optics(base: Optics, told: dict[str, Any]) -> Optics:
-    from photosite.optics.file import load_optics
     from photosite.optics.lens import DiffractionLimited
 
     marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length"]}
     marks = {name: value for name, value in marks.items() if value is not None}
     if told["optics_file"] is not None:
+        from photosite.optics.file import load_optics
+
         base = load_optics(told["optics_file"])
     if not marks:
         return base
