@@ -9,6 +9,7 @@ import click
 from photosite.cli import options
 from photosite.cli.farrell2008 import command as farrell2008
 from photosite.cli.fill_factor import command as fill_factor
+from photosite.cli.gallery import command as gallery
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 from photosite.errors import did_you_mean
 
@@ -52,6 +53,7 @@ def command() -> None:
 
 command.add_command(farrell2008)
 command.add_command(fill_factor)
+command.add_command(gallery)
 
 
 @command.command("coverage")
