@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
+from photosite.spectra import illuminant as relative_energy
+from photosite.spectra import photons_from_energy
 
 GRID = np.arange(400.0, 701.0, 10)
 
@@ -69,3 +73,74 @@ def test_light_outside_is_the_share_of_the_response_beyond_the_grid() -> None:
     assert scene.light_outside([300, 900], [1, 1]) == pytest.approx(300 / 600, rel=1e-9)
     assert scene.light_outside([710, 720], [1, 1]) == 1.0
     assert scene.light_outside([550], [1]) == 0.0
+
+
+def reflecting(seed: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (3, rows, cols) and reflectances (3, wavelengths)."""
+    rng = np.random.default_rng(seed)
+    return rng.random((3, 6, 7)).astype(np.float32), rng.random((3, GRID.size))
+
+
+def lit(illuminant: str) -> np.ndarray:
+    return 1e-3 * photons_from_energy(relative_energy(illuminant, GRID), GRID)
+
+
+def test_another_light_on_known_reflectance_is_that_reflectance_under_it() -> None:
+    weights, reflectance = reflecting()
+    scene = Scene(weights, reflectance * lit("A"), GRID, reflectance=reflectance)
+    day = scene.with_illuminant("D65", 12.0)
+    direct = Scene(weights, reflectance * lit("D65"), GRID).with_mean_luminance(12.0)
+    np.testing.assert_allclose(day.basis, direct.basis, rtol=1e-12)
+    assert day.mean_luminance_cd_m2() == pytest.approx(12.0, rel=1e-12)
+    kept = scene.with_illuminant("D65")
+    assert kept.mean_luminance_cd_m2() == pytest.approx(scene.mean_luminance_cd_m2(), rel=1e-12)
+    back = day.with_illuminant("A", scene.mean_luminance_cd_m2())
+    np.testing.assert_allclose(back.basis, scene.basis, rtol=1e-12)
+
+
+def test_the_light_of_a_scene_is_what_its_perfect_white_sends_out_at_any_luminance() -> None:
+    weights, reflectance = reflecting()
+    scene = Scene(weights, reflectance * lit("A"), GRID, reflectance=reflectance)
+    np.testing.assert_allclose(scene.light(), lit("A"), rtol=1e-12)
+    twice = scene.with_mean_luminance(2 * scene.mean_luminance_cd_m2())
+    np.testing.assert_allclose(twice.light(), 2 * lit("A"), rtol=1e-12)
+    assert twice.reflectance is not None
+    assert (twice.reflectance == reflectance).all()
+
+
+def test_a_light_that_nothing_reflects_is_not_known() -> None:
+    weights, reflectance = reflecting()
+    reflectance[:, 4] = 0.0
+    light = Scene(weights, reflectance * lit("A"), GRID, reflectance=reflectance).light()
+    assert light[4] == 0.0
+    assert light[5] == pytest.approx(lit("A")[5])
+
+
+def test_light_cannot_be_changed_where_reflectance_is_not_known() -> None:
+    scene = Scene.from_radiance(cube(), GRID, name="a walk")
+    for ask in (lambda: scene.with_illuminant("D65"), scene.light):
+        with pytest.raises(InputError, match="reflectances in 'a walk' are not known"):
+            ask()
+
+
+def test_reflectance_that_is_not_the_scene_s() -> None:
+    weights, reflectance = reflecting()
+    with pytest.raises(InputError, match=r"\(3, 31\), not shape \(2, 31\)"):
+        Scene(weights, reflectance * lit("A"), GRID, reflectance=reflectance[:2])
+    two_lights = np.stack([reflectance[0] * lit("A"), reflectance[1] * lit("D65"), reflectance[2] * lit("A")])
+    with pytest.raises(InputError, match="one light"):
+        Scene(weights, two_lights, GRID, reflectance=reflectance)
+    with pytest.raises(InputError, match="finite value for each"):
+        Scene(weights, reflectance * lit("A"), GRID, reflectance=reflectance * np.nan)
+
+
+def test_weights_on_disk_stay_there(tmp_path: Path) -> None:
+    stored = np.lib.format.open_memmap(tmp_path / "weights.npy", mode="w+", dtype=np.float32, shape=(2, 30, 40))
+    stored[:] = 0.5
+    scene = Scene(np.load(tmp_path / "weights.npy", mmap_mode="r"), np.ones((2, GRID.size)), GRID)
+    assert not scene.weights.flags.owndata
+    assert not scene.weights.flags.writeable
+    stored[1, 3, 4] = np.nan
+    stored.flush()
+    with pytest.raises(InputError, match="NaN"):
+        Scene(np.load(tmp_path / "weights.npy", mmap_mode="r"), np.ones((2, GRID.size)), GRID)

@@ -154,7 +154,8 @@ def macbeth(
     """
     grid = wavelength_grid(wavelength_nm)
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
-    spectra = macbeth_reflectance(grid) * light
+    reflectance = macbeth_reflectance(grid)
+    spectra = reflectance * light
     labels = np.full(_SHAPE, -1, dtype=np.intp)
     for patch, (r, c) in enumerate(_corners()):
         labels[r : r + _PATCH, c : c + _PATCH] = patch
@@ -166,6 +167,7 @@ def macbeth(
         width_m=width_m,
         regions=_regions(),
         name=f"ColorChecker, illuminant {_title(illuminant)}",
+        reflectance=reflectance,
     )
     # The patches have equal areas, so their mean luminance is that of the mean spectrum.
     patches = Scene.uniform(spectra.mean(axis=0), grid).mean_luminance_cd_m2(rule)
@@ -202,6 +204,7 @@ def uniform(
     grid = wavelength_grid(wavelength_nm)
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
     field = Scene.uniform(light, grid, distance_m, name=f"uniform field, illuminant {_title(illuminant)}")
+    field = replace(field, reflectance=np.ones_like(field.basis))
     return field.with_mean_luminance(mean_luminance_cd_m2, rule)
 
 

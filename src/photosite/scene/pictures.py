@@ -112,13 +112,15 @@ def from_srgb(
     if not linear.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
+    reflectance = srgb_reflectance(grid)
     scene = Scene(
         np.moveaxis(linear, 2, 0).astype(np.float32),
-        srgb_reflectance(grid) * light,
+        reflectance * light,
         grid,
         distance_m,
         width_m,
         name=name,
+        reflectance=reflectance,
     )
     return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
 

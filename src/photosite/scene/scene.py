@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.spectra import Rule, integration_weights, luminance_cd_m2, wavelength_grid
+from photosite.scene.reduction import few_spectra
+from photosite.spectra import (
+    Rule,
+    Spectrum,
+    integration_weights,
+    luminance_cd_m2,
+    photons_from_energy,
+    wavelength_grid,
+)
+from photosite.spectra import illuminant as relative_energy
 
 DEFAULT_DISTANCE_M = 1.2
+
+_BLOCK_SAMPLES = 1 << 22
+"""Samples looked at together: checks of a scene that lies on disk must not bring all of it into memory."""
+
+_ONE_LIGHT = 1e-4
+"""Largest part of a basis that reflectance times one light may leave over: files keep spectra in float32 or few digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +51,15 @@ class Scene:
         Named rectangles of samples, a chart's patches.
     name
         What to call it.
+    reflectance
+        (K, wavelengths) where one light falls on everything: the basis is the reflectance times that light's photons
+        from a perfect white. It lets the light be changed (`with_illuminant`). None where that is not known.
 
     Raises
     ------
     InputError
-        If shapes do not fit, values are not finite, or the distance or width is not positive.
+        If shapes do not fit, values are not finite, the distance or width is not positive, or the basis is not the
+        reflectance under one light.
 
     Examples
     --------
@@ -56,6 +75,7 @@ class Scene:
     width_m: float | None = None
     regions: tuple[Region, ...] = ()
     name: str = "scene"
+    reflectance: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         weights = np.asarray(self.weights, dtype=np.float32)
@@ -66,7 +86,7 @@ class Scene:
                 "a scene is weights (K, rows, cols) and basis (K, wavelengths): got weights "
                 f"{weights.shape}, basis {basis.shape}, {grid.size} wavelengths"
             )
-        if not (np.isfinite(weights).all() and np.isfinite(basis).all()):
+        if not (all(np.isfinite(block).all() for block in _blocks(weights)) and np.isfinite(basis).all()):
             raise InputError("a scene's weights and basis must be finite; some are NaN or infinite")
         if not (np.isfinite(self.distance_m) and self.distance_m > 0):
             raise InputError(f"a scene's distance must be above 0 m, not {self.distance_m}")
@@ -74,6 +94,8 @@ class Scene:
             raise InputError(f"a scene's width must be above 0 m, not {self.width_m}")
         for name, value in (("weights", weights), ("basis", basis), ("wavelength_nm", grid)):
             object.__setattr__(self, name, value)
+        if self.reflectance is not None:
+            object.__setattr__(self, "reflectance", _reflectance_of(basis, self.reflectance))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -154,21 +176,10 @@ class Scene:
         if not 0 < tolerance < 1:
             raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {tolerance}")
         rows, cols, count = radiance.shape
-        samples = radiance.reshape(-1, count)
-        # Eigenvectors of the small (wavelengths, wavelengths) matrix: the right singular vectors of the tall one.
-        power, vectors = np.linalg.eigh(samples.T @ samples)
-        power, vectors = (
-            np.maximum(power[::-1], 0.0),
-            vectors[:, ::-1],
-        )  # rounding only: the matrix is a Gram matrix
-        left_over = power.sum() - np.cumsum(power)
-        K = int(np.argmax(left_over <= tolerance**2 * power.sum())) + 1 if power.sum() > 0 else 1
-        weights = samples @ vectors[:, :K]
-        scale = np.abs(weights).max(axis=0)
-        scale[scale == 0] = 1.0  # a dark scene: weights stay zero
+        weights, basis = few_spectra(radiance.reshape(-1, count), tolerance)
         return cls(
-            (weights / scale).T.reshape(K, rows, cols).astype(np.float32),
-            scale[:, None] * vectors[:, :K].T,
+            weights.T.reshape(-1, rows, cols).astype(np.float32),
+            basis,
             wavelength_grid(wavelength_nm),
             distance_m,
             width_m,
@@ -200,10 +211,61 @@ class Scene:
         return self.scaled(mean_luminance_cd_m2 / now)
 
     def scaled(self, factor: float) -> Scene:
-        """The same scene with its radiance multiplied by a factor."""
+        """The same scene with its radiance multiplied by a factor; what it reflects stays."""
         if not (np.isfinite(factor) and factor >= 0):
             raise InputError(f"radiance is multiplied by 0 or more, not {factor}")
         return replace(self, basis=self.basis * factor)
+
+    def light(self) -> NDArray[np.float64]:
+        """(wavelengths,) photons/s/sr/m2/nm that a perfect white in the scene sends out.
+
+        0 at a wavelength that nothing in the scene reflects, where the light cannot be told.
+
+        Raises
+        ------
+        InputError
+            If the scene's reflectance is not known.
+        """
+        if self.reflectance is None:
+            raise InputError(_no_reflectance(self.name))
+        return _light(self.basis, self.reflectance)
+
+    def with_illuminant(
+        self,
+        illuminant: str | float | Spectrum,
+        mean_luminance_cd_m2: float | None = None,
+        rule: Rule = "trapezoid",
+    ) -> Scene:
+        """The same things under another light.
+
+        Parameters
+        ----------
+        illuminant
+            As for `photosite.spectra.illuminant`.
+        mean_luminance_cd_m2
+            Mean over all samples under the new light; None keeps the mean that the scene has.
+        rule
+            Integration rule of the luminance.
+
+        Raises
+        ------
+        InputError
+            If the scene's reflectance is not known, the illuminant is unknown or does not reach the scene's
+            wavelengths, or the scene is dark.
+
+        Examples
+        --------
+        >>> from photosite.scene.charts import macbeth
+        >>> chart = macbeth("A", 40)
+        >>> dusk = chart.with_illuminant("D75")
+        >>> round(dusk.mean_luminance_cd_m2() / chart.mean_luminance_cd_m2(), 9)
+        1.0
+        """
+        if self.reflectance is None:
+            raise InputError(_no_reflectance(self.name))
+        wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
+        light = photons_from_energy(relative_energy(illuminant, self.wavelength_nm), self.wavelength_nm)
+        return replace(self, basis=self.reflectance * light).with_mean_luminance(wanted, rule)
 
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
         """Share of a response's area that lies beyond the scene's wavelengths, where the scene says nothing.
@@ -238,6 +300,41 @@ def _radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     return radiance
 
 
+def _blocks(weights: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
+    """The weights, some rows of one component at a time."""
+    step = max(1, _BLOCK_SAMPLES // weights.shape[2])
+    for component in weights:
+        for first in range(0, weights.shape[1], step):
+            yield component[first : first + step]
+
+
+def _no_reflectance(name: str) -> str:
+    return (
+        f"the reflectances in '{name}' are not known, only the light that comes from it, so its light cannot be "
+        "changed; use a scene made from reflectances, such as a chart or a picture under one light"
+    )
+
+
+def _reflectance_of(basis: NDArray[np.float64], reflectance: ArrayLike) -> NDArray[np.float64]:
+    values = np.asarray(reflectance, dtype=np.float64)
+    if values.shape != basis.shape or not np.isfinite(values).all():
+        raise InputError(
+            f"a scene's reflectance has a finite value for each of its basis, {basis.shape}, not shape {values.shape}"
+        )
+    if np.abs(basis - values * _light(basis, values)).max() > _ONE_LIGHT * np.abs(basis).max():
+        raise InputError(
+            "a scene's basis is its reflectance times the photons of one light; these are no multiples of each other "
+            "by one factor per wavelength (leave the reflectance out where several lights mix)"
+        )
+    return values
+
+
+def _light(basis: NDArray[np.float64], reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The light that least squares find: exact where basis = reflectance * light."""
+    power = (reflectance**2).sum(axis=0)
+    return np.divide((basis * reflectance).sum(axis=0), power, out=np.zeros_like(power), where=power > 0)
+
+
 def labelled(
     labels: NDArray[np.intp],
     spectra: NDArray[np.float64],
@@ -247,7 +344,8 @@ def labelled(
     width_m: float | None,
     regions: Sequence[Region],
     name: str,
+    reflectance: NDArray[np.float64] | None = None,
 ) -> Scene:
     """A scene of few colours: (rows, cols) indices into (K, wavelengths) spectra, -1 for black. Exact."""
     weights = (labels[None] == np.arange(len(spectra))[:, None, None]).astype(np.float32)
-    return Scene(weights, spectra, wavelength_nm, distance_m, width_m, tuple(regions), name)
+    return Scene(weights, spectra, wavelength_nm, distance_m, width_m, tuple(regions), name, reflectance)
