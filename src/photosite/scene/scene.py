@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
+from photosite.scene.weights import checked_weights
 from photosite.scene.reduction import few_spectra
 from photosite.spectra import (
     Rule,

@@ -1,0 +1,50 @@
+"""Weights of a scene that may be larger than memory: looked through in blocks, and mapped from their file."""
+
+from __future__ import annotations
+
+import mmap
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_BLOCK_VALUES = 1 << 22
+
+
+class MappedWeights(np.memmap):
+    """Weights that lie in a file, mapped read-only; who opened them has looked at every one."""
+
+
+def checked_weights(weights: ArrayLike) -> tuple[NDArray[np.float32], bool]:
+    """Weights as float32, and whether all are finite. What is float32 already, mapped files too, is not copied."""
+    array: NDArray[np.float32] = np.asarray(weights, dtype=np.float32)
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        if isinstance(owner, MappedWeights) and owner._mmap is not None:  # a product of it lies in memory
+            return array, True
+        owner = owner.base
+    return array, all_finite(array)
+
+
+def all_finite(array: NDArray[np.float32]) -> bool:
+    """Whether every value is finite; of a mapped file no more than a block stays in memory."""
+    if array.size <= _BLOCK_VALUES or not array.flags.c_contiguous:
+        return bool(np.isfinite(array).all())
+    mapped = _mapping(array)
+    flat = array.reshape(-1)
+    for first in range(0, flat.size, _BLOCK_VALUES):
+        if not np.isfinite(flat[first : first + _BLOCK_VALUES]).all():
+            return False
+        if mapped is not None and hasattr(mapped, "madvise"):
+            mapped.madvise(mmap.MADV_DONTNEED)
+    return True
+
+
+def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
+    """The read-only file mapping that an array lies in, where it does: its pages may be dropped, to be read again."""
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    if isinstance(owner, memoryview):
+        owner = owner.obj
+    return owner if isinstance(owner, mmap.mmap) and not array.flags.writeable else None
