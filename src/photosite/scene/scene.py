@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.weights import checked_weights
 from photosite.scene.reduction import few_spectra
+from photosite.scene.weights import checked_weights
 from photosite.spectra import (
     Rule,
     Spectrum,
@@ -24,11 +24,8 @@ from photosite.spectra import illuminant as relative_energy
 
 DEFAULT_DISTANCE_M = 1.2
 
-_BLOCK_SAMPLES = 1 << 22
-"""Samples looked at together: checks of a scene that lies on disk must not bring all of it into memory."""
-
 _ONE_LIGHT = 1e-4
-"""Largest part of a basis that reflectance times one light may leave over: files keep spectra in float32 or few digits."""
+"""Largest part of a basis that reflectance times one light may leave over: files keep spectra in few digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +52,8 @@ class Scene:
     reflectance
         (K, wavelengths) where one light falls on everything: the basis is the reflectance times that light's photons
         from a perfect white. It lets the light be changed (`with_illuminant`). None where that is not known.
+    relative_error
+        RMS error of the radiance relative to its RMS, where it was reduced from more spectra; 0 where it is exact.
 
     Raises
     ------
@@ -77,9 +76,10 @@ class Scene:
     regions: tuple[Region, ...] = ()
     name: str = "scene"
     reflectance: NDArray[np.float64] | None = None
+    relative_error: float = 0.0
 
     def __post_init__(self) -> None:
-        weights = np.asarray(self.weights, dtype=np.float32)
+        weights, finite = checked_weights(self.weights)
         basis = np.asarray(self.basis, dtype=np.float64)
         grid = wavelength_grid(self.wavelength_nm)
         if weights.ndim != 3 or 0 in weights.shape or basis.shape != (weights.shape[0], grid.size):
@@ -87,7 +87,7 @@ class Scene:
                 "a scene is weights (K, rows, cols) and basis (K, wavelengths): got weights "
                 f"{weights.shape}, basis {basis.shape}, {grid.size} wavelengths"
             )
-        if not (all(np.isfinite(block).all() for block in _blocks(weights)) and np.isfinite(basis).all()):
+        if not (finite and np.isfinite(basis).all()):
             raise InputError("a scene's weights and basis must be finite; some are NaN or infinite")
         if not (np.isfinite(self.distance_m) and self.distance_m > 0):
             raise InputError(f"a scene's distance must be above 0 m, not {self.distance_m}")
@@ -301,14 +301,6 @@ def _radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     return radiance
 
 
-def _blocks(weights: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
-    """The weights, some rows of one component at a time."""
-    step = max(1, _BLOCK_SAMPLES // weights.shape[2])
-    for component in weights:
-        for first in range(0, weights.shape[1], step):
-            yield component[first : first + step]
-
-
 def _no_reflectance(name: str) -> str:
     return (
         f"the reflectances in '{name}' are not known, only the light that comes from it, so its light cannot be "
@@ -333,7 +325,10 @@ def _reflectance_of(basis: NDArray[np.float64], reflectance: ArrayLike) -> NDArr
 def _light(basis: NDArray[np.float64], reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
     """The light that least squares find: exact where basis = reflectance * light."""
     power = (reflectance**2).sum(axis=0)
-    return np.divide((basis * reflectance).sum(axis=0), power, out=np.zeros_like(power), where=power > 0)
+    light: NDArray[np.float64] = np.divide(
+        (basis * reflectance).sum(axis=0), power, out=np.zeros_like(power), where=power > 0
+    )
+    return light
 
 
 def labelled(

@@ -20,7 +20,8 @@ def checked_weights(weights: ArrayLike) -> tuple[NDArray[np.float32], bool]:
     array: NDArray[np.float32] = np.asarray(weights, dtype=np.float32)
     owner: Any = array
     while isinstance(owner, np.ndarray):
-        if isinstance(owner, MappedWeights) and owner._mmap is not None:  # a product of it lies in memory
+        # The product of one lies in memory, and is none.
+        if isinstance(owner, MappedWeights) and getattr(owner, "_mmap", None) is not None:
             return array, True
         owner = owner.base
     return array, all_finite(array)
