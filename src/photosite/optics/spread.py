@@ -10,12 +10,15 @@ frame is. A point spread is normalised to its own light. Its transfer function i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from photosite.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -98,12 +101,38 @@ class RadialMapping:
     ideal_m
         (n,) increasing from 0: image heights of a lens without distortion, focal length and distance being the same.
     real_m
-        (L, n): the image heights of this lens, increasing.
+        (L, n): the image heights of this lens, increasing from 0.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a value is not finite, or heights or wavelengths do not increase.
     """
 
     wavelength_nm: Array
     ideal_m: Array
     real_m: Array
+
+    def __post_init__(self) -> None:
+        grid, ideal, real = (np.asarray(a, np.float64) for a in (self.wavelength_nm, self.ideal_m, self.real_m))
+        lines = grid.ndim == ideal.ndim == 1
+        if not lines or grid.size < 1 or ideal.size < 2 or real.shape != (grid.size, ideal.size):
+            raise InputError(
+                "a mapping is wavelength_nm (L,), ideal_m (n,) of 2 heights or more and real_m (L, n): got shapes "
+                f"{grid.shape}, {ideal.shape} and {real.shape}"
+            )
+        if not all(np.isfinite(a).all() for a in (grid, ideal, real)):
+            raise InputError("a mapping's wavelengths and heights must be finite; some are NaN or infinite")
+        if (np.diff(grid) <= 0).any():
+            raise InputError("a mapping's wavelengths must increase; sort them, with their rows of real_m")
+        for name, heights in (("ideal_m", ideal[None]), ("real_m", real)):
+            if (heights[:, 0] != 0).any() or (np.diff(heights) <= 0).any():
+                raise InputError(
+                    f"a mapping's {name} must increase from 0 on the axis; an image that folds back over itself, or a "
+                    "table that is not sorted by height, cannot be laid on a sensor"
+                )
+        for name, value in (("wavelength_nm", grid), ("ideal_m", ideal), ("real_m", real)):
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -116,10 +145,23 @@ class VeilingGlare:
         Of all light that arrives, 0 to below 1: the veiling glare index of an even field, ISO 9358.
     spread_m
         Scale of the scatter on the sensor: it falls as exp(-distance / spread). None: even over the whole frame.
+
+    Raises
+    ------
+    InputError
+        If the fraction is not from 0 to below 1, or the scale is not above 0.
     """
 
     fraction: float
     spread_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.fraction < 1:
+            raise InputError(f"veiling glare is a fraction of all light, 0 to below 1, not {self.fraction}")
+        if self.spread_m is not None and not (math.isfinite(self.spread_m) and self.spread_m > 0):
+            raise InputError(
+                f"veiling glare's spread must be above 0 m, not {self.spread_m}; None spreads it evenly over the frame"
+            )
 
 
 class Optics(Protocol):
