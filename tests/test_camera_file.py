@@ -1,0 +1,123 @@
+"""Camera files: what they say, whose defaults hold, and what is wrong with them in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.camera_file import SetUp, load_camera
+from photosite.errors import FileError, InputError
+from photosite.optics.lens import DiffractionLimited
+from photosite.scene.request import SceneRequest
+
+
+def written(folder: Path, text: str) -> Path:
+    file = folder / "mine.camera.yaml"
+    file.write_text("photosite_camera: 1\n" + text)
+    return file
+
+
+def test_an_empty_file_is_the_papers_set_up(tmp_path: Path) -> None:
+    told, paper = load_camera(written(tmp_path, "")), SetUp()
+    assert (told.sensor, told.optics, told.exposure_s) == (paper.sensor, paper.optics, 1 / 3)
+    assert told.optics == DiffractionLimited(8, 50)
+    np.testing.assert_array_equal(told.scene.scene().basis, ps.charts.macbeth("A", 40).basis)
+
+
+def test_everything_can_be_said(tmp_path: Path) -> None:
+    ps.load_sensor("vendor-2.2um").with_(rows=40, cols=60).save(tmp_path / "chip.sensor.yaml")
+    file = written(
+        tmp_path,
+        """name: phone
+sensor: chip.sensor.yaml
+optics: {f_number: 2.8, focal_length_mm: 4.88, transmittance: 0.9}
+scene:
+  source: slanted-edge
+  illuminant: D65
+  luminance_cd_m2: 100
+  distance_m: 0.5
+  width_m: 0.3
+  options: {contrast: 10, rows: 80, cols: 120}
+exposure: 1/50
+integration: rectangle
+cells_per_pixel: 3
+""",
+    )
+    told = load_camera(file)
+    assert (told.name, told.exposure_s, told.integration, told.cells_per_pixel) == ("phone", 1 / 50, "rectangle", 3)
+    assert (told.sensor.array.rows, told.sensor.name) == (40, ps.load_sensor("vendor-2.2um").name)
+    assert told.optics == DiffractionLimited(2.8, 4.88, 0.9)
+    scene = told.scene.scene()
+    assert (scene.shape, scene.distance_m, scene.width_m) == ((80, 120), 0.5, 0.3)
+    assert scene.mean_luminance_cd_m2() == pytest.approx(100)
+    expected = ps.charts.slanted_edge("D65", 100, contrast=10, rows=80, cols=120, distance_m=0.5, width_m=0.3)
+    np.testing.assert_array_equal(
+        told.camera.mean_electrons(scene, told.exposure_s),
+        ps.Camera(told.optics, told.sensor, "rectangle", 3).mean_electrons(expected, 1 / 50),
+    )
+
+
+def test_files_are_named_from_the_camera_files_folder(tmp_path: Path) -> None:
+    ps.load_sensor("nikon-d200").with_(rows=10, cols=12).save(tmp_path / "chip.sensor.yaml")
+    scene = ps.charts.uniform("A", 7)
+    scene.save(tmp_path / "field.h5")
+    told = load_camera(written(tmp_path, "sensor: chip.sensor.yaml\nscene: field.h5\n"))
+    assert told.sensor.array.rows == 10
+    assert told.scene.scene().mean_luminance_cd_m2() == pytest.approx(7, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("sensr: nikon-d200\n", "mine.camera.yaml:2: a camera file has no key 'sensr'; did you mean 'sensor'?"),
+        ("sensor: nikon-d20\n", "mine.camera.yaml:2: unknown sensor 'nikon-d20'"),
+        ("sensor: none.sensor.yaml\n", "none.sensor.yaml: there is no such file"),
+        ("exposure: soon\n", "mine.camera.yaml:2: exposure: "),
+        ("integration: simpson\n", "mine.camera.yaml:2: integration is 'trapezoid' or 'rectangle', not 'simpson'"),
+        ("cells_per_pixel: 2\n", "mine.camera.yaml:2: cells_per_pixel is 1, 3, 5, ..., not 2"),
+        ("optics: 8\n", "mine.camera.yaml:2: optics is an optics file, or its fields, not 8"),
+        ("optics: {f_number: 8}\n", "focal_length_mm"),
+        ("optics: gone.yaml\n", "gone.yaml: there is no such file"),
+        ("scene: [1]\n", "mine.camera.yaml:2: scene is a formula's name, a file, or fields"),
+        ("scene:\n  sorce: macbeth\n", "mine.camera.yaml:3: scene has no key 'sorce'; did you mean 'source'?"),
+        ("scene:\n  source: macbth\n", "mine.camera.yaml:3: scene.source 'macbth' is neither a formula nor a file"),
+        ("scene:\n  luminance_cd_m2: -3\n", "mine.camera.yaml:3: scene.luminance_cd_m2 is a number above 0, not -3"),
+        ("scene:\n  wavelength_nm: 400\n", "mine.camera.yaml:3: scene.wavelength_nm is a list of numbers"),
+        (
+            "scene:\n  source: slanted-edge\n  options: {contras: 3}\n",
+            "mine.camera.yaml:3: the scene 'slanted-edge' has no option 'contras'; did you mean 'contrast'?",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(FileError) as error:
+        load_camera(written(tmp_path, text))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_no_camera_file(tmp_path: Path) -> None:
+    file = tmp_path / "sensor.yaml"
+    file.write_text("photosite_sensor: 1\n")
+    with pytest.raises(FileError, match="does not describe a camera: expected 'photosite_camera: 1'"):
+        load_camera(file)
+
+
+class TestSceneRequest:
+    def test_a_formula_is_not_asked_what_files_are(self) -> None:
+        with pytest.raises(InputError, match="units is said of a scene's file; 'macbeth' is a formula"):
+            SceneRequest("macbeth", units="W").scene()
+
+    def test_a_file_takes_no_formulas_options(self, tmp_path: Path) -> None:
+        ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
+        with pytest.raises(InputError, match="option 'contrast' is a formula's"):
+            SceneRequest(str(tmp_path / "field.h5"), options={"contrast": 3}).scene()
+
+    def test_options_that_cannot_be_are_the_formulas_error(self) -> None:
+        with pytest.raises(InputError, match="contrast is above 1, not 0.5"):
+            SceneRequest("slanted-edge", options={"contrast": 0.5}).scene()
+        with pytest.raises(InputError, match="'slanted-edge'"):
+            SceneRequest("slanted-edge", options={"contrast": "high"}).scene()
