@@ -9,7 +9,7 @@ import pytest
 
 SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 
-COMMON = {"errors", "measured", "cfa", "regions", "exposure", "atomic", "cie", "yaml_file"}
+COMMON = {"errors", "measured", "cfa", "regions", "exposure", "atomic", "cie", "yaml_file", "mat_file", "hdf5_heap"}
 """Leaves at the top that say nothing of scenes, lenses, sensors or frames."""
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -21,6 +21,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "atomic": {"errors"},
     "cie": set(),
     "yaml_file": {"errors"},
+    "mat_file": {"errors"},
+    "hdf5_heap": {"errors"},
     "spectra": {"errors", "cie"},
     "engine": set(),
     "scene": COMMON | {"spectra", "engine"},

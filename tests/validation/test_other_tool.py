@@ -156,7 +156,7 @@ def test_a_mosaics_patches_against_the_plain_way():
 
 
 def test_a_reader_that_crashes_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("photosite.validation.mat_file.sys.executable", "/bin/false")
+    monkeypatch.setattr("photosite.mat_file.sys.executable", "/bin/false")
     savemat(tmp_path / "a.mat", {"a": VALUES})
     with pytest.raises(FileError, match="its reader crashed"):
         read_mat(tmp_path / "a.mat", ELECTRONS)

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from photosite.cfa import NAMED, Cfa, cfa_from
 from photosite.errors import FileError, InputError
-from photosite.frames.hdf5_heap import check_heaps
 from photosite.frames.header import FrameHeader, Place
 from photosite.frames.raw_frame import RawFrame
+from photosite.hdf5_heap import check_heaps
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SUFFIXES = frozenset({".h5", ".hdf5", ".hdf"})

@@ -19,9 +19,9 @@ from photosite.cfa import MONOCHROME, Cfa, channel_names, channel_sites
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.read import SUFFIXES, read_raw
+from photosite.mat_file import load_mat
 from photosite.regions import Patch
 from photosite.validation.compare import UNITS, PatchValues, Unit
-from photosite.validation.mat_file import load_mat
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
 
 _LARGEST_BYTES = 1 << 22

@@ -34,7 +34,7 @@ def load_mat(file: Path) -> dict[str, Any]:
     """
     if not file.is_file():
         raise FileError(file, "there is no such file")
-    command = [sys.executable, "-m", "photosite.validation.mat_file", str(file.absolute())]
+    command = [sys.executable, "-m", "photosite.mat_file", str(file.absolute())]
     child = subprocess.run(command, capture_output=True, check=False)
     if child.returncode:
         raise FileError(file, "is no MATLAB file, or a damaged one: its reader crashed")
