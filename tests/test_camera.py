@@ -76,20 +76,20 @@ def test_mean_electrons_equal_the_sum_over_wavelengths(f_number: float) -> None:
 
 def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     """The chart's 24 spectra as some ten maps, against all 24 as they are: within 1e-5 of full scale."""
-    from photosite import mosaic
+    from photosite import mosaic, transfers
 
     camera = ps.Camera(LENS, D200.with_(rows=264, cols=392))
     made: list[int] = []
-    plain = mosaic._reduced_transfer
+    plain = transfers.reduced_transfer
 
     def counted(*arguments: object) -> object:
-        transfer, mixing = plain(*arguments)  # type: ignore[arg-type]
-        made.append(len(mixing))
-        return transfer, mixing
+        reduced = plain(*arguments)  # type: ignore[arg-type]
+        made.append(len(reduced.mixing))
+        return reduced
 
-    monkeypatch.setattr(mosaic, "_reduced_transfer", counted)
+    monkeypatch.setattr(mosaic, "reduced_transfer", counted)
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
-    monkeypatch.setattr(mosaic, "_MAP_TOLERANCE", 0.0)
+    monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     assert made[0] < 16
     assert made[1] == 24

@@ -13,19 +13,17 @@ from numpy.typing import NDArray
 
 from photosite.cfa import channel_sites
 from photosite.engine.jit import threads_for
-from photosite.engine.mosaic import Laying, mosaic_of_maps
-from photosite.engine.transfer import RadialTransfer, Sampling
+from photosite.engine.laying import Field, Grid, Layer
+from photosite.engine.mosaic import mosaic_of_layers
+from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.spread import Optics, RadialSpread
+from photosite.optics.spread import FieldSpread, Optics
 from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
+from photosite.transfers import field_scale, reduced_transfer
 
-_TRANSFER_NODES = 4097
-_SVD_STRIDE = 16
-_MAP_TOLERANCE = 5e-6
-"""Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
 _STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
@@ -79,59 +77,38 @@ def _blurred_mosaic(
     pixel, array = sensor.pixel, sensor.array
     pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
     side = math.sqrt(pixel.fill_factor.value)
+    sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells)
     spread = optics.spread(scene.distance_m)
-    transfer, mixing = _reduced_transfer(scene, spread, coupling)
+    reduced = reduced_transfer(spread, coupling, scene.wavelength_nm, sampling)
     where = placement(scene, optics, sensor)
-    laying = Laying(
-        shape=(array.rows, array.cols),
+    layer = Layer(
+        weights=scene.weights,
         start=(where.row_start, where.col_start),
         step=(where.row_step, where.col_step),
-        padding=_padding(scene, spread, min(pitch)),
+        mixing=reduced.mixing.astype(np.float32),
+        transfer=reduced.transfer,
+        field=_field(spread, sensor) if isinstance(spread, FieldSpread) else None,
+    )
+    grid = Grid(
+        shape=(array.rows, array.cols),
+        padding=math.ceil(reduced.padding_m / min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
+        cells_per_pixel=cells,
     )
     with threads_for(array.rows * array.cols * cells**2):
-        return mosaic_of_maps(
-            scene.weights,
-            mixing.astype(np.float32),
-            transfer,
-            Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells),
-            laying,
-            [channel_sites(array.cfa, name) for name in sensor.channel_names],
+        return mosaic_of_layers(
+            [layer], sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
         )
 
 
-def _padding(scene: Scene, spread: RadialSpread, pitch_m: float) -> int:
-    """Pixels of scene kept beyond each border."""
-    middle = scene.wavelength_nm[scene.wavelength_nm.size // 2]
-    return math.ceil(spread.reach_m(middle) / pitch_m)
-
-
-def _reduced_transfer(
-    scene: Scene, spread: RadialSpread, coupling: NDArray[np.float64]
-) -> tuple[RadialTransfer, NDArray[np.float64]]:
-    """The lens summed over wavelength for R maps, and (R, K) how these mix from the scene's K weights.
-
-    A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot tell them all apart: the
-    weights are combined to the ten or so maps that matter, by singular values.
-    """
-    reach = max(spread.cutoff_per_m(w) for w in scene.wavelength_nm)
-    frequencies = np.linspace(0.0, reach, _TRANSFER_NODES)
-    otf = np.stack([spread.otf(frequencies, w) for w in scene.wavelength_nm])
-    table = coupling @ otf  # (channels, K, nodes)
-    channels, count, nodes = table.shape
-    tall = table.transpose(0, 2, 1).reshape(-1, count)
-    # The table is smooth in frequency: every 16th node spans what all of them do.
-    coarse = table[:, :, ::_SVD_STRIDE].transpose(0, 2, 1).reshape(-1, count)
-    directions = np.linalg.svd(coarse, full_matrices=False)[2]
-    limit = _MAP_TOLERANCE * np.abs(tall).max()
-    for keep in range(1, len(directions)):
-        mixing = directions[:keep]
-        reduced = tall @ mixing.T
-        # Of what is left out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
-        if np.abs(tall - reduced @ mixing).max() <= limit:
-            maps = reduced.reshape(channels, nodes, keep).transpose(0, 2, 1)
-            return RadialTransfer(maps, float(frequencies[1])), mixing
-    return RadialTransfer(table, float(frequencies[1])), np.eye(count)
+def _field(spread: FieldSpread, sensor: Sensor) -> Field:
+    """The spread's weights over the frame's pixels, their largest magnitudes left to the transfer."""
+    pixel, array = sensor.pixel, sensor.array
+    return Field(
+        row=spread.y_m / (pixel.height_um.value * 1e-6) + array.rows / 2,
+        col=spread.x_m / (pixel.width_um.value * 1e-6) + array.cols / 2,
+        weights=spread.weights / field_scale(spread)[:, None, None],
+    )
 
 
 def _even_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:

@@ -29,7 +29,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "optics": COMMON | {"spectra", "engine"},
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
-    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra"},
+    "transfers": COMMON | {"optics", "engine"},  # what a lens's spread is to the engine; no scene, no sensor
+    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers"},
     "profile": COMMON | {"scene", "sensor", "spectra"},
     "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "profile"},
     "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
@@ -37,7 +38,18 @@ MAY_IMPORT: dict[str, set[str]] = {
     "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
     "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
 }
-BELOW = COMMON | {"spectra", "engine", "scene", "optics", "sensor", "frames", "mosaic", "profile", "camera", "camera_file"}
+BELOW = COMMON | {
+    "spectra",
+    "engine",
+    "scene",
+    "optics",
+    "sensor",
+    "frames",
+    "mosaic",
+    "profile",
+    "camera",
+    "camera_file",
+}
 BELOW |= {"calibration", "develop", "metrics"}
 MAY_IMPORT["validation"] = BELOW
 MAY_IMPORT["report"] = BELOW | {"validation", "studies"}

@@ -11,8 +11,9 @@ and because the lens passes nothing beyond its cutoff the sum is short. Without 
 ring, and dark samples beside bright ones would come out negative. At f = 0 only m = 0 is left: a uniform field keeps
 its value.
 
-H is never held: m = 0 is a table in |f| times two sinc functions, and the folded terms are smooth, so few products of
-a function of each axis hold them (`FoldedTerms`).
+H is never held. Of a rotationally symmetric lens m = 0 is a table in |f| times two sinc functions, and the folded terms
+are smooth, so few products of a function of each axis hold them (`FoldedTerms`). Of any other lens the kernel itself is
+held, on the few cells that it covers, and H at a frequency is interpolated from its transform (`kernels`).
 """
 
 from __future__ import annotations
@@ -40,21 +41,27 @@ class Sampling:
         Size of the photodetector, centred in the pixel.
     cells_per_pixel
         On each axis; odd, so that a cell lies at the pixel's centre.
+    split_m
+        Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light: four
+        spots in all. 0: not at all.
     """
 
     pitch_m: tuple[float, float]
     detector_m: tuple[float, float]
     cells_per_pixel: int = 1
+    split_m: tuple[float, float] = (0.0, 0.0)
 
     def cell_m(self, axis: int) -> float:
         """Size of a cell on an axis, 0 vertical, 1 horizontal."""
         return self.pitch_m[axis] / self.cells_per_pixel
 
     def aperture(self, axis: int, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Transfer of photodetector and cell on an axis: two sinc functions."""
+        """Transfer of photodetector, cell and low-pass filter on an axis: two sinc functions, and a cosine."""
         product: NDArray[np.float64] = np.sinc(frequency_per_m * self.detector_m[axis]) * np.sinc(
             frequency_per_m * self.cell_m(axis)
         )
+        if self.split_m[axis]:
+            product *= np.cos(np.pi * frequency_per_m * self.split_m[axis])
         return product
 
 
@@ -91,6 +98,23 @@ class RadialTransfer:
             0.0,
         )
         return values
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """From each term to each channel: a part in |f|, a part of any shape, or the sum of both.
+
+    Parameters
+    ----------
+    radial
+        Rotationally symmetric part, without photodetector and cell.
+    kernels
+        (channels, terms, Q, Q), Q odd: kernels on the cells, photodetector and cell included, [Q // 2, Q // 2] at no
+        shift; what is blurred is convolved with them.
+    """
+
+    radial: RadialTransfer | None
+    kernels: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

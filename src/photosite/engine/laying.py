@@ -1,0 +1,205 @@
+"""Maps laid on the frame's cells: what a layer of a scene is, and its spectrum along the rows.
+
+A layer's term is a map, mixed from the layer's weights, on the padded grid of cells. Where a lens spreads light
+differently from place to place a term is several maps, each times a weight over the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from photosite.engine.jit import compiled, prange
+from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
+from photosite.engine.transfer import Transfer
+
+STRIP = 256
+"""Rows of cells that are laid at a time."""
+WORKERS = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The padded grid of cells behind a frame.
+
+    Parameters
+    ----------
+    shape
+        (rows, cols) of the frame, pixels.
+    padding
+        Pixels kept beyond each border, at least.
+    tile
+        (rows, cols) of the mosaic's tile.
+    cells_per_pixel
+        On each axis.
+    """
+
+    shape: tuple[int, int]
+    padding: int
+    tile: tuple[int, int]
+    cells_per_pixel: int = 1
+
+    def before(self, axis: int) -> int:
+        """Pixels of padding before the frame: whole tiles."""
+        return -(-self.padding // self.tile[axis]) * self.tile[axis]
+
+    def padded(self, axis: int) -> int:
+        """Pixels with padding: whole tiles, and a size that transforms well."""
+        tile = self.tile[axis]
+        tiles = -(-(self.shape[axis] + self.before(axis) + self.padding) // tile)
+        return int(scipy.fft.next_fast_len(tiles, real=True)) * tile
+
+    def cells(self, axis: int) -> int:
+        """Cells with padding."""
+        return self.padded(axis) * self.cells_per_pixel
+
+    def overlap(self, axis: int, start: float, step: float, samples: int) -> Overlap:
+        """Which samples each cell covers: sample coordinate = start + step * pixel coordinate."""
+        return overlap(self.cells(axis), start - self.before(axis) * step, step / self.cells_per_pixel, samples)
+
+    def centers(self, axis: int) -> NDArray[np.float64]:
+        """(cells,) where the cells' centres lie, in pixels from the frame's first border."""
+        return (np.arange(self.cells(axis)) + 0.5) / self.cells_per_pixel - self.before(axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Weights over the field: linear between nodes, beyond them those of the nearest.
+
+    Parameters
+    ----------
+    row, col
+        (P,), (Q,) increasing: nodes, in pixels from the frame's first border.
+    weights
+        (R, P, Q).
+    """
+
+    row: NDArray[np.float64]
+    col: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    def on_columns(self, grid: Grid) -> NDArray[np.float32]:
+        """(R, P, cols of cells): interpolated along the rows."""
+        centers = grid.centers(1)
+        lines = self.weights.reshape(-1, self.col.size)
+        along = np.stack([np.interp(centers, self.col, line) for line in lines])
+        return along.reshape(*self.weights.shape[:2], centers.size).astype(np.float32)
+
+    def on_rows(self, grid: Grid) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """For each row of cells the node above it, and the share of the node below."""
+        position = np.interp(grid.centers(0), self.row, np.arange(self.row.size))
+        index = np.minimum(position.astype(np.int64), max(self.row.size - 2, 0))
+        return index, (position - index).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Weight maps, where they lie, and what a lens and a sensor do to them.
+
+    Parameters
+    ----------
+    weights
+        (K, rows, cols) maps.
+    start, step
+        (row, col) map coordinate of the frame's corner, and map samples per pixel.
+    mixing
+        (terms, R, K): a term is the sum over r of `mixing[term, r] @ weights`, each times `field.weights[r]`.
+    transfer
+        From each term to each channel.
+    field
+        None: R is 1, and the weight 1 everywhere.
+    """
+
+    weights: NDArray[np.float32]
+    start: tuple[float, float]
+    step: tuple[float, float]
+    mixing: NDArray[np.float32]
+    transfer: Transfer
+    field: Field | None = None
+
+
+def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """Each term of a layer laid on the cells and transformed along its rows; `out` holds one after another."""
+    lines = [grid.overlap(axis, layer.start[axis], layer.step[axis], layer.weights.shape[axis + 1]) for axis in (0, 1)]
+    if layer.field is None:
+        for mix in layer.mixing[:, 0]:
+            _plain_spectrum(layer.weights, mix, lines, out)
+            yield out
+        return
+    across, (index, share) = layer.field.on_columns(grid), layer.field.on_rows(grid)
+    for mix in layer.mixing:
+        for begin in range(0, out.shape[0], STRIP):
+            rows = slice(begin, begin + STRIP)
+            laid = _laid_rows(layer.weights, mix, lines, begin, min(begin + STRIP, out.shape[0]))
+            weighed = np.empty(laid.shape[1:], np.float32)
+            _weigh(laid, across, index[rows], share[rows], weighed)
+            out[rows] = scipy.fft.rfft(weighed, axis=1, workers=WORKERS)
+        yield out
+
+
+def _plain_spectrum(
+    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], out: NDArray[np.complex64]
+) -> None:
+    """A map laid on the cells, transformed along its rows, into (rows, cols // 2 + 1).
+
+    Laying is linear on each axis, so its order is free: a map of few rows is transformed first and its
+    spectrum brought to all rows after.
+    """
+    down, across = lines
+    parts = out.view(np.float32)
+    rows = out.shape[0]
+    for begin in range(0, rows, STRIP):
+        end = min(begin + STRIP, rows)
+        first, last = down.span(begin, end)
+        if last - first <= end - begin:
+            strip = np.tensordot(mix, weights[:, first:last], axes=1)
+            laid = mean_along_rows(strip, across.first, across.sample, across.share)
+            narrow = scipy.fft.rfft(laid, axis=1, workers=WORKERS).view(np.float32)
+            mean_of_rows(narrow, down.first, down.sample, down.share, begin, first, parts[begin:end])
+        else:
+            laid = _laid_rows(weights, mix[None], lines, begin, end)[0]
+            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
+
+
+def _laid_rows(
+    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], begin: int, end: int
+) -> NDArray[np.float32]:
+    """(R, end - begin, cols): rows of cells of the maps `mix @ weights`; the axis that has fewer samples comes last."""
+    down, across = lines
+    first, last = down.span(begin, end)
+    strip = np.tensordot(mix, weights[:, first:last], axes=1)
+    laid = np.empty((len(mix), end - begin, across.first.size - 1), np.float32)
+    for values, out in zip(strip, laid, strict=True):
+        if last - first <= end - begin:
+            wide = mean_along_rows(values, across.first, across.sample, across.share)
+            mean_of_rows(wide, down.first, down.sample, down.share, begin, first, out)
+        else:
+            short = np.empty((end - begin, values.shape[1]), np.float32)
+            mean_of_rows(values, down.first, down.sample, down.share, begin, first, short)
+            out[:] = mean_along_rows(short, across.first, across.sample, across.share)
+    return laid
+
+
+@compiled(parallel=True)
+def _weigh(
+    laid: NDArray[np.float32],
+    across: NDArray[np.float32],
+    index: NDArray[np.int64],
+    share: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """out = sum over r of laid[r] times the field's weight, (R, P, cols) interpolated between its nodes' rows."""
+    count, rows, cols = laid.shape
+    last = across.shape[1] - 1
+    for i in prange(rows):
+        out[i] = np.float32(0.0)
+        low, part = index[i], share[i]
+        for r in range(count):
+            above, below = across[r, low], across[r, min(low + 1, last)]
+            values = laid[r, i]
+            for c in range(cols):
+                out[i, c] += values[c] * (above[c] + part * (below[c] - above[c]))

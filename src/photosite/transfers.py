@@ -1,0 +1,229 @@
+"""What a lens and a sensor do to a scene's weight maps, summed over wavelength: the engine's transfers.
+
+A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot tell them all apart, and the
+parts of a lens that differs from place to place resemble each other: maps and parts are combined to the few terms that
+matter, by singular values.
+
+Point spreads of any shape become kernels on the frame's cells. What makes a kernel large is diffraction's rings: their
+light falls as slowly as 1 / radius^3, because the transfer function of any pupil with a sharp border begins as a cone
+(`_cone`). So from each spread as much of a circular pupil's transfer function is taken as has that cone, and goes
+through the engine as a function of |f|, without end; only the rest, which is smooth at 0, is a kernel. Where there is
+no cone, nothing is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread, Spread
+
+Array = NDArray[np.float64]
+
+MAP_TOLERANCE = 5e-6
+"""Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
+_NODES = 4097
+_STRIDE = 16
+_SMALLEST_KERNEL = 65
+_DIRECTIONS = 16
+_CONE_SAMPLES = 12
+_CONE_RADIUS = 0.05
+"""Of the cutoff: where the transfer function's start is looked at, less where it falls by more than `_CONE_FALL`."""
+_CONE_FALL = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Terms, and how maps become them.
+
+    Parameters
+    ----------
+    transfer
+        From each term to each channel.
+    mixing
+        (terms, R, K): term t is the sum over r of `mixing[t, r] @ weights`, in the r-th part of the field.
+    padding_m
+        What a point may be spread over to either side, as far as it is kept.
+    """
+
+    transfer: Transfer
+    mixing: Array
+    padding_m: float
+
+
+def reduced_transfer(spread: Spread, coupling: Array, wavelength_nm: Array, sampling: Sampling) -> Reduced:
+    """The lens summed over wavelength, for as few terms as `MAP_TOLERANCE` asks.
+
+    Parameters
+    ----------
+    spread
+        The lens's. Of a `FieldSpread` the modes, each for the weights' largest magnitude (`field_scale`).
+    coupling
+        (channels, K, wavelengths) what a map of weight 1 gives to a channel at a wavelength.
+    wavelength_nm
+        (wavelengths,).
+    sampling
+        Pixels and cells.
+    """
+    if isinstance(spread, RadialSpread):
+        return _of_radial(spread, coupling, wavelength_nm)
+    if isinstance(spread, PlaneSpread):
+        return _of_modes((spread,), np.ones(1), coupling, wavelength_nm, sampling)
+    return _of_modes(spread.modes, field_scale(spread), coupling, wavelength_nm, sampling)
+
+
+def field_scale(spread: FieldSpread) -> Array:
+    """(R,) the largest magnitude of each mode's weights; 1 where they are all 0."""
+    largest: Array = np.abs(spread.weights).max(axis=(1, 2))
+    largest[largest == 0] = 1.0
+    return largest
+
+
+def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array) -> Reduced:
+    frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
+    table = coupling @ np.stack([spread.otf(frequencies, w) for w in wavelength_nm])  # (channels, K, nodes)
+    # The table is smooth in frequency: every 16th node spans what all of them do.
+    (reduced,), mixing = _combined([table], [table[:, :, ::_STRIDE]])
+    transfer = Transfer(RadialTransfer(reduced, float(frequencies[1])))
+    return Reduced(transfer, mixing[:, None], spread.reach_m(_middle(wavelength_nm)))
+
+
+def _of_modes(
+    modes: tuple[PlaneSpread, ...], scale: Array, coupling: Array, wavelength_nm: Array, sampling: Sampling
+) -> Reduced:
+    channels, count, _ = coupling.shape
+    nodes = [_on_nodes(mode, coupling, wavelength_nm) for mode in modes]
+    reach_m = max(mode.reach_m(w) for mode, (_, grid) in zip(modes, nodes, strict=True) for w in grid)
+    size = _kernel_size(reach_m, sampling)
+    cutoff = max(mode.cutoff_per_m(w) for mode, (_, grid) in zip(modes, nodes, strict=True) for w in grid)
+    frequencies = np.linspace(0.0, cutoff, _NODES)
+    cones_table = np.empty((channels, len(modes), count, _NODES))
+    spectra = np.empty((channels, len(modes), count, size, size // 2 + 1), np.complex128)
+    for r, (mode, (on_nodes, grid)) in enumerate(zip(modes, nodes, strict=True)):
+        cones = [_cone(mode, w) for w in grid]
+        cones_table[:, r] = on_nodes @ np.stack(
+            [cone * circular_pupil(frequencies / mode.cutoff_per_m(w)) for cone, w in zip(cones, grid, strict=True)]
+        )
+        folded = [_folded_spectrum(mode, w, cone, sampling, size) for w, cone in zip(grid, cones, strict=True)]
+        spectra[:, r] = np.tensordot(on_nodes, np.stack(folded), axes=1)
+        cones_table[:, r] *= scale[r]
+        spectra[:, r] *= scale[r]
+    radial = cones_table.reshape(channels, -1, _NODES)
+    parts = spectra.view(np.float64).reshape(channels, radial.shape[1], -1)
+    (lines, rest), mixing = _combined([radial, parts], [radial[:, :, ::_STRIDE], parts])
+    kernels = np.ascontiguousarray(rest).view(np.complex128).reshape(channels, len(mixing), size, size // 2 + 1)
+    shifted = np.fft.fftshift(scipy.fft.irfft2(kernels, s=(size, size)), axes=(2, 3))
+    transfer = Transfer(RadialTransfer(lines, float(frequencies[1])) if lines.any() else None, shifted)
+    half_m = (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
+    return Reduced(transfer, mixing.reshape(len(mixing), len(modes), count), half_m)
+
+
+def _middle(wavelength_nm: Array) -> float:
+    return float(wavelength_nm[wavelength_nm.size // 2])
+
+
+def _on_nodes(mode: PlaneSpread, coupling: Array, wavelength_nm: Array) -> tuple[Array, Array]:
+    """The coupling at the wavelengths at which the spread is known, and these: linear between, constant beyond."""
+    if mode.wavelength_nm is None:
+        return coupling, wavelength_nm
+    grid = np.asarray(mode.wavelength_nm, np.float64)
+    hats = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
+    used = hats.any(axis=0)
+    return coupling @ hats[:, used], grid[used]
+
+
+def _kernel_size(reach_m: float, sampling: Sampling) -> int:
+    """Cells on an axis of a kernel that holds a spread of this reach and the pixel; odd, and well transformed."""
+    pixels = 2 * reach_m / min(sampling.pitch_m) + 2
+    size = max(math.ceil(pixels * sampling.cells_per_pixel), _SMALLEST_KERNEL)
+    while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
+        size += 1
+    return size
+
+
+def circular_pupil(r: Array) -> Array:
+    """Transfer function of a circular pupil at r, frequency over cutoff (Goodman, Fourier Optics, eq. 6-32)."""
+    r = np.minimum(r, 1.0)
+    transfer: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
+    return transfer
+
+
+def _cone(mode: PlaneSpread, wavelength_nm: float) -> float:
+    """How much of a circular pupil's transfer function has this spread's cone at 0.
+
+    The autocorrelation of a pupil with a sharp border begins with a loss in proportion to the border's length and |f|;
+    aberrations add what is smooth. Where the fit of both errs, the kernel holds the difference.
+    """
+    cutoff = mode.cutoff_per_m(wavelength_nm)
+    angle = (np.arange(_DIRECTIONS) + 0.5) * (math.pi / _DIRECTIONS)
+    at_0 = complex(mode.otf(np.zeros(1), np.zeros(1), wavelength_nm)[0]).real
+    radius = _CONE_RADIUS
+    while True:
+        r = radius * np.arange(1, _CONE_SAMPLES + 1) / _CONE_SAMPLES
+        f = cutoff * r[:, None]
+        mean = mode.otf(f * np.sin(angle), f * np.cos(angle), wavelength_nm).real.mean(axis=1)
+        if np.abs(mean - at_0).max() <= _CONE_FALL * max(abs(at_0), np.abs(mean).max()) or radius < 1e-4:
+            break
+        radius /= 2
+    u = r / radius
+    shape = np.stack([(1 - circular_pupil(r)) / radius, u**2, u**3, u**4], axis=1)
+    return float(np.linalg.lstsq(shape, (at_0 - mean) / radius, rcond=None)[0][0])
+
+
+def _folded_spectrum(
+    mode: PlaneSpread, wavelength_nm: float, cone: float, sampling: Sampling, size: int
+) -> NDArray[np.complex128]:
+    """(Q, Q // 2 + 1): what the cone leaves of the transfer function, times photodetector and cell, folded at 1 / cell.
+
+    Of the transfer function of a real point spread half is enough: columns whose folded place is in the first half.
+    """
+    cutoff = mode.cutoff_per_m(wavelength_nm)
+    step = [np.float64(1.0 / (size * sampling.cell_m(axis))) for axis in (0, 1)]
+    zones = [math.ceil(cutoff * sampling.cell_m(axis)) for axis in (0, 1)]
+    row = np.arange(-zones[0] * size, (zones[0] + 1) * size)
+    inside = np.abs(row) * step[0] <= cutoff
+    fy: Array = (row[inside] * step[0])[:, None]
+    aperture_y = sampling.aperture(0, fy)
+    total = np.zeros((size, size // 2 + 1), np.complex128)
+    for zone in range(-zones[1], zones[1] + 1):
+        col = np.arange(size // 2 + 1) + zone * size
+        near = np.abs(col) * step[1] <= cutoff
+        if not near.any():
+            continue
+        fx: Array = (col[near] * step[1])[None, :]
+        otf = np.zeros((row.size, near.size), np.complex128)
+        values = mode.otf(fy, fx, wavelength_nm)
+        if cone:
+            values = values - cone * circular_pupil(np.hypot(fy, fx) / cutoff)
+        otf[np.ix_(inside, near)] = values * (aperture_y * sampling.aperture(1, fx))
+        total += otf.reshape(-1, size, near.size).sum(axis=0)
+    return total
+
+
+def _combined(tables: list[Array], samples: list[Array]) -> tuple[list[Array], Array]:
+    """(channels, maps, n) tables combined over maps, and (terms, maps) how maps mix to terms.
+
+    Directions are those of the samples. Of what is left out no entry may pass the limit: no scene spectrum, in any
+    channel, at any frequency.
+    """
+    count = tables[0].shape[1]
+    tall, coarse = (
+        np.concatenate([part.transpose(0, 2, 1).reshape(-1, count) for part in parts]) for parts in (tables, samples)
+    )
+    directions = np.linalg.svd(coarse, full_matrices=False)[2]
+    limit = MAP_TOLERANCE * np.abs(tall).max() / len(tables)
+    low, high = 1, len(directions)
+    while low < high:  # the least number of terms that is enough
+        middle = (low + high) // 2
+        mixing = directions[:middle]
+        if np.abs(tall - (tall @ mixing.T) @ mixing).max() <= limit:
+            high = middle
+        else:
+            low = middle + 1
+    mixing = directions[:low] if low < count else np.eye(count)
+    return [np.einsum("ckn,tk->ctn", table, mixing, optimize=True) for table in tables], mixing
