@@ -1,8 +1,6 @@
-"""Charts: published colours, exact areas, the luminance asked for."""
+"""The ColorChecker: published colours, and the luminance asked for."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
@@ -52,26 +50,3 @@ def test_macbeth_regions_of_a_frame_follow_the_cover_rule() -> None:
 def test_reflectance_is_not_stretched() -> None:
     with pytest.raises(InputError, match="380 to 780"):
         charts.macbeth_reflectance(np.arange(350.0, 700.0, 10))
-
-
-@pytest.mark.parametrize("angle", [-12.0, 0.0, 5.0, 40.0])
-def test_slanted_edge_holds_exact_areas(angle: float) -> None:
-    """Against the slow way: each sample's area on the bright side by 64 x 64 points."""
-    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=14, cols=20)
-    fine = 64
-    y = (np.arange(14 * fine) + 0.5) / fine - 7
-    x = (np.arange(20 * fine) + 0.5) / fine - 10
-    bright = x[None, :] > -math.tan(math.radians(angle)) * y[:, None]
-    area = bright.reshape(14, fine, 20, fine).mean(axis=(1, 3))
-    assert edge.weights[0] == pytest.approx(area, abs=1.5 / fine)
-    assert edge.weights[0].mean() == pytest.approx(0.5, abs=1e-6)
-
-
-@pytest.mark.parametrize(("name", "value"), [("angle_deg", 45.0), ("angle_deg", math.nan), ("contrast", 1.0)])
-def test_slanted_edges_that_cannot_be(name: str, value: float) -> None:
-    with pytest.raises(InputError, match="edge"):
-        charts.slanted_edge(**{name: value})
-
-
-def test_uniform_has_the_luminance_asked_for() -> None:
-    assert charts.uniform("FL2", 7.0).mean_luminance_cd_m2() == pytest.approx(7.0, rel=1e-12)

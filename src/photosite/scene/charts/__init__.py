@@ -1,0 +1,18 @@
+"""Test charts and patterns by formula, as scenes: a file a kind.
+
+Colours and greys are reflectances under one light, so that the light can be changed. A sample holds the mean of the
+pattern over its own rectangle, by a closed form where there is one.
+"""
+
+from photosite.scene.charts.color_checker import MACBETH_NAMES as MACBETH_NAMES
+from photosite.scene.charts.color_checker import macbeth as macbeth
+from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
+from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
+from photosite.scene.charts.edges import edge_star as edge_star
+from photosite.scene.charts.edges import slanted_edge as slanted_edge
+from photosite.scene.charts.fields import checkerboard as checkerboard
+from photosite.scene.charts.fields import point_grid as point_grid
+from photosite.scene.charts.fields import ramp as ramp
+from photosite.scene.charts.fields import uniform as uniform
+from photosite.scene.charts.patches import hdr_patches as hdr_patches
+from photosite.scene.charts.patches import reflectance_chart as reflectance_chart

@@ -1,0 +1,70 @@
+"""Edges: exact areas, against the slow way and against other formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.errors import InputError
+from photosite.scene import charts
+
+
+def pointwise(rows: int, cols: int, cycles: int, angle_deg: float, fine: int = 64) -> np.ndarray:
+    """Shares of a star's bright sectors by many points."""
+    up = rows / 2 - (np.arange(rows * fine) + 0.5) / fine
+    right = (np.arange(cols * fine) + 0.5) / fine - cols / 2
+    turn = (np.arctan2(right[None, :], up[:, None]) - math.radians(angle_deg)) * cycles / (2 * math.pi)
+    return (np.mod(turn, 1.0) < 0.5).reshape(rows, fine, cols, fine).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("angle", [-12.0, 0.0, 5.0, 40.0])
+def test_slanted_edge_holds_exact_areas(angle: float) -> None:
+    """Against the slow way: each sample's area on the bright side by 64 x 64 points."""
+    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=14, cols=20)
+    fine = 64
+    y = (np.arange(14 * fine) + 0.5) / fine - 7
+    x = (np.arange(20 * fine) + 0.5) / fine - 10
+    bright = x[None, :] > -math.tan(math.radians(angle)) * y[:, None]
+    area = bright.reshape(14, fine, 20, fine).mean(axis=(1, 3))
+    assert edge.weights[0] == pytest.approx(area, abs=1.5 / fine)
+    assert edge.weights[0].mean() == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "value"), [("angle_deg", 45.0), ("angle_deg", math.nan), ("contrast", 1.0)])
+def test_slanted_edges_that_cannot_be(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=r"edge|contrast"):
+        charts.slanted_edge(**{name: value})
+
+
+@pytest.mark.parametrize(("rows", "cols", "cycles", "angle"), [(24, 31, 4, 5.0), (17, 20, 1, -70.0), (30, 30, 7, 0.0)])
+def test_edge_star_holds_areas(rows: int, cols: int, cycles: int, angle: float) -> None:
+    star = charts.edge_star(contrast=math.inf, rows=rows, cols=cols, cycles=cycles, angle_deg=angle)
+    assert star.weights[0] == pytest.approx(pointwise(rows, cols, cycles, angle), abs=2 / 64)
+    assert star.weights[0].mean() == pytest.approx(pointwise(rows, cols, cycles, angle).mean(), abs=1e-3)
+
+
+@pytest.mark.parametrize("angle", [5.0, -12.0, 40.0])
+def test_a_star_of_one_cycle_is_one_edge(angle: float) -> None:
+    """A line through the centre, whose shares have a closed form."""
+    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=60, cols=60).weights[0]
+    star = charts.edge_star(angle_deg=angle, contrast=math.inf, cycles=1, rows=60, cols=60).weights[0]
+    assert np.abs(star - edge).max() < 5e-4
+
+
+def test_the_slanted_star_has_edges_near_upright_level_and_diagonal() -> None:
+    """Four cycles turned by 5 degrees: bright just clockwise of 5, 95, 185 and 275 degrees, dark before."""
+    star = charts.edge_star(contrast=4.0, rows=400, cols=400)
+    weights = star.weights[0]
+    for turn in range(8):
+        for side, wanted in ((1.0, 1.0 if turn % 2 == 0 else 0.25), (-1.0, 0.25 if turn % 2 == 0 else 1.0)):
+            angle = math.radians(5 + 45 * turn + 3 * side)
+            row, col = int(200 - 150 * math.cos(angle)), int(200 + 150 * math.sin(angle))
+            assert weights[row, col] == pytest.approx(wanted, abs=1e-6), (turn, side)
+
+
+@pytest.mark.parametrize("options", [{"cycles": 0}, {"cycles": 2.5}, {"angle_deg": math.nan}, {"contrast": 0.5}])
+def test_edge_stars_that_cannot_be(options: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=r"star|contrast"):
+        charts.edge_star(**options)

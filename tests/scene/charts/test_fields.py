@@ -1,0 +1,91 @@
+"""Plain fields: exact means, the luminance asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.errors import InputError
+from photosite.scene import charts
+from photosite.scene.charts import coverage
+
+
+def test_uniform_has_the_luminance_asked_for() -> None:
+    assert charts.uniform("FL2", 7.0).mean_luminance_cd_m2() == pytest.approx(7.0, rel=1e-12)
+
+
+def test_a_linear_ramp_has_equal_steps_and_a_logarithmic_one_equal_factors() -> None:
+    linear = charts.ramp(contrast=100.0, rows=2, cols=40).weights[0, 1].astype(np.float64)
+    assert np.diff(linear) == pytest.approx(np.full(39, 0.99 / 40), rel=1e-5)
+    logarithmic = charts.ramp(contrast=1e6, logarithmic=True, rows=2, cols=40).weights[0, 1].astype(np.float64)
+    assert logarithmic[1:] / logarithmic[:-1] == pytest.approx(np.full(39, 10 ** (6 / 40)), rel=1e-6)
+
+
+def test_a_logarithmic_ramp_is_the_mean_over_each_sample() -> None:
+    """Against 4000 points a sample; the integral of the whole has a closed form, (1 - 1/c) / ln c."""
+    line = charts.ramp(contrast=50.0, logarithmic=True, rows=1, cols=5).weights[0, 0]
+    points = 50.0 ** ((np.arange(20_000) + 0.5) / 20_000 - 1)
+    assert line == pytest.approx(points.reshape(5, 4000).mean(axis=1), rel=1e-6)
+    assert line.mean() == pytest.approx((1 - 1 / 50) / math.log(50), rel=1e-6)
+
+
+def test_a_checkerboard_of_any_size_holds_exact_shares() -> None:
+    """Squares of 2.75 samples against 64 x 64 points a sample, whose borders fall on quarters: exact too."""
+    board = charts.checkerboard(square=2.75, contrast=math.inf, rows=12, cols=17).weights[0]
+    fine = 64
+    row, col = ((np.arange(count * fine) + 0.5) / fine // 2.75 for count in (12, 17))
+    points = ((row[:, None] + col[None, :]) % 2 == 0).reshape(12, fine, 17, fine).mean(axis=(1, 3))
+    assert board == pytest.approx(points, abs=1e-6)
+
+
+def test_discs_cover_what_circles_do() -> None:
+    """The whole is pi R^2; single samples against 400 x 400 points."""
+    share = coverage.disc(21, 25, 10.3, 12.9, 7.7)
+    assert share.sum() == pytest.approx(math.pi * 7.7**2, rel=1e-12)
+    fine = 400
+    row, col = ((np.arange(count * fine) + 0.5) / fine for count in (21, 25))
+    inside = (row[:, None] - 10.3) ** 2 + (col[None, :] - 12.9) ** 2 < 7.7**2
+    assert share == pytest.approx(inside.reshape(21, fine, 25, fine).mean(axis=(1, 3)), abs=1e-3)
+    tiny = coverage.disc(3, 3, 1.5, 1.5, 0.1)
+    assert tiny[1, 1] == pytest.approx(math.pi * 0.01, rel=1e-12)
+    assert tiny.sum() == pytest.approx(tiny[1, 1], rel=1e-12)
+
+
+@pytest.mark.parametrize(("pitch", "diameter"), [(16, 5.0), (16, 16.0), (15, 0.4), (15, 15.0)])
+def test_points_stand_on_their_grid_whole(pitch: int, diameter: float) -> None:
+    grid = charts.point_grid(pitch=pitch, diameter=diameter, rows=6 * pitch, cols=4 * pitch).weights[0]
+    assert grid.sum() == pytest.approx(24 * math.pi * diameter**2 / 4, rel=1e-6)
+    assert (grid[: 2 * pitch, :pitch] == grid[pitch : 3 * pitch, pitch : 2 * pitch]).all()
+    # Symmetric round the sample in the middle of the field.
+    middle = grid[
+        3 * pitch - pitch // 2 : 3 * pitch + pitch // 2 + 1, 2 * pitch - pitch // 2 : 2 * pitch + pitch // 2 + 1
+    ]
+    assert middle == pytest.approx(middle[::-1, ::-1], abs=1e-6)
+
+
+def test_points_of_one_sample() -> None:
+    grid = charts.point_grid(pitch=10, rows=35, cols=41, contrast=100).weights[0]
+    assert grid[17, 20] == grid[7, 30] == 1.0
+    assert (grid == 1.0).sum() == 3 * 5  # rows 7, 17, 27; columns 0, 10, .. 40
+    assert grid.min() == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: charts.ramp(contrast=math.inf, logarithmic=True), "begins above black"),
+        (lambda: charts.ramp(rows=0), "rows are a whole number"),
+        (lambda: charts.ramp(cols=4.5), "cols are a whole number"),
+        (lambda: charts.ramp(rows=1 << 15, cols=1 << 15), "fewer rows or cols"),
+        (lambda: charts.checkerboard(square=0.5), "square is from 1 to"),
+        (lambda: charts.checkerboard(square=math.nan), "square is from 1 to"),
+        (lambda: charts.point_grid(pitch=1), "pitch is a whole number"),
+        (lambda: charts.point_grid(pitch=8, diameter=9.0), "up to the pitch of 8"),
+        (lambda: charts.point_grid(contrast=1.0), "above 1, not 1.0"),
+    ],
+)
+def test_fields_that_cannot_be(call: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()  # type: ignore[operator]
