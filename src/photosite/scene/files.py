@@ -1,0 +1,225 @@
+"""Scenes from files and into them: one door for all formats, which go by the file's first bytes and its name.
+
+To add a format: a module in `photosite.scene.formats` with `open_cube(path, options)` (a cube, to be reduced, or a
+scene) or `read(path, options)` (a scene), `write(scene, path)` where it can be written, and an entry in `FORMATS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from os import PathLike
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.scene.cube import SpectralCube
+from photosite.scene.options import ReadOptions
+from photosite.scene.reduce import Progress, Reduction, reduced
+from photosite.scene.scene import Scene
+from photosite.scene.store import WeightStore, temporary_store
+
+_HEAD_BYTES = 1 << 10
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Parameters
+    ----------
+    name
+        What people call it.
+    suffixes
+        Endings of its files, lower case.
+    module
+        In `photosite.scene.formats`.
+    signatures
+        First bytes by which it is known whatever its name; none where only the name tells.
+    writes
+        Whether scenes can be written in it.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    signatures: tuple[bytes, ...] = ()
+    writes: bool = False
+
+    def load(self) -> ModuleType:
+        """Its module, imported now."""
+        return importlib.import_module(f"photosite.scene.formats.{self.module}")
+
+
+FORMATS: tuple[Format, ...] = (
+    Format("HDF5", (".h5", ".hdf5", ".hdf", ".he5"), "hdf5", (b"\x89HDF\r\n\x1a\n",), writes=True),
+    Format("MATLAB", (".mat",), "matlab", (b"MATLAB 5.0", b"MATLAB 7.3"), writes=True),
+    Format("TIFF", (".tif", ".tiff"), "tiff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), writes=True),
+    Format("ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (b"ENVI",), writes=True),
+)
+"""In the order in which they are asked: a MATLAB 7.3 file is HDF5 behind 512 bytes of its own."""
+
+
+def read_scene(
+    path: str | PathLike[str],
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Scene:
+    """A scene from a file: photosite's own, a spectral cube, a rendering, a measured chart.
+
+    Parameters
+    ----------
+    path
+        The file.
+    progress
+        Told (done, total, what) while a cube is reduced.
+    **options
+        Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
+        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, variable. What the file says itself
+        need not be said.
+
+    Returns
+    -------
+    Scene
+        Its `relative_error` is the RMS error of the radiance that reducing a cube to few spectra made.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, of no known kind, or does not say what is needed and the options do not either.
+    InputError
+        If an option is unknown or cannot be.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> write_scene(Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10)), f"{folder.name}/grey.h5")
+    >>> read_scene(f"{folder.name}/grey.h5").basis.shape
+    (1, 31)
+    """
+    said = read_options(options)
+    file = Path(path)
+    module = format_of(file).load()
+    if not hasattr(module, "open_cube"):
+        scene: Scene = module.read(file, said)
+        return scene
+    found = module.open_cube(file, said)
+    return found if isinstance(found, Scene) else _reduced(found, said, temporary_store, progress).scene
+
+
+def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
+    """A spectral file's values, to be looked at some rows at a time.
+
+    Parameters
+    ----------
+    path
+        The file.
+    **options
+        As for `read_scene`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or holds no cube.
+    InputError
+        If an option is unknown or cannot be.
+    """
+    said = read_options(options)
+    file = Path(path)
+    kind = format_of(file)
+    module = kind.load()
+    found = module.open_cube(file, said) if hasattr(module, "open_cube") else None
+    if found is None or isinstance(found, Scene):
+        raise FileError(file, "holds a scene and no cube of values; read it with read_scene")
+    cube: SpectralCube = found
+    return cube
+
+
+def reduce_file(
+    path: str | PathLike[str],
+    store: Callable[[tuple[int, int, int]], WeightStore] = temporary_store,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Reduction:
+    """A file's cube reduced, with what that took; for the parameters and errors see `read_scene` and `open_cube`."""
+    said = read_options(options)
+    return _reduced(open_cube(path, **options), said, store, progress)
+
+
+def _reduced(
+    cube: SpectralCube,
+    said: ReadOptions,
+    store: Callable[[tuple[int, int, int]], WeightStore],
+    progress: Progress | None,
+) -> Reduction:
+    try:
+        return reduced(cube, said, store=store, progress=progress)
+    except OSError as error:
+        raise FileError(cube.name, f"cannot be read: {error.strerror or error}") from None
+
+
+def write_scene(scene: Scene, path: str | PathLike[str]) -> None:
+    """Write a scene; the name's ending chooses the format.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    path
+        `.h5` is photosite's own file and keeps everything. Others hold photon radiance of every sample, in single
+        precision: `.hdr` (ENVI, the numbers in `.img` beside it), `.tif` (a page a band), `.mat` (ISET's scene file).
+
+    Raises
+    ------
+    FileError
+        If the ending is of no format that can be written, or the file cannot.
+    """
+    file = Path(path)
+    kind = next((kind for kind in FORMATS if file.suffix.lower() in kind.suffixes and kind.writes), None)
+    if kind is None:
+        endings = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
+        raise FileError(file, f"cannot be written: a scene's file ends in {endings}")
+    kind.load().write(scene, file)
+
+
+def format_of(path: Path) -> Format:
+    """The kind of a file, by its first bytes and then by its name.
+
+    Raises
+    ------
+    FileError
+        If there is no such file, or it is of no known kind.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    for kind in FORMATS:
+        if any(head.startswith(signature) for signature in kind.signatures):
+            return kind
+    for kind in FORMATS:
+        if path.suffix.lower() in kind.suffixes:
+            return kind
+    names = ", ".join(f"{kind.name} ({kind.suffixes[0]})" for kind in FORMATS)
+    raise FileError(path, f"is no scene's file that is known: its name ends in '{path.suffix}'; known are {names}")
+
+
+def read_options(options: dict[str, Any]) -> ReadOptions:
+    """Options by their names.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a value cannot be.
+    """
+    known = [field.name for field in fields(ReadOptions)]
+    for name in options:
+        if name not in known:
+            raise InputError(f"reading a scene knows no option '{name}'; {did_you_mean(name, known)}")
+    return ReadOptions(**options)

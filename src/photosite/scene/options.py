@@ -1,0 +1,88 @@
+"""What one may say of a scene's file beside its name; every reader takes the same."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+from numpy.typing import ArrayLike
+
+from photosite.errors import InputError
+from photosite.scene.scene import Scene
+from photosite.spectra import Spectrum
+
+Amend = Literal["refuse", "zero"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReadOptions:
+    """How a scene's file is to be understood; None leaves it to the file.
+
+    Parameters
+    ----------
+    distance_m, width_m
+        Of the scene. Where neither this nor the file says them: 1.2 m, and a scene that fills the sensor.
+    tolerance
+        Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make.
+    illuminant
+        Light on reflectances, as `photosite.spectra.illuminant` has it.
+    mean_luminance_cd_m2
+        To scale the scene to. Needed where the file's values are relative, or its light has no absolute scale.
+    units
+        Of the values: see `photosite.scene.units.parse_units`.
+    wavelength_nm
+        (bands,) of the file's bands.
+    no_data
+        What becomes of values that are missing (NaN, or the file's own mark): "refuse" the file, or make them "zero".
+    negative
+        What becomes of values below 0: "refuse" the file, or make them "zero".
+    sort_bands
+        Put bands in order of wavelength where the file has them in another; False refuses that.
+    variable
+        Name of the data set or variable, where a file has several.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be.
+    """
+
+    distance_m: float | None = None
+    width_m: float | None = None
+    tolerance: float = 1e-3
+    illuminant: str | float | Spectrum | None = None
+    mean_luminance_cd_m2: float | None = None
+    units: str | None = None
+    wavelength_nm: ArrayLike | None = None
+    no_data: Amend = "refuse"
+    negative: Amend = "refuse"
+    sort_bands: bool = False
+    variable: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {self.tolerance}")
+        for name in ("distance_m", "width_m", "mean_luminance_cd_m2"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be above 0, not {value}")
+        for name in ("no_data", "negative"):
+            if getattr(self, name) not in get_args(Amend):
+                raise InputError(f"{name} is 'refuse' or 'zero', not {getattr(self, name)!r}")
+
+    def applied_to(self, scene: Scene) -> Scene:
+        """A scene that came with its own radiance, put where and under the light that these say.
+
+        Raises
+        ------
+        InputError
+            If the light is to be changed and the scene's reflectance is not known.
+        """
+        if self.distance_m is not None or self.width_m is not None:
+            scene = replace(
+                scene, distance_m=self.distance_m or scene.distance_m, width_m=self.width_m or scene.width_m
+            )
+        if self.illuminant is not None:
+            return scene.with_illuminant(self.illuminant, self.mean_luminance_cd_m2)
+        return scene if self.mean_luminance_cd_m2 is None else scene.with_mean_luminance(self.mean_luminance_cd_m2)

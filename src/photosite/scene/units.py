@@ -1,0 +1,125 @@
+"""Units of spectral images as files and people write them, brought to photosite's own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from photosite.errors import InputError
+
+Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
+"""Photons/s/sr/m2/nm; W/sr/m2/nm; fraction of a light; energy radiance up to an unknown factor."""
+
+_PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_NANOMETRES = {"nm": 1.0, "um": 1e3, "micron": 1e3, "microns": 1e3, "m": 1e9}
+_PHOTONS = ("photon", "photons", "quanta", "ph", "q")
+_KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
+
+
+@dataclass(frozen=True)
+class Units:
+    """What the numbers of a file are.
+
+    Parameters
+    ----------
+    quantity
+        Of what.
+    scale
+        Times a number of the file gives it in the quantity's own unit.
+
+    Examples
+    --------
+    >>> parse_units("uW cm-2 sr-1 nm-1")
+    Units(quantity='energy radiance', scale=0.01)
+    >>> parse_units("photons/(s m^2 sr nm)").quantity
+    'photon radiance'
+    """
+
+    quantity: Quantity
+    scale: float = 1.0
+
+
+def parse_units(text: str) -> Units:
+    """The units that a text names.
+
+    Parameters
+    ----------
+    text
+        "reflectance", "percent", "relative", "photons", or a radiance: a power or photons per second, per sr, per
+        area and per wavelength, in any order, with / or with negative exponents.
+
+    Raises
+    ------
+    InputError
+        If a part is missing or not known.
+    """
+    plain = " ".join(text.replace("µ", "u").replace("μ", "u").split()).strip()
+    match plain.lower():
+        case "photons" | "photon radiance" | "quanta":
+            return Units("photon radiance")
+        case "reflectance" | "reflectivity" | "fraction":
+            return Units("reflectance")
+        case "percent" | "%" | "percent reflectance" | "reflectance percent" | "reflectance (%)" | "% reflectance":
+            return Units("reflectance", 0.01)
+        case "relative":
+            return Units("relative")
+    powers = _factors(plain)
+    scale, found = 1.0, set()
+    for name, power in powers:
+        kind, factor = _meaning(name, power, text)
+        if kind in found:
+            raise _unknown(text, f"'{name}' says {kind} a second time")
+        found.add(kind)
+        scale *= factor
+    missing = {"power or photons", "steradian", "area", "wavelength"} - found
+    if "photons" in found:
+        missing -= {"power or photons"}
+        if "second" not in found:
+            missing.add("second")
+    elif "power" in found:
+        missing -= {"power or photons"}
+    if missing:
+        raise _unknown(text, f"it lacks {' and '.join(sorted(missing))}")
+    return Units("photon radiance" if "photons" in found else "energy radiance", scale)
+
+
+def _factors(text: str) -> list[tuple[str, int]]:
+    """(unit, exponent) of a product, `a/b/c`, `a/(b c)` or `a b-1 c-1`."""
+    found: list[tuple[str, int]] = []
+    sign, inside = 1, False
+    for token in re.findall(r"[A-Za-z]+(?:\^?-?\d+)?|\^?[-\d]+|[()/]|\S", text.replace("**", "^").replace("·", " ")):
+        if token == "/":
+            sign = -1
+        elif token in "()*.":
+            inside = token == "(" or (inside and token in "*.")
+            sign = 1 if token == ")" else sign
+        elif (match := re.fullmatch(r"([A-Za-z]+)\^?(-?\d+)?", token)) is not None:
+            found.append((match[1], sign * int(match[2] or 1)))
+            sign = sign if inside else 1
+        elif token != "1":
+            raise _unknown(text, f"'{token}' is no unit")
+    # A wave number of nanometres beside metres: m2 is area, nm a wavelength; Watts are plural.
+    return found
+
+
+def _meaning(name: str, power: int, text: str) -> tuple[str, float]:
+    low = name.lower()
+    if low in _PHOTONS and power == 1:
+        return "photons", 1.0
+    if power == 1 and (match := re.fullmatch(r"(m|u|n|k|milli|micro|nano|)(W|w|watts?|Watts?)", name)):
+        return "power", _PREFIX[{"milli": "m", "micro": "u", "nano": "n"}.get(match[1], match[1])]
+    if low in ("s", "sec", "second") and power == -1:
+        return "second", 1.0
+    if low in ("sr", "steradian", "str", "ster") and power == -1:
+        return "steradian", 1.0
+    if low in _METRES and power == -2:
+        return "area", _METRES[low] ** -2
+    if low in _NANOMETRES and power == -1:
+        return "wavelength", 1 / _NANOMETRES[low]
+    raise _unknown(text, f"'{name}{'' if power == 1 else power}' has no place in it")
+
+
+def _unknown(text: str, why: str) -> InputError:
+    return InputError(f"units '{text}' are not understood: {why}; known are {_KNOWN}")
