@@ -30,9 +30,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
     "transfers": COMMON | {"optics", "engine"},  # what a lens's spread is to the engine; no scene, no sensor
-    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers"},
+    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers", "glare"},
+    "glare": COMMON | {"optics", "engine"},
+    "layers": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "mosaic"},
     "profile": COMMON | {"scene", "sensor", "spectra"},
-    "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "profile"},
+    "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile"},
     "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
     "calibration": COMMON | {"frames", "sensor", "engine", "spectra"},
     "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
