@@ -31,6 +31,7 @@ _HOMES = {
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral_protocol",
     "read_raw": "photosite.frames.read",
+    "read_scene": "photosite.scene.files",
     "validate": "photosite.validation.validate",
 }
 _MODULES = {"charts": "photosite.scene.charts", "pictures": "photosite.scene.pictures"}
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.scene import charts as charts
     from photosite.scene import pictures as pictures
+    from photosite.scene.files import read_scene as read_scene
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor

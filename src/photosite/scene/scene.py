@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -267,6 +268,23 @@ class Scene:
         wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
         light = photons_from_energy(relative_energy(illuminant, self.wavelength_nm), self.wavelength_nm)
         return replace(self, basis=self.reflectance * light).with_mean_luminance(wanted, rule)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the scene to a file, which appears whole or not at all; `.h5` keeps everything of it.
+
+        Parameters
+        ----------
+        path
+            As for `photosite.scene.files.write_scene`.
+
+        Raises
+        ------
+        FileError
+            If the name's ending is of no format that can be written, or the file cannot.
+        """
+        from photosite.scene.files import write_scene
+
+        write_scene(self, path)
 
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
         """Share of a response's area that lies beyond the scene's wavelengths, where the scene says nothing.
