@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import channel_sites
+from photosite.door import low_pass_split_m, through_door
 from photosite.engine.jit import threads_for
 from photosite.engine.laying import Field, Grid, Layer
 from photosite.engine.mosaic import mosaic_of_layers
@@ -42,7 +43,7 @@ def electron_rate(
     else:
         mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel)
     _fall_off(mosaic, optics, sensor, scene.distance_m)
-    return _not_negative(mosaic)
+    return through_door(_not_negative(mosaic), sensor, optics, scene.distance_m)
 
 
 def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
@@ -65,7 +66,7 @@ def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rul
     grid = scene.wavelength_nm
     irradiance = scene.basis * optics.irradiance_per_radiance(grid, scene.distance_m)
     area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
-    responses = np.stack([sensor.channels[c].quantum_efficiency_at(grid) for c in sensor.channel_names])
+    responses = np.stack([sensor.response_at(name, grid) for name in sensor.channel_names])
     product: NDArray[np.float64] = responses[:, None, :] * (irradiance * integration_weights(grid, rule) * area_m2)
     return product
 
@@ -77,7 +78,7 @@ def _blurred_mosaic(
     pixel, array = sensor.pixel, sensor.array
     pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
     side = math.sqrt(pixel.fill_factor.value)
-    sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells)
+    sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread = optics.spread(scene.distance_m)
     reduced = reduced_transfer(spread, coupling, scene.wavelength_nm, sampling)
     where = placement(scene, optics, sensor)
@@ -147,8 +148,7 @@ def _not_negative(mosaic: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
     for name in sensor.channel_names:
-        channel = sensor.channels[name]
-        outside = scene.light_outside(channel.wavelength_nm, channel.quantum_efficiency)
+        outside = scene.light_outside(*sensor.response(name))
         if outside > _OUTSIDE_LIMIT:
             grid = scene.wavelength_nm
             warnings.warn(

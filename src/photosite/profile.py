@@ -18,8 +18,6 @@ from photosite.spectra import (
     xyz,
 )
 
-_Response = tuple[tuple[float, ...], tuple[float, ...]]
-
 
 def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
     """(channels, 3), CIE XYZ under D65 to camera channels, in the order of the sensor's channels.
@@ -45,17 +43,16 @@ def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
     names = sensor.channel_names
     if set(names) != {"R", "G", "B"}:
         return None
-    responses = [(sensor.channels[n].wavelength_nm, sensor.channels[n].quantum_efficiency) for n in names]
-    return _color_matrix(tuple(responses))
+    responses = [sensor.response_at(name, DEFAULT_WAVELENGTH_NM) for name in names]
+    return _color_matrix(tuple(tuple(response.tolist()) for response in responses))
 
 
 @lru_cache(maxsize=8)
-def _color_matrix(responses: tuple[_Response, ...]) -> NDArray[np.float64] | None:
+def _color_matrix(responses: tuple[tuple[float, ...], ...]) -> NDArray[np.float64] | None:
     grid = DEFAULT_WAVELENGTH_NM
     light = photons_from_energy(illuminant("D65", grid), grid)
     patches = macbeth_reflectance(grid) * light
-    efficiency = np.stack([np.interp(grid, nm, qe, left=0.0, right=0.0) for nm, qe in responses])
-    camera = patches @ (efficiency * integration_weights(grid)).T
+    camera = patches @ (np.array(responses) * integration_weights(grid)).T
     if np.linalg.matrix_rank(camera) < 3:
         return None
     white = xyz(light, grid)

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.sensor.covariance import Covariance
+from photosite.sensor.door import AngularResponse, Crosstalk, LowPassFilter, OpticalStack, Transmittance
 from photosite.sensor.model import Array, Channel, Maps, Noise, Pixel, Provenance, Readout, Sensor
 from photosite.yaml_file import line_of, parse_yaml, read_yaml
 
@@ -24,9 +25,17 @@ _SECTIONS: dict[str, type[BaseModel]] = {
     "pixel": Pixel,
     "noise": Noise,
     "readout": Readout,
+    "optical_stack": OpticalStack,
     "provenance": Provenance,
     "maps": Maps,
     "covariance": Covariance,
+}
+_STACK: dict[str, type[BaseModel]] = {
+    "infrared_filter": Transmittance,
+    "cover_glass": Transmittance,
+    "low_pass_filter": LowPassFilter,
+    "angular_response": AngularResponse,
+    "crosstalk": Crosstalk,
 }
 
 
@@ -138,6 +147,8 @@ def _home(parents: Sequence[str | int]) -> type[BaseModel]:
     """The model of a section of the file."""
     if not parents:
         return Sensor
+    if parents[0] == "optical_stack" and len(parents) > 1:
+        return _STACK[str(parents[1])]
     return Channel if parents[0] == "channels" else _SECTIONS[str(parents[0])]
 
 

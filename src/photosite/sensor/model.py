@@ -21,6 +21,7 @@ from photosite.cfa import Cfa, cfa_from, channel_names
 from photosite.errors import InputError, did_you_mean
 from photosite.measured import Measured
 from photosite.sensor.covariance import Covariance
+from photosite.sensor.door import OpticalStack
 from photosite.sensor.quantity import Fraction, NotNegative, Positive, ResponseSpread
 
 if TYPE_CHECKING:
@@ -99,6 +100,16 @@ class Channel(_Section):
             right=0.0,
         )
 
+    @property
+    def responds_nm(self) -> tuple[float, float] | None:
+        """Between which wavelengths the efficiency is above 0; None where it is nowhere."""
+        above = np.flatnonzero(self.quantum_efficiency)
+        if above.size == 0:
+            return None
+        # Linear between entries: it rises from the last 0 before.
+        first, last = max(above[0] - 1, 0), min(above[-1] + 1, len(self.wavelength_nm) - 1)
+        return self.wavelength_nm[first], self.wavelength_nm[last]
+
 
 class Noise(_Section):
     """What the chip adds: temporal read noise, and the fixed pattern's spreads (standard deviations over pixels)."""
@@ -159,6 +170,7 @@ class Sensor(_Section):
     channels: dict[str, Channel]
     noise: Noise
     readout: Readout
+    optical_stack: OpticalStack | None = None
     provenance: Provenance = Provenance()
     maps: Maps | None = None
     covariance: Covariance | None = None
@@ -185,6 +197,35 @@ class Sensor(_Section):
                 f"the highest number, {self.white_level_dn:g}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _stack_fits(self) -> Self:
+        if self.optical_stack is not None:
+            array, ranges = self.array, {name: channel.responds_nm for name, channel in self.channels.items()}
+            self.optical_stack.check(ranges, (array.rows, array.cols), (len(array.cfa), len(array.cfa[0])))
+        return self
+
+    def response_at(self, channel: str, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+        """Electrons per photon before the optical stack: what its filters pass, times the efficiency behind them.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(cover_glass=0.5)
+        >>> bare = sensor.channels["G"].quantum_efficiency_at([550])
+        >>> bool(sensor.response_at("G", [550]) == 0.5 * bare)
+        True
+        """
+        behind = self.channels[channel].quantum_efficiency_at(wavelength_nm)
+        return behind if self.optical_stack is None else behind * self.optical_stack.transmittance_at(wavelength_nm)
+
+    def response(self, channel: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`response_at` as a table: (n,) wavelengths in nm at which channel or filters have an entry, and values."""
+        grid = np.array(self.channels[channel].wavelength_nm)
+        if self.optical_stack is not None:
+            knots = self.optical_stack.knots_nm()
+            grid = np.union1d(grid, knots[(knots > grid[0]) & (knots < grid[-1])])
+        return grid, self.response_at(channel, grid)
 
     def measured(self, name: str) -> Measured:
         """A value by the name of its field, whatever section it is in.
@@ -323,6 +364,8 @@ class Sensor(_Section):
         homes: dict[str, dict[str, Any]] = dict.fromkeys(("name", "serial", "channels", "maps", "covariance"), data)
         for section in ("array", "pixel", "noise", "readout", "provenance"):
             homes |= dict.fromkeys(type(getattr(self, section)).model_fields, data[section])
+        stack = data["optical_stack"] = data["optical_stack"] or {}
+        homes |= dict.fromkeys(OpticalStack.model_fields, stack) | {"optical_stack": data}
         if "serial" in changes:
             data["maps"] = None
         if self.covariance is not None:
@@ -331,6 +374,8 @@ class Sensor(_Section):
             if name not in homes:
                 raise InputError(f"a sensor has no field '{name}'; {did_you_mean(name, homes)}")
             homes[name][name] = value
+        if isinstance(stack := data["optical_stack"], dict) and not any(part is not None for part in stack.values()):
+            data["optical_stack"] = None
         try:
             return Sensor.model_validate(data)
         except ValidationError as error:

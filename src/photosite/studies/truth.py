@@ -134,9 +134,7 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
     grid = light.wavelength_nm
     spectrum = light.basis[0] * optics.irradiance_per_radiance(grid, light.distance_m) * integration_weights(grid)
     share = sensor.pixel.fill_factor.value / float(spectrum.sum())
-    return [
-        share * float(sensor.channels[name].quantum_efficiency_at(grid) @ spectrum) for name in sensor.channel_names
-    ]
+    return [share * float(sensor.response_at(name, grid) @ spectrum) for name in sensor.channel_names]
 
 
 def variance_peak_e(sensor: Sensor) -> float:

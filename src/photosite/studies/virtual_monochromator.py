@@ -116,10 +116,7 @@ class MonochromatorRun:
         shape = band.at(grid) if grid.size > 1 else np.ones(1)
         photons = photons_from_energy(self.irradiance_w_m2(number) * shape / shape.sum(), grid)
         area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
-        return {
-            name: float(photons @ sensor.channels[name].quantum_efficiency_at(grid)) * area_m2
-            for name in sensor.channel_names
-        }
+        return {name: float(photons @ sensor.response_at(name, grid)) * area_m2 for name in sensor.channel_names}
 
     def photodiode(self) -> Photodiode:
         """The photodiode as its certificate has it: q lambda / (h c) times its yield."""

@@ -1,0 +1,126 @@
+"""What happens between pixels of a mosaic, and to each by its place: gathered shares, and response by angle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.jit import compiled, prange
+
+_BLOCK = 256
+"""Columns that are summed at a time: their sums and weights stay in the first cache."""
+
+
+def gathered(mosaic: NDArray[np.float32], shares: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Each pixel's sum of shares of the pixels around it.
+
+    Beyond the frame's border the mosaic goes on as the nearest pixels of the same place in the tile inside it.
+
+    Parameters
+    ----------
+    mosaic
+        (rows, cols), one whole tile or more.
+    shares
+        (tile rows, tile cols, size, size), size odd: for a pixel of that place in the tile, what it gets of the pixel
+        (i - size // 2) rows below it and (j - size // 2) columns to its right.
+
+    Returns
+    -------
+    ndarray
+        (rows, cols).
+    """
+    period_c, size = shares.shape[1:3]
+    taps = np.argwhere((shares != 0).any(axis=(0, 1)))
+    block = -(-_BLOCK // period_c) * period_c
+    # weights[r, t, c]: the t-th tap's share at place (r, c mod period), along a block of columns.
+    by_place = shares[:, :, taps[:, 0], taps[:, 1]].transpose(0, 2, 1).astype(np.float32)
+    weights = np.ascontiguousarray(np.tile(by_place, block // period_c))
+    offsets = np.ascontiguousarray(taps - size // 2)
+    out = np.empty_like(mosaic)
+    _gather(mosaic, weights, offsets, period_c, size // 2, out)
+    return out
+
+
+@compiled(parallel=True)
+def _gather(
+    mosaic: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    period_c: int,
+    reach: int,
+    out: NDArray[np.float32],
+) -> None:
+    rows, cols = mosaic.shape
+    period_r, taps, block = weights.shape
+    for r in prange(rows):
+        weight = weights[r % period_r]
+        for begin in range(0, cols, block):
+            end = min(begin + block, cols)
+            total = out[r, begin:end]
+            total[:] = np.float32(0)
+            # Columns whose neighbours are all inside; the few others one by one.
+            first, last = min(max(begin, reach), end), max(min(end, cols - reach), begin)
+            last = max(first, last)
+            for t in range(taps):
+                source = mosaic[_inside(r + offsets[t, 0], rows, period_r)]
+                shift = offsets[t, 1]
+                for c in range(begin, first):
+                    total[c - begin] += weight[t, c - begin] * source[_inside(c + shift, cols, period_c)]
+                _add(total[first - begin : last - begin], weight[t, first - begin :], source[first + shift :])
+                for c in range(last, end):
+                    total[c - begin] += weight[t, c - begin] * source[_inside(c + shift, cols, period_c)]
+
+
+@compiled()
+def _add(total: NDArray[np.float32], weight: NDArray[np.float32], source: NDArray[np.float32]) -> None:
+    for c in range(total.size):
+        total[c] += weight[c] * source[c]
+
+
+@compiled()
+def _inside(index: int, size: int, period: int) -> int:
+    """The nearest index inside of the same place in the tile."""
+    if index < 0:
+        return index % period
+    if index >= size:
+        return size - period + (index - size) % period
+    return index
+
+
+@compiled(parallel=True)
+def scale_by_angle(
+    mosaic: NDArray[np.float32],
+    y: NDArray[np.float64],
+    x: NDArray[np.float64],
+    channel_of: NDArray[np.int64],
+    angle: NDArray[np.float64],
+    response: NDArray[np.float64],
+) -> None:
+    """Multiply each pixel by its channel's response at the angle of its place, in place.
+
+    Parameters
+    ----------
+    mosaic
+        (rows, cols).
+    y, x
+        (rows,), (cols,) positions; the angle is atan(hypot(y, x)).
+    channel_of
+        (tile rows, tile cols) channel of a place in the tile.
+    angle, response
+        (n,) radians, increasing from 0 to no less than the largest; (channels, n), linear between.
+    """
+    rows, cols = mosaic.shape
+    period_r, period_c = channel_of.shape
+    last = angle.size - 2
+    for r in prange(rows):
+        k = 0
+        for c in range(cols):
+            theta = np.arctan(np.sqrt(y[r] * y[r] + x[c] * x[c]))
+            # Neighbours have nearly the same angle: the interval is the one before, or next to it.
+            while k < last and theta > angle[k + 1]:
+                k += 1
+            while k > 0 and theta < angle[k]:
+                k -= 1
+            share = (theta - angle[k]) / (angle[k + 1] - angle[k])
+            of = response[channel_of[r % period_r, c % period_c]]
+            mosaic[r, c] *= np.float32(of[k] + share * (of[k + 1] - of[k]))
