@@ -14,5 +14,9 @@ from photosite.scene.charts.fields import checkerboard as checkerboard
 from photosite.scene.charts.fields import point_grid as point_grid
 from photosite.scene.charts.fields import ramp as ramp
 from photosite.scene.charts.fields import uniform as uniform
+from photosite.scene.charts.gratings import frequency_sweep as frequency_sweep
+from photosite.scene.charts.gratings import sinusoid as sinusoid
+from photosite.scene.charts.gratings import zone_plate as zone_plate
 from photosite.scene.charts.patches import hdr_patches as hdr_patches
 from photosite.scene.charts.patches import reflectance_chart as reflectance_chart
+from photosite.scene.charts.siemens import siemens_star as siemens_star

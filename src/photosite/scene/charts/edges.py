@@ -112,8 +112,8 @@ def edge_star(
 
     Notes
     -----
-    A sample's share is the mean of 16 lines across it on each of which it is exact, off by up to 5e-4 where an edge cuts
-    a sample's corner (`photosite.scene.charts.sectors`).
+    A sample's share is the mean of 16 lines across it, on each of which it is exact: off by up to 5e-4 where an edge
+    cuts a sample's corner (`photosite.scene.charts.sectors`).
 
     Examples
     --------

@@ -1,0 +1,149 @@
+"""Waves and stars: means over samples against many points, and the frequencies they claim."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from photosite.errors import InputError
+from photosite.scene import charts
+
+FINE = 60
+
+
+def points(rows: int, cols: int, pattern: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    """Means over samples of a pattern of (down, right) from the centre, by 60 x 60 points each."""
+    down, right = ((np.arange(count * FINE) + 0.5) / FINE - count / 2 for count in (rows, cols))
+    return pattern(down[:, None], right[None, :]).reshape(rows, FINE, cols, FINE).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize(("frequency", "direction"), [(0.05, 0.0), (0.31, 90.0), (0.5, 33.0), (0.2, -100.0)])
+def test_sinusoids_hold_means(frequency: float, direction: float) -> None:
+    wave = charts.sinusoid(frequency=frequency, direction_deg=direction, phase_deg=20, rows=9, cols=14).weights[0]
+    turn = math.radians(direction)
+
+    def pattern(down: np.ndarray, right: np.ndarray) -> np.ndarray:
+        along = frequency * (right * math.cos(turn) + down * math.sin(turn)) + 20 / 360
+        return 0.5 + 0.5 * np.cos(2 * math.pi * along)
+
+    # The midpoint rule's own error: (2 pi f / FINE)^2 / 24 of the wave.
+    assert wave == pytest.approx(points(9, 14, pattern), abs=(2 * math.pi * frequency / FINE) ** 2 / 24 + 1e-7)
+
+
+@pytest.mark.parametrize(("frequency", "direction"), [(0.05, 0.0), (0.17, 90.0), (0.5, 33.0), (0.2, 1e-3), (0.1, 45.0)])
+def test_bars_hold_areas(frequency: float, direction: float) -> None:
+    wave = charts.sinusoid(
+        frequency=frequency, direction_deg=direction, phase_deg=11, waveform="square", rows=9, cols=14
+    ).weights[0]
+    turn = math.radians(direction)
+
+    def pattern(down: np.ndarray, right: np.ndarray) -> np.ndarray:
+        along = frequency * (right * math.cos(turn) + down * math.sin(turn)) + 11 / 360
+        return np.mod(along + 0.25, 1.0) < 0.5
+
+    assert wave == pytest.approx(points(9, 14, pattern), abs=1.01 / FINE)
+    assert np.abs(wave - points(9, 14, pattern)).mean() < 0.2 / FINE
+
+
+def test_upright_bars_are_the_checkerboard_s_row() -> None:
+    """Two formulas, one pattern: bars of 3.7 samples."""
+    bars = charts.sinusoid(
+        frequency=1 / 7.4, waveform="square", phase_deg=-90 + 360 * 30 / 7.4, rows=1, cols=60
+    ).weights[0, 0]
+    board = charts.checkerboard(square=3.7, contrast=math.inf, rows=1, cols=60).weights[0, 0]
+    assert bars == pytest.approx(board, abs=1e-6)
+
+
+def test_contrast_is_that_of_the_radiance() -> None:
+    wave = charts.sinusoid(frequency=0.01, contrast=3.0, rows=1, cols=400).weights[0, 0]
+    assert wave.max() / wave.min() == pytest.approx(3.0, rel=2e-3)  # means over samples: 1 - sinc(0.01) = 1.6e-4
+
+
+def test_a_zone_plate_holds_means() -> None:
+    plate = charts.zone_plate(highest=0.5, rows=30, cols=44).weights[0]
+    wanted = points(30, 44, lambda down, right: 0.5 + 0.5 * np.cos(2 * math.pi * 0.5 / 44 * (down**2 + right**2)))
+    assert plate == pytest.approx(wanted, abs=(2 * math.pi * 0.6 / FINE) ** 2 / 12 + 1e-7)
+
+
+def test_a_zone_plate_reaches_the_frequency_at_its_border() -> None:
+    """Zero crossings near the right border, on the middle row, are 1 / (2 highest) apart."""
+    line = charts.zone_plate(highest=0.1, rows=2000, cols=2000).weights[0, 1000, 1800:].astype(np.float64) - 0.5
+    crossings = np.nonzero(np.diff(np.sign(line)))[0]
+    # The mean frequency over the last tenth of the radius is 0.1 * (0.8 + 1) / 2.
+    assert len(crossings) == pytest.approx(2 * 0.09 * 200, abs=1.5)
+
+
+def test_a_sweep_has_its_frequencies() -> None:
+    """Half cycles from the border to x: the integral of lowest (highest / lowest)^(x / cols)."""
+    line = charts.frequency_sweep(lowest=0.004, highest=0.2, cols=3000, rows=1).weights[0, 0].astype(np.float64) - 0.5
+    for x in (1000, 2000, 3000):
+        half_cycles = 2 * 0.004 * 3000 / math.log(50) * (50 ** (x / 3000) - 1)
+        assert np.count_nonzero(np.diff(np.sign(line[:x]))) == pytest.approx(half_cycles, abs=1.0)
+
+
+def test_a_sweep_fades_by_the_sample_s_own_sinc() -> None:
+    line = charts.frequency_sweep(lowest=0.45, highest=0.5, cols=4000, rows=1).weights[0, 0].astype(np.float64) - 0.5
+    assert 2 * np.abs(line[:200]).max() == pytest.approx(np.sinc(0.45), rel=2e-3)
+
+
+@pytest.mark.parametrize("waveform", ["sine", "square"])
+def test_siemens_star_holds_means(waveform: str) -> None:
+    star = charts.siemens_star(cycles=24, waveform=waveform, patches=False, rows=64, cols=70).weights[0]
+
+    def spokes(down: np.ndarray, right: np.ndarray) -> np.ndarray:
+        angle = np.arctan2(right, -down if waveform == "square" else down)
+        wave = (
+            np.cos(24 * angle) if waveform == "sine" else np.where(np.mod(24 * angle / (2 * math.pi), 1) < 0.5, 1, -1)
+        )
+        return 0.5 + 0.5 * wave * (np.hypot(down, right) < 0.45 * 64)
+
+    wanted = points(64, 70, spokes)
+    radius = np.hypot((np.arange(64) - 31.5)[:, None], (np.arange(70) - 34.5)[None, :])
+    border = np.abs(radius - 0.45 * 64) < 0.8  # where a sample's spokes are taken as its mean's
+    assert np.abs(star - wanted)[~border].max() < (1.5 / FINE if waveform == "square" else 5e-3)
+    assert np.abs(star - wanted)[~border & (radius > 8)].mean() < (0.2 / FINE if waveform == "square" else 2e-4)
+    assert np.abs(star - wanted)[border].max() < 0.06
+    assert (star[radius > 0.45 * 64 + 0.8] == 0.5).all()
+
+
+def test_siemens_star_has_its_cycles_round_the_circle() -> None:
+    star = charts.siemens_star(cycles=72, rows=512, cols=512).weights[0].astype(np.float64)
+    angle = 2 * math.pi * (np.arange(4096) + 0.5) / 4096
+    for radius in (60.0, 120.0, 220.0):
+        ring = star[(256 + radius * np.cos(angle)).astype(int), (256 + radius * np.sin(angle)).astype(int)]
+        spectrum = np.abs(np.fft.rfft(ring - ring.mean()))
+        assert spectrum.argmax() == 72
+
+
+def test_siemens_star_greys_are_equal_steps_and_stand_clear_of_it() -> None:
+    star = charts.siemens_star(contrast=11.0, rows=512, cols=640)
+    share = (star.weights[0].astype(np.float64) - 1 / 11) / (10 / 11)
+    for level, region in enumerate(star.regions):
+        inside = share[region.r0 : region.r1, region.c0 : region.c1]
+        assert inside == pytest.approx(np.full(inside.shape, level / 15), abs=1e-6)
+        far = math.hypot((region.c0 + region.c1) / 2 - 320, (region.r0 + region.r1) / 2 - 256)
+        assert far > 0.45 * 512 + 0.07 * 512 / 2
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: charts.sinusoid(frequency=0.6), "up to 0.5 cycles per sample, not 0.6"),
+        (lambda: charts.sinusoid(frequency=0), "above 0"),
+        (lambda: charts.sinusoid(direction_deg=math.inf), "direction_deg is a finite"),
+        (lambda: charts.sinusoid(waveform="sin"), "did you mean 'sine'"),
+        (lambda: charts.frequency_sweep(lowest=0.2, highest=0.1), "not from 0.2 to 0.1"),
+        (lambda: charts.frequency_sweep(highest=0.7), "at most 0.5"),
+        (lambda: charts.zone_plate(highest=math.nan), "not nan"),
+        (lambda: charts.siemens_star(cycles=0), "from 1 to 1024"),
+        (lambda: charts.siemens_star(waveform="squares"), "did you mean 'square'"),
+        (lambda: charts.siemens_star(rows=40, cols=40), "patches=False"),
+        (lambda: charts.siemens_star(contrast=1.0), "above 1"),
+    ],
+)
+def test_waves_that_cannot_be(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()
