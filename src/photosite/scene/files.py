@@ -58,6 +58,7 @@ FORMATS: tuple[Format, ...] = (
     Format("MATLAB", (".mat",), "matlab", (b"MATLAB 5.0", b"MATLAB 7.3"), writes=True),
     Format("TIFF", (".tif", ".tiff"), "tiff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), writes=True),
     Format("ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (b"ENVI",), writes=True),
+    Format("OpenEXR", (".exr",), "exr", (b"\x76\x2f\x31\x01",), writes=True),
 )
 """In the order in which they are asked: a MATLAB 7.3 file is HDF5 behind 512 bytes of its own."""
 
