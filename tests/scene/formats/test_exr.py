@@ -1,0 +1,375 @@
+"""OpenEXR: names, units, reversal, pictures, and files that are refused in one line."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import photosite as ps
+from photosite.errors import FileError, PhotositeWarning
+from photosite.scene.files import open_cube, read_scene, write_scene
+from photosite.scene.formats.exr import write_exr
+from photosite.scene.formats.exr_names import channel_name, spectral_channel
+from photosite.scene.scene import Scene
+from photosite.spectra import luminance_cd_m2, photons_from_energy, xyz
+
+OpenEXR = pytest.importorskip("OpenEXR")
+
+GRID = np.arange(400.0, 701.0, 50)
+PER_NM = "W.m^-2.sr^-1.nm^-1"
+
+
+def spectral(path: Path, values: np.ndarray, grid: np.ndarray = GRID, layer: str = "S0", **head: object) -> Path:
+    """A file of (rows, cols, bands), as the layout's paper writes it."""
+    channels = {
+        f"{layer}.{wavelength:.6f}".replace(".", ",").replace(",", ".", 1) + "nm": np.ascontiguousarray(values[..., k])
+        for k, wavelength in enumerate(grid)
+    }
+    OpenEXR.File({"type": OpenEXR.scanlineimage, **head}, channels).write(str(path))
+    return path
+
+
+def some_radiance(rows: int = 37, cols: int = 20) -> np.ndarray:
+    """W/m2/sr/nm."""
+    return np.random.default_rng(5).uniform(1e-3, 2e-3, (rows, cols, GRID.size)).astype(np.float32)
+
+
+def radiance_of(scene: Scene) -> np.ndarray:
+    return np.tensordot(scene.weights.astype(float), scene.basis, axes=(0, 0))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "wavelength_nm"),
+    [
+        ("S0.380,000000nm", "emissive", 380.0),
+        ("S0.5,5e2nm", "emissive", 550.0),
+        ("S0.0,55um", "emissive", 550.0),
+        ("S0.545,077196363636THz", "emissive", 550.0),
+        ("S3.550,0nm", "polarised", 550.0),
+        ("M00.550,0nm", "reflective", 550.0),
+        ("T.550,0nm", "reflective", 550.0),
+        ("T.450,0nm.550,0nm", "reradiated", 450.0),
+        ("420.00-430.00nm", "plain", 425.0),
+        ("550nm", "plain", 550.0),
+    ],
+)
+def test_names_of_channels(name: str, kind: str, wavelength_nm: float) -> None:
+    channel = spectral_channel(name)
+    assert channel is not None
+    assert (channel.kind, channel.wavelength_nm) == (kind, pytest.approx(wavelength_nm, rel=1e-9))
+
+
+@pytest.mark.parametrize("name", ["R", "A", "S4.500nm", "S0.nm", "S0.500.0nm.x.nmx", "depth.Z", "S0.0,0nm", "S0.500"])
+def test_other_names_are_none(name: str) -> None:
+    assert spectral_channel(name) is None
+
+
+def test_name_written_is_name_read() -> None:
+    channel = spectral_channel(channel_name(532.125))
+    assert channel is not None
+    assert (channel.wavelength_nm, channel.kind) == (532.125, "emissive")
+
+
+def test_energy_radiance_becomes_photons(tmp_path: Path) -> None:
+    energy = some_radiance()
+    file = spectral(tmp_path / "render.exr", energy, emissiveUnits=PER_NM)
+    scene = read_scene(file, tolerance=1e-6)
+    assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
+    assert (scene.name, scene.width_m) == ("render", None)
+
+
+def test_prefix_of_the_units_counts(tmp_path: Path) -> None:
+    energy = some_radiance()
+    watts = read_scene(spectral(tmp_path / "a.exr", energy, emissiveUnits=PER_NM))
+    milli = read_scene(spectral(tmp_path / "b.exr", energy, emissiveUnits=f"m{PER_NM}"))
+    assert_allclose(radiance_of(milli) * 1000, radiance_of(watts), rtol=1e-5)
+
+
+def test_bands_come_in_order_of_wavelength(tmp_path: Path) -> None:
+    """OpenEXR sorts channels as text, 1000 before 400."""
+    grid = np.array([400.0, 700.0, 1000.0])
+    energy = np.stack([np.full((3, 4), value, np.float32) for value in (1, 2, 3)], axis=-1)
+    scene = read_scene(spectral(tmp_path / "a.exr", energy, grid, emissiveUnits=PER_NM))
+    assert scene.wavelength_nm.tolist() == grid.tolist()
+    assert_allclose(scene.radiance(0, 0), photons_from_energy([1, 2, 3], grid), rtol=1e-5)
+
+
+def test_rows_are_read_piece_by_piece_alike(tmp_path: Path) -> None:
+    """With a data window that does not begin at 0, compressed in blocks of 16 rows, tiles too."""
+    energy = some_radiance()
+    window = {"dataWindow": (np.array([5, 11], "i"), np.array([24, 47], "i"))}
+    tile = OpenEXR.TileDescription()
+    tile.xSize = tile.ySize = 16
+    heads = [{}, window, {"type": OpenEXR.tiledimage, "tiles": tile}, {"compression": OpenEXR.NO_COMPRESSION}]
+    for number, head in enumerate(heads):
+        file = spectral(tmp_path / f"{number}.exr", energy, emissiveUnits=PER_NM, **head)
+        cube = open_cube(file)
+        assert cube.shape == energy.shape
+        for rows in (1, 10, 100):
+            blocks = list(cube.blocks(rows))
+            assert [first for first, _ in blocks] == list(range(0, 37, rows))
+            assert_allclose(np.concatenate([block for _, block in blocks]), energy, rtol=0)
+
+
+def test_half_precision_and_a_part_that_is_not_the_first(tmp_path: Path) -> None:
+    energy = some_radiance().astype(np.float16)
+    names = [channel_name(wavelength) for wavelength in GRID]
+    preview = {name: energy[..., 0].copy() for name in "RGB"}
+    channels = {name: energy[..., k].copy() for k, name in enumerate(names)}
+    parts = [
+        OpenEXR.Part({"name": "preview"}, preview),
+        OpenEXR.Part({"name": "spectra", "emissiveUnits": PER_NM}, channels),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    values = np.concatenate([block for _, block in open_cube(tmp_path / "a.exr").blocks(8)])
+    assert_allclose(values, energy.astype(float), rtol=0)
+
+
+def test_layout_of_pbrt(tmp_path: Path) -> None:
+    """Names, units and picture as PBRT-v4's spectral film writes them (film.cpp): centres of 16 buckets, 3 decimals."""
+    edges = np.linspace(360, 830, 17)
+    names = [
+        f"S0.{centre:.3f}".replace(".", ",").replace(",", ".", 1) + "nm" for centre in (edges[1:] + edges[:-1]) / 2
+    ]
+    rng = np.random.default_rng(1)
+    channels = {name: rng.uniform(0.1, 1, (9, 12)).astype(np.float16) for name in names}
+    head = {"spectralLayoutVersion": "1.0", "emissiveUnits": "W.m^-2.sr^-1"}
+    picture = {name: np.ones((9, 12), np.float16) for name in "RGB"}
+    OpenEXR.File(head, channels | picture).write(str(tmp_path / "a.exr"))
+    with pytest.warns(PhotositeWarning, match="name no wavelength and are taken as per nm"):
+        scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
+    assert scene.wavelength_nm[0] == pytest.approx(374.688, abs=5e-4)
+    expected = photons_from_energy(float(channels[names[3]][2, 5]), scene.wavelength_nm[3])
+    assert scene.radiance(2, 5)[3] == pytest.approx(float(expected), rel=1e-4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        said = read_scene(tmp_path / "a.exr", units="relative", mean_luminance_cd_m2=50)
+    assert said.mean_luminance_cd_m2() == pytest.approx(50, rel=2e-3)
+
+
+def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
+    energy = some_radiance()
+    names = [f"S{s}.{w:.0f},0nm" for s in range(4) for w in GRID]
+    planes = {name: energy[..., k % GRID.size] * (1 if k < GRID.size else -0.5) for k, name in enumerate(names)}
+    OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
+    with pytest.warns(PhotositeWarning, match="S1 to S3 are left out"):
+        scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
+    assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
+
+
+def test_reflectances_are_lit(tmp_path: Path) -> None:
+    reflectance = np.random.default_rng(2).uniform(0.1, 0.9, (5, 6, GRID.size)).astype(np.float32)
+    file = spectral(tmp_path / "a.exr", reflectance, layer="T")
+    scene = read_scene(file, illuminant="D65", mean_luminance_cd_m2=80, tolerance=1e-6)
+    assert scene.mean_luminance_cd_m2() == pytest.approx(80)
+    assert scene.reflectance is not None
+    lit = np.tensordot(scene.weights.astype(float), scene.reflectance, axes=(0, 0))
+    assert_allclose(lit, reflectance, rtol=1e-4)
+
+
+def test_radiance_and_reflectance_in_one_file(tmp_path: Path) -> None:
+    values = some_radiance(4, 4)
+    planes = {f"{layer}.{w:.0f},0nm": values[..., k] * (k + 1) for layer in ("S0", "T") for k, w in enumerate(GRID)}
+    OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
+    with pytest.raises(FileError, match="say which is wanted"):
+        read_scene(tmp_path / "a.exr")
+    assert open_cube(tmp_path / "a.exr", units="W/m2/sr/nm").quantity == "energy radiance"
+    assert open_cube(tmp_path / "a.exr", units="reflectance").quantity == "reflectance"
+
+
+def test_wavelengths_said_by_the_caller(tmp_path: Path) -> None:
+    """Mitsuba's spectral film calls its channels whatever the scene calls its bands."""
+    planes = {f"band{k}": np.full((4, 5), k + 1, np.float32) for k in range(3)}
+    OpenEXR.File({}, planes).write(str(tmp_path / "a.exr"))
+    scene = read_scene(tmp_path / "a.exr", units="W/m2/sr/nm", wavelength_nm=[450, 550, 650])
+    assert_allclose(scene.radiance(1, 1), photons_from_energy([1, 2, 3], [450, 550, 650]), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("half", "within"), [(False, 1e-6), (True, 5e-4)])
+def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
+    chart = ps.charts.macbeth("A", 40, distance_m=1.37, width_m=0.31)
+    file = tmp_path / "chart.exr"
+    if half:
+        write_exr(chart, file, half=True)
+    else:
+        write_scene(chart, file)
+    values = np.concatenate([block for _, block in open_cube(file).blocks(50)])
+    expected = radiance_of(chart)
+    assert_allclose(photons_from_energy(values, chart.wavelength_nm), expected, rtol=within, atol=within * 1e-6)
+    back = read_scene(file)
+    error = np.sqrt(np.mean((radiance_of(back) - expected) ** 2) / np.mean(expected**2))
+    assert error < 1.2e-3
+    assert back.relative_error < 1e-3
+    assert (back.distance_m, back.width_m, back.name) == (1.37, 0.31, chart.name)
+
+
+def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> None:
+    for factor, unit in ((1e19, f"m{PER_NM}"), (1e26, "too bright")):
+        scene = Scene.uniform(np.full(GRID.size, factor), GRID)
+        if unit == "too bright":
+            with pytest.raises(ValueError, match="16-bit floats end at 65504"):
+                write_exr(scene, tmp_path / "a.exr", half=True)
+        else:
+            write_exr(scene, tmp_path / "a.exr", half=True)
+            assert OpenEXR.File(str(tmp_path / "a.exr")).header()["emissiveUnits"] == unit
+            assert_allclose(read_scene(tmp_path / "a.exr").radiance(0, 0), factor, rtol=5e-4)
+
+
+# Pictures
+
+
+def picture(path: Path, rgb: np.ndarray, **head: object) -> Path:
+    channels = {name: np.ascontiguousarray(rgb[..., k], np.float32) for k, name in enumerate("RGB")}
+    OpenEXR.File(head, channels).write(str(path))
+    return path
+
+
+def some_picture() -> np.ndarray:
+    """Six decades."""
+    rgb = np.random.default_rng(3).uniform(0.2, 1, (4, 6, 3))
+    return rgb * 10.0 ** np.linspace(-3, 3, 6)[:, None]
+
+
+def linear_srgb_of(scene: Scene) -> np.ndarray:
+    """Tristimulus values times the inverse of sRGB's primaries, IEC 61966-2-1."""
+    to_rgb = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+    return xyz(radiance_of(scene), scene.wavelength_nm) @ to_rgb.T
+
+
+def test_picture_keeps_its_range_and_its_white_luminance(tmp_path: Path) -> None:
+    rgb = some_picture()
+    scene = read_scene(picture(tmp_path / "a.exr", rgb, whiteLuminance=200.0))
+    assert_allclose(scene.weights, np.moveaxis(rgb, 2, 0), rtol=1e-6)
+    # The matrix has four decimals, and the raised spectra turn colours by a little: 1 % of the brightest of the three.
+    assert (np.abs(linear_srgb_of(scene) - 200 * rgb) < 0.01 * 200 * rgb.max(axis=2, keepdims=True)).all()
+    white = read_scene(picture(tmp_path / "b.exr", np.ones((2, 2, 3)), whiteLuminance=200.0))
+    assert luminance_cd_m2(white.radiance(0, 0), white.wavelength_nm) == pytest.approx(200, rel=1e-9)
+    assert scene.reflectance is None
+
+
+def test_picture_at_a_luminance_under_a_light(tmp_path: Path) -> None:
+    file = picture(tmp_path / "a.exr", some_picture())
+    scene = read_scene(file, illuminant="A", mean_luminance_cd_m2=7.5, distance_m=3, width_m=2)
+    assert scene.mean_luminance_cd_m2() == pytest.approx(7.5)
+    assert (scene.distance_m, scene.width_m) == (3, 2)
+    assert scene.with_illuminant("D65").mean_luminance_cd_m2() == pytest.approx(7.5)
+
+
+def test_other_primaries_are_converted(tmp_path: Path) -> None:
+    """Linear Rec. 2020 of colours inside sRGB; the matrix is of Rec. ITU-R BT.2087-0."""
+    from_709 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
+    rgb = np.random.default_rng(4).uniform(0.1, 1, (4, 6, 3))
+    wide = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+    file = picture(tmp_path / "a.exr", rgb @ from_709.T, chromaticities=wide, whiteLuminance=1.0)
+    assert_allclose(read_scene(file).weights, np.moveaxis(rgb, 2, 0), atol=2e-4)
+
+
+def test_white_of_other_primaries_stays_white(tmp_path: Path) -> None:
+    """ACES' white is D60."""
+    aces = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)
+    file = picture(tmp_path / "a.exr", np.full((2, 2, 3), 0.5), chromaticities=aces, whiteLuminance=1.0)
+    assert_allclose(read_scene(file).weights, 0.5, atol=1e-4)
+
+
+def test_colours_outside_srgb_are_refused_or_made_zero(tmp_path: Path) -> None:
+    rgb = np.full((2, 3, 3), 0.5)
+    rgb[1, 1] = 0.5, -0.2, 0.5
+    file = picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)
+    with pytest.raises(FileError, match="1 of 6 pixels have colours outside sRGB"):
+        read_scene(file)
+    assert read_scene(file, negative="zero").weights[:, 1, 1].tolist() == [0.5, 0, 0.5]
+
+
+# What is refused
+
+
+def one_line(error: pytest.ExceptionInfo[FileError], file: Path) -> str:
+    text = str(error.value)
+    assert text.startswith(str(file))
+    assert "\n" not in text
+    assert len(text) < 420
+    return text
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "said"),
+    [
+        ({}, {}, r"does not say the units .* say them \(units='W/m2/sr/nm'\)"),
+        ({"emissiveUnits": "lx"}, {}, "units 'lx' are not understood"),
+        ({"emissiveUnits": PER_NM}, {"illuminant": "D65"}, "its light cannot be changed"),
+        ({"emissiveUnits": PER_NM, "pixelAspectRatio": 2.0}, {}, "pixels that are not square"),
+        ({"emissiveUnits": PER_NM}, {"wavelength_nm": [400, 500]}, "says its wavelengths itself"),
+    ],
+)
+def test_spectral_file_refused(tmp_path: Path, head: dict[str, object], options: dict[str, object], said: str) -> None:
+    file = spectral(tmp_path / "a.exr", some_radiance(), **head)
+    with pytest.raises(FileError, match=said) as error:
+        read_scene(file, **options)
+    one_line(error, file)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "said"),
+    [
+        (["depth.Z", "N.X"], {}, r"neither spectral channels .* but '.*depth\.Z'"),
+        ([f"AOV{k:02d}" for k in range(20)], {}, "and 12 more"),
+        (["S1.500,0nm"], {}, "polarised light alone"),
+        (["T.500,0nm", "T.450,0nm.500,0nm"], {}, "re-radiation"),
+        (["T.500,0nm"], {"units": "W/m2/sr/nm"}, "holds reflectances"),
+        (["T.500,0nm"], {}, "say the light on them"),
+        (["R", "G", "B"], {}, "does not say how bright its white is"),
+        (["R", "G", "B"], {"units": "W/m2/sr/nm"}, "which have no units"),
+        (["a", "b"], {"wavelength_nm": [500], "units": "relative"}, "2, and 1 wavelengths are given"),
+    ],
+)
+def test_channels_refused(tmp_path: Path, names: list[str], options: dict[str, object], said: str) -> None:
+    file = tmp_path / "a.exr"
+    OpenEXR.File({}, {name: np.ones((4, 5), np.float32) for name in names}).write(str(file))
+    with pytest.raises(FileError, match=said) as error:
+        read_scene(file, **options)
+    one_line(error, file)
+
+
+@pytest.mark.parametrize("keep", [6, 40, 300, 0.3, 0.9])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "a.exr"
+    noise = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    planes = {channel_name(wavelength): noise for wavelength in GRID}
+    wanted = OpenEXR.Part({"name": "spectra", "emissiveUnits": PER_NM}, planes)
+    preview = OpenEXR.Part({"name": "preview"}, dict.fromkeys("RGB", noise))
+    OpenEXR.File([wanted] if parts == 1 else [preview, wanted]).write(str(file))
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * keep) if keep < 1 else int(keep)])
+    with pytest.raises(FileError, match=r"truncated OpenEXR|damaged OpenEXR") as error:
+        read_scene(file)
+    one_line(error, file)
+    assert capfd.readouterr().err == ""
+
+
+def test_not_an_exr(tmp_path: Path) -> None:
+    file = tmp_path / "a.exr"
+    file.write_bytes(b"\x89PNG not an exr at all")
+    with pytest.raises(FileError, match="is no OpenEXR file") as error:
+        read_scene(file)
+    one_line(error, file)
+
+
+def test_missing_extra_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    file = spectral(tmp_path / "a.exr", some_radiance(2, 2))
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(FileError, match=re.escape("pip install 'photosite[spectral]'")):
+        read_scene(file)
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"):
+        write_scene(ps.charts.macbeth(), tmp_path / "nowhere" / "a.exr")
+    assert list(tmp_path.iterdir()) == []
