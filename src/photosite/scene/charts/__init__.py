@@ -8,6 +8,7 @@ from photosite.scene.charts.color_checker import MACBETH_NAMES as MACBETH_NAMES
 from photosite.scene.charts.color_checker import macbeth as macbeth
 from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
+from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
 from photosite.scene.charts.edges import edge_star as edge_star
 from photosite.scene.charts.edges import slanted_edge as slanted_edge
 from photosite.scene.charts.fields import checkerboard as checkerboard
