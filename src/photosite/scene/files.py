@@ -7,6 +7,7 @@ scene) or `read(path, options)` (a scene), `write(scene, path)` where it can be 
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from os import PathLike
@@ -164,7 +165,7 @@ def _reduced(
         raise FileError(cube.name, f"cannot be read: {error.strerror or error}") from None
 
 
-def write_scene(scene: Scene, path: str | PathLike[str]) -> None:
+def write_scene(scene: Scene, path: str | PathLike[str], **how: Any) -> None:
     """Write a scene; the name's ending chooses the format.
 
     Parameters
@@ -174,18 +175,28 @@ def write_scene(scene: Scene, path: str | PathLike[str]) -> None:
     path
         `.h5` is photosite's own file and keeps everything. Others hold photon radiance of every sample, in single
         precision: `.hdr` (ENVI, the numbers in `.img` beside it), `.tif` (a page a band), `.mat` (ISET's scene file).
+    **how
+        The format's own: cube=True (HDF5: a plain cube), interleave="bsq", "bil" or "bip" (ENVI), version="5" or "7.3"
+        (MATLAB).
 
     Raises
     ------
     FileError
         If the ending is of no format that can be written, or the file cannot.
+    InputError
+        If the format has no such option.
     """
     file = Path(path)
     kind = next((kind for kind in FORMATS if file.suffix.lower() in kind.suffixes and kind.writes), None)
     if kind is None:
         endings = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
         raise FileError(file, f"cannot be written: a scene's file ends in {endings}")
-    kind.load().write(scene, file)
+    write = kind.load().write
+    known = list(inspect.signature(write).parameters)[2:]
+    for name in how:
+        if name not in known:
+            raise InputError(f"writing {kind.name} knows no option '{name}'; {did_you_mean(name, known)}")
+    write(scene, file, **how)
 
 
 def format_of(path: Path) -> Format:

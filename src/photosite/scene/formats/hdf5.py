@@ -39,12 +39,17 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube | Scene:
         return cube_in(path, file, datasets, said)
 
 
-def write(scene: Scene, path: Path) -> None:
-    """photosite's own file.
+def write(scene: Scene, path: Path, *, cube: bool = False) -> None:
+    """photosite's own file, or a plain cube of photon radiance.
 
     Raises
     ------
     FileError
         If it cannot be written.
     """
-    write_native(scene, path)
+    if not cube:
+        write_native(scene, path)
+        return
+    from photosite.scene.formats.hdf5_cube import write_cube
+
+    write_cube(scene, path)
