@@ -11,7 +11,7 @@ import photosite as ps
 from photosite.camera_file import SetUp, load_camera
 from photosite.errors import FileError, InputError
 from photosite.optics.lens import DiffractionLimited
-from photosite.scene.request import SceneRequest
+from photosite.scene.request import FORMULAS, SceneRequest
 
 
 def written(folder: Path, text: str) -> Path:
@@ -107,6 +107,14 @@ def test_no_camera_file(tmp_path: Path) -> None:
 
 
 class TestSceneRequest:
+    @pytest.mark.parametrize("name", FORMULAS)
+    def test_every_formula_is_made_with_its_defaults(self, name: str) -> None:
+        scene = SceneRequest(
+            name, "D65", 25.0, distance_m=2.0, width_m=1.5, wavelength_nm=np.arange(400, 701, 20)
+        ).scene()
+        assert (scene.distance_m, scene.wavelength_nm.size) == (2.0, 16)
+        assert scene.mean_luminance_cd_m2() > 0
+
     def test_a_formula_is_not_asked_what_files_are(self) -> None:
         with pytest.raises(InputError, match="units is said of a scene's file; 'macbeth' is a formula"):
             SceneRequest("macbeth", units="W").scene()

@@ -5,7 +5,6 @@ The command line and the camera file both speak of scenes this way.
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,14 +18,22 @@ from numpy.typing import ArrayLike
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.scene import Scene
 
-FORMULAS: Mapping[str, str] = MappingProxyType(
-    {
-        "macbeth": "photosite.scene.charts:macbeth",
-        "uniform": "photosite.scene.charts:uniform",
-        "slanted-edge": "photosite.scene.charts:slanted_edge",
-    }
+FORMULAS = (
+    "macbeth",
+    "uniform",
+    "slanted-edge",
+    "edge-star",
+    "siemens-star",
+    "sinusoid",
+    "frequency-sweep",
+    "zone-plate",
+    "dead-leaves",
+    "point-grid",
+    "checkerboard",
+    "ramp",
+    "hdr-patches",
 )
-"""Scenes by formula: the name as one asks for it, and the function that makes it."""
+"""Scenes by formula, as one asks for them; each is the function of `photosite.scene.charts` of that name."""
 
 DEFAULT_SCENE = "macbeth"
 DEFAULT_ILLUMINANT = "A"
@@ -153,8 +160,9 @@ class SceneRequest:
 
 def formula(name: str) -> Callable[..., Scene]:
     """The function that makes a formula's scene."""
-    module, _, attribute = FORMULAS[name].partition(":")
-    made: Callable[..., Scene] = getattr(importlib.import_module(module), attribute)
+    from photosite.scene import charts
+
+    made: Callable[..., Scene] = getattr(charts, name.replace("-", "_"))
     return made
 
 
