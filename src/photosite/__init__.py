@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Camera": "photosite.camera",
     "DiffractionLimited": "photosite.optics.lens",
+    "Lens": "photosite.optics.compound",
     "Measured": "photosite.measured",
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.frames.read import read_raw as read_raw
     from photosite.measured import Measured as Measured
+    from photosite.optics.compound import Lens as Lens
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.scene import charts as charts
