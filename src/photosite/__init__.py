@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.frames.read import read_raw as read_raw
     from photosite.measured import Measured as Measured
-    from photosite.optics.compound import Lens as Lens
     from photosite.metrics.snr import noise_budget as noise_budget
+    from photosite.optics.compound import Lens as Lens
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.scene import charts as charts
     from photosite.scene import pictures as pictures
