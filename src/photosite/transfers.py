@@ -35,6 +35,8 @@ _CONE_SAMPLES = 12
 _CONE_RADIUS = 0.05
 """Of the cutoff: where the transfer function's start is looked at, less where it falls by more than `_CONE_FALL`."""
 _CONE_FALL = 0.1
+_LEAST_CONE = 1e-3
+"""A cone below this holds a millionth of the light beyond the kernel: it is left there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ def _of_modes(
     cones_table = np.empty((channels, len(modes), count, _NODES))
     spectra = np.empty((channels, len(modes), count, size, size // 2 + 1), np.complex128)
     for r, (mode, (on_nodes, grid)) in enumerate(zip(modes, nodes, strict=True)):
-        cones = [_cone(mode, w) for w in grid]
+        cones = [cone if abs(cone := _cone(mode, w)) * scale[r] >= _LEAST_CONE else 0.0 for w in grid]
         cones_table[:, r] = on_nodes @ np.stack(
             [cone * circular_pupil(frequencies / mode.cutoff_per_m(w)) for cone, w in zip(cones, grid, strict=True)]
         )
@@ -215,7 +217,8 @@ def _combined(tables: list[Array], samples: list[Array]) -> tuple[list[Array], A
     tall, coarse = (
         np.concatenate([part.transpose(0, 2, 1).reshape(-1, count) for part in parts]) for parts in (tables, samples)
     )
-    directions = np.linalg.svd(coarse, full_matrices=False)[2]
+    # Singular values matter down to 1e-6 of the first only: their squares, which a double holds, are quick to find.
+    directions = np.linalg.eigh(coarse.T @ coarse)[1][:, ::-1].T
     limit = MAP_TOLERANCE * np.abs(tall).max() / len(tables)
     low, high = 1, len(directions)
     while low < high:  # the least number of terms that is enough

@@ -130,14 +130,12 @@ def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterat
             _plain_spectrum(layer.weights, mix, lines, out)
             yield out
         return
-    across, (index, share) = layer.field.on_columns(grid), layer.field.on_rows(grid)
+    across, down = layer.field.on_columns(grid), layer.field.on_rows(grid)
     for mix in layer.mixing:
         for begin in range(0, out.shape[0], STRIP):
-            rows = slice(begin, begin + STRIP)
-            laid = _laid_rows(layer.weights, mix, lines, begin, min(begin + STRIP, out.shape[0]))
-            weighed = np.empty(laid.shape[1:], np.float32)
-            _weigh(laid, across, index[rows], share[rows], weighed)
-            out[rows] = scipy.fft.rfft(weighed, axis=1, workers=WORKERS)
+            end = min(begin + STRIP, out.shape[0])
+            weighed = _weighed_rows(layer.weights, mix, lines, across, down, begin, end)
+            out[begin:end] = scipy.fft.rfft(weighed, axis=1, workers=WORKERS)
         yield out
 
 
@@ -161,45 +159,96 @@ def _plain_spectrum(
             narrow = scipy.fft.rfft(laid, axis=1, workers=WORKERS).view(np.float32)
             mean_of_rows(narrow, down.first, down.sample, down.share, begin, first, parts[begin:end])
         else:
-            laid = _laid_rows(weights, mix[None], lines, begin, end)[0]
+            short = np.empty((end - begin, weights.shape[2]), np.float32)
+            strip = np.tensordot(mix, weights[:, first:last], axes=1)
+            mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
+            laid = mean_along_rows(short, across.first, across.sample, across.share)
             out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
 
 
-def _laid_rows(
-    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], begin: int, end: int
+def _weighed_rows(
+    weights: NDArray[np.float32],
+    mix: NDArray[np.float32],
+    lines: Sequence[Overlap],
+    field_across: NDArray[np.float32],
+    field_down: tuple[NDArray[np.int64], NDArray[np.float32]],
+    begin: int,
+    end: int,
 ) -> NDArray[np.float32]:
-    """(R, end - begin, cols): rows of cells of the maps `mix @ weights`; the axis that has fewer samples comes last."""
+    """(end - begin, cols): rows of cells of the maps `mix @ weights`, each times its weight over the field, summed.
+
+    The axis that has fewer samples comes last, and is weighted as it is laid.
+    """
     down, across = lines
+    index, share = field_down[0][begin:end], field_down[1][begin:end]
     first, last = down.span(begin, end)
     strip = np.tensordot(mix, weights[:, first:last], axes=1)
-    laid = np.empty((len(mix), end - begin, across.first.size - 1), np.float32)
-    for values, out in zip(strip, laid, strict=True):
-        if last - first <= end - begin:
-            wide = mean_along_rows(values, across.first, across.sample, across.share)
-            mean_of_rows(wide, down.first, down.sample, down.share, begin, first, out)
-        else:
-            short = np.empty((end - begin, values.shape[1]), np.float32)
-            mean_of_rows(values, down.first, down.sample, down.share, begin, first, short)
-            out[:] = mean_along_rows(short, across.first, across.sample, across.share)
-    return laid
+    out = np.empty((end - begin, field_across.shape[2]), np.float32)
+    if last - first <= end - begin:
+        flat = mean_along_rows(strip.reshape(-1, strip.shape[2]), across.first, across.sample, across.share)
+        wide = flat.reshape(len(mix), last - first, -1)
+        _weigh_rows(wide, down.first, down.sample, down.share, begin, first, field_across, index, share, out)
+        return out
+    short = np.empty((len(mix), end - begin, strip.shape[2]), np.float32)
+    for values, rows in zip(strip, short, strict=True):
+        mean_of_rows(values, down.first, down.sample, down.share, begin, first, rows)
+    _weigh_along(short, across.first, across.sample, across.share, field_across, index, share, out)
+    return out
 
 
 @compiled(parallel=True)
-def _weigh(
-    laid: NDArray[np.float32],
+def _weigh_rows(
+    wide: NDArray[np.float32],
+    first: NDArray[np.int64],
+    sample: NDArray[np.int64],
+    overlap_share: NDArray[np.float32],
+    begin: int,
+    offset: int,
     across: NDArray[np.float32],
     index: NDArray[np.int64],
     share: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """out = sum over r of laid[r] times the field's weight, (R, P, cols) interpolated between its nodes' rows."""
-    count, rows, cols = laid.shape
+    """out = sum over r of the means of whole rows of wide[r], times the field's weight (see `mean_of_rows`).
+
+    The weight is between rows index and index + 1 of across, (R, P, cols).
+    """
+    count, rows, cols = wide.shape[0], out.shape[0], out.shape[1]
     last = across.shape[1] - 1
     for i in prange(rows):
-        out[i] = np.float32(0.0)
         low, part = index[i], share[i]
+        line = np.zeros(cols, np.float32)
         for r in range(count):
             above, below = across[r, low], across[r, min(low + 1, last)]
-            values = laid[r, i]
+            for entry in range(first[begin + i], first[begin + i + 1]):
+                values, weight = wide[r, sample[entry] - offset], overlap_share[entry]
+                for c in range(cols):
+                    line[c] += values[c] * weight * (above[c] + part * (below[c] - above[c]))
+        out[i] = line
+
+
+@compiled(parallel=True)
+def _weigh_along(
+    short: NDArray[np.float32],
+    first: NDArray[np.int64],
+    sample: NDArray[np.int64],
+    overlap_share: NDArray[np.float32],
+    across: NDArray[np.float32],
+    index: NDArray[np.int64],
+    share: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """out = sum over r of short[r] brought to the cells along its rows, times the field's weight."""
+    count, rows, cols = short.shape[0], out.shape[0], out.shape[1]
+    last = across.shape[1] - 1
+    for i in prange(rows):
+        low, part = index[i], share[i]
+        line = np.zeros(cols, np.float32)
+        for r in range(count):
+            values, above, below = short[r, i], across[r, low], across[r, min(low + 1, last)]
             for c in range(cols):
-                out[i, c] += values[c] * (above[c] + part * (below[c] - above[c]))
+                mean = np.float32(0.0)
+                for entry in range(first[c], first[c + 1]):
+                    mean += values[sample[entry]] * overlap_share[entry]
+                line[c] += mean * (above[c] + part * (below[c] - above[c]))
+        out[i] = line

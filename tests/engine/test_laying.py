@@ -1,0 +1,104 @@
+"""Layers on their cells: weights over the field, and light that adds up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from photosite.engine.laying import Field, Grid, Layer, laid_spectra
+from photosite.engine.mosaic import mosaic_of_layers
+from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+
+RNG = np.random.default_rng(6)
+GRID = Grid((12, 15), 3, (2, 2), 3)
+FIELD = Field(np.array([-1.0, 4, 9]), np.array([0.0, 2, 11, 14]), RNG.random((2, 3, 4)))
+SAMPLING = Sampling((6e-6, 5e-6), (5e-6, 4e-6), 3)
+ANYTHING = Transfer(RadialTransfer(RNG.random((3, 2, 9)), 4e4))
+SITES = [[(0, 0)], [(0, 1), (1, 0)], [(1, 1)]]
+
+
+def layer(rows: int = 12, cols: int = 15) -> Layer:
+    step = (rows / 12, cols / 15)
+    return Layer(
+        RNG.random((4, rows, cols)).astype(np.float32),
+        (0.0, 0.0),
+        step,
+        RNG.random((2, 2, 4)).astype(np.float32),
+        ANYTHING,
+        FIELD,
+    )
+
+
+def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """A map whose samples are whole numbers of pixels or of cells, on the padded grid; its border goes on beyond."""
+    rows, cols = values.shape[0] // 12 or 1, values.shape[1] // 15 or 1
+    pixels = np.kron(values, np.ones((max(12 // values.shape[0], 1), max(15 // values.shape[1], 1))))
+    cells = np.kron(pixels, np.ones((3 // rows, 3 // cols)))
+    before = [GRID.before(axis) * 3 for axis in (0, 1)]
+    after = [GRID.cells(axis) - cells.shape[axis] - before[axis] for axis in (0, 1)]
+    return np.pad(cells, list(zip(before, after, strict=True)), mode="edge")
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(12, 15), (4, 5), (36, 45), (36, 15)])
+def test_a_term_is_its_maps_each_weighted_over_the_field(rows: int, cols: int) -> None:
+    """Against SciPy's linear interpolation, for scenes with fewer and with more samples than pixels."""
+    one = layer(rows, cols)
+    points = np.stack(
+        np.meshgrid(
+            np.clip(GRID.centers(0), FIELD.row[0], FIELD.row[-1]),
+            np.clip(GRID.centers(1), FIELD.col[0], FIELD.col[-1]),
+            indexing="ij",
+        ),
+        axis=-1,
+    )
+    fields = [RegularGridInterpolator((FIELD.row, FIELD.col), w)(points) for w in FIELD.weights]
+    out = np.empty((GRID.cells(0), GRID.cells(1) // 2 + 1), np.complex64)
+    for mix, spectrum in zip(one.mixing, laid_spectra(one, GRID, out), strict=True):
+        maps = np.tensordot(mix, one.weights, axes=1)
+        expected = sum(on_cells(m) * f for m, f in zip(maps, fields, strict=True))
+        assert np.fft.irfft(spectrum, GRID.cells(1), axis=1) == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_field_of_one_node_and_weight_one_changes_nothing() -> None:
+    plain = replace(layer(), field=None, mixing=RNG.random((2, 1, 4)).astype(np.float32))
+    even = replace(plain, field=Field(np.zeros(1), np.zeros(1), np.ones((1, 1, 1))))
+    got = [mosaic_of_layers([one], SAMPLING, GRID, SITES) for one in (plain, even)]
+    assert np.abs(got[0] - got[1]).max() < 1e-6 * np.abs(got[0]).max()
+
+
+def test_the_light_of_layers_adds_up() -> None:
+    first, second = layer(), replace(layer(4, 5), transfer=Transfer(None, RNG.random((3, 2, 15, 15))))
+    together = mosaic_of_layers([first, second], SAMPLING, GRID, SITES)
+    apart = sum(mosaic_of_layers([one], SAMPLING, GRID, SITES) for one in (first, second))
+    assert np.abs(together - apart).max() < 1e-6 * np.abs(apart).max()
+
+
+def test_a_part_in_f_and_a_kernel_of_one_transfer_add_up() -> None:
+    kernels = RNG.random((3, 2, 15, 15))
+    one = layer()
+    both, alone, rest = (
+        mosaic_of_layers([replace(one, transfer=t)], SAMPLING, GRID, SITES)
+        for t in (Transfer(ANYTHING.radial, kernels), ANYTHING, Transfer(None, kernels))
+    )
+    assert np.abs(both - (alone + rest)).max() < 1e-6 * np.abs(both).max()
+
+
+@pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 2), (4, 4)])
+def test_a_kernel_is_a_convolution_whatever_the_tile(tile: tuple[int, int]) -> None:
+    """Against SciPy's, in the middle of a frame, every site from its own channel."""
+    from scipy.signal import convolve2d
+
+    grid = Grid((24, 36), 8, tile)
+    sites = [[(r, c)] for r in range(tile[0]) for c in range(tile[1])]
+    kernels = RNG.random((len(sites), 1, 7, 7))
+    weights = RNG.random((1, 24, 36)).astype(np.float32)
+    one = Layer(weights, (0.0, 0.0), (1.0, 1.0), np.ones((1, 1, 1), np.float32), Transfer(None, kernels))
+    got = mosaic_of_layers([one], Sampling((5e-6, 5e-6), (5e-6, 5e-6)), grid, sites)
+    padded = np.pad(weights[0].astype(np.float64), 3, mode="edge")
+    for kernel, [(r, c)] in zip(kernels[:, 0], sites, strict=True):
+        expected = convolve2d(padded, kernel, mode="valid")[r :: tile[0], c :: tile[1]]
+        assert np.abs(got[r :: tile[0], c :: tile[1]] - expected).max() < 1e-6 * expected.max()
