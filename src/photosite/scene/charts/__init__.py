@@ -8,6 +8,9 @@ from photosite.scene.charts.color_checker import MACBETH_NAMES as MACBETH_NAMES
 from photosite.scene.charts.color_checker import macbeth as macbeth
 from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
+from photosite.scene.charts.color_checker_sg import SG_NAMES as SG_NAMES
+from photosite.scene.charts.color_checker_sg import color_checker_sg as color_checker_sg
+from photosite.scene.charts.color_checker_sg import color_checker_sg_reflectance as color_checker_sg_reflectance
 from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
 from photosite.scene.charts.edges import edge_star as edge_star
 from photosite.scene.charts.edges import slanted_edge as slanted_edge

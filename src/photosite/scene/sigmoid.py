@@ -1,0 +1,139 @@
+"""Smooth reflectances from colours, after Jakob and Hanika: a sigmoid of a parabola over wavelength.
+
+Such a reflectance has three numbers, lies between 0 and 1, and has no more than one bump or dip.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import InputError
+from photosite.spectra import wavelength_grid
+
+Array = NDArray[np.float64]
+
+_BLOCK = 1 << 15
+"""Colours solved together: (colours, wavelengths) arrays of them stay in tens of megabytes."""
+
+_STEPS = 100
+_CLOSE = 1e-6
+"""Largest error of a tristimulus value, in parts of the white's Y, at which a colour counts as met."""
+
+_EXTREME = 1e-5
+"""Share of mid-grey mixed into a colour: black and full white would need endless coefficients."""
+
+_CENTRE_NM, _HALF_NM = 570.0, 210.0
+"""Wavelengths as the parabola knows them: -1 at 360 nm, 1 at 780 nm."""
+
+
+def sigmoid_reflectance(coefficients: ArrayLike, wavelength_nm: ArrayLike) -> Array:
+    """(..., wavelengths) reflectance 1/2 + x / (2 sqrt(1 + x^2)), x = c0 t^2 + c1 t + c2, t = (wavelength - 570) / 210.
+
+    Parameters
+    ----------
+    coefficients
+        (..., 3).
+    wavelength_nm
+        (wavelengths,).
+
+    Notes
+    -----
+    W. Jakob and J. Hanika, "A Low-Dimensional Function Space for Efficient Spectral Upsampling", Eurographics 2019,
+    equation 3.
+
+    Examples
+    --------
+    >>> sigmoid_reflectance([0.0, 0.0, 0.0], [400.0, 700.0])
+    array([0.5, 0.5])
+    """
+    x = np.asarray(coefficients, dtype=np.float64) @ _powers(wavelength_grid(wavelength_nm))
+    reflectance: Array = 0.5 + 0.5 * x / np.sqrt(1.0 + x * x)
+    return reflectance
+
+
+def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_nm: ArrayLike) -> Array:
+    """(n, 3) coefficients of the reflectances that have given tristimulus values.
+
+    Parameters
+    ----------
+    tristimulus
+        (n, 3), with the perfect white's Y as 1: X, Y, Z, or any others that the weights give.
+    weights
+        (3, wavelengths): `reflectance @ weights.T` are the tristimulus values; light, observer and step in one.
+    wavelength_nm
+        (wavelengths,).
+
+    Raises
+    ------
+    InputError
+        If a colour has no such reflectance: it is brighter or more saturated than a surface can be.
+
+    Notes
+    -----
+    Levenberg and Marquardt's method on all colours at once, from grey. Colours are met to 1e-6 of the white after a
+    share of 1e-5 of mid-grey is mixed in, without which black and the perfect white have no finite coefficients.
+    """
+    wanted = np.asarray(tristimulus, dtype=np.float64)
+    weigh = np.asarray(weights, dtype=np.float64)
+    powers = _powers(wavelength_grid(wavelength_nm))
+    white = weigh.sum(axis=1)
+    wanted = (1 - _EXTREME) * wanted + _EXTREME * 0.5 * white
+    # Products of the weights with the powers, so that derivatives are one matrix product: (wavelengths, 9).
+    jacobian = (weigh[:, None, :] * powers[None, :, :]).reshape(9, -1).T
+    coefficients = np.empty((len(wanted), 3))
+    for first in range(0, len(wanted), _BLOCK):
+        here = slice(first, first + _BLOCK)
+        coefficients[here], error = _solve(wanted[here], weigh, powers, jacobian)
+        if (error > _CLOSE).any():
+            worst = first + int(error.argmax())
+            raise InputError(
+                f"{int((error > _CLOSE).sum())} colours are brighter or more saturated than a surface can be, the "
+                f"first of them X, Y, Z {wanted[worst].round(4).tolist()} where white has {white.round(4).tolist()}"
+            )
+    return coefficients
+
+
+def _powers(grid: Array) -> Array:
+    t = (grid - _CENTRE_NM) / _HALF_NM
+    return np.stack([t * t, t, np.ones_like(t)])
+
+
+def _solve(wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple[Array, Array]:
+    """Coefficients (n, 3) and what is left of the largest error (n,)."""
+    level = np.clip((wanted / weigh.sum(axis=1)).mean(axis=1), 0.01, 0.99)
+    grey = 2 * level - 1
+    c = np.zeros_like(wanted)
+    c[:, 2] = grey / np.sqrt(1 - grey * grey)  # the grey of about this lightness
+    damping = np.full(len(wanted), 1e-2)
+    residual, slope = _error(c, wanted, weigh, powers)
+    size = (residual**2).sum(axis=1)
+    open_ = np.arange(len(wanted))
+    for _ in range(_STEPS):
+        open_ = open_[np.abs(residual[open_]).max(axis=1) > _CLOSE]
+        if open_.size == 0:
+            break
+        J = (slope[open_] @ jacobian).reshape(-1, 3, 3)
+        normal = np.einsum("nij,nik->njk", J, J)
+        gradient = np.einsum("nij,ni->nj", J, residual[open_])
+        # Damped by each coefficient's own scale, so that flat directions of dark and saturated colours still move.
+        diagonal = np.einsum("njj->nj", normal)
+        scale = diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30
+        normal[:, [0, 1, 2], [0, 1, 2]] += damping[open_, None] * scale
+        step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+        trial = c[open_] - step
+        new_residual, new_slope = _error(trial, wanted[open_], weigh, powers)
+        new_size = (new_residual**2).sum(axis=1)
+        better = new_size < size[open_]
+        took = open_[better]
+        c[took], size[took] = trial[better], new_size[better]
+        residual[took], slope[took] = new_residual[better], new_slope[better]
+        damping[open_] = np.where(better, damping[open_] / 5, damping[open_] * 4)
+    return c, np.abs(residual).max(axis=1)
+
+
+def _error(c: Array, wanted: Array, weigh: Array, powers: Array) -> tuple[Array, Array]:
+    """Tristimulus errors (n, 3), and the sigmoid's slope (n, wavelengths)."""
+    x = c @ powers
+    root = 1.0 / np.sqrt(1.0 + x * x)
+    return (0.5 + 0.5 * x * root) @ weigh.T - wanted, 0.5 * root**3
