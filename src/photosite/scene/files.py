@@ -18,9 +18,8 @@ from typing import Any
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.scene.cube import SpectralCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import Progress, Reduction, reduced
+from photosite.scene.reduce import Progress, reduced
 from photosite.scene.scene import Scene
-from photosite.scene.store import WeightStore, temporary_store
 
 _HEAD_BYTES = 1 << 10
 
@@ -105,12 +104,21 @@ def read_scene(
     """
     said = read_options(options)
     file = Path(path)
-    module = format_of(file).load()
-    if not hasattr(module, "open_cube"):
-        scene: Scene = module.read(file, said)
-        return scene
-    found = module.open_cube(file, said)
-    return found if isinstance(found, Scene) else _reduced(found, said, temporary_store, progress).scene
+    found = open_scene(file, said)
+    return found if isinstance(found, Scene) else reduced(found, said, progress=progress).scene
+
+
+def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
+    """What a file holds, before any reduction: a cube, or a scene as it is.
+
+    Raises
+    ------
+    FileError
+        As for `read_scene`.
+    """
+    module = format_of(path).load()
+    found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, said)
+    return found
 
 
 def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
@@ -130,39 +138,10 @@ def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
     InputError
         If an option is unknown or cannot be.
     """
-    said = read_options(options)
-    file = Path(path)
-    kind = format_of(file)
-    module = kind.load()
-    found = module.open_cube(file, said) if hasattr(module, "open_cube") else None
-    if found is None or isinstance(found, Scene):
-        raise FileError(file, "holds a scene and no cube of values; read it with read_scene")
-    cube: SpectralCube = found
-    return cube
-
-
-def reduce_file(
-    path: str | PathLike[str],
-    store: Callable[[tuple[int, int, int]], WeightStore] = temporary_store,
-    *,
-    progress: Progress | None = None,
-    **options: Any,
-) -> Reduction:
-    """A file's cube reduced, with what that took; for the parameters and errors see `read_scene` and `open_cube`."""
-    said = read_options(options)
-    return _reduced(open_cube(path, **options), said, store, progress)
-
-
-def _reduced(
-    cube: SpectralCube,
-    said: ReadOptions,
-    store: Callable[[tuple[int, int, int]], WeightStore],
-    progress: Progress | None,
-) -> Reduction:
-    try:
-        return reduced(cube, said, store=store, progress=progress)
-    except OSError as error:
-        raise FileError(cube.name, f"cannot be read: {error.strerror or error}") from None
+    found = open_scene(Path(path), read_options(options))
+    if isinstance(found, Scene):
+        raise FileError(path, "holds a scene and no cube of values; read it with read_scene")
+    return found
 
 
 def write_scene(scene: Scene, path: str | PathLike[str], **how: Any) -> None:
@@ -187,16 +166,29 @@ def write_scene(scene: Scene, path: str | PathLike[str], **how: Any) -> None:
         If the format has no such option.
     """
     file = Path(path)
-    kind = next((kind for kind in FORMATS if file.suffix.lower() in kind.suffixes and kind.writes), None)
-    if kind is None:
-        endings = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
-        raise FileError(file, f"cannot be written: a scene's file ends in {endings}")
-    write = kind.load().write
+    write = writer_of(file)
     known = list(inspect.signature(write).parameters)[2:]
     for name in how:
         if name not in known:
-            raise InputError(f"writing {kind.name} knows no option '{name}'; {did_you_mean(name, known)}")
+            hint = did_you_mean(name, known) if known else "it has none"
+            raise InputError(f"writing {file.suffix} knows no option '{name}'; {hint}")
     write(scene, file, **how)
+
+
+def writer_of(path: Path) -> Callable[..., None]:
+    """What writes a scene to a file of this name.
+
+    Raises
+    ------
+    FileError
+        If its ending is of no format that can be written.
+    """
+    kind = next((kind for kind in FORMATS if path.suffix.lower() in kind.suffixes and kind.writes), None)
+    if kind is None:
+        endings = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
+        raise FileError(path, f"cannot be written: a scene's file ends in {endings}")
+    write: Callable[..., None] = kind.load().write
+    return write
 
 
 def format_of(path: Path) -> Format:

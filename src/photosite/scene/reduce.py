@@ -204,6 +204,8 @@ class _Values:
             spectra = _by_band(block)
             gram += spectra @ spectra.T  # NumPy sees the transpose and computes one half
             total += spectra.sum(axis=1)
+        if not np.isfinite(gram).all():
+            raise FileError(self._cube.name, "has values too large to be squared; are its units right?")
         return gram[np.ix_(self._order, self._order)], total[self._order]
 
     def project(
@@ -221,6 +223,8 @@ class _Values:
             for first, block in self._blocks():
                 spectra = _by_band(block)
                 weights = (vectors @ spectra).astype(np.float32)
+                if not np.isfinite(weights).all():
+                    raise FileError(self._cube.name, "has values beyond single precision; are its units right?")
                 place.put(first, weights.reshape(len(basis), -1, cols))
                 spectra = spectra * photons[:, None]
                 spectra -= basis.T @ weights.astype(np.float64)
@@ -230,7 +234,7 @@ class _Values:
     def _blocks(self, *, count: bool = False) -> Iterator[tuple[int, Array]]:
         """The blocks, with what is missing or below 0 refused or made 0."""
         total = 2 * self._cube.shape[0]
-        for first, block in self._cube.blocks(self._rows):
+        for first, block in self._read():
             # A sum is NaN or infinite where a value is, and costs one look.
             if not np.isfinite(block.sum()):
                 block = self._without_gaps(first, block, count)
@@ -239,6 +243,12 @@ class _Values:
             yield first, block
             self._done += block.shape[0]
             self._progress(self._done, total, "rows")
+
+    def _read(self) -> Iterator[tuple[int, Array]]:
+        try:
+            yield from self._cube.blocks(self._rows)
+        except OSError as error:
+            raise FileError(self._cube.name, f"cannot be read: {error.strerror or error}") from None
 
     def _without_gaps(self, first: int, block: Array, count: bool) -> Array:
         gaps = ~np.isfinite(block)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.errors import InputError
 from photosite.regions import Region
 from photosite.scene.reduction import few_spectra
-from photosite.scene.weights import checked_weights
+from photosite.scene.weights import checked_weights, component_means
 from photosite.spectra import (
     Rule,
     Spectrum,
@@ -194,8 +194,7 @@ class Scene:
 
     def mean_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
         """Mean luminance over all samples, in cd/m2; a chart's black gaps count too."""
-        means = self.weights.mean(axis=(1, 2), dtype=np.float64)
-        return float(luminance_cd_m2(means @ self.basis, self.wavelength_nm, rule))
+        return float(luminance_cd_m2(component_means(self.weights) @ self.basis, self.wavelength_nm, rule))
 
     def with_mean_luminance(self, mean_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
         """The same scene, brighter or darker, so that its mean luminance is the one given.

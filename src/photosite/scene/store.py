@@ -87,9 +87,14 @@ class _InFile:
 
     def put(self, first: int, weights: NDArray[np.float32]) -> None:
         _, rows, cols = self._shape
-        for k, component in enumerate(weights):
-            self._file.seek(4 * (k * rows + first) * cols)
-            self._file.write(np.ascontiguousarray(component).data)
+        try:
+            for k, component in enumerate(weights):
+                self._file.seek(4 * (k * rows + first) * cols)
+                self._file.write(np.ascontiguousarray(component).data)
+        except OSError as error:
+            raise InputError(
+                f"the scene's weights cannot be kept in {tempfile.gettempdir()}: {error.strerror}"
+            ) from None
 
     def finish(self) -> NDArray[np.float32]:
         self._file.flush()

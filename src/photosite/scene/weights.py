@@ -41,6 +41,22 @@ def all_finite(array: NDArray[np.float32]) -> bool:
     return True
 
 
+def component_means(weights: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(K,) mean of each component over all samples; of a mapped file no more than a block stays in memory."""
+    if not weights.flags.c_contiguous:
+        return np.asarray(weights.mean(axis=(1, 2), dtype=np.float64))
+    mapped = _mapping(weights)
+    totals = np.zeros(len(weights))
+    for k, component in enumerate(weights):
+        flat = component.reshape(-1)
+        for first in range(0, flat.size, _BLOCK_VALUES):
+            totals[k] += flat[first : first + _BLOCK_VALUES].sum(dtype=np.float64)
+            if mapped is not None and hasattr(mapped, "madvise"):
+                mapped.madvise(mmap.MADV_DONTNEED)
+    means: NDArray[np.float64] = totals / (weights.shape[1] * weights.shape[2])
+    return means
+
+
 def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
     """The read-only file mapping that an array lies in, where it does: its pages may be dropped, to be read again."""
     owner: Any = array

@@ -144,8 +144,8 @@ def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
     why = "it is truncated, or " if size < wanted else ""
     raise FileError(
         data_path,
-        f"has {size} bytes, and its header {header_path.name} describes {wanted}: {why}lines, samples, bands, data type "
-        "or header offset are not this file's",
+        f"has {size} bytes, and its header {header_path.name} describes {wanted}: {why}lines, samples, bands, data "
+        "type or header offset are not this file's",
     )
 
 
