@@ -1,0 +1,389 @@
+"""Scenes from a renderer: Mitsuba 3 renders, band by band, what photosite's cameras then see.
+
+What Mitsuba calls spectral radiance is taken as W/sr/m2/nm: the unit of its `blackbody`, and of any emitter whose
+spectrum is given in it. Its own film would turn spectra to colour; a rendering here has one sample per pixel, band and
+square of the scene, and nothing else is done to it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
+from photosite.scene.cube import ArrayCube
+from photosite.scene.options import ReadOptions
+from photosite.scene.reduce import reduce_cube
+from photosite.scene.scene import Scene
+from photosite.spectra import wavelength_grid
+
+VARIANTS = ("scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral")
+"""Of Mitsuba, that render spectra. The first needs nothing beside Mitsuba; the others need LLVM or an NVIDIA GPU."""
+
+RENDER_WAVELENGTH_NM: NDArray[np.float64] = np.arange(400.0, 701.0, 10.0)
+RENDER_WAVELENGTH_NM.flags.writeable = False
+
+EXAMPLE = Path(__file__).parent / "examples" / "still_life.xml"
+"""A table of painted things under a lamp of 3200 K, in metres and W/sr/m2/nm."""
+
+_LANES = 4
+"""Wavelengths that Mitsuba carries along a path, a quarter of the film's range apart."""
+_EDGE = 1 / 2000
+"""Width of a band's edge, of the band: a path near one counts for both bands in part."""
+_NO_SCALE = {"d65", "srgb_d65", "envmap", "sunsky", "sky", "sun"}
+
+Progress = Callable[[int, int, str], object]
+"""Told (done, total, what)."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """What a rendering's camera sees, in scene units."""
+
+    distance: float | None
+    width_at_1: float | None
+
+
+def render_mitsuba(
+    scene: str | PathLike[str] | Mapping[str, Any],
+    *,
+    wavelength_nm: ArrayLike = RENDER_WAVELENGTH_NM,
+    spp: int = 64,
+    seed: int = 0,
+    rows: int | None = None,
+    cols: int | None = None,
+    sensor: int = 0,
+    variant: str = "scalar_spectral",
+    parameters: Mapping[str, object] | None = None,
+    unit_m: float = 1.0,
+    distance_m: float | None = None,
+    mean_luminance_cd_m2: float | None = None,
+    tolerance: float = 1e-3,
+    progress: Progress | None = None,
+) -> Scene:
+    """A scene that Mitsuba 3 renders.
+
+    Parameters
+    ----------
+    scene
+        A scene file (XML), or a dictionary as `mitsuba.load_dict` takes it.
+    wavelength_nm
+        (wavelengths,) centres of the bands, in equal steps. A band is as wide as the step, 10 nm where there is only
+        one; its value is the mean radiance over it.
+    spp
+        Paths per pixel and group of four bands.
+    seed
+        Of the paths. All groups use the same, so that noise changes the brightness of a sample and not its hue.
+    rows, cols
+        Of the picture; None as the scene's film says.
+    sensor
+        Which of the scene's cameras.
+    variant
+        Of Mitsuba: "scalar_spectral", "llvm_ad_spectral" or "cuda_ad_spectral".
+    parameters
+        Values of a scene file's `$names`.
+    unit_m
+        Metres in a unit of the scene.
+    distance_m
+        From the lens to the scene. None: where the scene's camera is focused, or what it sees in the middle of the
+        picture, or 1.2 m where there is nothing.
+    mean_luminance_cd_m2
+        To scale the scene to; for lights that have no absolute scale (RGB, D65, environment pictures).
+    tolerance
+        Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make.
+    progress
+        Told how far it is, in bands.
+
+    Returns
+    -------
+    Scene
+        Its width is what the camera's field of view spans at the distance.
+
+    Raises
+    ------
+    InputError
+        If the extra is missing, or a parameter cannot be.
+    FileError
+        If the scene file is missing or Mitsuba refuses it, or the rendering has values that are no numbers.
+
+    Notes
+    -----
+    Film: `specfilm` with a box filter, a sample being the mean over its own square, and one box-shaped response per
+    band, whose integral over the radiance is divided by its width. Four bands side by side make one rendering:
+    Mitsuba spaces the four wavelengths of a path by a quarter of the range, so that each band gets one of every path
+    and none is left to chance. W. Jakob and others, Mitsuba 3, version 3.6 or later.
+
+    Examples
+    --------
+    >>> wall = {
+    ...     "type": "scene",
+    ...     "integrator": {"type": "path"},
+    ...     "sensor": {"type": "perspective", "fov": 30, "film": {"type": "hdrfilm", "width": 6, "height": 4}},
+    ...     "light": {"type": "constant", "radiance": {"type": "uniform", "value": 2.0}},
+    ... }
+    >>> scene = render_mitsuba(wall, wavelength_nm=[450, 550, 650], spp=1)
+    >>> from photosite.spectra import energy_from_photons
+    >>> scene.shape, energy_from_photons(scene.radiance(0, 0), scene.wavelength_nm).round(3)
+    ((4, 6), array([2., 2., 2.]))
+    """
+    said = ReadOptions(distance_m=distance_m, mean_luminance_cd_m2=mean_luminance_cd_m2, tolerance=tolerance)
+    grid, width_nm = _bands(wavelength_nm)
+    for name, value in (("spp", spp), ("rows", rows), ("cols", cols)):
+        if value is not None and value < 1:
+            raise InputError(f"{name} of a rendering is 1 or more, not {value}")
+    if not (math.isfinite(unit_m) and unit_m > 0):
+        raise InputError(f"unit_m, the metres in a unit of the scene, must be above 0, not {unit_m}")
+    if variant not in VARIANTS:
+        raise InputError(f"Mitsuba's variant '{variant}' renders no spectra; {did_you_mean(variant, VARIANTS)}")
+    source = _Source(scene, parameters or {}, sensor)
+    with _mitsuba(variant) as mitsuba, source.errors():
+        values = np.concatenate(
+            [
+                source.rendered(mitsuba, grid[first : first + _LANES], width_nm, (rows, cols), spp, seed)
+                for first in _told(range(0, grid.size, _LANES), grid.size, progress)
+            ],
+            axis=2,
+        )
+        view = source.view
+        no_scale = sorted(source.plugins & _NO_SCALE)
+    if no_scale and mean_luminance_cd_m2 is None:
+        warnings.warn(
+            PhotositeWarning(
+                f"{source.name}: has light of '{', '.join(no_scale)}', which has no absolute scale; its numbers are "
+                "taken as W/sr/m2/nm; say how bright the scene is (mean_luminance_cd_m2)"
+            ),
+            stacklevel=2,
+        )
+    distance = distance_m or (view.distance * unit_m if view.distance else None)
+    cube = ArrayCube(
+        name=source.name,
+        shape=(values.shape[0], values.shape[1], grid.size),
+        wavelength_nm=grid,
+        quantity="energy radiance",
+        distance_m=distance,
+        width_m=None if distance is None or view.width_at_1 is None else view.width_at_1 * distance,
+        title=Path(source.name).stem,
+        values=values,
+    )
+    return reduce_cube(cube, said)
+
+
+def example_scene(
+    *, rows: int = 160, cols: int = 240, spp: int = 64, seed: int = 0, progress: Progress | None = None
+) -> Scene:
+    """The example scene that comes with photosite, rendered: painted things on a table under a lamp of 3200 K.
+
+    Parameters
+    ----------
+    rows, cols, spp, seed, progress
+        As for `render_mitsuba`.
+
+    Raises
+    ------
+    InputError
+        If the extra is missing, or a parameter cannot be.
+    """
+    return render_mitsuba(EXAMPLE, rows=rows, cols=cols, spp=spp, seed=seed, progress=progress)
+
+
+def _bands(wavelength_nm: ArrayLike) -> tuple[NDArray[np.float64], float]:
+    grid = wavelength_grid(wavelength_nm)
+    if grid.size == 1:
+        return grid, 10.0
+    step = np.diff(grid)
+    if not np.allclose(step, step[0], rtol=1e-6):
+        raise InputError("the wavelengths of a rendering lie in equal steps; give them so (400, 410, ...)")
+    return grid, float(step.mean())
+
+
+def _told(steps: range, total: int, progress: Progress | None) -> Iterator[int]:
+    for first in steps:
+        yield first
+        if progress is not None:
+            progress(min(first + steps.step, total), total, "bands")
+
+
+@contextmanager
+def _mitsuba(variant: str) -> Iterator[Any]:
+    """The library in a variant that renders spectra; afterwards in the variant it was in."""
+    try:
+        import mitsuba
+    except ImportError:
+        raise InputError("rendering needs the extra 'render': pip install 'photosite[render]'") from None
+    if variant not in mitsuba.variants():
+        raise InputError(f"this Mitsuba has no variant '{variant}'; it has {', '.join(mitsuba.variants())}")
+    before = mitsuba.variant()
+    try:
+        mitsuba.set_variant(variant)
+    except (ImportError, RuntimeError) as error:
+        raise InputError(f"Mitsuba's variant '{variant}' does not start: {_line(error)}; leave it out") from None
+    level = mitsuba.log_level()
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)
+    try:
+        yield mitsuba
+    finally:
+        mitsuba.set_log_level(level)
+        if before is not None:
+            mitsuba.set_variant(before)
+
+
+class _Source:
+    """A scene's description, rendered with a film for a few bands at a time."""
+
+    def __init__(
+        self, scene: str | PathLike[str] | Mapping[str, Any], parameters: Mapping[str, object], sensor: int
+    ) -> None:
+        self._scene = dict(scene) if isinstance(scene, Mapping) else fspath(scene)
+        self._parameters = {name: str(value) for name, value in parameters.items()}
+        self._sensor = sensor
+        self.name = "rendering" if isinstance(self._scene, dict) else self._scene
+        self.plugins: set[str] = set()
+        self.view = _View(None, None)
+        if isinstance(self._scene, dict):
+            if self._parameters:
+                raise InputError("parameters are for scene files; put the values into the dictionary")
+            if self._scene.get("type") != "scene":
+                raise InputError("a scene's dictionary has the entry 'type': 'scene'; it is missing")
+        elif not Path(self._scene).is_file():
+            raise FileError(self._scene, "cannot be read: there is no such file")
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """What Mitsuba says of the scene, as one line."""
+        try:
+            yield
+        except RuntimeError as error:
+            if isinstance(self._scene, dict):
+                raise InputError(f"Mitsuba refuses the scene: {_line(error)}") from None
+            raise FileError(self._scene, f"Mitsuba refuses the scene: {_line(error)}") from None
+
+    def rendered(
+        self,
+        mitsuba: Any,
+        centres_nm: NDArray[np.float64],
+        width_nm: float,
+        shape: tuple[int | None, int | None],
+        spp: int,
+        seed: int,
+    ) -> NDArray[np.float32]:
+        """(rows, cols, bands) mean radiance over each band."""
+        names = [f"band{k}" for k in range(_LANES)]
+        loaded = self._loaded(mitsuba, names, float(centres_nm[0]), width_nm, shape)
+        if not loaded.sensors():
+            raise InputError(f"{self.name}: has no camera; give it a sensor")
+        camera = loaded.sensors()[0]
+        self.view = _view(mitsuba, loaded, camera)
+        # RGB numbers, and a lone number too, become multiples of D65 as emission.
+        if any("D65Spectrum" in str(emitter) for emitter in loaded.emitters()):
+            self.plugins.add("d65")
+        mitsuba.render(loaded, sensor=camera, spp=spp, seed=seed)
+        bitmap = camera.film().bitmap()
+        channels = [field.name for field in bitmap.struct_()]
+        values = np.array(bitmap, dtype=np.float32)[:, :, [channels.index(name) for name in names[: centres_nm.size]]]
+        if not np.isfinite(values).all():
+            raise FileError(self.name, "renders to values that are no numbers; look for degenerate shapes or materials")
+        return values / np.float32(width_nm)
+
+    def _loaded(
+        self, mitsuba: Any, names: list[str], first_nm: float, width_nm: float, shape: tuple[int | None, int | None]
+    ) -> Any:
+        """The scene with one camera, whose film has a response per band."""
+        parser = mitsuba.parser
+        config = parser.ParserConfig(mitsuba.variant())
+        config.unused_parameters = config.unused_properties = mitsuba.LogLevel.Debug
+        if isinstance(self._scene, dict):
+            state = parser.parse_dict(config, self._scene)
+        else:
+            resolver = mitsuba.file_resolver()
+            resolver.prepend(str(Path(self._scene).resolve().parent))
+            state = parser.parse_file(config, self._scene, **self._parameters)
+        parser.transform_all(config, state)
+        self.plugins = {node.props.plugin_name() for node in state.nodes}
+        sensors = _nodes(mitsuba, state, "Sensor")
+        if not 0 <= self._sensor < max(len(sensors), 1):
+            raise InputError(f"{self.name}: has {len(sensors)} cameras; sensor is 0 to {len(sensors) - 1}")
+        for film in _nodes(mitsuba, state, "Film"):
+            _as_spectral(mitsuba, film.props, names, first_nm, width_nm, shape)
+        loaded = parser.instantiate(config, state)
+        return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
+    return [node for node in state.nodes if node.type == getattr(mitsuba.ObjectType, kind)]
+
+
+def _as_spectral(
+    mitsuba: Any,
+    film: Any,
+    names: list[str],
+    first_nm: float,
+    width_nm: float,
+    shape: tuple[int | None, int | None],
+) -> None:
+    """Make a film of any kind one that integrates radiance over bands, square by square."""
+    kept = {"width", "height", "crop_offset_x", "crop_offset_y", "crop_width", "crop_height"}
+    for name in list(film.keys()):
+        if name not in kept or (name.startswith("crop") and shape != (None, None)):
+            del film[name]
+    film.set_plugin_name("specfilm")
+    for name, size in zip(("height", "width"), shape, strict=True):
+        if size is not None:
+            film[name] = size
+    film["component_format"] = "float32"
+    film["filter"] = mitsuba.load_dict({"type": "box"})
+    for k, name in enumerate(names):
+        film[name] = mitsuba.load_dict(_response(k, first_nm - width_nm / 2, width_nm))
+
+
+def _response(k: int, begin_nm: float, width_nm: float) -> dict[str, str]:
+    """1 in the k-th of four bands, 0 in the others; their sum is 1 from end to end, and each has a band's area."""
+    low, high, half = begin_nm + k * width_nm, begin_nm + (k + 1) * width_nm, width_nm * _EDGE / 2
+    rise = [(low, 1)] if k == 0 else [(low - half, 0), (low + half, 1)]
+    fall = [(high, 1)] if k == _LANES - 1 else [(high - half, 1), (high + half, 0)]
+    nodes = rise + fall
+    return {
+        "type": "irregular",
+        "wavelengths": ", ".join(f"{wavelength:.9g}" for wavelength, _ in nodes),
+        "values": ", ".join(str(value) for _, value in nodes),
+    }
+
+
+def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
+    """Distance along the axis, and what the field spans at a distance of 1."""
+    found = mitsuba.traverse(camera)
+    span = None
+    if "x_fov" in found:
+        part = _number(found["film.crop_size"]) / _number(
+            found["film.size"]
+        )  # of the columns; the field is all of them
+        span = 2 * math.tan(math.radians(_number(found["x_fov"])) / 2) * part
+    if "focus_distance" in found:
+        return _View(_number(found["focus_distance"]), span)
+    ray, _ = camera.sample_ray(0.0, 0.5, mitsuba.ScalarPoint2f(0.5, 0.5), mitsuba.ScalarPoint2f(0.5, 0.5))
+    hit = scene.ray_intersect(ray)
+    if not np.isfinite(_number(hit.t)):
+        return _View(None, span)
+    # The ray starts at the near clipping plane, and the middle of a cropped film looks aside.
+    to_world = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+    depth = (np.array(hit.p, dtype=np.float64).ravel() - to_world[:3, 3]) @ to_world[:3, 2]
+    return _View(float(depth), span)
+
+
+def _number(value: Any) -> float:
+    """The first number of a scalar, a point or an array of one of either, whatever the variant makes of it."""
+    return float(np.asarray(value).ravel()[0])
+
+
+def _line(error: BaseException) -> str:
+    """The end of a message of several lines, where Mitsuba says what it is, on one."""
+    lines = [line.strip(" -─╰╭│") for line in str(error).splitlines() if line.strip()]
+    return " ".join(" ".join(lines).split())[-220:]
