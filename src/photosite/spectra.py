@@ -224,8 +224,10 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     Parameters
     ----------
     name
-        A CIE illuminant (`"A"`, `"D65"`, `"FL2"`, `"LED-B1"`, ...), `"tungsten"` (CIE A), a blackbody's temperature
-        (`3200`, `"3200K"` or `"blackbody 3200"`), or a `Spectrum` of relative energy.
+        A CIE illuminant (`"A"`, `"D65"`, `"FL2"` or `"F2"`, `"LED-B1"`, ...), `"tungsten"` (CIE A), a blackbody's
+        temperature (`3200`, `"3200K"` or `"blackbody 3200"`), daylight or a white LED of a colour temperature
+        (`"daylight 5600"` or `"D5600"`, `"led 4000"`: `photosite.lamps`), the name of a CSV file of a light
+        (`"lamp.csv"`: `photosite.lamps.read_light`), or a `Spectrum` of relative energy.
     wavelength_nm
         Where it is wanted; linear between the table's entries.
 
@@ -233,6 +235,8 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     ------
     InputError
         If the illuminant is unknown, or its table does not reach all the wavelengths.
+    FileError
+        If a light's file cannot be read.
 
     Examples
     --------
@@ -249,7 +253,11 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
         return blackbody(float(name), grid)
     if temperature := re.fullmatch(r"(?:blackbody[ :]*)?(\d+(?:\.\d+)?) ?k?", name.strip(), re.IGNORECASE):
         return blackbody(float(temperature[1]), grid)
-    table, values = _cie_illuminant("A" if name.lower() == "tungsten" else name)
+    from photosite.lamps import lamp  # it knows spectra by this module's Spectrum
+
+    if (found := lamp(name)) is not None:
+        return _within(found.wavelength_nm, found.values, grid, f"the light {name}")
+    table, values = _cie_illuminant(name)
     return _within(table, values, grid, f"illuminant {name}")
 
 
@@ -267,8 +275,10 @@ def _within(
 @lru_cache(maxsize=32)
 def _cie_illuminant(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     tables = colour_science().SDS_ILLUMINANTS
-    known = {key.lower(): key for key in tables}
+    known = {key.lower(): key for key in tables} | {"tungsten": "A"}
+    known |= {f"f{key[2:].lower()}": key for key in tables if key.startswith("FL")}  # the older name
     if name.lower() not in known:
-        raise InputError(f"unknown illuminant '{name}'; {did_you_mean(name, list(known.values()))}")
+        kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten")
+        raise InputError(f"unknown illuminant '{name}'; {did_you_mean(name, kinds)}")
     table = tables[known[name.lower()]]
     return np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)

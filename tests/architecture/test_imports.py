@@ -23,7 +23,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "yaml_file": {"errors"},
     "mat_file": {"errors"},
     "hdf5_heap": {"errors"},
-    "spectra": {"errors", "cie"},
+    "spectra": {"errors", "cie", "lamps"},
+    "spectrum_file": {"errors", "spectra"},
+    "lamps": {"errors", "cie", "spectra", "spectrum_file"},
     "engine": set(),
     "scene": COMMON | {"spectra", "engine"},
     "optics": COMMON | {"spectra", "engine"},
@@ -37,7 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "profile": COMMON | {"scene", "sensor", "spectra"},
     "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile"},
     "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
-    "calibration": COMMON | {"frames", "sensor", "engine", "spectra"},
+    "calibration": COMMON | {"frames", "sensor", "engine", "spectra", "spectrum_file"},
     "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
     "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
 }
@@ -53,7 +55,7 @@ BELOW = COMMON | {
     "camera",
     "camera_file",
 }
-BELOW |= {"calibration", "develop", "metrics"}
+BELOW |= {"calibration", "develop", "metrics", "lamps", "spectrum_file"}
 MAY_IMPORT["validation"] = BELOW
 MAY_IMPORT["report"] = BELOW | {"validation", "studies"}
 MAY_IMPORT["studies"] = BELOW | {"validation", "report"}

@@ -181,12 +181,12 @@ def check(found: object, depth: int = 0) -> None:
 def targets(folder: Path) -> dict[str, Target]:
     """All readers by name; valid frames that protocols and descriptors name are written to the folder."""
     from photosite.calibration.spectral_protocol import open_spectral
-    from photosite.calibration.spectrum_file import read_spectrum
     from photosite.frames.noise_profiles import read_darktable, read_libcamera
     from photosite.frames.open import open_frames
     from photosite.frames.read import read_frame, read_headers
     from photosite.sensor.file import load_sensor
     from photosite.sensor.maps_file import read_maps
+    from photosite.spectrum_file import read_spectrum
     from photosite.studies.chart_protocol import open_chart
 
     seeds = _seeds(folder)

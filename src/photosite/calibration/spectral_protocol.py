@@ -30,7 +30,6 @@ from typing import Any
 
 from photosite.calibration.passband import Passband, triangular_passband
 from photosite.calibration.spectral_frames import Band, Photodiode, SpectralFrames
-from photosite.calibration.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
 from photosite.exposure import parse_exposure
 from photosite.frames.frame_set import FrameSource, Kind
@@ -39,6 +38,7 @@ from photosite.frames.protocol import matching_files, stated_bits, stated_cfa
 from photosite.measured import Measured
 from photosite.regions import Region
 from photosite.sensor.file import load_sensor
+from photosite.spectrum_file import read_spectrum
 from photosite.yaml_file import check_keys, line_of, optional_text, read_yaml
 
 VERSION_KEY = "photosite_spectral"

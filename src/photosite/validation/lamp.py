@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spectrum_file import read_heading, read_spectrum
 from photosite.errors import FileError, did_you_mean
 from photosite.scene.charts import macbeth_reflectance
 from photosite.spectra import (
@@ -21,6 +20,7 @@ from photosite.spectra import (
     luminance_cd_m2,
     photons_from_energy,
 )
+from photosite.spectrum_file import read_heading, read_spectrum
 
 _RADIANCE_PER_UNIT: dict[str, float | None] = {
     "spectral_irradiance_w_per_m2_nm": 1.0 / math.pi,
