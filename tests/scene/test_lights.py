@@ -1,0 +1,106 @@
+"""Mixed lights: the sum of the scene under each, where each falls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.errors import InputError
+from photosite.scene import charts
+from photosite.scene.lights import gradient, mixed, spot
+from photosite.scene.scene import Scene
+from photosite.spectra import illuminant, luminance_cd_m2, photons_from_energy
+
+
+def white(name: str, luminance: float, grid: np.ndarray) -> np.ndarray:
+    photons = photons_from_energy(illuminant(name, grid), grid)
+    return photons * luminance / luminance_cd_m2(photons, grid)
+
+
+def slow(scene: Scene, lights: list[tuple[str, float, np.ndarray]]) -> np.ndarray:
+    """(rows, cols, wavelengths): reflectance times the light that falls on each sample."""
+    assert scene.reflectance is not None
+    reflectance = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.reflectance)
+    light = sum(spread[:, :, None] * white(name, cd, scene.wavelength_nm) for name, cd, spread in lights)
+    return reflectance * light
+
+
+def whole(scene: Scene) -> np.ndarray:
+    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
+def test_the_radiance_is_reflectance_times_all_the_light_within_the_tolerance(tolerance: float) -> None:
+    scene = charts.macbeth("A", 20.0)
+    rng = np.random.default_rng(1)
+    maps = rng.random((3, *scene.shape))
+    lights = [("D65", 200.0, maps[0]), ("FL11", 50.0, maps[1]), ("A", 5.0, maps[2])]
+    room = mixed(scene, lights, tolerance=tolerance)
+    wanted = slow(scene, lights)
+    error = np.sqrt(((whole(room) - wanted) ** 2).mean() / (wanted**2).mean())
+    assert error < tolerance + 3e-7  # float32 weights and maps
+    assert room.relative_error == pytest.approx(error, abs=3e-7)
+    assert len(room.basis) <= (41 if tolerance < 1e-5 else 36)  # of 72
+    assert room.reflectance is None
+
+
+def test_few_reflectances_and_lights_stay_as_they_are() -> None:
+    scene = charts.slanted_edge(rows=20, cols=30)
+    lights = [("D65", 100.0, np.ones(scene.shape)), ("A", 30.0, np.linspace(0, 1, 30) * np.ones((20, 1)))]
+    room = mixed(scene, lights)
+    assert len(room.basis) == 2
+    np.testing.assert_allclose(whole(room), slow(scene, lights), rtol=3e-7)
+    assert room.relative_error == 0.0
+
+
+def test_one_even_light_is_a_change_of_light() -> None:
+    chart = charts.macbeth("A", 40.0)
+    alone = mixed(chart, [("D65", 100.0, None)], tolerance=1e-7)
+    changed = chart.with_illuminant("D65", alone.mean_luminance_cd_m2())
+    for region in chart.regions:
+        np.testing.assert_allclose(
+            alone.radiance(region.r0, region.c0), changed.radiance(region.r0, region.c0), rtol=2e-4
+        )
+
+
+def test_luminance_is_that_of_a_white_where_the_spread_is_one() -> None:
+    field = charts.uniform("A", 7.0)
+    room = mixed(field, [("D65", 120.0, None), ("A", 30.0, None)])
+    assert room.mean_luminance_cd_m2() == pytest.approx(150.0, rel=1e-6)
+
+
+def test_gradients_and_spots() -> None:
+    y, x = (np.arange(4)[:, None] + 0.5) / 4, (np.arange(6)[None, :] + 0.5) / 6
+    assert np.broadcast_to(gradient(0.2, 1.0)(y, x), (4, 6))[2] == pytest.approx(0.2 + 0.8 * x[0])
+    assert np.broadcast_to(gradient(1.0, 0.0, 90)(y, x), (4, 6))[:, 1] == pytest.approx(1 - y[:, 0])
+    corners = gradient(0.0, 1.0, 45)(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    assert corners == pytest.approx([0.0, 1.0], abs=1e-12)
+    place = spot(0.25, 0.75, 0.1)(np.array([0.25, 0.35, 0.25]), np.array([0.75, 0.75, 0.85]))
+    assert place == pytest.approx([1.0, 0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("lights", "message"),
+    [
+        ([], "one light or more"),
+        ([("D65", -1.0, None)], "0 cd/m2 or more, not -1.0"),
+        ([("D65", 1.0, np.ones((3, 3)))], r"light 1 is \(rows, cols\) = \(20, 30\).*not \(3, 3\)"),
+        ([("A", 1.0, None), ("D65", 1.0, -np.ones((20, 30)))], "spread of light 2 is 0 or more"),
+        ([("D66", 1.0, None)], "unknown illuminant"),
+        ([("D65", 1.0, lambda y, x: np.full((20, 30), math.nan))], "0 or more everywhere"),
+    ],
+)
+def test_lights_that_cannot_be(lights: list[object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        mixed(charts.slanted_edge(rows=20, cols=30), lights)  # type: ignore[arg-type]
+
+
+def test_a_scene_without_reflectance_is_not_lit_anew() -> None:
+    field = Scene.uniform(np.ones(3), [500, 550, 600], name="a lamp")
+    with pytest.raises(InputError, match="reflectances in 'a lamp' are not known"):
+        mixed(field, [("D65", 1.0, None)])
+    for call in (lambda: gradient(-1.0), lambda: spot(radius=0.0)):
+        with pytest.raises(InputError, match="not "):
+            call()
