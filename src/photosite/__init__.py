@@ -35,11 +35,17 @@ _HOMES = {
     "read_scene": "photosite.scene.files",
     "validate": "photosite.validation.validate",
 }
-_MODULES = {"charts": "photosite.scene.charts", "pictures": "photosite.scene.pictures"}
+_MODULES = {
+    "charts": "photosite.scene.charts",
+    "lamps": "photosite.lamps",
+    "lights": "photosite.scene.lights",
+    "pictures": "photosite.scene.pictures",
+}
 
 __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
+    from photosite import lamps as lamps
     from photosite.calibration.calibrate import calibrate as calibrate
     from photosite.calibration.gain_series import calibrate_series as calibrate_series
     from photosite.calibration.spectral import calibrate_spectral as calibrate_spectral
@@ -54,6 +60,7 @@ if TYPE_CHECKING:
     from photosite.optics.compound import Lens as Lens
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.scene import charts as charts
+    from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene.files import read_scene as read_scene
     from photosite.scene.scene import Scene as Scene
