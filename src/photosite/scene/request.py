@@ -20,6 +20,7 @@ from photosite.scene.scene import Scene
 
 FORMULAS = (
     "macbeth",
+    "color-checker-sg",
     "uniform",
     "slanted-edge",
     "edge-star",
