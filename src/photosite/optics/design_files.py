@@ -1,0 +1,239 @@
+"""From many files of point spreads, one for each field point and wavelength, to a `LensDesign`.
+
+A folder is read whole where each file says its wavelength, field and distance of samples, as Zemax's listings do. An
+index, a YAML file beside them, lists files and says what they do not:
+
+photosite_lens_design: 1
+program: zemax              # or codev
+axes: image                 # of the samples and of fields in mm: image, as computed (inverted); upright, as the frame
+first_row: top              # of the samples: top (y up) or bottom
+symmetric: true             # rotationally; the fields lie along one radius
+files:
+  - {file: axis-450.txt, wavelength_nm: 450, field_deg: [0, 0], spacing_um: 0.25}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError
+from photosite.optics import codev, zemax
+from photosite.optics.lens_design import TOLERANCE, LensDesign
+from photosite.optics.listing import PsfListing, read_text
+from photosite.optics.sampled import light_radius, normalised, resampled
+from photosite.yaml_file import check_keys, line_of, read_yaml
+
+Array = NDArray[np.float64]
+Axes = Literal["image", "upright"]
+FirstRow = Literal["top", "bottom"]
+
+VERSION_KEY = "photosite_lens_design"
+_PROGRAMS = {"zemax": zemax.read_psf, "codev": codev.read_psf}
+_KEYS = (VERSION_KEY, "program", "axes", "first_row", "symmetric", "tolerance", "rank", "nodes", "files", "provenance")
+_FILE_KEYS = ("file", "wavelength_nm", "field_deg", "field_mm", "spacing_um", "origin")
+_SUFFIXES = (".txt", ".dat", ".psf")
+_KEPT = 0.999
+"""Of each point spread's light: the square around it is kept, the faint rest of a large grid is left out."""
+_LEAST_HALF = 8
+_MOST_HALF = 512
+_PLACES = 6
+"""Digits after the point, in deg or mm, to which fields of different files are the same."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a program's grids lie; the defaults are those of Zemax's listings.
+
+    Parameters
+    ----------
+    axes
+        "image": as on the image surface, which is turned by 180 degrees against the frame; "upright": as the frame.
+    first_row
+        Where the first row of samples lies, "top" or "bottom".
+    """
+
+    axes: Axes = "image"
+    first_row: FirstRow = "top"
+
+    def upright(self, listing: PsfListing) -> tuple[Array, tuple[float, float]]:
+        """Samples and origin as the frame is, rows downwards."""
+        samples, (row, col) = listing.samples, listing.origin
+        rows, cols = samples.shape
+        if self.first_row == "bottom":
+            samples, row = samples[::-1], rows - 1 - row
+        if self.axes == "image":
+            samples, row, col = samples[::-1, ::-1], rows - 1 - row, cols - 1 - col
+        return samples, (row, col)
+
+    def place(self, listing: PsfListing) -> tuple[float, float]:
+        """(y, x) of the field point, y down, upright: angles are those in front of the lens, mm those of the axes."""
+        assert listing.field is not None
+        x, y = listing.field
+        turned = listing.field_unit == "mm" and self.axes == "image"
+        down, right = (y, -x) if turned else (-y, x)
+        return round(down, _PLACES) + 0.0, round(right, _PLACES) + 0.0
+
+
+def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
+    """Lens-design point spreads from a folder of listings, or from an index.
+
+    Parameters
+    ----------
+    path
+        A folder of Zemax listings (.txt, .dat, .psf), or a YAML file as this module's text shows.
+    options
+        `tolerance`, `rank`, `nodes` and `symmetric` of `LensDesign`; before those of an index.
+
+    Raises
+    ------
+    FileError
+        If a file is missing or wrong, says too little, or some wavelength of some field point is missing.
+    """
+    source = Path(path)
+    if source.is_dir():
+        files = sorted(f for f in source.iterdir() if f.suffix.lower() in _SUFFIXES)
+        listings = [zemax.read_psf(f) for f in files if zemax.is_psf_listing(read_text(f, "a listing")[:12])]
+        if not listings:
+            raise FileError(
+                source, "holds no listing of a PSF (.txt, .dat or .psf); name an index, a YAML file, instead"
+            )
+        return _design(source, listings, Layout(), options)
+    data = read_yaml(source, "an index of lens-design files")
+    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
+        raise FileError(source, f"is no index of lens-design files: expected '{VERSION_KEY}: 1' and 'files'")
+    check_keys(source, data, _KEYS, "an index of lens-design files")
+    layout = Layout(_word(source, data, "axes", get_args(Axes)), _word(source, data, "first_row", get_args(FirstRow)))
+    program = _word(source, data, "program", tuple(_PROGRAMS))
+    entries = data.get("files")
+    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+        raise FileError(source, "'files' is a list of {file: ..., wavelength_nm: ..., ...}", line_of(data, "files"))
+    listings = [_entry(source, entries, index, program) for index in range(len(entries))]
+    said = {key: data[key] for key in ("tolerance", "rank", "nodes", "symmetric") if data.get(key) is not None}
+    return _design(source, listings, layout, {**said, **options})
+
+
+def _word(path: Path, data: Mapping[str, Any], key: str, known: tuple[str, ...]) -> Any:
+    value = data.get(key, known[0])
+    if value not in known:
+        raise FileError(path, f"{key} is {' or '.join(known)}, not {value!r:.40}", line_of(data, key))
+    return value
+
+
+def _entry(path: Path, entries: Sequence[Any], index: int, program: str) -> PsfListing:
+    entry, line = entries[index], line_of(entries, index)
+    if not isinstance(entry, Mapping) or not isinstance(entry.get("file"), str):
+        raise FileError(path, "an entry of 'files' is {file: name, ...}", line)
+    check_keys(path, entry, _FILE_KEYS, "an entry of 'files'")
+    listing = _PROGRAMS[program](path.parent / str(entry["file"]))
+    changes: dict[str, Any] = {}
+    for key in ("wavelength_nm", "spacing_um"):
+        if entry.get(key) is not None:
+            changes[key] = _positive(path, entry[key], key, line)
+    for key in ("field_deg", "field_mm"):
+        if entry.get(key) is not None:
+            changes["field"] = _pair(path, entry[key], key, line)
+            changes["field_unit"] = key.removeprefix("field_")
+    if entry.get("origin") is not None:
+        row, col = _pair(path, entry["origin"], "origin", line)
+        changes["origin"] = (row - 1, col - 1)
+    return replace(listing, **changes)
+
+
+def _positive(path: Path, value: Any, key: str, line: int | None) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+        raise FileError(path, f"{key} is a number above 0, not {value!r:.40}", line)
+    return float(value)
+
+
+def _pair(path: Path, value: Any, key: str, line: int | None) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2 or not all(isinstance(v, int | float) for v in value):
+        order = "[row, column], from 1" if key == "origin" else "[x, y]"
+        raise FileError(path, f"{key} is two numbers, {order}, not {value!r:.40}", line)
+    return float(value[0]), float(value[1])
+
+
+def _design(source: Path, listings: Sequence[PsfListing], layout: Layout, options: Mapping[str, Any]) -> LensDesign:
+    for listing in listings:
+        for name, value in (
+            ("wavelength_nm", listing.wavelength_nm),
+            ("spacing_um", listing.spacing_um),
+            ("field_deg or field_mm", listing.field),
+        ):
+            if value is None:
+                raise FileError(listing.path, f"does not say its {name}; give it in an index, a YAML file")
+    units = {str(listing.field_unit) for listing in listings}
+    if len(units) > 1:
+        raise FileError(source, "has fields in degrees and in mm; give all in the same unit, in an index")
+    places = sorted({layout.place(listing) for listing in listings}, key=lambda p: (np.hypot(*p), p))
+    waves = sorted({round(_known(listing.wavelength_nm), 3) for listing in listings})
+    table: dict[tuple[tuple[float, float], float], PsfListing] = {}
+    for listing in listings:
+        key = layout.place(listing), round(_known(listing.wavelength_nm), 3)
+        if key in table:
+            raise FileError(listing.path, f"has the same field and wavelength as {table[key].path.name}")
+        table[key] = listing
+    for place in places:
+        for wave in waves:
+            if (place, wave) not in table:
+                where = f"({-place[0]:g} up, {place[1]:g} right) {units.copy().pop()}"
+                raise FileError(source, f"has no point spread at {wave:g} nm for the field {where}")
+    psf, spacing = _on_one_grid([[table[place, wave] for wave in waves] for place in places], layout)
+    try:
+        return LensDesign(
+            np.array(waves),
+            psf,
+            spacing,
+            np.array([y for y, _ in places]),
+            np.array([x for _, x in places]),
+            unit="deg" if units == {"deg"} else "mm",
+            **{"tolerance": TOLERANCE, **options},
+        )
+    except (InputError, TypeError) as error:
+        raise FileError(source, str(error)) from None
+
+
+def _known(value: float | None) -> float:
+    assert value is not None
+    return value
+
+
+def _on_one_grid(table: list[list[PsfListing]], layout: Layout) -> tuple[Array, float]:
+    """(F, L, n, n) of the finest spacing, with room for each one's light, and that spacing in um."""
+    every = [listing for row in table for listing in row]
+    spacing = min(_known(listing.spacing_um) for listing in every)
+    upright = {}
+    reach = 0.0
+    for listing in every:
+        samples, origin = layout.upright(listing)
+        try:
+            samples = normalised(samples, "the point spread")
+        except InputError as error:
+            raise FileError(listing.path, str(error)) from None
+        upright[listing.path] = samples, origin
+        reach = max(reach, _reach(samples, origin) * _known(listing.spacing_um))
+    half = max(int(np.ceil(reach / spacing)), _LEAST_HALF)
+    if half > _MOST_HALF:
+        raise FileError(every[0].path, f"with the others needs {2 * half + 1} samples across; save fewer, or coarser")
+    psf = np.empty((len(table), len(table[0]), 2 * half + 1, 2 * half + 1))
+    for f, row in enumerate(table):
+        for w, listing in enumerate(row):
+            samples, origin = upright[listing.path]
+            psf[f, w] = resampled(samples, origin, _known(listing.spacing_um), 2 * half + 1, spacing)
+    return psf, spacing
+
+
+def _reach(samples: Array, origin: tuple[float, float]) -> float:
+    """Samples from the origin to where nearly all light lies."""
+    rows, cols = samples.shape
+    room = int(max(origin[0], rows - 1 - origin[0], origin[1], cols - 1 - origin[1]))
+    framed = np.zeros((2 * room + 1, 2 * room + 1))
+    first = room - round(origin[0]), room - round(origin[1])
+    framed[first[0] : first[0] + rows, first[1] : first[1] + cols] = samples
+    return light_radius(framed, 1.0, _KEPT)

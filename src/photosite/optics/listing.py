@@ -1,0 +1,169 @@
+"""Text that lens-design programs write: its encoding, its numbers, and what a listing of a point spread says.
+
+The programs' own layouts are read in `zemax` and `codev`; from listings to a `LensDesign` goes `design_files`.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+
+LARGEST_BYTES = 1 << 27
+"""Of a listing that is read at all: 2048 x 2048 numbers in UTF-16 take that."""
+
+NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?"
+"""With a decimal point or comma; a comma and a blank separate two numbers."""
+
+_MICRO = {"µm", "μm", "um", "�m", "microns", "micrometers", "micrometer"}
+_LENGTHS_UM = {**dict.fromkeys(_MICRO, 1.0), "mm": 1e3, "millimeters": 1e3, "nm": 1e-3, "nanometers": 1e-3}
+
+
+@dataclass(frozen=True, eq=False)
+class PsfListing:
+    """One point spread as a file has it; what the file does not say is None.
+
+    Parameters
+    ----------
+    path
+        The file.
+    samples
+        (rows, cols) in the file's order.
+    origin
+        (row, col), from 0, of the sample at the field point's reference.
+    spacing_um
+        Between samples.
+    wavelength_nm
+        Of the light.
+    field
+        (x, y) of the field point.
+    field_unit
+        "deg" or "mm" as the file says.
+    center_mm
+        (x, y) on the image surface where the origin lies.
+    """
+
+    path: Path
+    samples: NDArray[np.float64]
+    origin: tuple[float, float]
+    spacing_um: float | None = None
+    wavelength_nm: float | None = None
+    field: tuple[float, float] | None = None
+    field_unit: str | None = None
+    center_mm: tuple[float, float] | None = None
+
+
+def read_text(path: str | PathLike[str], what: str) -> list[str]:
+    """The lines of a text in UTF-16, UTF-8 or Latin-1, whichever it is.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is too large, or is no text.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            content = stream.read(LARGEST_BYTES + 1)
+    except FileNotFoundError:
+        raise FileError(file, "there is no such file") from None
+    except OSError as error:
+        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
+    if len(content) > LARGEST_BYTES:
+        raise FileError(file, f"is not {what}: it is larger than {LARGEST_BYTES >> 20} MiB")
+    text = _decoded(content)
+    if text is None or not text.strip() or "\0" in text:
+        raise FileError(file, f"is not {what}: it is not text")
+    return text.splitlines()
+
+
+def _decoded(content: bytes) -> str | None:
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ["utf-16"]
+    elif b"\0" in content[:200]:  # some exports leave the byte order mark out
+        encodings = ["utf-16-le" if content[1:2] == b"\0" else "utf-16-be"]
+    else:
+        encodings = ["utf-8-sig", "latin-1"]
+    for encoding in encodings:
+        try:
+            return content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return None
+
+
+def number(text: str) -> float:
+    """A number with a decimal point or comma, and an exponent of E or D.
+
+    Examples
+    --------
+    >>> number("1,25E-003"), number("0.5")
+    (0.00125, 0.5)
+    """
+    return float(text.replace(",", ".").replace("D", "E").replace("d", "e"))
+
+
+def micrometers(value: str, unit: str, path: Path, line: int) -> float:
+    """A length with its unit, in um.
+
+    Raises
+    ------
+    FileError
+        If the unit is not one of length.
+    """
+    name = unit.strip(" .").lower()
+    if name not in _LENGTHS_UM:
+        raise FileError(path, f"'{unit.strip()}' is no unit of length that is known here: µm, mm or nm", line)
+    return number(value) * _LENGTHS_UM[name]
+
+
+def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
+    """(rows, cols) from lines of numbers with blanks, tabs, semicolons or commas and blanks between; empty lines skip.
+
+    Parameters
+    ----------
+    lines
+        Of the file.
+    first
+        Index of the first that is looked at.
+    path
+        The file, for messages.
+
+    Raises
+    ------
+    FileError
+        If a line holds something else, rows differ in length, or there are fewer than 3 x 3 numbers; with the line.
+    """
+    rows: list[list[float]] = []
+    commas = _separates_by_comma(lines, first)
+    for index in range(first, len(lines)):
+        text = lines[index].replace(";", " ")
+        parts = (text.replace(",", " ") if commas else text).split()
+        if not parts:
+            continue
+        try:
+            row = [number(part.rstrip(",")) for part in parts]
+        except ValueError:
+            bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
+            raise FileError(path, f"'{bad[:40]}' stands among the point spread's numbers", index + 1) from None
+        if rows and len(row) != len(rows[0]):
+            raise FileError(path, f"this row has {len(row)} numbers, those before it {len(rows[0])}", index + 1)
+        rows.append(row)
+    if len(rows) < 3 or len(rows[0]) < 3:
+        raise FileError(path, "holds no point spread: 3 x 3 numbers at least are expected")
+    return np.array(rows)
+
+
+def _separates_by_comma(lines: list[str], first: int) -> bool:
+    """Whether commas stand between numbers rather than in them: then there are points too, or no blanks."""
+    for text in lines[first:]:
+        if text.strip():
+            return "," in text and ("." in text or len(text.split()) == 1)
+    return False

@@ -1,0 +1,192 @@
+"""Point spreads as samples: their transfer function, and what brings several of them onto one grid.
+
+Samples are those of a band-limited function, (rows, cols), rows downwards and upright as the frame is, at distances of
+`spacing` on both axes; the origin is the sample (rows // 2, cols // 2). Between samples the function is the sum of
+sinc functions, so that its transfer function is the samples' Fourier sum up to half the sampling frequency, and 0
+beyond.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_CHUNK = 2048
+_OVERSAMPLING = 4
+"""Before splines of fifth order take over: they then err by some 1e-5 of the highest frequency."""
+_ROTATION_ORDER = 5
+
+
+def offsets(count: int, spacing: float) -> Array:
+    """(count,) positions of samples on an axis.
+
+    Examples
+    --------
+    >>> offsets(4, 0.5)
+    array([-1. , -0.5,  0. ,  0.5])
+    """
+    positions: Array = (np.arange(count, dtype=np.float64) - count // 2) * spacing
+    return positions
+
+
+def transfer(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Array) -> Complex:
+    """The samples' Fourier sum at any frequencies.
+
+    Parameters
+    ----------
+    samples
+        (n, n).
+    spacing_m
+        Between samples.
+    fy_per_m, fx_per_m
+        Broadcast against each other; a column and a row are fastest.
+
+    Returns
+    -------
+    ndarray
+        Complex, of the shape to which the frequencies broadcast; 0 beyond half the sampling frequency on an axis.
+
+    Examples
+    --------
+    >>> one = np.zeros((3, 3)); one[1, 2] = 1.0      # a sample to the right of the origin
+    >>> transfer(one, 1e-6, np.zeros(1), np.array([0.25e6])).round(6)
+    array([0.-1.j])
+    """
+    fy, fx = np.asarray(fy_per_m, np.float64), np.asarray(fx_per_m, np.float64)
+    limit = 0.5 / spacing_m * (1 + 1e-12)
+    y, x = (offsets(count, spacing_m) for count in samples.shape)
+    if fy.ndim == 2 and fx.ndim == 2 and fy.shape[1] == 1 and fx.shape[0] == 1:
+        down = np.exp((-2j * math.pi) * fy * y) * (np.abs(fy) <= limit)
+        across = np.exp((-2j * math.pi) * fx.T * x) * (np.abs(fx.T) <= limit)
+        product: Complex = (down @ samples) @ across.T
+        return product
+    fy, fx = np.broadcast_arrays(fy, fx)
+    flat_y, flat_x = fy.reshape(-1), fx.reshape(-1)
+    out = np.empty(flat_y.size, np.complex128)
+    for first in range(0, out.size, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        down = np.exp((-2j * math.pi) * flat_y[part, None] * y)
+        across = np.exp((-2j * math.pi) * flat_x[part, None] * x)
+        out[part] = ((down @ samples) * across).sum(axis=1)
+    out[(np.abs(flat_y) > limit) | (np.abs(flat_x) > limit)] = 0
+    return out.reshape(fy.shape)
+
+
+def normalised(samples: Array, what: str) -> Array:
+    """Samples over their sum.
+
+    Raises
+    ------
+    InputError
+        If they hold what a point spread cannot: NaN, a sum that is not above 0, or dark below -2 % of the peak.
+    """
+    if not np.isfinite(samples).all():
+        raise InputError(f"{what} holds NaN or infinite samples")
+    total = float(samples.sum())
+    if not total > 0:
+        raise InputError(f"{what} holds no light: its samples sum to {total:g}")
+    if samples.min() < -0.02 * samples.max():
+        raise InputError(f"{what} is negative somewhere, {samples.min():g} where the peak is {samples.max():g}")
+    return samples / total
+
+
+def resampled(samples: Array, origin: tuple[float, float], spacing: float, count: int, to_spacing: float) -> Array:
+    """Samples on another grid: sums of sinc functions, 0 beyond the samples given.
+
+    Parameters
+    ----------
+    samples
+        (rows, cols).
+    origin
+        (row, col) where the origin is.
+    spacing
+        Of the samples.
+    count
+        Of new samples on each axis.
+    to_spacing
+        Of the new samples, in the same unit; not above `spacing`, or the finest detail would fold.
+
+    Returns
+    -------
+    ndarray
+        (count, count), the light unchanged.
+    """
+    matrices = []
+    for axis in (0, 1):
+        position = offsets(count, to_spacing)[:, None]
+        own = (np.arange(samples.shape[axis]) - origin[axis]) * spacing
+        matrices.append(np.sinc((position - own) / spacing) * (to_spacing / spacing))
+    result: Array = matrices[0] @ samples @ matrices[1].T
+    return result
+
+
+class Rotated:
+    """One point spread, to be had at any turn about its origin.
+
+    Parameters
+    ----------
+    samples
+        (n, n).
+    """
+
+    def __init__(self, samples: Array) -> None:
+        from scipy.ndimage import spline_filter
+
+        count = samples.shape[0]
+        self.samples = samples
+        self.padded = count + 2 * (count // 8 + 2)  # the Fourier sum is periodic: room for its ends
+        border = (self.padded - count) // 2
+        fine = _oversampled(np.pad(samples, border), _OVERSAMPLING)
+        self.coefficients = spline_filter(fine, order=_ROTATION_ORDER, mode="grid-wrap")
+
+    def at(self, angle_rad: float) -> Array:
+        """(n, n) samples of it turned from right (x) towards down (y) by an angle; its light unchanged."""
+        from scipy.ndimage import map_coordinates
+
+        quarter = round(angle_rad / (math.pi / 2))
+        if abs(angle_rad - quarter * math.pi / 2) < 1e-12 and self.samples.shape[0] % 2 == 1:
+            return np.rot90(self.samples, -quarter).copy()
+        count = self.samples.shape[0]
+        y, x = offsets(count, 1.0)[:, None], offsets(count, 1.0)[None, :]
+        cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        place = np.stack(np.broadcast_arrays(cos * y - sin * x, sin * y + cos * x))
+        middle = (self.padded // 2) * _OVERSAMPLING
+        turned = map_coordinates(
+            self.coefficients, place * _OVERSAMPLING + middle, order=_ROTATION_ORDER, mode="grid-wrap", prefilter=False
+        )
+        # What stood in the corners may have left the square, or come into it by the period.
+        outside = np.abs(place).max(axis=0) > count // 2
+        turned[outside] = 0
+        result: Array = turned * (self.samples.sum() / turned.sum())
+        return result
+
+
+def _oversampled(samples: Array, times: int) -> Array:
+    """A period of the Fourier sum at `times` as many places on each axis; those of the samples among them."""
+    import scipy.fft
+
+    count = samples.shape[0]
+    spectrum = np.fft.fftshift(scipy.fft.fft2(samples))
+    size = count * times
+    whole = np.zeros((size, size), np.complex128)
+    first = size // 2 - count // 2
+    whole[first : first + count, first : first + count] = spectrum
+    result: Array = scipy.fft.ifft2(np.fft.ifftshift(whole)).real * times**2
+    return result
+
+
+def light_radius(samples: Array, spacing: float, share: float) -> float:
+    """Radius about the origin that holds a share of the light, in the unit of the spacing."""
+    y, x = (offsets(count, spacing) for count in samples.shape)
+    radius = np.hypot(y[:, None], x).ravel()
+    order = np.argsort(radius, kind="stable")
+    held = np.cumsum(np.abs(samples).ravel()[order])
+    index = min(int(np.searchsorted(held, share * held[-1])), held.size - 1)
+    return float(radius[order][index])

@@ -1,0 +1,282 @@
+"""Text listings of Zemax OpticStudio: point spreads, relative illumination, distortion.
+
+They are what an analysis window's text tab saves, in any of the encodings and decimal marks that versions and
+countries have. Layouts: docs/optics.md says after which published examples they were written.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+from photosite.optics.distortion import Distortion, LateralColor
+from photosite.optics.illumination import IlluminationTable
+from photosite.optics.listing import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.radial_table import FieldPoints
+
+Array = NDArray[np.float64]
+
+_N = f"({NUMBER})"
+_WAVE_AND_FIELD = re.compile(
+    rf"^\s*{_N}(?:\s+to\s+{_N})?\s*(\S*m\S*)\s+at\s+{_N}(?:,\s+{_N})?\s*\(?([A-Za-z]+)\)?\.?\s*$"
+)
+_SPACING = re.compile(rf"^\s*Data spacing is\s*:?\s*{_N}\s*(\S+)", re.IGNORECASE)
+_GRID = re.compile(r"^\s*Image grid size\s*:\s*(\d+)\s*by\s*(\d+)", re.IGNORECASE)
+_CENTER_ROW = re.compile(r"^\s*Center point is\s*:\s*row\s*(\d+),\s*column\s*(\d+)", re.IGNORECASE)
+_CENTER = re.compile(r"^\s*Center point is\s*:\s*(\d+),\s*(\d+)", re.IGNORECASE)
+_CENTER_COORDINATES = re.compile(rf"^\s*Center coordinates\s*:\s*{_N},\s+{_N}\s*([A-Za-z]+)", re.IGNORECASE)
+_VALUES = re.compile(r"^\s*Values are (.*)$", re.IGNORECASE)
+_FIELD_UNITS = {"deg": "deg", "degrees": "deg", "degree": "deg", "mm": "mm", "millimeters": "mm", "millimeter": "mm"}
+_WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
+_SAME_NM = 0.05
+
+
+def is_psf_listing(lines: list[str]) -> bool:
+    """Whether these are a listing of an FFT or Huygens point spread."""
+    head = " ".join(lines[:12]).lower()
+    return "psf" in head and "listing" in head
+
+
+def read_psf(path: str | PathLike[str]) -> PsfListing:
+    """A listing of an FFT PSF or Huygens PSF.
+
+    Raises
+    ------
+    FileError
+        If it is not one, is of several wavelengths together, or lacks the distance of samples; with the line.
+    """
+    file = Path(path)
+    lines = read_text(file, "a listing of a point spread")
+    if not is_psf_listing(lines):
+        raise FileError(file, "is not a listing of an FFT or Huygens PSF: its first lines name none")
+    header = _Header(file)
+    start = None
+    for index, line in enumerate(lines):
+        if (match := _VALUES.match(line)) is not None:
+            if re.search("log|phase|real|imag", match[1], re.IGNORECASE):
+                raise FileError(file, f"values are {match[1].strip()} export linear intensity", index + 1)
+            start = index + 1
+            break
+        header.take(line, index + 1)
+    if start is None:
+        raise FileError(file, "has no line 'Values are ...' before its numbers; save the whole listing")
+    if header.spacing_um is None:
+        raise FileError(file, "does not say 'Data spacing is ... µm'; save the whole listing, its header too")
+    samples = grid_of_numbers(lines, start, file)
+    if header.grid is not None and samples.shape != header.grid:
+        rows, cols = header.grid
+        raise FileError(file, f"says {cols} by {rows} samples and holds {samples.shape[1]} by {samples.shape[0]}")
+    origin = header.origin or (samples.shape[0] // 2, samples.shape[1] // 2)
+    if not (0 <= origin[0] < samples.shape[0] and 0 <= origin[1] < samples.shape[1]):
+        raise FileError(file, f"its center point, row {origin[0] + 1} column {origin[1] + 1}, is not in its grid")
+    return PsfListing(
+        file, samples, origin, header.spacing_um, header.wavelength_nm, header.field, header.unit, header.center_mm
+    )
+
+
+@dataclass
+class _Header:
+    """What the lines above the numbers say."""
+
+    path: Path
+    spacing_um: float | None = None
+    wavelength_nm: float | None = None
+    field: tuple[float, float] | None = None
+    unit: str | None = None
+    grid: tuple[int, int] | None = None
+    origin: tuple[int, int] | None = None
+    center_mm: tuple[float, float] | None = None
+
+    def take(self, line: str, at: int) -> None:
+        if (match := _WAVE_AND_FIELD.match(line)) is not None:
+            first, last, unit, x, y, field_unit = match.groups()
+            self.wavelength_nm = micrometers(first, unit, self.path, at) * 1e3
+            if last is not None and abs(micrometers(last, unit, self.path, at) * 1e3 - self.wavelength_nm) > _SAME_NM:
+                raise FileError(self.path, "is of several wavelengths together; save one listing for each", at)
+            if field_unit.lower() not in _FIELD_UNITS:
+                raise FileError(self.path, f"its field is in '{field_unit}', neither deg nor mm", at)
+            # One number is the field along y.
+            self.field = (0.0, number(x)) if y is None else (number(x), number(y))
+            self.unit = _FIELD_UNITS[field_unit.lower()]
+        elif (match := _SPACING.match(line)) is not None:
+            self.spacing_um = micrometers(match[1], match[2], self.path, at)
+        elif (match := _GRID.match(line)) is not None:
+            self.grid = int(match[2]), int(match[1])
+        elif (match := _CENTER_ROW.match(line)) is not None:
+            self.origin = int(match[1]) - 1, int(match[2]) - 1
+        elif (match := _CENTER.match(line)) is not None:
+            self.origin = int(match[2]) - 1, int(match[1]) - 1
+        elif (match := _CENTER_COORDINATES.match(line)) is not None:
+            scale = micrometers("1", match[3], self.path, at) * 1e-3
+            self.center_mm = number(match[1]) * scale, number(match[2]) * scale
+
+
+def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
+    """A listing of relative illumination over field angle or image height.
+
+    Raises
+    ------
+    FileError
+        If it is none, or does not say in which unit its field is.
+    """
+    file = Path(path)
+    lines = read_text(file, "a listing of relative illumination")
+    if "relative illumination" not in " ".join(lines[:12]).lower():
+        raise FileError(file, "is not a listing of relative illumination: its first lines do not name it")
+    unit, rows = None, []
+    in_table = False
+    for line in lines:
+        said = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
+        if said is not None:
+            unit = _FIELD_UNITS.get(said[1].lower())
+        elif re.search(r"field.*rel\.?\s*ill", line, re.IGNORECASE):
+            in_table = True
+            inside = re.search(r"\((deg|mm)", line, re.IGNORECASE)
+            unit = unit or (None if inside is None else _FIELD_UNITS[inside[1].lower()])
+        elif in_table and (values := _numbers(line)) is not None and len(values) >= 2:
+            rows.append(values[:2])
+    if not rows:
+        raise FileError(file, "has no table of field and relative illumination")
+    if unit is None:
+        raise FileError(file, "does not say whether its field is in degrees or in mm; give the table in the YAML file")
+    return table_or_file_error(file, np.array(rows), unit)
+
+
+def table_or_file_error(file: Path, rows: Array, unit: str) -> IlluminationTable:
+    """Relative illumination from (n, 2) field and value."""
+    try:
+        points = FieldPoints(angle_deg=rows[:, 0]) if unit == "deg" else FieldPoints(height_mm=rows[:, 0])
+        return IlluminationTable(points, rows[:, 1])
+    except ValueError as error:
+        raise FileError(file, str(error)) from None
+
+
+@dataclass
+class _Block:
+    """The rows of one wavelength."""
+
+    wavelength_nm: float | None
+    columns: list[str] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+
+    def column(self, name: str) -> Array | None:
+        if name not in self.columns:
+            return None
+        index = self.columns.index(name)
+        return np.array([row[index] for row in self.rows])
+
+
+_COLUMNS = {
+    "angle": r"angle|field \(deg\)|field.*deg",
+    "tan": r"tan(?:gential)? ?shift",
+    "sag": r"sag(?:ittal)? ?shift",
+    "real": r"real height",
+    "reference": r"ref\.? height",
+    "distortion": r"distortion",
+}
+
+
+def read_distortion(
+    path: str | PathLike[str], *, wavelength_nm: float | None = None
+) -> tuple[Distortion, LateralColor | None]:
+    """A listing of field curvature and distortion over field angle, of one or several wavelengths.
+
+    Parameters
+    ----------
+    path
+        The file.
+    wavelength_nm
+        Whose distortion is the lens's; None: the first of the listing.
+
+    Returns
+    -------
+    distortion
+        Of that wavelength.
+    lateral_color
+        How far the others fall from it; None where there is one wavelength, or no real heights.
+
+    Raises
+    ------
+    FileError
+        If it is no such listing, its distortion is not against f tan(theta), or the wavelength is not in it.
+    """
+    file = Path(path)
+    lines = read_text(file, "a listing of distortion")
+    head = " ".join(lines[:20]).lower()
+    if "distortion" not in head:
+        raise FileError(file, "is not a listing of distortion: its first lines do not name it")
+    blocks = _blocks(lines)
+    if not blocks:
+        raise FileError(
+            file, "has no table with field angle and distortion; save the text of Field Curvature/Distortion"
+        )
+    chosen = _chosen(file, blocks, wavelength_nm)
+    angle = chosen.column("angle")
+    assert angle is not None
+    if not re.search(r"f-tan\s*\(theta\)", head):
+        raise FileError(file, "its distortion is not of the type F-Tan(Theta); set that in the analysis and save again")
+    try:
+        points = FieldPoints(angle_deg=np.abs(angle))
+        real, reference = chosen.column("real"), chosen.column("reference")
+        if real is not None and reference is not None:
+            ratio = np.ones(angle.size)
+            np.divide(real, reference, out=ratio, where=reference != 0)
+            return Distortion(points, ratio), _lateral(points, chosen, blocks)
+        percent = chosen.column("distortion")
+        assert percent is not None
+        return Distortion.from_percent(points, percent), None
+    except ValueError as error:
+        raise FileError(file, str(error)) from None
+
+
+def _blocks(lines: list[str]) -> list[_Block]:
+    blocks: list[_Block] = []
+    wavelength: float | None = None
+    for line in lines:
+        if (said := _WAVELENGTH.search(line)) is not None and "data for" in line.lower():
+            wavelength = micrometers(said[1], said[2], Path(), 0) * 1e3
+            continue
+        found = {name: match.start() for name, text in _COLUMNS.items() if (match := re.search(text, line.lower()))}
+        if "angle" in found and "distortion" in found:
+            blocks.append(_Block(wavelength, sorted(found, key=lambda name: found[name])))
+        elif (
+            blocks
+            and (values := _numbers(line.replace("%", " "))) is not None
+            and len(values) == len(blocks[-1].columns)
+        ):
+            blocks[-1].rows.append(values)
+    return [block for block in blocks if len(block.rows) >= 2]
+
+
+def _chosen(file: Path, blocks: list[_Block], wavelength_nm: float | None) -> _Block:
+    if wavelength_nm is None:
+        return blocks[0]
+    for block in blocks:
+        if block.wavelength_nm is not None and abs(block.wavelength_nm - wavelength_nm) < 0.5:
+            return block
+    known = ", ".join("?" if b.wavelength_nm is None else f"{b.wavelength_nm:g}" for b in blocks)
+    raise FileError(file, f"has no distortion at {wavelength_nm:g} nm; it has {known} nm")
+
+
+def _lateral(points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
+    own = chosen.column("real")
+    others = [(b.wavelength_nm, b.column("real")) for b in blocks]
+    known = {w: heights for w, heights in others if w is not None and heights is not None}
+    if own is None or len(known) < 2 or any(heights.shape != own.shape for heights in known.values()):
+        return None
+    shift = np.stack([(np.abs(known[w]) - np.abs(own)) * 1e3 for w in sorted(known)])
+    return LateralColor(np.array(sorted(known)), points, shift)
+
+
+def _numbers(line: str) -> list[float] | None:
+    """The numbers of a line of numbers only."""
+    parts = line.split()
+    if not parts or not all(re.fullmatch(NUMBER, part) for part in parts):
+        return None
+    return [number(part) for part in parts]
