@@ -33,6 +33,7 @@ _HOMES = {
     "open_spectral": "photosite.calibration.spectral_protocol",
     "read_raw": "photosite.frames.read",
     "read_scene": "photosite.scene.files",
+    "slanted_edge_mtf": "photosite.metrics.sharpness",
     "validate": "photosite.validation.validate",
 }
 _MODULES = {
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.frames.read import read_raw as read_raw
     from photosite.measured import Measured as Measured
+    from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.compound import Lens as Lens
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited

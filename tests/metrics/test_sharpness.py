@@ -1,0 +1,240 @@
+"""The slanted edge: against the transfer that was put in, on simulated raw frames and on profiles of closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import erf
+
+import photosite as ps
+from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.sharpness import SlantedEdge, slanted_edge_mtf
+from photosite.mosaic import electrons_per_weight
+
+D200 = ps.load_sensor("nikon-d200")
+MONO = D200.with_(cfa="mono", channels={"M": D200.channels["G"].model_dump()})
+CELLS = 5
+UP_TO_NYQUIST = slice(0, 51)
+
+
+def camera_of(sensor: ps.Sensor, f_number: float, size: int = 160, cells: int = CELLS) -> ps.Camera:
+    lens = ps.DiffractionLimited(f_number=f_number, focal_length_mm=50)
+    return ps.Camera(lens, sensor.with_(rows=size, cols=size), cells_per_pixel=cells)
+
+
+def edge_of(camera: ps.Camera, angle_deg: float) -> ps.Scene:
+    """A sample for each cell: every cell holds its exact share of the bright side."""
+    samples = camera.sensor.array.rows * camera.cells_per_pixel
+    return ps.charts.slanted_edge("D65", 100, angle_deg=angle_deg, rows=samples, cols=samples)
+
+
+def optics_and_aperture(camera: ps.Camera, scene: ps.Scene, channel: str, angle_deg: float) -> NDArray[np.float64]:
+    """(101,) across the edge, 0 to 1 cycle/pixel: diffraction, by the channel's light, times the photodetector."""
+    pitch_m = camera.sensor.pixel.width_um.value * 1e-6
+    frequency_per_m = np.linspace(0, 1, 101) / pitch_m
+    electrons = electrons_per_weight(scene, camera.optics, camera.sensor).sum(axis=1)
+    share = electrons[camera.sensor.channel_names.index(channel)]
+    otf = np.zeros(101)
+    for part, wavelength_nm in zip(share / share.sum(), scene.wavelength_nm, strict=True):
+        cutoff = 1 / (wavelength_nm * 1e-9 * camera.optics.working_f_number(scene.distance_m))
+        r = np.minimum(frequency_per_m / cutoff, 1.0)
+        otf += part * 2 / math.pi * (np.arccos(r) - r * np.sqrt(1 - r * r))
+    return otf * box(camera.sensor.pixel.fill_factor.value**0.5, angle_deg)
+
+
+def box(side_pixels: float, angle_deg: float) -> NDArray[np.float64]:
+    """(101,) transfer of a square along a direction."""
+    frequency, angle = np.linspace(0, 1, 101), math.radians(angle_deg)
+    across: NDArray[np.float64] = np.sinc(frequency * math.cos(angle) * side_pixels)
+    return across * np.sinc(frequency * math.sin(angle) * side_pixels)
+
+
+def laid_on_cells(cells: int, angle_deg: float) -> NDArray[np.float64]:
+    """(101,) what laying the scene on cells costs: a mean over each cell, which then is even within."""
+    return box(1 / cells, angle_deg) ** 2
+
+
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+def test_the_transfer_is_optics_times_aperture(f_number: float) -> None:
+    """Within 0.01 up to Nyquist. On nine cells a pixel the cells' own part is small enough to be left out."""
+    camera = camera_of(MONO, f_number, cells=9)
+    scene = edge_of(camera, 5)
+    found = slanted_edge_mtf(camera.mean_electrons(scene, 1 / 60))
+    expected = optics_and_aperture(camera, scene, "M", 5)
+    assert np.abs(found.mtf - expected)[UP_TO_NYQUIST].max() < 0.01
+    assert np.abs(found.mtf - expected * laid_on_cells(9, 5))[UP_TO_NYQUIST].max() < 0.004
+
+
+@pytest.mark.parametrize("angle_deg", [-8.0, 3.0, 5.0, 12.0, 20.0])
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+def test_at_any_angle(f_number: float, angle_deg: float) -> None:
+    camera = camera_of(MONO, f_number)
+    scene = edge_of(camera, angle_deg)
+    found = slanted_edge_mtf(camera.mean_electrons(scene, 1 / 60))
+    expected = optics_and_aperture(camera, scene, "M", angle_deg) * laid_on_cells(CELLS, angle_deg)
+    assert np.abs(found.mtf - expected)[UP_TO_NYQUIST].max() < 0.005
+    assert found.angle_deg == pytest.approx(angle_deg, abs=0.005)
+    assert found.direction == "vertical"
+
+
+@pytest.mark.parametrize("channel", ["R", "G", "B"])
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+def test_on_the_sites_of_one_channel(f_number: float, channel: str) -> None:
+    """Each channel has its own light, so its own diffraction: no demosaicing lies between."""
+    camera = camera_of(D200, f_number)
+    scene = edge_of(camera, 5)
+    electrons = camera.mean_electrons(scene, 1 / 60)
+    found = slanted_edge_mtf(electrons, channel=channel, cfa=D200.array.cfa)
+    expected = optics_and_aperture(camera, scene, channel, 5) * laid_on_cells(CELLS, 5)
+    assert np.abs(found.mtf - expected)[UP_TO_NYQUIST].max() < 0.005
+    assert found.channel == channel
+
+
+def test_noisy_raw_frames() -> None:
+    """Eight raw frames averaged, green of the mosaic, noise of all kinds but the fixed pattern: within 0.01."""
+    camera = camera_of(D200.with_(prnu_percent=0, dsnu_mv=0, black_level_dn=50), 2.8, size=320)
+    scene = edge_of(camera, 5)
+    frames = [raw.dn - 50.0 for raw in camera.stream(scene, 1 / 60, frames=8, seed=4)]
+    region = (0, 320, 110, 210)
+    found = slanted_edge_mtf(np.mean(frames, axis=0), region, "G", cfa=D200.array.cfa)
+    expected = optics_and_aperture(camera, scene, "G", 5) * laid_on_cells(CELLS, 5)
+    assert np.abs(found.mtf - expected)[UP_TO_NYQUIST].max() < 0.01
+    assert 0.0005 < found.standard_uncertainty[50] < 0.004
+
+
+def test_a_raw_frame_is_read_above_black() -> None:
+    """One noisy frame of a chip with its fixed pattern: within what it says of itself."""
+    camera = camera_of(D200.with_(black_level_dn=200), 2.8)
+    scene = edge_of(camera, 5)
+    found = slanted_edge_mtf(camera.capture(scene, 1 / 60, seed=2), channel="G", pitch_um=6.05)
+    expected = optics_and_aperture(camera, scene, "G", 5) * laid_on_cells(CELLS, 5)
+    off = (found.mtf - expected)[1:51] / np.hypot(found.standard_uncertainty[1:51], 0.004)
+    assert np.abs(off).max() < 4
+    assert found.frequency_cycles_per_mm[50] == pytest.approx(1 / (2 * 6.05e-3))
+
+
+def test_the_uncertainty_is_the_spread_over_frames() -> None:
+    camera = camera_of(D200.with_(prnu_percent=0, dsnu_mv=0), 2.8, size=120)
+    frames = camera.stream(edge_of(camera, 5), 1 / 60, frames=40, seed=5)
+    found = [slanted_edge_mtf(raw, channel="G") for raw in frames]
+    spread = np.std([edge.mtf for edge in found], axis=0, ddof=1)
+    told = np.mean([edge.standard_uncertainty for edge in found], axis=0)
+    # 40 frames know a spread to 11 %; five frequencies apart are nearly independent.
+    apart = [10, 20, 30, 40, 50]
+    assert np.sqrt(np.mean((spread[apart] / told[apart]) ** 2)) == pytest.approx(1.0, abs=0.2)
+
+
+def gaussian_edge(rows: int, cols: int, slope: float, sigma: float, position: float | None = None) -> Any:
+    """An edge of Gaussian blur, at points: its transfer is exp(-2 (pi f sigma)^2)."""
+    y, x = np.mgrid[:rows, :cols] + 0.5
+    middle = cols / 2 if position is None else position
+    distance = (x - middle - slope * (y - rows / 2)) / math.hypot(1, slope)
+    return 100 + 150 * (1 + erf(distance / (sigma * math.sqrt(2))))
+
+
+def gaussian(sigma: float) -> NDArray[np.float64]:
+    transfer: NDArray[np.float64] = np.exp(-2 * (math.pi * np.linspace(0, 1, 101) * sigma) ** 2)
+    return transfer
+
+
+@pytest.mark.parametrize("oversampling", [2, 4, 8])
+def test_differences_and_bins_cost_nothing(oversampling: int) -> None:
+    """A Gaussian has no tails to cut: what is left is the method's own error."""
+    found = slanted_edge_mtf(gaussian_edge(200, 80, -0.0871, 0.6), oversampling=oversampling)
+    assert np.abs(found.mtf - gaussian(0.6))[UP_TO_NYQUIST].max() < 0.002
+    assert found.mtf50 == pytest.approx(math.sqrt(math.log(2) / 2) / (math.pi * 0.6), abs=1e-3)
+
+
+def test_the_hamming_window_smooths_the_curve() -> None:
+    """Of a Gaussian line spread the window cuts the flanks: the curve is that of what is left, here computed."""
+    found = slanted_edge_mtf(gaussian_edge(200, 80, -0.0871, 3.0), window="hamming")
+    x = np.arange(-found.distance[-1], found.distance[-1], 0.01)
+    spread = np.exp(-0.5 * (x / 3) ** 2) * (0.54 + 0.46 * np.cos(math.pi * x / (found.distance[-1] + 0.125)))
+    wave = np.cos(2 * math.pi * np.linspace(0, 1, 101)[:, None] * x)
+    assert found.mtf[:30] == pytest.approx((wave @ spread)[:30] / spread.sum(), abs=1e-3)
+    assert np.abs(found.mtf - gaussian(3.0)).max() > 3e-3
+
+
+@pytest.mark.parametrize("flip", ["none", "left-right", "up-down", "transposed", "bright left"])
+def test_any_way_round(flip: str) -> None:
+    plain = gaussian_edge(160, 160, 0.1, 0.8, 70.0)
+    turned = {
+        "none": plain,
+        "left-right": plain[:, ::-1],
+        "up-down": plain[::-1],
+        "transposed": plain.T,
+        "bright left": plain.max() - plain,
+    }[flip]
+    found = slanted_edge_mtf(turned)
+    assert np.abs(found.mtf - gaussian(0.8))[UP_TO_NYQUIST].max() < 0.002
+    angle = math.degrees(math.atan(0.1))
+    assert found.direction == ("horizontal" if flip == "transposed" else "vertical")
+    expected = {"left-right": angle, "up-down": angle, "transposed": angle}.get(flip, -angle)
+    assert found.angle_deg == pytest.approx(expected, abs=0.01)
+    assert found.profile[0] == pytest.approx(0, abs=1e-3)
+    assert found.profile[-1] == pytest.approx(1, abs=1e-3)
+    assert (np.diff(found.distance) > 0).all()
+
+
+def test_the_edge_is_where_it_is() -> None:
+    """In the frame's own coordinates, whatever the region, and its tile begins where the region does."""
+    frame = gaussian_edge(200, 180, -0.09, 0.7, 83.3)
+    frame[0::2, 1::2] *= 3  # another colour, which must not enter
+    found = slanted_edge_mtf(frame, (31, 190, 33, 140), "A", cfa=(("A", "B"), ("A", "A")))
+    assert found.line.tolist() == list(range(31, 190))
+    expected = 83.3 - 0.09 * (found.line + 0.5 - 100)
+    assert np.abs(found.edge_position - expected).max() < 0.01
+    assert np.abs(found.mtf - gaussian(0.7))[UP_TO_NYQUIST].max() < 0.003
+
+
+def raw_edge(scale: float = 10.0) -> RawFrame:
+    dn = np.minimum(gaussian_edge(100, 80, 0.1, 0.7) * scale, 4095).astype(np.uint16)
+    return RawFrame(dn, bits=12, cfa=(("R", "G"), ("G", "B")))
+
+
+BENT = 100.0 + 100 * (np.mgrid[:100, :80][1] > 25 + 0.01 * (np.arange(100)[:, None] - 40) ** 2)
+NOISE = np.random.default_rng(1).normal(100, 10, (100, 80))
+WRONG: list[tuple[Any, dict[str, Any], str]] = [
+    (raw_edge(), {}, "choose it from R, G, B"),
+    (raw_edge(), {"channel": "g"}, "has no channel 'g'"),
+    (raw_edge(11), {"channel": "G"}, "are at the white level"),
+    (raw_edge(), {"channel": "G", "region": (0, 101, 0, 80)}, "not within the frame's 100 x 80 pixels"),
+    (np.ones((100, 80)), {}, "no edge here, or too weak"),
+    (np.zeros((100, 80)), {}, "no edge here, or too weak"),
+    (NOISE, {}, "no edge here, or too weak"),
+    (NOISE + 30 * (np.mgrid[:100, :80][1] > 70), {}, "no straight edge was found|comes within"),
+    (BENT, {}, "no straight edge was found"),
+    (gaussian_edge(100, 80, 0.0, 0.7), {}, "it must lean by a column"),
+    (gaussian_edge(100, 80, 0.012, 0.7), {"cfa": (("A", "B"),), "channel": "A"}, "it must lean by 2 columns"),
+    (gaussian_edge(100, 120, 0.5, 0.7), {}, "26.6 degrees leaves parts of a pixel unseen"),
+    (gaussian_edge(100, 80, 0.1, 0.7, 12.0), {}, "comes within 6.05 pixels of the region's sides"),
+    (gaussian_edge(10, 80, 0.1, 0.7), {"region": (0, 10, 10, 70)}, "needs 16 lines of pixels"),
+    (gaussian_edge(100, 80, 0.1, 0.7), {"oversampling": 0}, "1 to 16 bins per pixel"),
+    (gaussian_edge(100, 80, 0.1, 0.7), {"window": "hann"}, "'tukey' or 'hamming', not 'hann'"),
+    (gaussian_edge(100, 80, 0.1, 0.7), {"pitch_um": 0}, "above 0 um, not 0"),
+    (np.full((100, 80), np.nan), {}, "NaN or infinite"),
+    (np.ones((100, 80, 3)), {}, r"one frame, not in an array of \(100, 80, 3\)"),
+]
+
+
+@pytest.mark.parametrize(("frame", "options", "message"), WRONG, ids=[message for *_, message in WRONG])
+def test_what_is_no_measurable_edge_is_refused(frame: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        slanted_edge_mtf(frame, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_was_not_measured_is_not_told() -> None:
+    found = slanted_edge_mtf(gaussian_edge(160, 80, 0.1, 0.05))
+    assert isinstance(found, SlantedEdge)
+    assert found.mtf50 is None
+    with pytest.raises(InputError, match="give pitch_um"):
+        _ = found.frequency_cycles_per_mm
+    with pytest.raises(InputError, match="from 0 to 1 cycle/pixel"):
+        found.at(1.2)
+    assert found.at([0.0, 0.105]) == pytest.approx([1.0, (found.mtf[10] + found.mtf[11]) / 2])
