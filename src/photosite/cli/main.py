@@ -39,6 +39,7 @@ COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "Close the loop on a virtual D200: shoot, calibrate, simulate, compare, report."),
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
     "scenes": Entry("scenes", "List the scenes by formula, look at scenes and their files."),
+    "convert": Entry("convert", "Reduce a spectral image to a scene of few spectra, in a file."),
     "simulate": Entry("simulate", "Simulate a raw frame of a scene."),
     "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
     "plan": Entry("plan", "How many frames a wanted precision takes; what precision a protocol reaches."),

@@ -112,9 +112,13 @@ def reduced(
     if (wanted := said.mean_luminance_cd_m2) is not None and not _relit(cube, said):
         scale = _scale(cube, total / values.samples * to_space * to_photons, grid, wanted)
         to_photons, light = to_photons * scale, None if light is None else light * scale
-    basis = vectors * to_photons
+    # Weights of RMS 1: radiances in photons are large numbers, and single precision is used best about 1.
+    size = np.sqrt(((vectors * to_space) @ gram * (vectors * to_space)).sum(axis=1) / values.samples)
+    size[size == 0] = 1.0  # a dark scene
+    spectra = vectors * size[:, None]
+    basis = spectra * to_photons
     power = float(np.diag(gram) @ (to_space * to_photons) ** 2)
-    weights, lost = values.project(vectors * to_space, basis, to_space * to_photons, store)
+    weights, lost = values.project(vectors * to_space / size[:, None], spectra / to_space, to_space * to_photons, store)
     scene = Scene(
         weights,
         basis,
@@ -122,7 +126,7 @@ def reduced(
         said.distance_m or cube.distance_m or DEFAULT_DISTANCE_M,
         said.width_m or cube.width_m,
         name=cube.title or "scene",
-        reflectance=_reflectance(cube, vectors, light),
+        reflectance=_reflectance(cube, spectra, light),
         relative_error=float(np.sqrt(lost / power)) if power > 0 else 0.0,
     )
     if _relit(cube, said):
@@ -170,12 +174,12 @@ def _meaning(
     return (ones if cube.quantity == "photon radiance" else photons_from_energy(ones, grid)), ones, light
 
 
-def _reflectance(cube: SpectralCube, vectors: Array, light: Array | None) -> Array | None:
+def _reflectance(cube: SpectralCube, spectra: Array, light: Array | None) -> Array | None:
     if cube.quantity == "reflectance":
-        return vectors
+        return spectra
     if light is None or cube.quantity == "relative" or not (light > 0).all():
         return None
-    return vectors / light
+    return spectra / light
 
 
 def _scale(cube: SpectralCube, mean: Array, grid: Array, wanted: float) -> float:
@@ -209,37 +213,38 @@ class _Values:
         return gram[np.ix_(self._order, self._order)], total[self._order]
 
     def project(
-        self, vectors: Array, basis: Array, photons: Array, store: Callable[[tuple[int, int, int]], WeightStore]
+        self, vectors: Array, spectra: Array, photons: Array, store: Callable[[tuple[int, int, int]], WeightStore]
     ) -> tuple[NDArray[np.float32], float]:
         """Weights (K, rows, cols), and the sum of squares of what they lack of the radiance.
 
-        `vectors` (K, bands) take values to weights, `basis` weights to radiance, `photons` (bands,) values to radiance.
+        `vectors` (K, bands) take values to weights, `spectra` weights to values, `photons` (bands,) values to radiance.
         """
-        rows, cols, _ = self._cube.shape
+        rows, cols, bands = self._cube.shape
         back = np.argsort(self._order)
-        vectors, basis, photons = vectors[:, back], basis[:, back], photons[back]
-        lost = 0.0
-        with store((len(basis), rows, cols)) as place:
+        vectors, spectra = vectors[:, back], np.ascontiguousarray(spectra[:, back].T)
+        lost = np.zeros(bands)
+        with store((vectors.shape[0], rows, cols)) as place:
             for first, block in self._blocks():
-                spectra = _by_band(block)
-                weights = (vectors @ spectra).astype(np.float32)
+                values = _by_band(block)
+                weights = (vectors @ values).astype(np.float32)
                 if not np.isfinite(weights).all():
                     raise FileError(self._cube.name, "has values beyond single precision; are its units right?")
-                place.put(first, weights.reshape(len(basis), -1, cols))
-                spectra = spectra * photons[:, None]
-                spectra -= basis.T @ weights.astype(np.float64)
-                lost += float(np.vdot(spectra, spectra))
-            return place.finish(), lost
+                place.put(first, weights.reshape(len(weights), -1, cols))
+                lacking = spectra @ weights.astype(np.float64)
+                lacking -= values
+                lost += np.einsum("bs,bs->b", lacking, lacking)
+            return place.finish(), float(lost @ photons[back] ** 2)
 
     def _blocks(self, *, count: bool = False) -> Iterator[tuple[int, Array]]:
         """The blocks, with what is missing or below 0 refused or made 0."""
         total = 2 * self._cube.shape[0]
         for first, block in self._read():
-            # A sum is NaN or infinite where a value is, and costs one look.
-            if not np.isfinite(block.sum()):
-                block = self._without_gaps(first, block, count)
-            if block.min() < 0:
-                block = self._not_negative(first, block, count)
+            if count or self.no_data or self.negative:  # the second pass over what is clean need not look again
+                # A sum is NaN or infinite where a value is, and costs one look.
+                if not np.isfinite(block.sum()):
+                    block = self._without_gaps(first, block, count)
+                if block.min() < 0:
+                    block = self._not_negative(first, block, count)
             yield first, block
             self._done += block.shape[0]
             self._progress(self._done, total, "rows")

@@ -9,6 +9,7 @@ from photosite.studies.bench.accumulate import accumulate_against_reading, accum
 from photosite.studies.bench.calibrate_protocol import calibrate_protocol
 from photosite.studies.bench.camera import capture_d200, noise_d200, optics_d200
 from photosite.studies.bench.command import cli_simulate
+from photosite.studies.bench.convert_cube import convert_cube
 from photosite.studies.bench.timing import Case
 
 CASES: dict[str, Callable[[bool], Case]] = {
@@ -18,6 +19,7 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "accumulate_d200": accumulate_d200,
     "accumulate_against_reading": accumulate_against_reading,
     "calibrate_protocol": calibrate_protocol,
+    "convert_cube": convert_cube,
     "cli_simulate": cli_simulate,
 }
 

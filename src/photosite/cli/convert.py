@@ -1,0 +1,126 @@
+"""`photosite convert`: spectral images and other scene files into photosite's own, and into each other's formats."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from photosite.cli import options
+from photosite.cli.output import Stages, print_json
+
+_SUFFIXES = (".h5", ".mat", ".tif", ".tiff", ".hdr", ".exr")
+
+
+def wavelengths_of(text: str) -> list[float]:
+    """Numbers in nm: 400,410,420 or first:last:step."""
+    try:
+        if ":" in text:
+            first, last, step = (float(part) for part in text.split(":"))
+            count = round((last - first) / step)
+            if step <= 0 or count < 1 or abs(first + count * step - last) > 1e-6 * step:
+                raise ValueError
+            return [first + k * step for k in range(count + 1)]
+        return [float(part) for part in text.split(",")]
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, not '{text}'") from None
+
+
+def _said(function: Callable[..., Any]) -> Callable[..., Any]:
+    """What may be said of a file: the fields of `photosite.scene.options.ReadOptions`."""
+    for option in (
+        click.option("--variable", metavar="NAME", help="The data set that is the cube, where a file has several."),
+        click.option("--sort-bands", is_flag=True, help="Put the bands in order of wavelength."),
+        click.option(
+            "--negative",
+            type=click.Choice(["refuse", "zero"]),
+            default="refuse",
+            help="What becomes of values below 0.",
+        ),
+        click.option(
+            "--no-data", type=click.Choice(["refuse", "zero"]), default="refuse", help="What becomes of missing values."
+        ),
+        click.option("--width", "width_m", type=options.above(), metavar="M", help="Width of the scene, in m."),
+        click.option("--distance", "distance_m", type=options.above(), metavar="M", help="From lens to scene, in m."),
+        click.option(
+            "--luminance", "mean_luminance_cd_m2", type=options.above(), metavar="CD/M2", help="Mean luminance wanted."
+        ),
+        click.option("--illuminant", metavar="NAME", help="Light on reflectances: D65, A, 3200K, ..."),
+        click.option(
+            "--wavelengths",
+            "wavelength_nm",
+            type=wavelengths_of,
+            metavar="NM",
+            help="Of the bands, where the file does not say: 400,410,... or 400:700:10.",
+        ),
+        click.option(
+            "--units",
+            metavar="UNITS",
+            help="Of the values, where the file does not say: W/sr/m2/nm, photons/s/sr/m2/nm, reflectance, percent, "
+            "relative.",
+        ),
+        click.option(
+            "--tolerance",
+            type=options.above(),
+            default=1e-3,
+            metavar="T",
+            help="Largest RMS error, relative to the RMS.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+@click.command("convert")
+@click.argument("source", type=click.Path(path_type=Path))
+@options.output_option(*_SUFFIXES, text="Scene to write: .h5 (photosite's own), .mat, .tif, .hdr (ENVI), .exr.")
+@_said
+@options.json_option
+def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
+    """Reduce a spectral image to a scene of few spectra, and write it.
+
+    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files. A cube is read twice and never held: with .h5 as output,
+    memory does not grow with it.
+
+    Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
+    """
+    from photosite.scene.convert import convert
+
+    progress = Stages()
+    progress.stage(f"reading {source}")
+    begun = time.perf_counter()
+    done = convert(
+        source, output, progress=progress, **{name: value for name, value in said.items() if value is not None}
+    )
+    seconds = time.perf_counter() - begun
+    scene = done.scene
+    facts = {
+        "path": str(output),
+        "rows": scene.shape[0],
+        "cols": scene.shape[1],
+        "bands": done.bands,
+        "components": done.components,
+        "tolerance": said["tolerance"],
+        "relative_error": scene.relative_error,
+        "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
+        "no_data_values": done.no_data_values,
+        "negative_values": done.negative_values,
+        "distance_m": scene.distance_m,
+        "width_m": scene.width_m,
+        "seconds": seconds,
+    }
+    if as_json:
+        print_json(facts)
+        return
+    click.echo(
+        f"wrote {output}: {scene.shape[0]} x {scene.shape[1]} samples, {done.bands} bands as {done.components} "
+        f"spectra; RMS error {scene.relative_error:.2e} of the RMS radiance, measured over all samples (tolerance "
+        f"{said['tolerance']:g})"
+    )
+    click.echo(f"mean luminance {facts['mean_luminance_cd_m2']:.4g} cd/m2; {seconds:.1f} s")
+    for count, what in ((done.no_data_values, "missing"), (done.negative_values, "negative")):
+        if count:
+            click.echo(f"{count} {what} values were taken as 0")

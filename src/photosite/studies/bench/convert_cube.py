@@ -1,0 +1,166 @@
+"""A spectral cube's case: from an ENVI file of 200 bands to a scene file, against reading the cube and doing nothing.
+
+`python -m photosite.studies.bench.convert_cube --megapixels 100` runs the size that a user may bring, over a file of 5
+megapixels that is read as often as that takes, and prints one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from photosite.scene.convert import convert
+from photosite.scene.cube import Block, CubeHead, SpectralCube
+from photosite.scene.files import open_cube
+from photosite.scene.formats.native import reduce_to_native
+from photosite.scene.reduce import Reduction, reduced
+from photosite.studies.bench.timing import Case, in_turn, peak_mb
+
+BANDS = 200
+COLS = 10_000
+_MATERIALS = 12
+_COUNTS = 4000
+
+
+def write_cube(path: Path, rows: int, cols: int = COLS) -> None:
+    """An ENVI file (band after band, 16 bits) of 12 materials in smoothly varying shares, under light that varies."""
+    rng = np.random.default_rng(5)
+    grid = np.linspace(400, 1000, BANDS)
+    centres, widths = rng.uniform(400, 1000, _MATERIALS), rng.uniform(30, 200, _MATERIALS)
+    spectra = np.exp(-(((grid - centres[:, None]) / widths[:, None]) ** 2)).astype(np.float32)
+    phase = rng.uniform(0, 2 * np.pi, (2, _MATERIALS))
+    x = np.arange(cols) * (rng.integers(3, 40, _MATERIALS)[:, None] * 2 * np.pi / cols) + phase[0][:, None]
+    with path.with_suffix(".img").open("wb") as file:
+        for first in range(0, rows, 10):
+            count = min(10, rows - first)
+            y = (first + np.arange(count)) * 0.03 * np.arange(1, _MATERIALS + 1)[:, None] + phase[1][:, None]
+            shares = ((1 + np.sin(y))[:, :, None] * (1 + np.sin(x))[:, None, :]).astype(np.float32)
+            shares *= rng.uniform(0.8, 1.2, (1, count, cols)).astype(np.float32)
+            block = spectra.T @ shares.reshape(_MATERIALS, -1) * np.float32(_COUNTS / (4 * _MATERIALS))
+            for band, values in enumerate(np.rint(block).astype("<u2")):
+                file.seek(2 * (band * rows + first) * cols)
+                file.write(values.data)
+    wavelengths = ", ".join(f"{value:.3f}" for value in grid)
+    path.write_text(
+        f"ENVI\nsamples = {cols}\nlines = {rows}\nbands = {BANDS}\nheader offset = 0\ndata type = 12\n"
+        f"interleave = bsq\nbyte order = 0\nwavelength units = Nanometers\nwavelength = {{{wavelengths}}}\n"
+        "data units = mW/sr/m2/um\n",
+        encoding="ascii",
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RepeatedCube(CubeHead):
+    """A cube several times, one below the other.
+
+    Parameters
+    ----------
+    cube
+        The cube.
+    """
+
+    cube: SpectralCube
+
+    def blocks(self, rows: int) -> Iterator[Block]:
+        """See `SpectralCube`."""
+        for above in range(0, self.shape[0], self.cube.shape[0]):
+            for first, block in self.cube.blocks(rows):
+                yield above + first, block
+
+
+def repeated(path: Path, times: int) -> RepeatedCube:
+    """A file's cube so many times."""
+    cube = open_cube(path)
+    rows, cols, bands = cube.shape
+    return RepeatedCube(
+        name=cube.name,
+        shape=(times * rows, cols, bands),
+        wavelength_nm=cube.wavelength_nm,
+        quantity=cube.quantity,
+        cube=cube,
+    )
+
+
+def work_convert(path: str, output: str, times: int = 1) -> Reduction:
+    """From the cube, as often as wanted, to the scene file."""
+    if times == 1:
+        return convert(path, output)
+    return reduce_to_native(lambda store: reduced(repeated(Path(path), times), store=store), Path(output))
+
+
+def work_read(path: str) -> None:
+    """The cube's bytes into the same memory, once."""
+    room = bytearray(32 << 20)
+    with Path(path).with_suffix(".img").open("rb", buffering=0) as file:
+        while file.readinto(room):
+            pass
+
+
+def convert_cube(quick: bool = False, rows: int | None = None) -> Case:
+    """A cube of 2 megapixels (`quick`: a quarter) and 200 bands, against reading its file once."""
+    rows = rows or (50 if quick else 200)
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = f"{folder}/cube.hdr", f"{folder}/scene.h5"
+        write_cube(Path(source), rows)
+        work_read(source)
+        ours, theirs = in_turn(lambda: work_convert(source, target), lambda: work_read(source), 1 if quick else 3)
+        return Case(ours, theirs, peak_mb(work_convert, path=source, output=target), rows * COLS / 1e6)
+
+
+def main() -> None:
+    """The size that a user may bring."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--megapixels", type=int, default=100, help="in steps of 5")
+    parser.add_argument("--folder", help="for the cube and the scene: 2 GB and 5 GB")
+    chosen = parser.parse_args()
+    times = max(1, chosen.megapixels // 5)
+    with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
+        source, target = f"{folder}/cube.hdr", f"{folder}/scene.h5"
+        write_cube(Path(source), 500)
+        begun = time.perf_counter()
+        for _ in range(times):
+            work_read(source)
+        read_s = time.perf_counter() - begun
+        note = f"{folder}/note.json"
+        peak = peak_mb(work_and_note, path=source, output=target, times=times, note=note)
+        found = {
+            "megapixels": times * 500 * COLS / 1e6,
+            "bands": BANDS,
+            "cube_gb": times * Path(source).with_suffix(".img").stat().st_size / 1e9,
+            "scene_gb": Path(target).stat().st_size / 1e9,
+            **json.loads(Path(note).read_text(encoding="ascii")),
+            "seconds_of_one_plain_read": read_s,
+            "peak_mb": peak,
+            "peak_mb_of_opening": peak_mb(work_open, path=target),
+        }
+    print(json.dumps(found, indent=1))
+
+
+def work_and_note(path: str, output: str, times: int, note: str) -> None:
+    """The work, and what came of it in a file: this runs in a process of its own."""
+    begun = time.perf_counter()
+    done = work_convert(path, output, times)
+    told = {
+        "components": done.components,
+        "relative_error": done.scene.relative_error,
+        "seconds": time.perf_counter() - begun,
+    }
+    Path(note).write_text(json.dumps(told), encoding="ascii")
+
+
+def work_open(path: str) -> None:
+    """The scene file opened, and its brightness taken."""
+    from photosite.scene.files import read_scene
+
+    read_scene(path).mean_luminance_cd_m2()
+
+
+if __name__ == "__main__":
+    main()
