@@ -59,6 +59,8 @@ FORMATS: tuple[Format, ...] = (
     Format("TIFF", (".tif", ".tiff"), "tiff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), writes=True),
     Format("ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (b"ENVI",), writes=True),
     Format("OpenEXR", (".exr",), "exr", (b"\x76\x2f\x31\x01",), writes=True),
+    Format("CGATS", (".cgats", ".it8", ".ti3", ".txt"), "cgats", (b"CGATS", b"IT8.", b"CTI3", b"ISO28178"), True),
+    Format("CSV", (".csv", ".tsv"), "chart_csv", writes=True),
 )
 """In the order in which they are asked: a MATLAB 7.3 file is HDF5 behind 512 bytes of its own."""
 
@@ -79,8 +81,8 @@ def read_scene(
         Told (done, total, what) while a cube is reduced.
     **options
         Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
-        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, variable. What the file says itself
-        need not be said.
+        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, variable, patch_cols. What the file
+        says itself need not be said.
 
     Returns
     -------
@@ -153,7 +155,8 @@ def write_scene(scene: Scene, path: str | PathLike[str], **how: Any) -> None:
         The scene.
     path
         `.h5` is photosite's own file and keeps everything. Others hold photon radiance of every sample, in single
-        precision: `.hdr` (ENVI, the numbers in `.img` beside it), `.tif` (a page a band), `.mat` (ISET's scene file).
+        precision: `.hdr` (ENVI, the numbers in `.img` beside it), `.tif` (a page a band), `.mat` (ISET's scene file);
+        `.exr` energy radiance. `.csv` and `.cgats` hold the patches of a chart.
     **how
         The format's own: cube=True (HDF5: a plain cube), interleave="bsq", "bil" or "bip" (ENVI), version="5" or "7.3"
         (MATLAB).

@@ -41,6 +41,8 @@ class ReadOptions:
         Put bands in order of wavelength where the file has them in another; False refuses that.
     variable
         Name of the data set or variable, where a file has several.
+    patch_cols
+        Patches across a measured chart, whose file lists them in order.
 
     Raises
     ------
@@ -59,6 +61,7 @@ class ReadOptions:
     negative: Amend = "refuse"
     sort_bands: bool = False
     variable: str | None = None
+    patch_cols: int | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
@@ -67,6 +70,8 @@ class ReadOptions:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} must be above 0, not {value}")
+        if self.patch_cols is not None and self.patch_cols < 1:
+            raise InputError(f"a chart is 1 patch across or more, not {self.patch_cols}")
         for name in ("no_data", "negative"):
             if getattr(self, name) not in get_args(Amend):
                 raise InputError(f"{name} is 'refuse' or 'zero', not {getattr(self, name)!r}")

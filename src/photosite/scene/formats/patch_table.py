@@ -1,0 +1,270 @@
+"""Measured charts: a table of named spectra, and the chart that is drawn from it or was.
+
+How files write such a table: `photosite.scene.formats.cgats`, `photosite.scene.formats.chart_csv`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+from photosite.scene.bands import band_order
+from photosite.scene.charts.patches import reflectance_chart
+from photosite.scene.options import ReadOptions
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.units import Units, parse_units
+from photosite.spectra import Spectrum, photons_from_energy
+
+LARGEST_BYTES = 1 << 24
+"""Of a file that is read at all: 20 000 patches of 100 wavelengths."""
+
+_BRIGHTEST_FRACTION, _DARKEST_PERCENT, _CHART_OF = 1.3, 5.0, 6
+"""No reflectance factor is above 5, not of fluorescence; and of 6 patches or more, one reflects more than 1.3 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchTable:
+    """Named spectra.
+
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        Of the patches, all different.
+    wavelength_nm
+        (wavelengths,) in the file's order.
+    values
+        (patches, wavelengths) as the file has them.
+    units
+        Of the values, where the file says them.
+    cols
+        Patches across, where the file says it.
+    title
+        What the file calls itself.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    wavelength_nm: NDArray[np.float64]
+    values: NDArray[np.float64]
+    units: Units | None = None
+    cols: int | None = None
+    title: str | None = None
+
+
+def read_text(path: Path) -> str:
+    """A file's text, in UTF-8 (with or without its mark), UTF-16 with its mark, or else Latin-1.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read or is too large for a chart's.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    if len(content) > LARGEST_BYTES:
+        raise FileError(path, f"is larger than {LARGEST_BYTES >> 20} MiB, and no chart's table")
+    marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        return content.decode(marked)
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def number(path: Path, text: str, line: int | None, what: str) -> float:
+    """A finite number; a decimal comma is understood.
+
+    Raises
+    ------
+    FileError
+        If it is none.
+    """
+    try:
+        value = float(text.replace(",", ".") if text.count(",") == 1 else text)
+    except ValueError:
+        raise FileError(path, f"expected a number for {what}, got {text[:40]!r}", line) from None
+    if not math.isfinite(value):
+        raise FileError(path, f"expected a finite number for {what}, got {text[:40]!r}", line)
+    return value
+
+
+def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
+    """The chart of a table: reflectances under a light, or radiances as they are.
+
+    Patches whose names are a letter and a number (A1, B12) and fill a rectangle lie there, letters down and numbers
+    across, as ISO 12641 has it; others in the order of the file, `options.patch_cols` across, or as many as the file
+    says, or a third more across than down.
+
+    Raises
+    ------
+    FileError
+        If the table does not say what is needed and the options do not either, or a spectrum cannot be.
+    InputError
+        If the illuminant is unknown or does not reach the wavelengths.
+    """
+    if options.wavelength_nm is not None:
+        raise FileError(table.path, "says its wavelengths itself; leave wavelength_nm out")
+    units = _units(table, options)
+    order = band_order(str(table.path), table.wavelength_nm, sort=options.sort_bands)
+    table = replace(table, wavelength_nm=table.wavelength_nm[order], values=table.values[:, order])
+    values = _not_negative(table, options) * units.scale
+    rows, cols, places = _layout(table, options)
+    names, values = tuple(table.names[k] for k in places), values[places]
+    title = table.title or table.path.stem
+    if units.quantity == "reflectance":
+        if options.illuminant is None:
+            raise FileError(
+                table.path,
+                "holds reflectances; say the light on them (illuminant='D65', mean_luminance_cd_m2=100)",
+            )
+        if options.mean_luminance_cd_m2 is None:
+            raise FileError(
+                table.path, "holds reflectances; say how bright they are lit on average (mean_luminance_cd_m2=100)"
+            )
+        light: str | float | Spectrum = options.illuminant
+    else:
+        light = _even_light(table, units, options)
+    if not values.any():
+        raise FileError(table.path, "holds darkness: all its values are 0")
+    chart = reflectance_chart(
+        values,
+        table.wavelength_nm,
+        rows=rows,
+        cols=cols,
+        names=names,
+        illuminant=light,
+        mean_luminance_cd_m2=1.0 if options.mean_luminance_cd_m2 is None else options.mean_luminance_cd_m2,
+        distance_m=options.distance_m or DEFAULT_DISTANCE_M,
+        width_m=options.width_m,
+        name=title,
+    )
+    if units.quantity == "reflectance":
+        return chart
+    chart = replace(chart, reflectance=None, name=title)
+    if options.mean_luminance_cd_m2 is not None:
+        return chart
+    # A chart is drawn to a luminance: back to the radiance measured.
+    brightest = int(values.sum(axis=1).argmax())
+    region = chart.regions[brightest]
+    measured = values[brightest] * _photons(units, table.wavelength_nm)
+    return chart.scaled(float(measured.sum() / chart.radiance(region.r0, region.c0).sum()))
+
+
+def patch_table(scene: Scene, path: Path) -> PatchTable:
+    """The named patches of a scene: mean reflectance where it is known, else energy radiance.
+
+    Parameters
+    ----------
+    scene
+        A scene with regions.
+    path
+        The file that the table is for.
+
+    Raises
+    ------
+    FileError
+        If it has no regions.
+    """
+    if not scene.regions:
+        raise FileError(path, f"cannot be written: '{scene.name}' has no patches; write it as an image (.h5, .exr)")
+    basis = scene.reflectance
+    units = Units("reflectance")
+    if basis is None:
+        basis, units = scene.basis / photons_from_energy(1.0, scene.wavelength_nm), Units("energy radiance")
+    means = [
+        scene.weights[:, part.r0 : part.r1, part.c0 : part.c1].mean(axis=(1, 2), dtype=np.float64)
+        for part in scene.regions
+    ]
+    across = {part.c0 for part in scene.regions}
+    names = tuple(part.name for part in scene.regions)
+    return PatchTable(path, names, scene.wavelength_nm, np.array(means) @ basis, units, len(across), scene.name)
+
+
+def _units(table: PatchTable, options: ReadOptions) -> Units:
+    if options.units is not None:
+        return parse_units(options.units)
+    if table.units is not None:
+        return table.units
+    brightest = float(table.values.max())
+    if brightest > _DARKEST_PERCENT:
+        return Units("reflectance", 0.01)
+    if brightest <= _BRIGHTEST_FRACTION and len(table.values) >= _CHART_OF:
+        return Units("reflectance")
+    raise FileError(
+        table.path,
+        f"does not say whether its values, up to {brightest:g}, are percent or fractions; say units='percent' or "
+        "units='reflectance' (or the units of a radiance)",
+    )
+
+
+def _not_negative(table: PatchTable, options: ReadOptions) -> NDArray[np.float64]:
+    below = np.argwhere(table.values < 0)
+    if len(below) and options.negative != "zero":
+        patch, band = below[0]
+        raise FileError(
+            table.path,
+            f"patch '{table.names[patch]}' has {table.values[patch, band]:g} at {table.wavelength_nm[band]:g} nm; "
+            "measure it again, or make what is below 0 zero (negative='zero')",
+        )
+    return np.maximum(table.values, 0.0)
+
+
+def _layout(table: PatchTable, options: ReadOptions) -> tuple[int, int, list[int]]:
+    """Rows, columns, and the patches in the order of their places."""
+    count = len(table.names)
+    in_order = list(range(count))
+    if options.patch_cols is not None:
+        return -(-count // options.patch_cols), options.patch_cols, in_order
+    found = [re.fullmatch(r"([A-Za-z]{1,2}) ?0*(\d{1,3})", name) for name in table.names]
+    if count > 1 and all(found):
+        places = [((len(m[1]), m[1].upper()), int(m[2])) for m in found if m is not None]
+        downs, acrosses = sorted({place[0] for place in places}), sorted({place[1] for place in places})
+        if len(set(places)) == count == len(downs) * len(acrosses):
+            return len(downs), len(acrosses), sorted(in_order, key=places.__getitem__)
+    cols = min(count, table.cols or math.ceil(math.sqrt(1.5 * count)))
+    return -(-count // cols), cols, in_order
+
+
+def _photons(units: Units, grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    ones = np.ones(grid.size)
+    return ones if units.quantity == "photon radiance" else photons_from_energy(ones, grid)
+
+
+def _even_light(table: PatchTable, units: Units, options: ReadOptions) -> Spectrum:
+    """A light under which a reflectance chart's values are the radiances that were measured."""
+    if options.illuminant is not None:
+        raise FileError(table.path, "holds radiances, whose light is in them; leave the illuminant out")
+    if units.quantity == "relative" and options.mean_luminance_cd_m2 is None:
+        raise FileError(
+            table.path, "holds relative values; say how bright the chart is (mean_luminance_cd_m2=100) or their units"
+        )
+    energy = _photons(units, table.wavelength_nm) / photons_from_energy(1.0, table.wavelength_nm)
+    return Spectrum(table.wavelength_nm, energy)
+
+
+def checked_names(path: Path, names: list[str], lines: list[int]) -> tuple[str, ...]:
+    """Names of patches.
+
+    Raises
+    ------
+    FileError
+        If two are one; with the line of the second.
+    """
+    seen: dict[str, int] = {}
+    for name, line in zip(names, lines, strict=True):
+        if name in seen:
+            raise FileError(
+                path, f"patch '{name[:40]}' stands in line {seen[name]} too; average them, or name one otherwise", line
+            )
+        seen[name] = line
+    return tuple(names)
