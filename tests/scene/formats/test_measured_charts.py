@@ -1,0 +1,310 @@
+"""Measured charts, CGATS and CSV: what is understood, reversal, and files that are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import photosite as ps
+from photosite.errors import FileError
+from photosite.scene.files import read_scene, write_scene
+from photosite.scene.formats import cgats, chart_csv
+from photosite.scene.scene import Scene
+from photosite.spectra import photons_from_energy
+
+LIGHT = {"illuminant": "D65", "mean_luminance_cd_m2": 100.0}
+GRID = [400, 500, 600, 700]
+NAMES = ["white", "light grey", "grey", "red", "green", "blue"]
+VALUES = np.round(np.random.default_rng(7).uniform(0.05, 0.9, (6, 4)), 4)
+
+
+def reflectances(scene: Scene) -> np.ndarray:
+    """(patches, wavelengths) in the order of the regions."""
+    assert scene.reflectance is not None
+    return np.array([scene.weights[:, part.r0, part.c0].astype(float) @ scene.reflectance for part in scene.regions])
+
+
+def cgats_text(
+    values: np.ndarray = VALUES,
+    names: list[str] = NAMES,
+    field: str = "SPECTRAL_NM_{}",
+    keywords: str = "",
+    grid: list[int] = GRID,
+    between: str = " ",
+) -> str:
+    """A file as programs export it."""
+    fields = ["SAMPLE_ID", "SAMPLE_NAME", *(field.format(wavelength) for wavelength in grid)]
+    quote = '"' if between == " " else ""
+    rows = [
+        between.join([str(k + 1), f"{quote}{name}{quote}", *(f"{value:.6g}" for value in row)])
+        for k, (name, row) in enumerate(zip(names, values, strict=True))
+    ]
+    return (
+        f'CGATS.17\nORIGINATOR "somebody"\n{keywords}NUMBER_OF_FIELDS {len(fields)}\nBEGIN_DATA_FORMAT\n'
+        f"{between.join(fields)}\nEND_DATA_FORMAT\nNUMBER_OF_SETS {len(rows)}\nBEGIN_DATA\n"
+        + "\n".join(rows)
+        + "\nEND_DATA\n"
+    )
+
+
+def csv_text(values: np.ndarray = VALUES, names: list[str] = NAMES, heading: str = "patch,400,500,600,700") -> str:
+    rows = [",".join([name, *(f"{value:.6g}" for value in row)]) for name, row in zip(names, values, strict=True)]
+    return "\n".join([heading, *rows, ""])
+
+
+def written(tmp_path: Path, text: str, name: str = "chart.txt") -> Path:
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+# What is understood
+
+
+@pytest.mark.parametrize(
+    "field", ["SPECTRAL_NM_{}", "SPECTRAL_NM{}", "SPECTRAL_{}", "SPEC_{}", "nm{}", "NM_{}", "R_{}nm", "R_{}"]
+)
+@pytest.mark.parametrize("between", [" ", "\t"])
+def test_fields_of_spectra(tmp_path: Path, field: str, between: str) -> None:
+    scene = read_scene(written(tmp_path, cgats_text(field=field, between=between)), **LIGHT)
+    assert scene.wavelength_nm.tolist() == GRID
+    assert [part.name for part in scene.regions] == NAMES
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
+    assert scene.name.startswith("chart")
+
+
+def test_wavelength_and_value_in_turn(tmp_path: Path) -> None:
+    fields = "SAMPLE_ID " + "SPECTRAL_NM SPECTRAL_PCT " * 2
+    rows = "A1 400 50.0 500 1.0\nA2 400 2.0 500 3.0\n"
+    text = f"IT8.7/1\nBEGIN_DATA_FORMAT\n{fields}\nEND_DATA_FORMAT\nBEGIN_DATA\n{rows}END_DATA\n"
+    file = written(tmp_path, text)
+    assert_allclose(cgats.read_patches(file).values, [[50, 1], [2, 3]])
+    scene = read_scene(file, **LIGHT)
+    assert_allclose(reflectances(scene), [[0.5, 0.01], [0.02, 0.03]], atol=2e-6)
+    decimal = text.replace("SPECTRAL_PCT", "SPECTRAL_DEC").replace("50.0", "0.5")
+    assert read_scene(written(tmp_path, decimal), **LIGHT, negative="zero").shape == scene.shape
+    other = text.replace("A2 400", "A2 410")
+    with pytest.raises(FileError, match=r"chart\.txt:7: this patch has other wavelengths than the first"):
+        read_scene(written(tmp_path, other), **LIGHT)
+
+
+def test_the_table_with_spectra_is_found_behind_others(tmp_path: Path) -> None:
+    colours = (
+        "CGATS.17\nBEGIN_DATA_FORMAT\nSAMPLE_ID LAB_L LAB_A LAB_B\nEND_DATA_FORMAT\nBEGIN_DATA\n1 2 3 4\nEND_DATA\n"
+    )
+    scene = read_scene(written(tmp_path, f"{colours}\n# a note\n{cgats_text()}"), **LIGHT)
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
+
+
+def test_sets_that_run_over_lines(tmp_path: Path) -> None:
+    text = cgats_text()
+    head, body = text.split("BEGIN_DATA\n")
+    body = body.replace('" 0', '"\n   0')
+    scene = read_scene(written(tmp_path, f"{head}BEGIN_DATA\n{body}"), **LIGHT)
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
+
+
+def test_percent_fraction_and_argylls_norm(tmp_path: Path) -> None:
+    assert_allclose(reflectances(read_scene(written(tmp_path, cgats_text(VALUES * 100)), **LIGHT)), VALUES, atol=2e-5)
+    said = read_scene(written(tmp_path, cgats_text(VALUES * 100)), units="percent", **LIGHT)
+    assert_allclose(reflectances(said), VALUES, atol=2e-5)
+    argyll = 'DEVICE_CLASS "OUTPUT"\nSPECTRAL_NORM "50.0"\n'
+    normed = read_scene(written(tmp_path, cgats_text(VALUES * 50, keywords=argyll)), **LIGHT)
+    assert_allclose(reflectances(normed), VALUES, atol=2e-5)
+    # The norm of a display's measurement is not that of reflectance: what the values are remains to be said.
+    display = argyll.replace("OUTPUT", "DISPLAY")
+    with pytest.raises(FileError, match="percent or fractions"):
+        read_scene(written(tmp_path, cgats_text(VALUES * 3, keywords=display)), **LIGHT)
+
+
+@pytest.mark.parametrize(
+    ("values", "names"),
+    [(VALUES * 3, NAMES), (VALUES[:1], NAMES[:1]), (VALUES[:5], NAMES[:5])],
+    ids=["up to 2.7", "one", "five"],
+)
+def test_percent_or_fraction_is_asked(tmp_path: Path, values: np.ndarray, names: list[str]) -> None:
+    file = written(tmp_path, cgats_text(values, names))
+    with pytest.raises(FileError, match=r"say units='percent' or units='reflectance'"):
+        read_scene(file, **LIGHT)
+    assert_allclose(reflectances(read_scene(file, units="reflectance", **LIGHT)), values, atol=1e-4)
+
+
+def test_decimal_comma_and_latin_1(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    file.write_bytes(cgats_text(names=["weiß", *NAMES[1:]]).replace("0.", "0,").encode("latin-1"))
+    scene = read_scene(file, **LIGHT)
+    assert scene.regions[0].name == "weiß"
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
+    file.write_bytes(cgats_text(names=["weiß", *NAMES[1:]]).encode("utf-16"))
+    assert cgats.read_patches(file).names[0] == "weiß"
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_csv_both_ways(tmp_path: Path, mark: str) -> None:
+    down = written(tmp_path, csv_text().replace(",", mark), "down.csv")
+    heading = ["wavelength_nm", *NAMES]
+    rows = [[str(wavelength), *map(str, column)] for wavelength, column in zip(GRID, VALUES.T, strict=True)]
+    across = written(tmp_path, "\n".join(mark.join(row) for row in [heading, *rows]), "across.csv")
+    first, second = chart_csv.read_patches(down), chart_csv.read_patches(across)
+    assert first.names == second.names == tuple(NAMES)
+    assert_allclose(first.values, VALUES)
+    assert_allclose(second.values, VALUES)
+    assert first.wavelength_nm.tolist() == second.wavelength_nm.tolist() == GRID
+
+
+def test_csv_with_decimal_commas_and_other_columns(tmp_path: Path) -> None:
+    text = "name;L*;400 nm;500 nm\n" + "".join(f"p{k};50,1;0,{k}5;0,2\n" for k in range(6))
+    table = chart_csv.read_patches(written(tmp_path, text, "a.csv"))
+    assert table.wavelength_nm.tolist() == [400, 500]
+    assert_allclose(table.values[:, 0], [0.05, 0.15, 0.25, 0.35, 0.45, 0.55])
+
+
+def test_wavelengths_in_micrometres_say_so(tmp_path: Path) -> None:
+    file = written(tmp_path, csv_text(heading="patch,0.4um,0.5um,0.6um,0.7um"), "a.csv")
+    assert_allclose(chart_csv.read_patches(file).wavelength_nm, GRID)
+    with pytest.raises(FileError, match="does not say the unit of its wavelengths"):
+        read_scene(written(tmp_path, csv_text(heading="patch,0.4,0.5,0.6,0.7"), "b.csv"), **LIGHT)
+
+
+def test_radiances_stay_what_was_measured(tmp_path: Path) -> None:
+    file = written(tmp_path, "# units: W/m2/sr/nm\n" + csv_text(VALUES / 1000), "a.csv")
+    scene = read_scene(file, distance_m=2, width_m=0.5)
+    expected = photons_from_energy(VALUES / 1000, GRID)
+    found = [scene.radiance(part.r0, part.c0) for part in scene.regions]
+    assert_allclose(found, expected, rtol=1e-3)
+    assert scene.reflectance is None
+    assert (scene.distance_m, scene.width_m) == (2, 0.5)
+    photons = read_scene(written(tmp_path, csv_text(VALUES * 1e15), "b.csv"), units="photons/s/sr/m2/nm")
+    assert_allclose([photons.radiance(p.r0, p.c0) for p in photons.regions], VALUES * 1e15, rtol=1e-3)
+    with pytest.raises(FileError, match="leave the illuminant out"):
+        read_scene(file, illuminant="A")
+
+
+# Layout
+
+
+def region_places(scene: Scene) -> dict[str, tuple[int, int]]:
+    return {part.name: (part.r0 // 32, part.c0 // 32) for part in scene.regions}
+
+
+def test_letters_are_rows_and_numbers_columns(tmp_path: Path) -> None:
+    names = ["B2", "A1", "A3", "B1", "A2", "B3"]
+    places = region_places(read_scene(written(tmp_path, csv_text(names=names), "a.csv"), **LIGHT))
+    assert places == {"A1": (0, 0), "A2": (0, 1), "A3": (0, 2), "B1": (1, 0), "B2": (1, 1), "B3": (1, 2)}
+    scene = read_scene(tmp_path / "a.csv", **LIGHT)
+    assert_allclose(reflectances(scene), VALUES[[names.index(part.name) for part in scene.regions]], atol=2e-5)
+
+
+def test_order_of_the_file_and_patches_across(tmp_path: Path) -> None:
+    file = written(tmp_path, csv_text(), "a.csv")
+    assert region_places(read_scene(file, **LIGHT))["blue"] == (1, 2)
+    assert region_places(read_scene(file, patch_cols=2, **LIGHT))["blue"] == (2, 1)
+    said = written(tmp_path, cgats_text(keywords='LGOROWLENGTH "2"\n'))
+    assert region_places(read_scene(said, **LIGHT))["blue"] == (2, 1)
+    gaps = written(tmp_path, csv_text(names=["A1", "A2", "A4", "B1", "B2", "B3"]), "b.csv")
+    assert region_places(read_scene(gaps, **LIGHT))["B3"] == (1, 2)
+
+
+# Reversal
+
+
+@pytest.mark.parametrize("name", ["chart.csv", "chart.cgats", "chart.tsv"])
+def test_reversal(tmp_path: Path, name: str) -> None:
+    chart = ps.charts.macbeth("D65", 100)
+    write_scene(chart, tmp_path / name)
+    back = read_scene(tmp_path / name, **LIGHT)
+    assert [part.name for part in back.regions] == [part.name for part in chart.regions]
+    assert region_places(back) == region_places(chart)
+    assert_allclose(reflectances(back), reflectances(chart), atol=5e-5)
+    for part in chart.regions:
+        there, here = back.radiance(part.r0, part.c0), chart.radiance(part.r0, part.c0)
+        assert np.linalg.norm(there - here) < 1e-3 * np.linalg.norm(here), part.name
+
+
+def test_reversal_of_radiance(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    chart = replace(ps.charts.macbeth("A", 40), reflectance=None)
+    write_scene(chart, tmp_path / "a.csv")
+    back = read_scene(tmp_path / "a.csv")
+    for part in chart.regions:
+        there, here = back.radiance(part.r0, part.c0), chart.radiance(part.r0, part.c0)
+        assert np.linalg.norm(there - here) < 1e-3 * np.linalg.norm(here), part.name
+    with pytest.raises(FileError, match="CGATS holds reflectances"):
+        write_scene(chart, tmp_path / "a.cgats")
+
+
+def test_a_scene_without_patches_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="has no patches"):
+        write_scene(ps.charts.uniform(), tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+# What is refused
+
+
+BROKEN_CGATS = [
+    ("hello", "has no BEGIN_DATA_FORMAT"),
+    (cgats_text().replace("END_DATA\n", ""), r":8: is truncated"),
+    (cgats_text().replace("NUMBER_OF_SETS 6", "NUMBER_OF_SETS 7"), "NUMBER_OF_SETS is 7, and 6 are there"),
+    (cgats_text().replace("NUMBER_OF_FIELDS 6", "NUMBER_OF_FIELDS 5"), "NUMBER_OF_FIELDS is 5, and 6"),
+    (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "n/a", 1), r":11: expected a number for SPECTRAL_NM_500, got 'n/a'"),
+    (cgats_text().replace(f" {VALUES[2, 1]:.6g}", "", 1), r":11: expected 6 values, one for each field, got 5"),
+    (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "nan", 1), "expected a finite number"),
+    (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "-0.01", 1), "patch 'grey' has -0.01 at 500 nm"),
+    (cgats_text(field="LAB_{}"), "holds no spectra, only SAMPLE_ID, SAMPLE_NAME, LAB_400.* export it with spectral"),
+    (cgats_text(grid=[400, 600, 500, 700]), "band 3 has 500 nm after 600 nm"),
+    (cgats_text(grid=[400, 500, 500, 700]), "500 nm"),
+    (cgats_text(VALUES * 0), "darkness"),
+    (cgats_text(keywords='DEVICE_CLASS "OUTPUT"\nSPECTRAL_NORM "0"\n'), "SPECTRAL_NORM is what a perfect white has"),
+]
+BROKEN_CSV = [
+    ("", "holds no chart"),
+    ("1,2,3\n4,5,6\n", ":1: has a heading without wavelengths|does not say the unit"),
+    (csv_text(heading="patch,R,G,B,IR"), ":1: has a heading without wavelengths"),
+    (csv_text(heading="patch,400,500,600"), ":2: expected 4 cells as in the heading, got 5"),
+    (csv_text().replace(f"{VALUES[1, 2]:.6g}", "x"), ":3: expected a number for '600', got 'x'"),
+    (csv_text(names=["white", "grey", "grey", *NAMES[3:]]), ":4: patch 'grey' stands in line 3 too"),
+    (csv_text(heading="patch,700,600,500,400"), "band 2 has 600 nm after 700 nm"),
+    (csv_text(heading="patch,400nm,500nm,600,700"), "wavelengths of several units"),
+    ("# units: lx\n" + csv_text(), "units 'lx' are not understood"),
+    ("wavelength_nm,a\n400,1\n500,x\n", ":3: expected a number for 'a', got 'x'"),
+    ("wavelength_nm\n400\n500\n", "has wavelengths and no patches"),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"), [("a.txt", *case) for case in BROKEN_CGATS] + [("a.csv", *case) for case in BROKEN_CSV]
+)
+def test_refused_in_one_line(tmp_path: Path, name: str, text: str, said: str) -> None:
+    file = written(tmp_path, text, name)
+    with pytest.raises(FileError, match=said) as error:
+        read_scene(file, **LIGHT)
+    message = str(error.value)
+    assert message.startswith(str(file))
+    assert "\n" not in message
+    assert len(message) < 350
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "say the light on them"),
+        ({"illuminant": "A"}, "say how bright they are lit"),
+        ({**LIGHT, "wavelength_nm": GRID}, "says its wavelengths itself"),
+        ({"units": "relative"}, "say how bright the chart is"),
+    ],
+)
+def test_what_must_be_said(tmp_path: Path, options: dict[str, object], said: str) -> None:
+    with pytest.raises(FileError, match=said):
+        read_scene(written(tmp_path, csv_text(), "a.csv"), **options)
+
+
+def test_what_may_be_mended(tmp_path: Path) -> None:
+    below = written(tmp_path, csv_text(np.where(np.equal(VALUES, VALUES[2, 1]), -0.001, VALUES)), "a.csv")
+    assert reflectances(read_scene(below, negative="zero", **LIGHT)).min() == pytest.approx(0, abs=1e-5)
+    back = written(tmp_path, csv_text(VALUES[:, ::-1], heading="patch,700,600,500,400"), "b.csv")
+    assert_allclose(reflectances(read_scene(back, sort_bands=True, **LIGHT)), VALUES, atol=2e-5)
