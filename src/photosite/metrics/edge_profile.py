@@ -213,20 +213,32 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:
-    """The line moved until pixels lie nearest to the profile that they make (Gauss-Newton), and that profile."""
+    """The line turned until pixels lie nearest to the profile that they make, with half its step on the line.
+
+    Gauss-Newton on the slope. A shift of the line shifts the profile with it and brings no pixel nearer; where in its
+    profile an edge is, is a matter of words: where it is half way from dark to bright.
+    """
     profile = profile_across(pixels, edge, oversampling)
     for _ in range(_FIT_STEPS):
+        smooth = np.convolve(np.pad(profile.mean, 2, mode="edge"), _SMOOTHING, "valid")
         distance = edge.distance(pixels)
         near = np.abs(distance) < profile.distance[-1]
-        smooth = np.convolve(np.pad(profile.mean, 2, mode="edge"), _SMOOTHING, "valid")
-        slope = np.interp(distance[near], profile.distance, np.gradient(smooth, profile.distance))
+        steepness = np.interp(distance[near], profile.distance, np.gradient(smooth, profile.distance))
         residual = pixels.value[near] - np.interp(distance[near], profile.distance, smooth)
-        # The edge farther right is the pixel nearer to it: d value / d position = -slope.
-        y = pixels.y[near] - edge.middle
-        design = -slope[:, None] * np.stack([np.ones_like(y), y], axis=1) / math.hypot(1.0, edge.slope)
-        step, *_ = np.linalg.lstsq(design, residual, rcond=None)
-        edge = replace(edge, position=edge.position + float(step[0]), slope=edge.slope + float(step[1]))
+        # Where the edge goes farther right, a pixel lies farther left of it.
+        moved = -steepness * (pixels.y[near] - edge.middle) / math.hypot(1.0, edge.slope)
+        turn = float(moved @ residual / (moved @ moved))
+        shift = _half_way(profile.distance, smooth, profile.ends()) * math.hypot(1.0, edge.slope)
+        edge = replace(edge, position=edge.position + shift, slope=edge.slope + turn)
         profile = profile_across(pixels, edge, oversampling)
-        if abs(step[0]) + abs(step[1]) * pixels.shape[0] < _FIT_ENOUGH_PX:
+        if abs(shift) + abs(turn) * pixels.shape[0] < _FIT_ENOUGH_PX:
             break
     return edge, profile
+
+
+def _half_way(distance: Array, profile: Array, ends: tuple[float, float]) -> float:
+    """Where a profile passes the middle between its ends; of several places, their mean."""
+    above = (profile > (ends[0] + ends[1]) / 2).astype(np.int8)
+    places = np.flatnonzero(np.diff(above))
+    share = ((ends[0] + ends[1]) / 2 - profile[places]) / (profile[places + 1] - profile[places])
+    return float(np.mean(distance[places] + share * (distance[1] - distance[0])))
