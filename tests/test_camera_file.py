@@ -119,10 +119,14 @@ class TestSceneRequest:
         with pytest.raises(InputError, match="units is said of a scene's file; 'macbeth' is a formula"):
             SceneRequest("macbeth", units="W").scene()
 
-    def test_a_file_takes_no_formulas_options(self, tmp_path: Path) -> None:
+    def test_a_file_takes_the_options_of_reading_and_no_others(self, tmp_path: Path) -> None:
         ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
-        with pytest.raises(InputError, match="option 'contrast' is a formula's"):
-            SceneRequest(str(tmp_path / "field.h5"), options={"contrast": 3}).scene()
+        file = str(tmp_path / "field.h5")
+        assert SceneRequest(
+            file, options={"mean_luminance_cd_m2": 9.0}
+        ).scene().mean_luminance_cd_m2() == pytest.approx(9)
+        with pytest.raises(InputError, match="reading a scene knows no option 'contrast'"):
+            SceneRequest(file, options={"contrast": 3}).scene()
 
     def test_options_that_cannot_be_are_the_formulas_error(self) -> None:
         with pytest.raises(InputError, match="above 1, not 0.5"):

@@ -50,6 +50,7 @@ def list_(as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
+    from photosite.scene.files import FORMATS
     from photosite.scene.request import FORMULAS, formula, formula_options
 
     told = {name: ((formula(name).__doc__ or "").strip().splitlines()[0], formula_options(name)) for name in FORMULAS}
@@ -61,7 +62,9 @@ def _list(as_json: bool) -> None:
     click.echo("\nOptions of each, with their defaults (--scene-option NAME=VALUE):")
     for name, (_, known) in told.items():
         click.echo(f"  {name}: {', '.join(f'{key}={_written(value)}' for key, value in known.items()) or 'none'}")
-    click.echo("\nFiles: docs/scenes.md")
+    click.echo("\nFiles (docs/scenes.md):")
+    for kind in FORMATS:
+        click.echo(f"  {kind.name}: {' '.join(kind.suffixes)}")
 
 
 def _written(value: Any) -> str:

@@ -67,7 +67,8 @@ class SceneRequest:
     units, tolerance
         As for `read_scene`; files only.
     options
-        A formula's own options, such as `contrast` of slanted-edge.
+        A formula's own options, such as `contrast` of slanted-edge; of a file those of
+        `photosite.scene.options.ReadOptions`, such as `no_data`.
     """
 
     source: str = DEFAULT_SCENE
@@ -143,8 +144,6 @@ class SceneRequest:
             raise InputError(
                 f"no scene '{self.source}': it is no file, and no formula; {did_you_mean(self.source, FORMULAS)}"
             )
-        if self.options:
-            raise InputError(f"option '{next(iter(self.options))}' is a formula's; a scene's file takes none")
         said = {
             "illuminant": self.illuminant,
             "mean_luminance_cd_m2": self.mean_luminance_cd_m2,
@@ -156,7 +155,8 @@ class SceneRequest:
         }
         from photosite.scene.files import read_scene
 
-        return read_scene(path, **{name: value for name, value in said.items() if value is not None})
+        given = {name: value for name, value in said.items() if value is not None}
+        return read_scene(path, **given, **{name: value for name, value in self.options.items() if name not in given})
 
 
 def formula(name: str) -> Callable[..., Scene]:
