@@ -24,7 +24,11 @@ Array = NDArray[np.float64]
 
 
 class Blur(Protocol):
-    """What makes a point's image: anything that knows its own point spread."""
+    """What makes a point's image: anything that knows its own point spread.
+
+    One that stops light, as an obscured pupil does, has the attribute `throughput` too: the light that passes over that
+    of an open circle of the f-number.
+    """
 
     def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
         """The point spread of an object.
@@ -116,8 +120,9 @@ class Lens:
         return 0.0 if math.isinf(distance_m) else self.image_distance_m(distance_m) / distance_m
 
     def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
-        """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
-        return self.base.irradiance_per_radiance(wavelength_nm, self._focused_m(distance_m))
+        """(wavelengths,) sr: on-axis irradiance over radiance; transmittance and an obscured pupil included."""
+        passed: float = getattr(self.blur, "throughput", 1.0)
+        return passed * self.base.irradiance_per_radiance(wavelength_nm, self._focused_m(distance_m))
 
     def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
         """Irradiance over that on axis at distances from the axis on the sensor; None where it is 1 everywhere."""

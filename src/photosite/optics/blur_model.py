@@ -1,0 +1,113 @@
+"""The section `blur` of an optics file: which kinds there are, and what each becomes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from photosite.optics.compound import Blur
+from photosite.optics.file_model import Number, PositiveNumber, Section
+from photosite.spectra import Spectrum
+
+
+class Diffraction(Section):
+    """A perfect lens; defocus if it is focused elsewhere."""
+
+    kind: Literal["diffraction"]
+
+    def build(self, folder: Path) -> Blur | None:
+        """None."""
+        return None
+
+
+class PupilSection(Section):
+    """The opening, see `photosite.optics.pupil.Pupil`."""
+
+    obscuration: Number = 0.0
+    blades: Annotated[int, Field(strict=True)] = 0
+    rotation_deg: Number = 0.0
+    roundness: Number = 0.0
+    vanes: Annotated[int, Field(strict=True)] = 0
+    vane_width: Number = 0.0
+    vane_rotation_deg: Number = 0.0
+
+
+class ChromaticFocus(Section):
+    """Where each wavelength comes to focus, um behind the sensor."""
+
+    wavelength_nm: tuple[PositiveNumber, ...]
+    shift_um: tuple[Number, ...]
+
+
+class WavefrontSection(Section):
+    """Zernike coefficients and pupil, see `photosite.optics.wavefront.Wavefront`."""
+
+    kind: Literal["wavefront"]
+    zernike: dict[int | str, Number] = Field(default_factory=dict)
+    index: Literal["noll", "fringe", "nm"] = "noll"
+    unit: Literal["nm", "waves"] = "nm"
+    reference_nm: PositiveNumber | None = None
+    norm: Literal["rms", "peak"] | None = None
+    pupil: PupilSection = PupilSection()
+    defocus_um: Number = 0.0
+    chromatic_focus: ChromaticFocus | None = None
+
+    def build(self, folder: Path) -> Blur:
+        """The wavefront."""
+        from photosite.optics.pupil import Pupil
+        from photosite.optics.wavefront import Wavefront
+
+        focus = self.chromatic_focus
+        return Wavefront(
+            coefficients={_term(key, self.index): value for key, value in self.zernike.items()},
+            index=self.index,
+            unit=self.unit,
+            reference_nm=self.reference_nm,
+            norm=self.norm,
+            pupil=Pupil(**self.pupil.model_dump()),
+            defocus_um=self.defocus_um,
+            chromatic_focus=None
+            if focus is None
+            else Spectrum(np.array(focus.wavelength_nm), np.array(focus.shift_um)),
+        )
+
+
+def _term(key: int | str, index: str) -> Any:
+    """The key of a coefficient: a number, or "n,m"."""
+    if index != "nm":
+        if isinstance(key, int):
+            return key
+        raise ValueError(f"a Zernike term of index {index} is a number from 1, not '{key}'")
+    parts = str(key).split(",")
+    try:
+        n, m = (int(part) for part in parts)
+    except ValueError:
+        raise ValueError(f"a Zernike term of index nm is written 'n,m', as in \"3,-1\": 40, not '{key}'") from None
+    return n, m
+
+
+class LensDesignSection(Section):
+    """Point spreads over the field, see `photosite.optics.design_files.read_lens_design`."""
+
+    kind: Literal["lens_design"]
+    source: str
+    tolerance: PositiveNumber | None = None
+    rank: Annotated[int, Field(strict=True, ge=1)] | None = None
+    nodes: Annotated[int, Field(strict=True, ge=3)] | None = None
+    symmetric: Annotated[bool, Field(strict=True)] | None = None
+
+    def build(self, folder: Path) -> Blur:
+        """The design."""
+        from photosite.optics.design_files import read_lens_design
+
+        return read_lens_design(folder / self.source, **self.model_dump(exclude={"kind", "source"}, exclude_none=True))
+
+
+KINDS: dict[str, type[Section]] = {
+    "diffraction": Diffraction,
+    "wavefront": WavefrontSection,
+    "lens_design": LensDesignSection,
+}
