@@ -14,7 +14,7 @@ from photosite.cfa import shifted
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
-from photosite.mosaic import electron_rate, electrons_per_weight, placement
+from photosite.mosaic import electron_rate, electrons_per_weight, image_regions
 from photosite.optics.spread import Optics
 from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
@@ -298,7 +298,7 @@ class Camera:
         InputError
             If a region holds no whole pixel of the frame.
         """
-        return placement(scene, self.optics, self.sensor).regions(scene.regions)
+        return image_regions(scene, self.optics, self.sensor)
 
 
 def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:

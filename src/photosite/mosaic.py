@@ -18,32 +18,55 @@ from photosite.engine.laying import Field, Grid, Layer
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
+from photosite.glare import add_glare
 from photosite.optics.spread import FieldSpread, Optics
+from photosite.regions import Region
 from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
 from photosite.transfers import field_scale, reduced_transfer
+from photosite.warps import color_nodes, warp, warped_regions
 
 _STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
 _ROUNDING = 1e-5
 """Of the largest value: how far below 0 the transforms' rounding may leave a dark pixel."""
+_REDUCTION = 3.0
+"""Times the scene's own error, over all wavelengths, is what a channel that sees some of them may have of it."""
 
 
 def electron_rate(
     scene: Scene, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
 ) -> NDArray[np.float32]:
     """(rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
-    _warn_of_missing_light(scene, sensor)
+    warn_of_missing_light(scene, sensor)
+    mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
+    return arrived(mosaic, optics, sensor, scene.distance_m)
+
+
+def image_rate(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule, cells_per_pixel: int) -> NDArray[np.float32]:
+    """(rows, cols) electrons per second from a scene's image, without what happens to all light of a frame."""
     coupling = electrons_per_weight(scene, optics, sensor, rule)
     if scene.shape == (1, 1):
         mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
         mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel)
     _fall_off(mosaic, optics, sensor, scene.distance_m)
-    return through_door(_not_negative(mosaic), sensor, optics, scene.distance_m)
+    return _not_negative(mosaic, scene.relative_error)
+
+
+def arrived(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float) -> NDArray[np.float32]:
+    """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed."""
+    if optics.veiling_glare is not None:
+        add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
+    return through_door(mosaic, sensor, optics, distance_m)
+
+
+def pitch_m(sensor: Sensor) -> tuple[float, float]:
+    """(vertical, horizontal) distance of pixels, m."""
+    return sensor.pixel.height_um.value * 1e-6, sensor.pixel.width_um.value * 1e-6
 
 
 def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
@@ -61,6 +84,12 @@ def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
     )
 
 
+def image_regions(scene: Scene, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
+    """The scene's regions in pixels of the frame; see `Camera.image_regions`."""
+    where = placement(scene, optics, sensor)
+    return warped_regions(optics.mapping(scene.distance_m), where, scene.regions, pitch_m(sensor))
+
+
 def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule = "trapezoid") -> NDArray[np.float64]:
     """(channels, K, wavelengths) electrons per second in a pixel for weight 1, to be summed over wavelength."""
     grid = scene.wavelength_nm
@@ -75,30 +104,38 @@ def _blurred_mosaic(
     scene: Scene, optics: Optics, sensor: Sensor, coupling: NDArray[np.float64], cells: int
 ) -> NDArray[np.float32]:
     """(rows, cols) electrons per second of a scene with structure."""
-    pixel, array = sensor.pixel, sensor.array
-    pitch = (pixel.height_um.value * 1e-6, pixel.width_um.value * 1e-6)
-    side = math.sqrt(pixel.fill_factor.value)
+    array, pitch = sensor.array, pitch_m(sensor)
+    side = math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
-    spread = optics.spread(scene.distance_m)
-    reduced = reduced_transfer(spread, coupling, scene.wavelength_nm, sampling)
+    spread, mapping = optics.spread(scene.distance_m), optics.mapping(scene.distance_m)
     where = placement(scene, optics, sensor)
-    layer = Layer(
-        weights=scene.weights,
-        start=(where.row_start, where.col_start),
-        step=(where.row_step, where.col_step),
-        mixing=reduced.mixing.astype(np.float32),
-        transfer=reduced.transfer,
-        field=_field(spread, sensor) if isinstance(spread, FieldSpread) else None,
-    )
+    parts = []
+    for node_nm, share in color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch):
+        used = share > 0
+        of_node = (coupling * share)[:, :, used]
+        parts.append((node_nm, reduced_transfer(spread, of_node, scene.wavelength_nm[used], sampling)))
     grid = Grid(
         shape=(array.rows, array.cols),
-        padding=math.ceil(reduced.padding_m / min(pitch)),
+        padding=math.ceil(max(reduced.padding_m for _, reduced in parts) / min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
         cells_per_pixel=cells,
     )
+    reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
+    layers = [
+        Layer(
+            weights=scene.weights,
+            start=(where.row_start, where.col_start),
+            step=(where.row_step, where.col_step),
+            mixing=reduced.mixing.astype(np.float32),
+            transfer=reduced.transfer,
+            field=_field(spread, sensor) if isinstance(spread, FieldSpread) else None,
+            warp=warp(mapping, node_nm, reach_m, pitch),
+        )
+        for node_nm, reduced in parts
+    ]
     with threads_for(array.rows * array.cols * cells**2):
         return mosaic_of_layers(
-            [layer], sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
+            layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
         )
 
 
@@ -135,18 +172,26 @@ def _fall_off(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, dista
         mosaic[strip] *= falloff.astype(np.float32)
 
 
-def _not_negative(mosaic: NDArray[np.float32]) -> NDArray[np.float32]:
+def _not_negative(mosaic: NDArray[np.float32], relative_error: float) -> NDArray[np.float32]:
     lowest, highest = float(mosaic.min()), float(mosaic.max())
-    if lowest < -_ROUNDING * max(highest, 0.0):
+    if lowest < -_ROUNDING * max(highest, 0.0) and not _within_reduction(mosaic, relative_error):
         raise InputError(
             f"the scene's radiance is negative somewhere: a pixel would gain {lowest:g} electrons a second; "
             "its weights and basis must make radiances of 0 or more"
         )
-    # What is left below 0 is the transforms' rounding, within its stated error.
+    # What is left below 0 is the transforms' rounding, or what the scene's reduction left out, within its stated error.
     return np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
-def _warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
+def _within_reduction(mosaic: NDArray[np.float32], relative_error: float) -> bool:
+    """Whether what lies below 0 is no more, as RMS, than a scene of few spectra said it may be wrong."""
+    below = np.minimum(mosaic, np.float32(0)).ravel()
+    whole = mosaic.ravel()
+    return float(below @ below) <= (_REDUCTION * relative_error) ** 2 * float(whole @ whole)
+
+
+def warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
+    """Say that a channel responds to light beyond the scene's wavelengths, where it does."""
     for name in sensor.channel_names:
         outside = scene.light_outside(*sensor.response(name))
         if outside > _OUTSIDE_LIMIT:

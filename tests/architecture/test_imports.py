@@ -32,9 +32,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
     "transfers": COMMON | {"optics", "engine"},  # what a lens's spread is to the engine; no scene, no sensor
-    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers", "glare", "door"},
+    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers", "glare", "door", "warps"},
     "door": COMMON | {"optics", "sensor", "engine"},
     "glare": COMMON | {"optics", "engine"},
+    "warps": COMMON | {"scene", "optics", "engine"},
     "layers": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "mosaic"},
     "profile": COMMON | {"scene", "sensor", "spectra"},
     "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile"},

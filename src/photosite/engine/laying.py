@@ -1,7 +1,8 @@
 """Maps laid on the frame's cells: what a layer of a scene is, and its spectrum along the rows.
 
 A layer's term is a map, mixed from the layer's weights, on the padded grid of cells. Where a lens spreads light
-differently from place to place a term is several maps, each times a weight over the field.
+differently from place to place a term is several maps, each times a weight over the field. Where it distorts, cells
+look at the maps through a warp.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled, prange
 from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
 from photosite.engine.transfer import Transfer
+from photosite.engine.warp import Corners, Warp, warped_means
 
 STRIP = 256
 """Rows of cells that are laid at a time."""
@@ -65,6 +67,14 @@ class Grid:
         """(cells,) where the cells' centres lie, in pixels from the frame's first border."""
         return (np.arange(self.cells(axis)) + 0.5) / self.cells_per_pixel - self.before(axis)
 
+    def farthest(self, axis: int) -> float:
+        """The distance of the grid's border from the frame's middle, pixels."""
+        return max(self.before(axis), self.padded(axis) - self.before(axis) - self.shape[axis]) + self.shape[axis] / 2
+
+    def borders(self, axis: int) -> NDArray[np.float64]:
+        """(cells + 1,) where the borders between cells lie, in pixels from the frame's first border."""
+        return np.arange(self.cells(axis) + 1) / self.cells_per_pixel - self.before(axis)
+
 
 @dataclass(frozen=True, eq=False)
 class Field:
@@ -112,6 +122,8 @@ class Layer:
         From each term to each channel.
     field
         None: R is 1, and the weight 1 everywhere.
+    warp
+        Where cells look instead; None: where `start` and `step` have them.
     """
 
     weights: NDArray[np.float32]
@@ -120,10 +132,30 @@ class Layer:
     mixing: NDArray[np.float32]
     transfer: Transfer
     field: Field | None = None
+    warp: Warp | None = None
+
+    def corners(self, grid: Grid) -> Corners | None:
+        """The corners of the cells and what they look at; None without a warp."""
+        if self.warp is None:
+            return None
+        pitch = self.warp.pitch_m
+        y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
+        return Corners(
+            self.warp,
+            y_m,
+            x_m,
+            axis=(self.start[0] + self.step[0] * grid.shape[0] / 2, self.start[1] + self.step[1] * grid.shape[1] / 2),
+            per_m=(self.step[0] / pitch[0], self.step[1] / pitch[1]),
+            shape=(self.weights.shape[1], self.weights.shape[2]),
+        )
 
 
 def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
     """Each term of a layer laid on the cells and transformed along its rows; `out` holds one after another."""
+    corners = layer.corners(grid)
+    if corners is not None:
+        yield from _warped_spectra(layer, grid, corners, out)
+        return
     lines = [grid.overlap(axis, layer.start[axis], layer.step[axis], layer.weights.shape[axis + 1]) for axis in (0, 1)]
     if layer.field is None:
         for mix in layer.mixing[:, 0]:
@@ -194,6 +226,29 @@ def _weighed_rows(
         mean_of_rows(values, down.first, down.sample, down.share, begin, first, rows)
     _weigh_along(short, across.first, across.sample, across.share, field_across, index, share, out)
     return out
+
+
+def _warped_spectra(
+    layer: Layer, grid: Grid, corners: Corners, out: NDArray[np.complex64]
+) -> Iterator[NDArray[np.complex64]]:
+    """As `laid_spectra`, through a warp. The field's weights are those of the place where light arrives."""
+    if layer.field is not None:
+        across, (index, share) = layer.field.on_columns(grid), layer.field.on_rows(grid)
+        cols = np.arange(grid.cells(1) + 1)  # warped rows have their columns
+        once = np.ones(cols.size - 1, np.float32)
+    for mix in layer.mixing:
+        for begin in range(0, out.shape[0], STRIP):
+            end = min(begin + STRIP, out.shape[0])
+            first, last = corners.span(begin, end)
+            strip = np.tensordot(mix, layer.weights[:, first:last], axes=1)
+            warped = [warped_means(values, first, corners, begin, end) for values in strip]
+            laid = warped[0]
+            if layer.field is not None:
+                laid = np.empty_like(warped[0])
+                rows = index[begin:end], share[begin:end]
+                _weigh_along(np.stack(warped), cols, cols[:-1], once, across, *rows, laid)
+            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
+        yield out
 
 
 @compiled(parallel=True)

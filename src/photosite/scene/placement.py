@@ -43,20 +43,31 @@ class Placement:
         return tuple(self._region(region) for region in sample_regions)
 
     def _region(self, region: Region) -> Region:
-        rows = self._inside(region.r0, region.r1, self.row_start, self.row_step, self.shape[0])
-        cols = self._inside(region.c0, region.c1, self.col_start, self.col_step, self.shape[1])
-        if rows[0] >= rows[1] or cols[0] >= cols[1]:
+        rows = [(row - self.row_start) / self.row_step for row in (region.r0, region.r1)]
+        cols = [(col - self.col_start) / self.col_step for col in (region.c0, region.c1)]
+        return self.whole_pixels(region.name, (rows[0], rows[1]), (cols[0], cols[1]))
+
+    def whole_pixels(self, name: str, rows: tuple[float, float], cols: tuple[float, float]) -> Region:
+        """The pixels that lie wholly between two rows and two columns, which are given in pixels; cut at the frame.
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        r0, r1 = self._inside(*rows, self.shape[0])
+        c0, c1 = self._inside(*cols, self.shape[1])
+        if r0 >= r1 or c0 >= c1:
             raise InputError(
-                f"region '{region.name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame; "
+                f"region '{name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame; "
                 "use a larger frame or a scene that fills it"
             )
-        return Region(region.name, *rows, *cols)
+        return Region(name, r0, r1, c0, c1)
 
     @staticmethod
-    def _inside(low: int, high: int, start: float, step: float, size: int) -> tuple[int, int]:
+    def _inside(low: float, high: float, size: int) -> tuple[int, int]:
         # The 1e-9 keeps a border that falls on a pixel's border, but for rounding, on it.
-        first = math.ceil((low - start) / step - 1e-9)
-        end = math.floor((high - start) / step + 1e-9)
+        first, end = math.ceil(low - 1e-9), math.floor(high + 1e-9)
         return max(first, 0), min(end, size)
 
 
