@@ -349,7 +349,25 @@ def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.C
     with pytest.raises(FileError, match=r"truncated OpenEXR|damaged OpenEXR") as error:
         read_scene(file)
     one_line(error, file)
-    assert capfd.readouterr().err == ""
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        (b"S0.500", b"S0.\xff00"),
+        (b"dataWindow\0box2i", b"dataWindow\0box2f"),
+    ],
+)
+def test_damaged_head(tmp_path: Path, good: bytes, bad: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    file = spectral(tmp_path / "a.exr", some_radiance(), emissiveUnits=PER_NM)
+    content = file.read_bytes()
+    assert good in content
+    file.write_bytes(content.replace(good, bad))
+    with pytest.raises(FileError) as error:
+        read_scene(file)
+    one_line(error, file)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_not_an_exr(tmp_path: Path) -> None:

@@ -115,7 +115,10 @@ def _linear_srgb(part: ExrPart, names: tuple[str, str, str], options: ReadOption
 def _to_srgb(part: ExrPart) -> NDArray[np.float64]:
     """(3, 3) from the file's primaries to sRGB's, whites matched by Bradford's transform."""
     said: Any = part.attributes.get("chromaticities", SRGB_CHROMATICITIES)
-    values = np.asarray(said, np.float64).ravel()
+    try:
+        values = np.asarray(said, np.float64).ravel()
+    except (TypeError, ValueError):
+        raise FileError(part.path, "has chromaticities that are no numbers; mend its head") from None
     if values.shape != (8,) or not np.isfinite(values).all() or values[7] <= 0:
         raise FileError(part.path, f"has chromaticities that cannot be: {np.round(values, 4).tolist()}; mend its head")
     if np.allclose(values, SRGB_CHROMATICITIES, atol=1e-4):

@@ -6,9 +6,10 @@ goes by scan lines, of the first part only: what is large is read and written th
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,8 +95,9 @@ class ExrPart:
         kind = Imath.PixelType(Imath.PixelType.FLOAT)
         with library_errors(self.path):
             file = library.InputFile(os.fspath(self.path))
+            complete = file.isComplete()
         try:
-            if not file.isComplete():
+            if not complete:
                 raise FileError(self.path, _TRUNCATED)
             for first in range(0, self.rows, rows):
                 count = min(rows, self.rows - first)
@@ -143,7 +145,8 @@ def parts_of(path: Path) -> tuple[ExrPart, ...]:
         heads = [part.header for part in library.File(os.fspath(path), header_only=True).parts]
     if not heads:
         raise FileError(path, "is a damaged OpenEXR file: it has no parts; copy or render it again")
-    return tuple(_part(path, index, head, len(heads)) for index, head in enumerate(heads))
+    with library_errors(path):  # text that is no UTF-8, attributes of the wrong type
+        return tuple(_part(path, index, head, len(heads)) for index, head in enumerate(heads))
 
 
 def _part(path: Path, index: int, head: Mapping[str, Any], parts: int) -> ExrPart:
@@ -235,16 +238,16 @@ _TRUNCATED = "is a truncated OpenEXR file: not all of its rows are there; copy o
 def library_errors(path: Path, *, writing: bool = False) -> Iterator[None]:
     """What the library says of a file, as one line: an error of it becomes a `FileError`.
 
-    Of a damaged file it writes a line per row to standard error from within; for the time of a call that goes nowhere.
+    Of a damaged file it also writes a line per row to standard error from within, and prints warnings; for the time of
+    a call that goes nowhere.
     """
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        yield
+        with redirect_stdout(io.StringIO()):
+            yield
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
-        if isinstance(error, FileError):
-            raise
         reason = " ".join(str(error).replace(os.fspath(path), "it").split())[:120]
         if writing:
             raise FileError(path, f"cannot be written: {reason}") from None
