@@ -8,14 +8,160 @@ import pytest
 from photosite.develop.display import XYZ_FROM_SRGB, encode_srgb
 from photosite.errors import InputError
 from photosite.metrics.color_difference import delta_e_2000
-from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, from_srgb, linear_srgb, srgb_reflectance
-from photosite.spectra import energy_from_photons, illuminant, photons_from_energy, xyz
+from photosite.scene.picture_colors import SPACES, linear_srgb_of
+from photosite.scene.pictures import (
+    PICTURE_WAVELENGTH_NM,
+    Method,
+    from_hdr,
+    from_rgb,
+    from_srgb,
+    linear_srgb,
+    srgb_reflectance,
+)
+from photosite.scene.scene import Scene
+from photosite.spectra import energy_from_photons, illuminant, luminance_cd_m2, photons_from_energy, xyz
 
 
 def all_colours() -> np.ndarray:
     """(1, n, 3) 8-bit sRGB: the corners of the cube, a grid in it, and dark ones."""
     steps = np.array([0, 1, 13, 51, 102, 153, 204, 255], np.uint8)
     return np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
+
+
+CHECKER = np.array(
+    [
+        *[(115, 82, 68), (194, 150, 130), (98, 122, 157), (87, 108, 67), (133, 128, 177), (103, 189, 170)],
+        *[(214, 126, 44), (80, 91, 166), (193, 90, 99), (94, 60, 108), (157, 188, 64), (224, 163, 46)],
+        *[(56, 61, 150), (70, 148, 73), (175, 54, 60), (231, 199, 31), (187, 86, 149), (8, 133, 161)],
+        *[(243, 243, 242), (200, 200, 200), (160, 160, 160), (122, 122, 121), (85, 85, 85), (52, 52, 52)],
+    ],
+    np.uint8,
+)[None]
+"""The ColorChecker in 8-bit sRGB, as X-Rite publishes it."""
+
+
+def even_grid() -> np.ndarray:
+    """(1, 729, 3): nine even steps of each of sRGB's values."""
+    steps = np.linspace(0.0, 1.0, 9)
+    return np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
+
+
+def differences(scene: Scene, linear: np.ndarray) -> np.ndarray:
+    """CIEDE2000 of a scene's colours from linear sRGB; one factor for the whole picture is the caller's luminance."""
+    seen = xyz(np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis), scene.wavelength_nm)
+    wanted = linear @ XYZ_FROM_SRGB.T
+    return delta_e_2000(seen * wanted[..., 1].mean() / seen[..., 1].mean(), wanted)
+
+
+@pytest.mark.parametrize("method", ["mallett-yuksel", "jakob-hanika"])
+@pytest.mark.parametrize("picture", [CHECKER, even_grid(), all_colours()], ids=["checker", "grid", "dark too"])
+def test_colours_come_back_by_either_method(method: Method, picture: np.ndarray) -> None:
+    scene = from_rgb(picture, "D65", 100.0, method=method)
+    assert differences(scene, linear_srgb(picture)).max() < 0.03
+    assert scene.mean_luminance_cd_m2() == pytest.approx(100.0, rel=1e-6)
+
+
+def test_smooth_reflectances_can_be_and_keep_to_the_tolerance() -> None:
+    picture = even_grid()
+    finest = from_rgb(picture, method="jakob-hanika", tolerance=1e-7)
+    assert finest.reflectance is not None
+    truth = np.einsum("kij,kl->ijl", finest.weights.astype(np.float64), finest.reflectance)
+    assert truth.min() > -1e-4  # by the reduction: the sigmoids are above 0 (tests of sigmoid)
+    assert truth.max() < 1 + 1e-4
+    for tolerance in (1e-2, 1e-3):
+        scene = from_rgb(picture, method="jakob-hanika", tolerance=tolerance)
+        assert scene.reflectance is not None
+        again = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.reflectance)
+        error = np.sqrt(((again - truth) ** 2).mean() / (truth**2).mean())
+        assert error < tolerance
+        assert scene.relative_error == pytest.approx(error, rel=1e-2)
+        assert len(scene.basis) < len(finest.basis)
+        assert differences(scene, linear_srgb(picture)).max() < 0.03  # colours lose nothing by it
+
+
+def test_linear_values_are_light() -> None:
+    linear = linear_srgb(CHECKER)
+    as_light, as_codes = from_rgb(linear, linear=True), from_srgb(CHECKER)
+    np.testing.assert_allclose(as_light.weights, as_codes.weights, atol=1e-7)
+
+
+@pytest.mark.parametrize("space", ["Display P3", "Adobe RGB", "BT.2020", "ProPhoto RGB"])
+def test_other_spaces_by_way_of_their_own_matrices(space: str) -> None:
+    """Colours of sRGB, encoded in the space by colour-science, are the scene that sRGB gives."""
+    import colour
+
+    wide = colour.RGB_to_RGB(
+        linear_srgb(CHECKER),
+        "sRGB",
+        SPACES[space],
+        chromatic_adaptation_transform="Bradford",
+        apply_cctf_encoding=True,
+    )
+    plain, found = from_srgb(CHECKER), from_rgb(wide, space=space)
+    np.testing.assert_allclose(found.weights, plain.weights, atol=6e-4)  # rounded matrices
+
+
+def test_white_is_white_in_every_space() -> None:
+    for space in SPACES:
+        assert linear_srgb_of(np.ones((1, 1, 3)), space, linear=False) == pytest.approx(np.ones((1, 1, 3)), abs=1e-7)
+        from_rgb(np.full((2, 2, 3), 255, np.uint8), space=space)
+
+
+def test_colours_that_srgb_lacks() -> None:
+    picture = np.array([[[0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.6, 0.3, 0.3], [0.1, 0.75, 0.1]]])
+    with pytest.raises(InputError, match=r"2 of 4 pixels have colours that sRGB lacks; .*'clip', or method="):
+        from_rgb(picture, space="Display P3")
+    clipped = from_rgb(picture, space="Display P3", out_of_gamut="clip")
+    assert clipped.weights.min() == 0.0
+    assert clipped.weights.max() <= 1.0
+    # One that a surface can have is raised as it is by the smooth method.
+    scene = from_rgb(picture[:, 1:], space="Display P3", method="jakob-hanika")
+    linear = linear_srgb_of(picture[:, 1:], "Display P3", linear=False)
+    assert linear.min() < -0.01
+    assert differences(scene, linear).max() < 0.1
+    with pytest.raises(InputError, match="than a surface can be"):
+        from_rgb(picture, space="BT.2020", method="jakob-hanika")
+
+
+def test_light_keeps_its_range_and_white_its_luminance() -> None:
+    """Six decades and more, to float32's rounding."""
+    levels = 10.0 ** np.linspace(-4, 6, 41)
+    picture = np.stack([levels, levels, levels], axis=-1)[None]
+    scene = from_hdr(picture, 80.0)
+    seen = luminance_cd_m2(scene.weights[:, 0].T.astype(np.float64) @ scene.basis, scene.wavelength_nm)
+    np.testing.assert_allclose(seen, 80.0 * levels, rtol=1e-6)
+    assert scene.reflectance is None
+    by_mean = from_hdr(picture, mean_luminance_cd_m2=5.0)
+    assert by_mean.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
+
+
+def test_light_has_its_colours() -> None:
+    linear = linear_srgb(CHECKER) * 1e4
+    assert differences(from_hdr(linear, 1.0), linear / 1e4).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: from_hdr(np.ones((2, 2, 3))), "one of them"),
+        (lambda: from_hdr(np.ones((2, 2, 3)), 1.0, mean_luminance_cd_m2=2.0), "one of them"),
+        (lambda: from_hdr(np.ones((2, 2, 3), np.uint8), 1.0), "of uint8"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "0 or more"),
+        (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "0 or more"),
+        (lambda: from_hdr(np.zeros((2, 2, 3)), 1.0), "black picture"),
+        (lambda: from_hdr(np.full((2, 2, 3), 1e39), 1.0), "3e38"),
+        (lambda: from_hdr(np.ones((2, 2, 3)), -1.0), "luminance of white is above 0"),
+        (lambda: from_hdr(np.eye(3)[None], 1.0, space="Display P3"), "sRGB lacks; ask for out_of_gamut='clip'$"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "did you mean 'sRGB'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "did you mean 'jakob-hanika'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), out_of_gamut="cut"), "'refuse' or 'clip'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", tolerance=0), "between 0 and 1"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", wavelength_nm=[300, 500]), "from 380 to 780"),
+    ],
+)
+def test_asked_for_what_cannot_be(call: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()  # type: ignore[operator]
 
 
 def test_integrated_again_every_colour_of_srgb_is_what_it_was() -> None:

@@ -1,17 +1,27 @@
-"""Pictures as scenes: a display picture raised to spectra."""
+"""Pictures as scenes: colours raised to spectra.
+
+A display picture (`from_srgb`, `from_rgb`) is taken for a flat print: its colours are reflectances, and a light falls
+on them. A picture of light itself, of any range (`from_hdr`), is taken for what it shows: its colours are radiances.
+"""
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.cie import colour_science
-from photosite.errors import InputError
+from photosite.errors import InputError, did_you_mean
+from photosite.scene.picture_colors import OutOfGamut, display_values, linear_srgb_of, plain_srgb, within_gamut
+from photosite.scene.raised import raised
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.spectra import Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.spectra import Rule, Spectrum, luminance_cd_m2, photons_from_energy, wavelength_grid
 from photosite.spectra import illuminant as relative_energy
+
+Method = Literal["mallett-yuksel", "jakob-hanika"]
 
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
 """The grid of the basis reflectances. On one of 10 nm the spiky D65 alone turns a raised red by a CIEDE2000 of 0.6;
@@ -58,30 +68,50 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
     return np.stack([np.interp(grid, table, row) for row in values])
 
 
-def from_srgb(
+def from_rgb(
     picture: ArrayLike,
     illuminant: str | float | Spectrum = "D65",
     mean_luminance_cd_m2: float = 40.0,
     *,
+    space: str = "sRGB",
+    linear: bool = False,
+    method: Method = "mallett-yuksel",
+    out_of_gamut: OutOfGamut = "refuse",
+    tolerance: float = 1e-3,
     wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM,
     distance_m: float = DEFAULT_DISTANCE_M,
     width_m: float | None = None,
     rule: Rule = "trapezoid",
     name: str = "picture",
 ) -> Scene:
-    """A display picture as a flat print of matt colours, evenly lit.
+    """A picture as a flat print of matt colours, evenly lit.
 
-    Every pixel's linear sRGB becomes a reflectance (`srgb_reflectance`), and the illuminant falls on it. Display white
-    is the perfect white. What shade, gloss and light were in the picture is taken for the colour of its surfaces.
+    Every pixel's colour becomes a reflectance, and the illuminant falls on it. Display white is the perfect white. What
+    shade, gloss and light were in the picture is taken for the colour of its surfaces.
 
     Parameters
     ----------
     picture
-        (rows, cols, 3) display sRGB: unsigned integers of 8 or 16 bits, or floats from 0 to 1.
+        (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1.
     illuminant
         As for `photosite.spectra.illuminant`. Under "D65" the scene has the picture's colours.
     mean_luminance_cd_m2
         Mean over all samples.
+    space
+        Whose red, green and blue these are: one of `photosite.scene.picture_colors.SPACES`, such as "sRGB",
+        "Display P3", "Adobe RGB" or "BT.2020".
+    linear
+        The values are proportional to light. False: they are encoded for a display, by the space's own curve.
+    method
+        "mallett-yuksel": three basis reflectances, which sRGB weighs; three spectra, nothing lost, colours of sRGB
+        only. "jakob-hanika": a smooth reflectance for each colour (`photosite.scene.sigmoid`), reduced to few spectra;
+        other spaces' colours too, as far as a surface can have them. It takes about a minute for a million colours.
+    out_of_gamut
+        What becomes of colours that the method cannot raise: "refuse" them, or "clip" each of red, green and blue to
+        what sRGB can show.
+    tolerance
+        RMS of what "jakob-hanika" may lose by the reduction, in parts of the reflectances' RMS; colours under D65 lose
+        nothing by it.
     wavelength_nm
         (wavelengths,) of the scene, from 380 to 780 nm.
     distance_m, width_m, name
@@ -89,17 +119,75 @@ def from_srgb(
     rule
         Integration rule of the luminance.
 
+    Raises
+    ------
+    InputError
+        If the picture is not one, is black or has colours that cannot be raised, a wavelength lies outside 380 to
+        780 nm, the space, method or illuminant is unknown, or the luminance cannot be.
+
+    Notes
+    -----
+    Spaces whose white is not D65 are adapted to it by Bradford's transform. Integrated again under D65 on the 5 nm
+    grid, colours of sRGB differ by a CIEDE2000 below 0.03, by either method.
+
+    Examples
+    --------
+    >>> grey = np.full((4, 6, 3), 0.25, np.float32)
+    >>> scene = from_rgb(grey, "A", 5.0, linear=True)
+    >>> scene.weights.shape, float(scene.weights[0, 0, 0])
+    ((3, 4, 6), 0.25)
+    """
+    grid = wavelength_grid(wavelength_nm)
+    if method not in get_args(Method):
+        raise InputError(f"no method '{method}'; {did_you_mean(str(method), get_args(Method))}")
+    values = linear_srgb_of(display_values(picture), space, linear=linear)
+    if not values.any():
+        raise InputError("a black picture cannot be given a luminance: all its values are 0")
+    # A colour that sRGB lacks may be one that a surface has: the smooth method tells by itself.
+    if method == "mallett-yuksel" or out_of_gamut == "clip":
+        values = within_gamut(values, out_of_gamut)
+    light = photons_from_energy(relative_energy(illuminant, grid), grid)
+    if method == "mallett-yuksel":
+        reflectance, lost = srgb_reflectance(grid), 0.0
+        weights = np.moveaxis(values, 2, 0).astype(np.float32)
+    else:
+        srgb_reflectance(grid)  # refuses the same wavelengths
+        weights, reflectance, lost = raised(values, grid, tolerance)
+    scene = Scene(weights, reflectance * light, grid, distance_m, width_m, (), name, reflectance, lost)
+    return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
+
+
+def from_srgb(
+    picture: ArrayLike,
+    illuminant: str | float | Spectrum = "D65",
+    mean_luminance_cd_m2: float = 40.0,
+    *,
+    method: Method = "mallett-yuksel",
+    wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM,
+    distance_m: float = DEFAULT_DISTANCE_M,
+    width_m: float | None = None,
+    rule: Rule = "trapezoid",
+    name: str = "picture",
+) -> Scene:
+    """An sRGB display picture as a flat print of matt colours, evenly lit: `from_rgb` for what most pictures are.
+
+    Parameters
+    ----------
+    picture
+        (rows, cols, 3) display sRGB: unsigned integers of 8 or 16 bits, or floats from 0 to 1.
+    illuminant, mean_luminance_cd_m2, method, wavelength_nm, distance_m, width_m, rule, name
+        As for `from_rgb`.
+
     Returns
     -------
     Scene
-        (3, rows, cols) weights, which are linear sRGB, over three spectra; nothing is lost in the raising but float32's
-        rounding.
+        By "mallett-yuksel" (3, rows, cols) weights, which are linear sRGB, over three spectra; nothing is lost in the
+        raising but float32's rounding.
 
     Raises
     ------
     InputError
-        If the picture is not one, is black, a wavelength lies outside 380 to 780 nm, the illuminant is unknown, or
-        the luminance cannot be.
+        As for `from_rgb`.
 
     Examples
     --------
@@ -107,22 +195,100 @@ def from_srgb(
     >>> scene.weights.shape, round(float(scene.weights[0, 0, 0]), 4), round(scene.mean_luminance_cd_m2(), 6)
     ((3, 4, 6), 0.2159, 5.0)
     """
+    return from_rgb(
+        picture,
+        illuminant,
+        mean_luminance_cd_m2,
+        method=method,
+        wavelength_nm=wavelength_nm,
+        distance_m=distance_m,
+        width_m=width_m,
+        rule=rule,
+        name=name,
+    )
+
+
+def from_hdr(
+    picture: ArrayLike,
+    white_luminance_cd_m2: float | None = None,
+    *,
+    mean_luminance_cd_m2: float | None = None,
+    white: str | float | Spectrum = "D65",
+    space: str = "sRGB",
+    out_of_gamut: OutOfGamut = "refuse",
+    wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM,
+    distance_m: float = DEFAULT_DISTANCE_M,
+    width_m: float | None = None,
+    rule: Rule = "trapezoid",
+    name: str = "picture",
+) -> Scene:
+    """A picture of light, of any range, as the light that it shows.
+
+    Parameters
+    ----------
+    picture
+        (rows, cols, 3) floats, 0 or more, proportional to light; above 1 is brighter than white.
+    white_luminance_cd_m2
+        Luminance of red = green = blue = 1. Give this or the mean.
+    mean_luminance_cd_m2
+        Mean over all samples.
+    white
+        Spectrum of white light, as for `photosite.spectra.illuminant`; other colours are it through Mallett and
+        Yuksel's filters. Under any but "D65" colours shift with it, as in a room with that light.
+    space, out_of_gamut, wavelength_nm, distance_m, width_m, rule, name
+        As for `from_rgb`.
+
+    Returns
+    -------
+    Scene
+        (3, rows, cols) weights, linear sRGB in float32: the range of the picture is kept. Its reflectances are not
+        known: what shines and what is lit cannot be told apart.
+
+    Raises
+    ------
+    InputError
+        If the picture is not one, is black, has values below 0 or colours outside sRGB; if none or both of the
+        luminances are given, or one cannot be.
+
+    Examples
+    --------
+    >>> lamp = np.zeros((2, 2, 3)); lamp[0, 0] = 1e4; lamp[1, 1] = 1e-2
+    >>> scene = from_hdr(lamp, 100.0)
+    >>> float(luminance_cd_m2(scene.radiance(0, 0), scene.wavelength_nm).round(2))
+    1000000.0
+    """
+    if (white_luminance_cd_m2 is None) == (mean_luminance_cd_m2 is None):
+        raise InputError("say how bright the picture is: white_luminance_cd_m2 or mean_luminance_cd_m2, one of them")
     grid = wavelength_grid(wavelength_nm)
-    linear = linear_srgb(picture)
-    if not linear.any():
+    codes = np.asarray(picture)
+    if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0 or not np.issubdtype(codes.dtype, np.floating):
+        raise InputError(
+            f"a picture of light is (rows, cols, 3) of floats, not {codes.shape} of {codes.dtype}; "
+            "a display picture is from_rgb's"
+        )
+    if not (np.isfinite(codes) & (codes >= 0)).all():
+        raise InputError("a picture of light holds values of 0 or more; some are below or no numbers")
+    if not codes.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")
-    light = photons_from_energy(relative_energy(illuminant, grid), grid)
-    reflectance = srgb_reflectance(grid)
+    values = within_gamut(linear_srgb_of(codes.astype(np.float64), space, linear=True), out_of_gamut, highest=math.inf)
+    light = photons_from_energy(relative_energy(white, grid), grid)
+    if values.max() > np.finfo(np.float32).max:
+        raise InputError("a picture of light holds values beyond 3e38, which single precision does not hold; scale it")
     scene = Scene(
-        np.moveaxis(linear, 2, 0).astype(np.float32),
-        reflectance * light,
+        np.moveaxis(values, 2, 0).astype(np.float32),
+        srgb_reflectance(grid) * light,
         grid,
         distance_m,
         width_m,
-        name=name,
-        reflectance=reflectance,
+        (),
+        name,
     )
-    return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
+    if mean_luminance_cd_m2 is not None:
+        return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
+    assert white_luminance_cd_m2 is not None
+    if not (np.isfinite(white_luminance_cd_m2) and white_luminance_cd_m2 > 0):
+        raise InputError(f"the luminance of white is above 0 cd/m2, not {white_luminance_cd_m2}")
+    return scene.scaled(white_luminance_cd_m2 / float(luminance_cd_m2(scene.basis.sum(axis=0), grid, rule)))
 
 
 def linear_srgb(picture: ArrayLike) -> NDArray[np.float64]:
@@ -147,15 +313,4 @@ def linear_srgb(picture: ArrayLike) -> NDArray[np.float64]:
     >>> linear_srgb(np.array([[[0, 128, 255]]], np.uint8)).round(4)
     array([[[0.    , 0.2159, 1.    ]]])
     """
-    codes = np.asarray(picture)
-    if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0:
-        raise InputError(f"a picture is (rows, cols, 3), red, green and blue, not an array of shape {codes.shape}")
-    if codes.dtype in (np.uint8, np.uint16):
-        values = codes / float(np.iinfo(codes.dtype).max)
-    elif np.issubdtype(codes.dtype, np.floating):
-        values = codes.astype(np.float64)
-    else:
-        raise InputError(f"a picture holds unsigned integers of 8 or 16 bits or floats from 0 to 1, not {codes.dtype}")
-    if not ((values >= 0) & (values <= 1)).all():
-        raise InputError("a picture's values lie from 0 to 1; some are outside or no numbers")
-    return np.asarray(colour_science().models.eotf_sRGB(values), dtype=np.float64)
+    return plain_srgb(display_values(picture))

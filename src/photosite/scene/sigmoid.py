@@ -84,7 +84,7 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
     coefficients = np.empty((len(wanted), 3))
     for first in range(0, len(wanted), _BLOCK):
         here = slice(first, first + _BLOCK)
-        coefficients[here], error = _solve(wanted[here], weigh, powers, jacobian)
+        coefficients[here], error = _solve(_greys(wanted[here], white), wanted[here], weigh, powers, jacobian)
         if (error > _CLOSE).any():
             worst = first + int(error.argmax())
             raise InputError(
@@ -99,12 +99,16 @@ def _powers(grid: Array) -> Array:
     return np.stack([t * t, t, np.ones_like(t)])
 
 
-def _solve(wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Coefficients (n, 3) and what is left of the largest error (n,)."""
-    level = np.clip((wanted / weigh.sum(axis=1)).mean(axis=1), 0.01, 0.99)
-    grey = 2 * level - 1
+def _greys(wanted: Array, white: Array) -> Array:
+    """Coefficients (n, 3) of greys about as light as the colours."""
+    level = 2 * np.clip((wanted / white).mean(axis=1), 0.01, 0.99) - 1
     c = np.zeros_like(wanted)
-    c[:, 2] = grey / np.sqrt(1 - grey * grey)  # the grey of about this lightness
+    c[:, 2] = level / np.sqrt(1 - level * level)
+    return c
+
+
+def _solve(c: Array, wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple[Array, Array]:
+    """Coefficients (n, 3), from first ones, and what is left of the largest error (n,)."""
     damping = np.full(len(wanted), 1e-2)
     residual, slope = _error(c, wanted, weigh, powers)
     size = (residual**2).sum(axis=1)
@@ -128,7 +132,7 @@ def _solve(wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple
         took = open_[better]
         c[took], size[took] = trial[better], new_size[better]
         residual[took], slope[took] = new_residual[better], new_slope[better]
-        damping[open_] = np.where(better, damping[open_] / 5, damping[open_] * 4)
+        damping[open_] = np.where(better, np.maximum(damping[open_] / 5, 1e-9), np.minimum(damping[open_] * 4, 1e9))
     return c, np.abs(residual).max(axis=1)
 
 
