@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.reduction import few_spectra
 from photosite.scene.weights import checked_weights, component_means
 from photosite.spectra import (
     Rule,
@@ -174,19 +173,26 @@ class Scene:
         >>> Scene.from_radiance(ramp, np.arange(400, 701, 10)).weights.shape   # one spectrum is enough
         (1, 6, 8)
         """
+        from photosite.scene.cube import ArrayCube
+        from photosite.scene.options import ReadOptions
+        from photosite.scene.reduce import reduce_cube
+
         radiance = _radiance(photon_radiance, 3)
-        if not 0 < tolerance < 1:
-            raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {tolerance}")
-        rows, cols, count = radiance.shape
-        weights, basis = few_spectra(radiance.reshape(-1, count), tolerance)
-        return cls(
-            weights.T.reshape(-1, rows, cols).astype(np.float32),
-            basis,
-            wavelength_grid(wavelength_nm),
-            distance_m,
-            width_m,
+        grid = wavelength_grid(wavelength_nm)
+        if radiance.shape[2] != grid.size:
+            raise InputError(
+                f"the radiance has {radiance.shape[2]} values a sample and there are {grid.size} wavelengths"
+            )
+        rows, cols, bands = radiance.shape
+        cube = ArrayCube(
             name=name,
+            shape=(rows, cols, bands),
+            wavelength_nm=grid,
+            quantity="photon radiance",
+            title=name,
+            values=radiance,
         )
+        return reduce_cube(cube, ReadOptions(tolerance=tolerance, distance_m=distance_m, width_m=width_m))
 
     def radiance(self, row: int, col: int) -> NDArray[np.float64]:
         """(wavelengths,) photon radiance of one sample."""
