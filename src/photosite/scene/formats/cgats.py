@@ -82,7 +82,7 @@ def _sections(path: Path, text: str) -> list[_Section]:
     tabs = False
     rows: list[tuple[int, list[str]]] = []
     state, begun = "head", 0
-    for line_number, line in enumerate(text.splitlines(), start=1):
+    for line_number, line in enumerate(text.split("\n"), start=1):
         tokens = _tokens(line, tabs and state == "data")
         first = tokens[0].upper() if tokens else ""
         if first in ("BEGIN_DATA_FORMAT", "BEGIN_DATA"):

@@ -83,7 +83,7 @@ def _lines(text: str) -> tuple[dict[str, str], list[Line]]:
     """What notes say, and the lines that hold something, in cells."""
     notes: dict[str, str] = {}
     kept: list[tuple[int, str]] = []
-    for line_number, line in enumerate(text.splitlines(), start=1):
+    for line_number, line in enumerate(text.split("\n"), start=1):
         if match := _NOTE.fullmatch(line.strip()):
             notes[match[1].lower()] = match[2].strip()
         elif not line.lstrip().startswith("#") and line.strip(" ,;\t"):

@@ -60,7 +60,9 @@ class PatchTable:
 
 
 def read_text(path: Path) -> str:
-    """A file's text, in UTF-8 (with or without its mark), UTF-16 with its mark, or else Latin-1.
+    """A file's text, in UTF-8 (with or without its mark), UTF-16 with its mark, or else Windows-1252.
+
+    What cannot be printed is read as U+FFFD, so that an error line can show it.
 
     Raises
     ------
@@ -76,9 +78,15 @@ def read_text(path: Path) -> str:
         raise FileError(path, f"is larger than {LARGEST_BYTES >> 20} MiB, and no chart's table")
     marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
-        return content.decode(marked)
+        text = content.decode(marked)
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        text = content.decode("cp1252", "replace")
+    lines = re.split(r"\r\n|\r|\n", text)
+    return "\n".join(line if line.replace("\t", "").isprintable() else _printable(line) for line in lines)
+
+
+def _printable(line: str) -> str:
+    return "".join(sign if sign.isprintable() or sign == "\t" else "\ufffd" for sign in line)
 
 
 def number(path: Path, text: str, line: int | None, what: str) -> float:
