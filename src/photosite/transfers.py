@@ -14,7 +14,9 @@ no cone, nothing is taken.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -28,7 +30,10 @@ Array = NDArray[np.float64]
 MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
 _NODES = 4097
-_STRIDE = 16
+_BLOCK = 8192
+"""Frequencies whose transfers are held at a time."""
+_STRIDE = 7
+"""Every how manieth frequency is looked at first; odd, for real and imaginary parts lie in turn."""
 _SMALLEST_KERNEL = 65
 _DIRECTIONS = 16
 _CONE_SAMPLES = 12
@@ -89,44 +94,46 @@ def field_scale(spread: FieldSpread) -> Array:
 def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array) -> Reduced:
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
     table = coupling @ np.stack([spread.otf(frequencies, w) for w in wavelength_nm])  # (channels, K, nodes)
-    # The table is smooth in frequency: every 16th node spans what all of them do.
-    (reduced,), mixing = _combined([table], [table[:, :, ::_STRIDE]])
-    transfer = Transfer(RadialTransfer(reduced, float(frequencies[1])))
-    return Reduced(transfer, mixing[:, None], spread.reach_m(_middle(wavelength_nm)))
+    mixing = _mixing(lambda every: iter([table[:, :, ::every]]), 1)
+    transfer = Transfer(RadialTransfer(mixing @ table, float(frequencies[1])))
+    middle = float(wavelength_nm[wavelength_nm.size // 2])
+    return Reduced(transfer, mixing[:, None], spread.reach_m(middle))
 
 
 def _of_modes(
     modes: tuple[PlaneSpread, ...], scale: Array, coupling: Array, wavelength_nm: Array, sampling: Sampling
 ) -> Reduced:
-    channels, count, _ = coupling.shape
-    nodes = [_on_nodes(mode, coupling, wavelength_nm) for mode in modes]
-    reach_m = max(mode.reach_m(w) for mode, (_, grid) in zip(modes, nodes, strict=True) for w in grid)
-    size = _kernel_size(reach_m, sampling)
-    cutoff = max(mode.cutoff_per_m(w) for mode, (_, grid) in zip(modes, nodes, strict=True) for w in grid)
-    frequencies = np.linspace(0.0, cutoff, _NODES)
-    cones_table = np.empty((channels, len(modes), count, _NODES))
-    spectra = np.empty((channels, len(modes), count, size, size // 2 + 1), np.complex128)
-    for r, (mode, (on_nodes, grid)) in enumerate(zip(modes, nodes, strict=True)):
-        cones = [cone if abs(cone := _cone(mode, w)) * scale[r] >= _LEAST_CONE else 0.0 for w in grid]
-        cones_table[:, r] = on_nodes @ np.stack(
-            [cone * circular_pupil(frequencies / mode.cutoff_per_m(w)) for cone, w in zip(cones, grid, strict=True)]
-        )
-        folded = [_folded_spectrum(mode, w, cone, sampling, size) for w, cone in zip(grid, cones, strict=True)]
-        spectra[:, r] = np.tensordot(on_nodes, np.stack(folded), axes=1)
-        cones_table[:, r] *= scale[r]
-        spectra[:, r] *= scale[r]
-    radial = cones_table.reshape(channels, -1, _NODES)
-    parts = spectra.view(np.float64).reshape(channels, radial.shape[1], -1)
-    (lines, rest), mixing = _combined([radial, parts], [radial[:, :, ::_STRIDE], parts])
-    kernels = np.ascontiguousarray(rest).view(np.complex128).reshape(channels, len(mixing), size, size // 2 + 1)
-    shifted = np.fft.fftshift(scipy.fft.irfft2(kernels, s=(size, size)), axes=(2, 3))
-    transfer = Transfer(RadialTransfer(lines, float(frequencies[1])) if lines.any() else None, shifted)
-    half_m = (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
-    return Reduced(transfer, mixing.reshape(len(mixing), len(modes), count), half_m)
+    coupling, grid = _on_nodes(modes[0], coupling, wavelength_nm)
+    size = _kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
+    frequencies = np.linspace(0.0, max(mode.cutoff_per_m(w) for mode in modes for w in grid), _NODES)
+    cones = np.zeros((len(modes), grid.size, _NODES))
+    spectra = np.empty((len(modes), grid.size, size, size // 2 + 1), np.complex128)
+    for r, mode in enumerate(modes):
+        for n, w in enumerate(grid):
+            cone = _cone(mode, w)
+            if abs(cone) * scale[r] < _LEAST_CONE:
+                cone = 0.0
+            cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(w))
+            spectra[r, n] = scale[r] * _folded_spectrum(mode, w, cone, sampling, size)
+    parts = spectra.view(np.float64).reshape(len(modes), grid.size, -1)
 
+    def blocks(every: int) -> Iterator[Array]:
+        """(channels, R * K, some frequencies): what a map in a part of the field gives, a piece at a time."""
+        for table in (cones, parts):
+            for first in range(0, table.shape[2], _BLOCK * every):
+                some = table[:, :, first : first + _BLOCK * every : every]
+                piece = np.einsum("ckn,rnp->crkp", coupling, some, optimize=True)
+                yield piece.reshape(len(coupling), -1, piece.shape[3])
 
-def _middle(wavelength_nm: Array) -> float:
-    return float(wavelength_nm[wavelength_nm.size // 2])
+    mixing = _mixing(blocks, 2).reshape(-1, len(modes), coupling.shape[1])
+    to_terms = np.einsum("trk,ckn->ctrn", mixing, coupling, optimize=True)
+    radial = np.tensordot(to_terms, cones, axes=((2, 3), (0, 1)))
+    kernels = scipy.fft.irfft2(np.tensordot(to_terms, spectra, axes=((2, 3), (0, 1))), s=(size, size))
+    transfer = Transfer(
+        RadialTransfer(radial, float(frequencies[1])) if cones.any() else None,
+        np.fft.fftshift(kernels, axes=(2, 3)),
+    )
+    return Reduced(transfer, mixing, (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1)))
 
 
 def _on_nodes(mode: PlaneSpread, coupling: Array, wavelength_nm: Array) -> tuple[Array, Array]:
@@ -207,26 +214,36 @@ def _folded_spectrum(
     return total
 
 
-def _combined(tables: list[Array], samples: list[Array]) -> tuple[list[Array], Array]:
-    """(channels, maps, n) tables combined over maps, and (terms, maps) how maps mix to terms.
+def _mixing(blocks: Callable[[int], Iterator[Array]], parts: int) -> Array:
+    """(terms, maps): the fewest combinations of maps that are enough.
 
-    Directions are those of the samples. Of what is left out no entry may pass the limit: no scene spectrum, in any
-    channel, at any frequency.
+    Of what they leave out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
+
+    Parameters
+    ----------
+    blocks
+        Gives (channels, maps, n) transfers, piece after piece: of every n-th frequency.
+    parts
+        How many such transfers are added up at one frequency: they share the limit.
     """
-    count = tables[0].shape[1]
-    tall, coarse = (
-        np.concatenate([part.transpose(0, 2, 1).reshape(-1, count) for part in parts]) for parts in (tables, samples)
-    )
+    squares: Any = 0.0
+    largest = 0.0
+    for block in blocks(_STRIDE):
+        tall = block.transpose(1, 0, 2).reshape(block.shape[1], -1)
+        squares = squares + tall @ tall.T
+        largest = max(largest, float(np.abs(tall).max()))
     # Singular values matter down to 1e-6 of the first only: their squares, which a double holds, are quick to find.
-    directions = np.linalg.eigh(coarse.T @ coarse)[1][:, ::-1].T
-    limit = MAP_TOLERANCE * np.abs(tall).max() / len(tables)
+    directions = np.linalg.eigh(squares)[1][:, ::-1].T
+    limit = MAP_TOLERANCE * largest / parts
+
+    def enough(terms: int, every: int) -> bool:
+        mixing = directions[:terms]
+        return all(np.abs(block - mixing.T @ (mixing @ block)).max() <= limit for block in blocks(every))
+
     low, high = 1, len(directions)
-    while low < high:  # the least number of terms that is enough
+    while low < high:  # some of the frequencies say about how many it takes
         middle = (low + high) // 2
-        mixing = directions[:middle]
-        if np.abs(tall - (tall @ mixing.T) @ mixing).max() <= limit:
-            high = middle
-        else:
-            low = middle + 1
-    mixing = directions[:low] if low < count else np.eye(count)
-    return [np.einsum("ckn,tk->ctn", table, mixing, optimize=True) for table in tables], mixing
+        low, high = (low, middle) if enough(middle, _STRIDE) else (middle + 1, high)
+    while low < len(directions) and not enough(low, 1):
+        low += 1
+    return directions[:low] if low < len(directions) else np.eye(len(directions))
