@@ -42,15 +42,17 @@ def mosaic_of_layers(
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
     folds = _Folds.empty(grid, places)
+    _add_layers(layers, sampling, grid, folds)
+    return _mosaic_of_folds(folds.values, places, grid.cells(1), grid)
+
+
+def _add_layers(layers: Sequence[Layer], sampling: Sampling, grid: Grid, folds: _Folds) -> None:
+    """Every term's spectrum, one after another in one place, times its H into the folded spectra."""
     spectrum = np.empty((grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
     for layer in layers:
         response = _Response(layer.transfer, sampling, grid)
         for term, laid in enumerate(laid_spectra(layer, grid, spectrum)):
-            passed = scipy.fft.fft(laid, axis=0, overwrite_x=True, workers=WORKERS)
-            response.add(passed, term, folds)
-            del passed
-    del spectrum
-    return _mosaic_of_folds(folds.values, places, grid.cells(1), grid)
+            response.add(scipy.fft.fft(laid, axis=0, overwrite_x=True, workers=WORKERS), term, folds)
 
 
 @dataclass(frozen=True, eq=False)
