@@ -90,17 +90,16 @@ def check_values(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def even_curve(height_m: Array, values: Array, at_m: Array) -> Array:
-    """An even function of height between its nodes, by the monotone cubic of Fritsch and Carlson; ends are held.
+    """An even function of height: a monotone cubic (Fritsch and Carlson 1980) in its square; ends are held.
 
     Examples
     --------
-    >>> even_curve(np.array([0.0, 1.0]), np.array([1.0, 0.5]), np.array([0.0, 1.0, 2.0]))
-    array([1. , 0.5, 0.5])
+    >>> even_curve(np.array([0.0, 1.0]), np.array([1.0, 0.5]), np.array([0.0, 0.5, 1.0, 2.0]))
+    array([1.   , 0.875, 0.5  , 0.5  ])
     """
     from scipy.interpolate import PchipInterpolator
 
     if height_m.size == 1:
         return np.full(np.shape(at_m), values[0])
-    mirror = slice(None, 0, -1) if height_m[0] == 0 else slice(None, None, -1)
-    curve = PchipInterpolator(np.concatenate([-height_m[mirror], height_m]), np.concatenate([values[mirror], values]))
-    return np.asarray(curve(np.minimum(at_m, height_m[-1])), np.float64)
+    curve = PchipInterpolator(height_m**2, values)
+    return np.asarray(curve(np.clip(at_m, height_m[0], height_m[-1]) ** 2), np.float64)
