@@ -58,13 +58,14 @@ def _kept(gram: Array, grid: Array, tolerance: float) -> Array:
     Spectra brought to these keep their products with the first three: their colours under D65, whatever the tolerance.
     """
     carriers = color_matching_functions(grid) * integration_weights(grid) * illuminant("D65", grid)
-    seen = np.linalg.qr(carriers.T)[0].T
-    unseen = np.eye(grid.size) - seen.T @ seen
-    rest = unseen @ gram @ unseen
+    # An orthonormal basis of everything, whose first three are those; the others are looked at among themselves.
+    whole = np.linalg.qr(carriers.T, mode="complete")[0].T
+    seen, unseen = whole[: len(carriers)], whole[len(carriers) :]
+    rest = unseen @ gram @ unseen.T
     share = math.sqrt(max(float(np.trace(rest)), 0.0) / float(np.trace(gram)))
     if share <= tolerance:
         return seen
-    return np.concatenate([seen, principal_spectra(rest, tolerance / share)])
+    return np.concatenate([seen, principal_spectra(rest, tolerance / share) @ unseen])
 
 
 def _seen(colours: Array) -> tuple[Array, Array]:
