@@ -245,6 +245,7 @@ def test_scene_files_refused(tmp_path: Path, content: str, said: str) -> None:
         ({"spp": 0}, "spp of a rendering is 1 or more, not 0"),
         ({"rows": -1}, "rows of a rendering"),
         ({"unit_m": 0.0}, "unit_m"),
+        ({"seed": -1}, "from 0 to 4294967295, not -1"),
         ({"variant": "scalar_rgb"}, "'scalar_rgb' renders no spectra"),
         ({"wavelength_nm": [400, 410, 430]}, "in equal steps"),
         ({"wavelength_nm": [410, 400]}, "increase"),

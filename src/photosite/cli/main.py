@@ -40,6 +40,7 @@ COMMANDS: dict[str, Entry] = {
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
     "scenes": Entry("scenes", "List the scenes by formula, look at scenes and their files."),
     "convert": Entry("convert", "Reduce a spectral image to a scene of few spectra, in a file."),
+    "render": Entry("render", "Render a scene of Mitsuba 3, with units."),
     "simulate": Entry("simulate", "Simulate a raw frame of a scene."),
     "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
     "plan": Entry("plan", "How many frames a wanted precision takes; what precision a protocol reaches."),

@@ -140,6 +140,8 @@ def render_mitsuba(
     for name, value in (("spp", spp), ("rows", rows), ("cols", cols)):
         if value is not None and value < 1:
             raise InputError(f"{name} of a rendering is 1 or more, not {value}")
+    if not 0 <= seed < 1 << 32:
+        raise InputError(f"the seed of a rendering is from 0 to 4294967295, not {seed}")
     if not (math.isfinite(unit_m) and unit_m > 0):
         raise InputError(f"unit_m, the metres in a unit of the scene, must be above 0, not {unit_m}")
     if variant not in VARIANTS:

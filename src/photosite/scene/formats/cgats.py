@@ -115,7 +115,7 @@ def _tokens(line: str, by_tabs: bool) -> list[str]:
     for match in _TOKEN.finditer(line):
         if match[2] is not None and match[2].startswith("#"):
             break
-        words.append(match[1] if match[1] is not None else match[2])
+        words.append(match[2] if match[1] is None else " ".join(match[1].split()))
     return words
 
 

@@ -85,7 +85,7 @@ def _lines(text: str) -> tuple[dict[str, str], list[Line]]:
     kept: list[tuple[int, str]] = []
     for line_number, line in enumerate(text.split("\n"), start=1):
         if match := _NOTE.fullmatch(line.strip()):
-            notes[match[1].lower()] = match[2].strip()
+            notes[match[1].lower()] = " ".join(match[2].split())
         elif not line.lstrip().startswith("#") and line.strip(" ,;\t"):
             kept.append((line_number, line))
     mark = max("\t;,", key=kept[0][1].count) if kept else ","
