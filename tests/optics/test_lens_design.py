@@ -97,7 +97,7 @@ def test_nodes_hold_the_radius_turned_to_their_azimuth() -> None:
         direct = (1 - share) * np.stack([_unit(comet(angle, low * w / 550)) for w in WAVES])
         direct += share * np.stack([_unit(comet(angle, min(low + 1, 5) * w / 550)) for w in WAVES])
         # What the square of 20 um cuts of the tail of 5.9 um, and the splines.
-        np.testing.assert_allclose(nodes[row, col], direct, atol=2e-4 * direct.max())
+        np.testing.assert_allclose(nodes[row, col], direct, atol=8e-4 * direct.max())
 
 
 def _unit(samples: Array) -> Array:
