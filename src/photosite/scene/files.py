@@ -61,6 +61,8 @@ FORMATS: tuple[Format, ...] = (
     Format("OpenEXR", (".exr",), "exr", (b"\x76\x2f\x31\x01",), writes=True),
     Format("CGATS", (".cgats", ".it8", ".ti3", ".txt"), "cgats", (b"CGATS", b"IT8.", b"CTI3", b"ISO28178"), True),
     Format("CSV", (".csv", ".tsv"), "chart_csv", writes=True),
+    Format("PNG or JPEG", (".png", ".jpg", ".jpeg"), "picture", (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")),
+    Format("Radiance", (".pic", ".rgbe"), "radiance", (b"#?RADIANCE", b"#?RGBE")),
 )
 """In the order in which they are asked: a MATLAB 7.3 file is HDF5 behind 512 bytes of its own."""
 
