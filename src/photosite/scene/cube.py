@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.scene.scene import Scene
 from photosite.scene.units import Quantity
 
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 Block = tuple[int, Array]
 """First row, and (n, cols, bands) values."""
 
+_ROUNDING = 1e-6
+"""Of the RMS radiance: what weights in single precision may leave below 0."""
 Interleave = Literal["bsq", "bil", "bip"]
 
 
@@ -208,6 +210,8 @@ class RawCube(CubeHead):
 class SceneCube(CubeHead):
     """The radiance of a scene, sample by sample: what cube files are written from.
 
+    What a scene of few spectra has below 0 is 0 here, which is closer to what the scene was made from.
+
     Parameters
     ----------
     scene
@@ -217,10 +221,26 @@ class SceneCube(CubeHead):
     scene: Scene
 
     def blocks(self, rows: int) -> Iterator[Block]:
-        """See `SpectralCube`."""
+        """See `SpectralCube`.
+
+        Raises
+        ------
+        InputError
+            After the last block: if more of the radiance is below 0 than the scene's own error explains.
+        """
+        below = power = 0.0
         for first in range(0, self.shape[0], rows):
             weights = self.scene.weights[:, first : first + rows].astype(np.float64)
-            yield first, np.moveaxis(np.tensordot(self.scene.basis.T, weights, axes=1), 0, 2)
+            radiance = np.tensordot(self.scene.basis.T, weights, axes=1)
+            power += float(np.vdot(radiance, radiance))
+            negative = np.minimum(radiance, 0.0)
+            below += float(np.vdot(negative, negative))
+            yield first, np.moveaxis(np.maximum(radiance, 0.0, out=radiance), 0, 2)
+        if below > (self.scene.relative_error + _ROUNDING) ** 2 * power:
+            raise InputError(
+                f"the scene '{self.name}' has a negative radiance somewhere, of {np.sqrt(below / power):.1e} of its "
+                "RMS; its weights and basis must make radiances of 0 or more"
+            )
 
 
 def cube_of_scene(scene: Scene) -> SceneCube:

@@ -227,8 +227,6 @@ class _Values:
             for first, block in self._blocks():
                 values = _by_band(block)
                 weights = (vectors @ values).astype(np.float32)
-                if not np.isfinite(weights).all():
-                    raise FileError(self._cube.name, "has values beyond single precision; are its units right?")
                 place.put(first, weights.reshape(len(weights), -1, cols))
                 lacking = spectra @ weights.astype(np.float64)
                 lacking -= values

@@ -214,6 +214,8 @@ def write(scene: Scene, path: Path) -> None:
         "light": None if cube.light is None else cube.light.tolist(),
     }
     step = max(1, min(rows, _STRIP_BYTES // (4 * cols)))
+    for _ in cube.blocks(max(1, _STRIP_BYTES // (cols * bands))):
+        pass  # it says what a scene cannot be; pages go by bands, not by rows
     big = 4 * rows * cols * bands > 4_000_000_000
     with atomic_path(path) as temporary, tifffile.TiffWriter(temporary, bigtiff=big) as file:
         for band in range(bands):
@@ -233,4 +235,4 @@ def _strips(scene: Scene, band: int, step: int) -> Iterator[NDArray[np.float32]]
     spectrum = scene.basis[:, band]
     for first in range(0, scene.shape[0], step):
         weights = scene.weights[:, first : first + step].astype(np.float64)
-        yield np.tensordot(spectrum, weights, axes=1).astype(np.float32)
+        yield np.maximum(np.tensordot(spectrum, weights, axes=1), 0.0).astype(np.float32)

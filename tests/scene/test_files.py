@@ -1,0 +1,165 @@
+"""The door to scene files: which format a file is, options by name, and reversals through every format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.errors import FileError, InputError
+from photosite.scene.convert import convert
+from photosite.scene.files import format_of, open_cube, read_scene, write_scene
+from photosite.scene.scene import Scene
+
+GRID = np.arange(400.0, 701, 10)
+
+WAYS: list[tuple[str, dict[str, Any]]] = [
+    ("scene.h5", {}),
+    ("cube.h5", {"cube": True}),
+    ("cube.hdr", {"interleave": "bsq"}),
+    ("cube.hdr", {"interleave": "bil"}),
+    ("cube.hdr", {"interleave": "bip"}),
+    ("cube.tif", {}),
+    ("scene.mat", {"version": "5"}),
+    ("scene.mat", {"version": "7.3"}),
+]
+
+
+def some_scene(rows: int = 37, cols: int = 29, width_m: float | None = 0.4) -> Scene:
+    rng = np.random.default_rng(2)
+    spectra = np.exp(-(((GRID - rng.uniform(400, 700, (12, 1))) / 60) ** 2))
+    shares = rng.random((rows, cols, 12)) * 2.0 ** -np.arange(12)
+    return Scene.from_radiance(
+        1e15 * shares @ spectra, GRID, tolerance=1e-6, distance_m=2.5, width_m=width_m, name="twelve lights"
+    )
+
+
+def radiance(scene: Scene) -> np.ndarray:
+    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
+
+
+def difference(one: Scene, other: Scene) -> float:
+    return float(np.sqrt(((radiance(one) - radiance(other)) ** 2).mean() / (radiance(other) ** 2).mean()))
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 3e-2])
+@pytest.mark.parametrize(("name", "how"), WAYS)
+def test_scene_to_file_to_scene_within_the_tolerance(
+    tmp_path: Path, name: str, how: dict[str, Any], tolerance: float
+) -> None:
+    scene = some_scene()
+    write_scene(scene, tmp_path / name, **how)
+    again = read_scene(tmp_path / name, tolerance=tolerance)
+    assert difference(again, scene) <= tolerance
+    assert again.relative_error == pytest.approx(difference(again, scene), rel=1e-3, abs=2e-6)
+    assert again.wavelength_nm == pytest.approx(GRID)
+    assert (again.distance_m, again.width_m) == pytest.approx((2.5, 0.4))
+    if name != "scene.h5":  # that one keeps the scene as it is
+        assert len(again.basis) < len(scene.basis)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        {name, "cube.img"} if name.endswith("hdr") else {name}
+    )
+
+
+@pytest.mark.parametrize(("name", "how"), WAYS)
+def test_what_reflects_stays_known(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+    chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
+    write_scene(chart, tmp_path / name, **how)
+    again = read_scene(tmp_path / name, illuminant="D65", mean_luminance_cd_m2=25, tolerance=1e-4)
+    assert difference(again, chart.with_illuminant("D65", 25)) < 2e-3
+    assert again.width_m is None
+
+
+@pytest.mark.parametrize(("name", "how"), WAYS)
+def test_a_radiance_below_0_is_not_written(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+    bad = Scene(np.array([[[1.0, -0.01]]], np.float32), np.full((1, GRID.size), 1e15), GRID)
+    if name != "scene.h5" and how.get("version") != "5":  # those keep weights and basis
+        with pytest.raises(InputError, match=r"negative radiance somewhere, of 1\.0e-02 of its RMS"):
+            write_scene(bad, tmp_path / name, **how)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("name", "how"), WAYS)
+def test_one_sample_and_one_row(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+    for shape in ((1, 1), (1, 7), (7, 1)):
+        scene = some_scene(*shape)
+        write_scene(scene, tmp_path / name, **how)
+        assert difference(read_scene(tmp_path / name), scene) <= 1e-3
+
+
+def test_a_scene_file_keeps_everything(tmp_path: Path) -> None:
+    chart = ps.charts.macbeth("A", 40)
+    chart.save(tmp_path / "chart.h5")
+    again = read_scene(tmp_path / "chart.h5")
+    for name in ("weights", "basis", "wavelength_nm", "reflectance"):
+        assert np.array_equal(getattr(again, name), getattr(chart, name))
+    assert (again.regions, again.name, again.distance_m) == (chart.regions, chart.name, chart.distance_m)
+    assert not again.weights.flags.writeable
+    moved = read_scene(tmp_path / "chart.h5", distance_m=3, width_m=0.5, mean_luminance_cd_m2=7)
+    assert (moved.distance_m, moved.width_m) == (3, 0.5)
+    assert moved.mean_luminance_cd_m2() == pytest.approx(7)
+
+
+@pytest.mark.parametrize(("name", "how"), WAYS[1:])
+def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+    write_scene(some_scene(), tmp_path / name, **how)
+    done = convert(tmp_path / name, tmp_path / "out.h5", tolerance=1e-2)
+    read = read_scene(tmp_path / name, tolerance=1e-2)
+    kept = read_scene(tmp_path / "out.h5")
+    assert np.array_equal(kept.weights, read.weights)
+    assert np.array_equal(kept.basis, read.basis)
+    assert done.bands == GRID.size
+    assert (kept.relative_error, kept.name, kept.width_m) == (read.relative_error, read.name, read.width_m)
+    convert(tmp_path / "out.h5", tmp_path / "back.tif")
+    assert difference(read_scene(tmp_path / "back.tif", tolerance=1e-6), read) < 1e-2  # what was below 0 is 0 there
+
+
+def test_a_format_is_told_by_its_content(tmp_path: Path) -> None:
+    scene = some_scene(3, 4)
+    for name, other in (("a.h5", "a.dat"), ("a.mat", "a.h5"), ("a.tif", "a.bin")):
+        write_scene(scene, tmp_path / name)
+        (tmp_path / name).rename(tmp_path / other)
+        assert difference(read_scene(tmp_path / other), scene) <= 1e-3
+
+
+def test_cubes_are_opened_without_being_read(tmp_path: Path) -> None:
+    write_scene(some_scene(), tmp_path / "cube.tif")
+    cube = open_cube(tmp_path / "cube.tif")
+    assert (cube.shape, cube.quantity) == ((37, 29, 31), "photon radiance")
+    assert [(first, block.shape) for first, block in cube.blocks(20)] == [(0, (20, 29, 31)), (20, (17, 29, 31))]
+    some_scene().save(tmp_path / "scene.h5")
+    with pytest.raises(FileError, match="no cube of values; read it with read_scene"):
+        open_cube(tmp_path / "scene.h5")
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="No such file"):
+        read_scene(tmp_path / "missing.h5")
+    with pytest.raises(FileError, match="cannot be read: Is a directory"):
+        read_scene(tmp_path)
+    (tmp_path / "a.xyz").write_text("hello")
+    with pytest.raises(FileError, match=r"its name ends in '.xyz'; known are HDF5 \(.h5\)"):
+        format_of(tmp_path / "a.xyz")
+
+
+def test_options_that_are_none(tmp_path: Path) -> None:
+    some_scene().save(tmp_path / "scene.h5")
+    with pytest.raises(InputError, match="no option 'unit'; did you mean 'units'"):
+        read_scene(tmp_path / "scene.h5", unit="W")
+    with pytest.raises(InputError, match="the tolerance is a fraction"):
+        read_scene(tmp_path / "scene.h5", tolerance=2)
+    with pytest.raises(InputError, match="distance_m must be above 0"):
+        read_scene(tmp_path / "scene.h5", distance_m=-1)
+    with pytest.raises(InputError, match="no_data is 'refuse' or 'zero'"):
+        read_scene(tmp_path / "scene.h5", no_data="mean")
+    with pytest.raises(FileError, match="says its units itself"):
+        read_scene(tmp_path / "scene.h5", units="W/sr/m2/nm")
+    with pytest.raises(FileError, match=r"a scene's file ends in .h5, .mat"):
+        some_scene().save(tmp_path / "scene.png")
+    with pytest.raises(InputError, match="knows no option 'interleav'; did you mean 'interleave'"):
+        write_scene(some_scene(), tmp_path / "a.hdr", interleav="bsq")
+    with pytest.raises(FileError, match="cannot be written"):
+        some_scene().save(tmp_path / "no" / "scene.h5")

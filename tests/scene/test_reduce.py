@@ -1,0 +1,199 @@
+"""The reduction of cubes: against a singular value decomposition of everything, in blocks of any size, and refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import photosite.scene.reduce as reduce_module
+import photosite.scene.store as store_module
+from photosite.errors import FileError
+from photosite.scene.cube import ArrayCube, Block, CubeHead
+from photosite.scene.options import ReadOptions
+from photosite.scene.reduce import reduce_cube, reduced
+from photosite.scene.scene import Scene
+from photosite.scene.weights import MappedWeights
+from photosite.spectra import illuminant, luminance_cd_m2, photons_from_energy
+
+GRID = np.arange(400.0, 701, 10)
+RNG = np.random.default_rng(8)
+
+
+def values(rows: int = 23, cols: int = 17, materials: int = 9) -> np.ndarray:
+    """(rows, cols, bands): materials of falling share, so that a tolerance decides between them."""
+    spectra = RNG.random((materials, GRID.size)) * 10.0 ** -np.arange(materials)[:, None]
+    return RNG.random((rows, cols, materials)) @ spectra
+
+
+def cube_of(array: np.ndarray, quantity: str = "photon radiance", **more: object) -> ArrayCube:
+    given = {"name": "cube", "wavelength_nm": GRID, "values": array, "quantity": quantity} | more
+    return ArrayCube(shape=array.shape, **given)  # type: ignore[arg-type]
+
+
+def radiance(scene: Scene) -> np.ndarray:
+    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
+
+
+def rms(array: np.ndarray) -> float:
+    return float(np.sqrt((array**2).mean()))
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-3, 1e-5])
+def test_fewest_spectra_that_keep_the_tolerance_and_the_error_is_the_measured_one(tolerance: float) -> None:
+    array = values()
+    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=tolerance))
+    singular = np.linalg.svd(array.reshape(-1, GRID.size), compute_uv=False)
+    left_over = np.sqrt((singular[::-1] ** 2).cumsum()[::-1] / (singular**2).sum())
+    assert len(scene.basis) == int((left_over > tolerance).sum())
+    error = rms(radiance(scene) - array) / rms(array)
+    assert scene.relative_error == pytest.approx(error, rel=1e-3)
+    assert error == pytest.approx(left_over[len(scene.basis)], rel=1e-2, abs=1e-7)  # Eckart and Young; float32 weights
+
+
+@pytest.mark.parametrize("block_bytes", [1, 17 * GRID.size * 8 * 5, 1 << 30])
+def test_blocks_of_any_size_make_the_same_scene(monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
+    array = values()
+    whole = radiance(reduce_cube(cube_of(array)))
+    monkeypatch.setattr(reduce_module, "_BLOCK_BYTES", block_bytes)
+    assert radiance(reduce_cube(cube_of(array))) == pytest.approx(whole, rel=1e-5)
+
+
+def test_large_weights_go_to_a_file_and_come_back_mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+    array = values()
+    in_memory = reduce_cube(cube_of(array))
+    monkeypatch.setattr(store_module, "_LARGE_BYTES", 100)
+    monkeypatch.setattr(reduce_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
+    mapped = reduce_cube(cube_of(array))
+    assert isinstance(mapped.weights.base, MappedWeights)
+    assert mapped.weights == pytest.approx(in_memory.weights, rel=1e-6)
+    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
+    with pytest.raises(ValueError, match="set TMPDIR to a larger disk, or write the scene to a file"):
+        reduce_cube(cube_of(array))
+
+
+def test_energy_becomes_photons() -> None:
+    array = values()
+    scene = reduce_cube(cube_of(array, "energy radiance"), ReadOptions(tolerance=1e-6))
+    wanted = photons_from_energy(array, GRID)
+    assert rms(radiance(scene) - wanted) <= 1.1e-6 * rms(wanted)
+
+
+def test_relative_values_need_a_luminance() -> None:
+    with pytest.raises(FileError, match="relative values; say how bright"):
+        reduce_cube(cube_of(values(), "relative"))
+    array = values()
+    scene = reduce_cube(cube_of(array, "relative"), ReadOptions(tolerance=1e-6, mean_luminance_cd_m2=55))
+    assert scene.mean_luminance_cd_m2() == pytest.approx(55, rel=1e-6)
+    wanted = photons_from_energy(array, GRID)
+    wanted *= 55 / luminance_cd_m2(wanted, GRID).mean()
+    assert rms(radiance(scene) - wanted) <= 1.1e-6 * rms(wanted)
+
+
+def test_reflectances_stay_exact_under_any_light() -> None:
+    array = values() / 10
+    with pytest.raises(FileError, match="holds reflectances; say the light on them"):
+        reduce_cube(cube_of(array, "reflectance"))
+    with pytest.raises(FileError, match="say how bright they are lit"):
+        reduce_cube(cube_of(array, "reflectance"), ReadOptions(illuminant="A"))
+    said = ReadOptions(illuminant="A", mean_luminance_cd_m2=40, tolerance=1e-3)
+    scene = reduce_cube(cube_of(array, "reflectance"), said)
+    assert scene.reflectance is not None
+    again = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.reflectance)
+    assert rms(again - array) <= 1e-3 * rms(array)
+    for light in ("A", "D65"):
+        lit = scene.with_illuminant(light, 40)
+        wanted = array * photons_from_energy(illuminant(light, GRID), GRID)
+        wanted *= 40 / luminance_cd_m2(wanted, GRID).mean()
+        assert rms(radiance(lit) - wanted) <= 2e-3 * rms(wanted)
+        if light == "A":
+            assert rms(radiance(scene) - wanted) <= 1.01e-3 * rms(wanted)
+
+
+def test_a_radiance_whose_light_is_known_can_be_lit_anew() -> None:
+    array = values() / 10
+    light = photons_from_energy(illuminant("A", GRID), GRID) * 1e-3
+    cube = cube_of(array * light, light=light)
+    scene = reduce_cube(cube, ReadOptions(illuminant="D65", mean_luminance_cd_m2=40, tolerance=1e-4))
+    wanted = array * photons_from_energy(illuminant("D65", GRID), GRID)
+    wanted *= 40 / luminance_cd_m2(wanted, GRID).mean()
+    assert rms(radiance(scene) - wanted) <= 1e-3 * rms(wanted)
+    with pytest.raises(FileError, match="a light that it does not say"):
+        reduce_cube(cube_of(array), ReadOptions(illuminant="D65"))
+
+
+def test_bands_are_sorted_where_wanted() -> None:
+    array, order = values(), RNG.permutation(GRID.size)
+    mixed = cube_of(array[:, :, order], wavelength_nm=GRID[order])
+    with pytest.raises(FileError, match="not sorted"):
+        reduce_cube(mixed)
+    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=1e-5))
+    assert scene.wavelength_nm.tolist() == GRID.tolist()
+    assert rms(radiance(scene) - array) <= 1.01e-5 * rms(array)
+    assert scene.relative_error <= 1.01e-5
+
+
+@pytest.mark.parametrize("bad", [np.nan, -0.5])
+def test_what_is_missing_or_negative_is_refused_with_its_place_or_made_0(bad: float) -> None:
+    array = values()
+    array[5, 3, 7] = bad
+    option = "no_data" if np.isnan(bad) else "negative"
+    with pytest.raises(FileError, match=rf"at row 5, column 3, band 8 \(470 nm\).*{option}='zero'"):
+        reduce_cube(cube_of(array))
+    done = reduced(cube_of(array), ReadOptions(tolerance=1e-5, **{option: "zero"}))
+    assert (done.no_data_values, done.negative_values) == ((1, 0) if np.isnan(bad) else (0, 1))
+    array[5, 3, 7] = 0.0
+    assert rms(radiance(done.scene) - array) <= 1.01e-5 * rms(array)
+
+
+def test_infinite_values_are_refused_always() -> None:
+    array = values()
+    array[0, 0, 0] = np.inf
+    with pytest.raises(FileError, match="at row 0, column 0, band 1"):
+        reduce_cube(cube_of(array), ReadOptions(no_data="zero"))
+
+
+def test_values_too_large_to_be_squared() -> None:
+    with np.errstate(over="ignore"), pytest.raises(FileError, match="are its units right"):
+        reduce_cube(cube_of(values() * 1e200))
+
+
+def test_darkness_is_dark() -> None:
+    scene = reduce_cube(cube_of(np.zeros((4, 5, GRID.size))))
+    assert not scene.weights.any()
+    assert scene.relative_error == 0.0
+    with pytest.raises(FileError, match="is dark"):
+        reduce_cube(cube_of(np.zeros((4, 5, GRID.size))), ReadOptions(mean_luminance_cd_m2=3))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FailingCube(CubeHead):
+    """A cube on a disk that breaks."""
+
+    def blocks(self, rows: int) -> Iterator[Block]:
+        raise OSError(5, "Input/output error")
+        yield
+
+
+def test_a_disk_that_breaks_is_a_line() -> None:
+    cube = FailingCube(name="cube.hdr", shape=(2, 2, GRID.size), wavelength_nm=GRID, quantity="photon radiance")
+    with pytest.raises(FileError, match=r"cube.hdr: cannot be read: Input/output error"):
+        reduce_cube(cube)
+
+
+def test_progress_counts_both_passes() -> None:
+    told: list[tuple[int, int]] = []
+    reduce_cube(cube_of(values()), progress=lambda done, total, what: told.append((done, total)))
+    assert told[-1] == (46, 46)
+
+
+def test_small_differences_survive_double_precision() -> None:
+    """A spectrum 1e-6 as strong as another is kept by a tolerance of 1e-7: float32 sums would have lost it."""
+    strong, weak = RNG.random(GRID.size), RNG.random(GRID.size)
+    share = RNG.random((300, 40, 1))
+    array = 1e3 + share * strong + 1e-3 * RNG.random((300, 40, 1)) * weak
+    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=3e-8))
+    assert len(scene.basis) == 3
+    assert replace(scene).relative_error < 1e-7  # what float32 weights leave

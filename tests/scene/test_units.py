@@ -1,0 +1,57 @@
+"""Units of spectral files: what is understood, with which factor, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from photosite.errors import InputError
+from photosite.scene.units import Units, parse_units
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "scale"),
+    [
+        ("W/sr/m2/nm", "energy radiance", 1.0),
+        ("W m-2 sr-1 um-1", "energy radiance", 1e-3),
+        ("W*m^-2*sr^-1*nm^-1", "energy radiance", 1.0),
+        ("W/(m**2.sr.nm)", "energy radiance", 1.0),
+        ("uW/cm^2/nm/sr", "energy radiance", 1e-6 * 1e4),
+        ("µW/(cm^2*sr*nm)", "energy radiance", 1e-6 * 1e4),
+        ("mW/(cm2 sr um)", "energy radiance", 1e-3 * 1e4 * 1e-3),
+        ("Watts/(m^2 sr nm)", "energy radiance", 1.0),
+        ("mW/m^2/sr/m", "energy radiance", 1e-3 * 1e-9),
+        ("nW/mm2/sr/nm", "energy radiance", 1e-9 * 1e6),
+        ("photons/s/sr/m2/nm", "photon radiance", 1.0),
+        ("quanta s-1 sr-1 cm-2 nm-1", "photon radiance", 1e4),
+        ("photons", "photon radiance", 1.0),
+        ("Reflectance", "reflectance", 1.0),
+        ("percent", "reflectance", 0.01),
+        ("relative", "relative", 1.0),
+    ],
+)
+def test_units_that_are_understood(text: str, quantity: str, scale: float) -> None:
+    found = parse_units(text)
+    assert found.quantity == quantity
+    assert found.scale == pytest.approx(scale, rel=1e-12)
+    assert isinstance(found, Units)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("W/m2/nm", "lacks steradian"),
+        ("W/sr/m2", "lacks wavelength"),
+        ("photons/sr/m2/nm", "lacks second"),
+        ("W/sr/m2/nm/nm", "a second time"),
+        ("DN", "'DN' has no place"),
+        ("MW/sr/m2/nm", "'MW' has no place"),
+        ("W sr m2 nm", "'sr' has no place"),
+        ("W/sr/m3/nm", "'m-3' has no place"),
+        ("", "lacks"),
+        ("17", "'17' is no unit"),
+    ],
+)
+def test_units_that_are_not(text: str, why: str) -> None:
+    with pytest.raises(InputError, match=why) as caught:
+        parse_units(text)
+    assert "known are photons/s/sr/m2/nm" in str(caught.value)
