@@ -115,8 +115,23 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
         raise FileError(source, "'files' is a list of {file: ..., wavelength_nm: ..., ...}", line_of(data, "files"))
     listings = [_entry(source, entries, index, program) for index in range(len(entries))]
-    said = {key: data[key] for key in ("tolerance", "rank", "nodes", "symmetric") if data.get(key) is not None}
-    return _design(source, listings, layout, {**said, **options})
+    return _design(source, listings, layout, {**_said(source, data), **options})
+
+
+def _said(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """What an index says of the sum."""
+    kinds: dict[str, tuple[type, str]] = {
+        "tolerance": (float, "a number between 0 and 1"),
+        "rank": (int, "a whole number"),
+        "nodes": (int, "a whole number"),
+        "symmetric": (bool, "true or false"),
+    }
+    said = {key: data[key] for key in kinds if data.get(key) is not None}
+    for key, value in said.items():
+        kind, what = kinds[key]
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+            raise FileError(path, f"{key} is {what}, not {value!r:.40}", line_of(data, key))
+    return said
 
 
 def _word(path: Path, data: Mapping[str, Any], key: str, known: tuple[str, ...]) -> Any:

@@ -118,9 +118,11 @@ class LensDesign:
                 checked[f, w] = normalised(psf[f, w], what)
         for name, value in (("wavelength_nm", grid), ("psf", checked), ("field_y", y), ("field_x", x)):
             object.__setattr__(self, name, value)
-        self._nodes  # noqa: B018 - refuses points that are no radius and no grid
+        count = math.prod(axis.size for axis in self._nodes)  # refuses points that are no radius and no grid
         if not 0 < self.tolerance < 1:
             raise InputError(f"tolerance is a fraction between 0 and 1, not {self.tolerance}")
+        if self.rank is not None and not 1 <= self.rank <= count:
+            raise InputError(f"a low-rank sum over {count} nodes has 1 to {count} modes, not {self.rank}")
 
     def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
         """A `FieldSpread`; a `PlaneSpread` if there is one field point only.

@@ -120,7 +120,7 @@ def micrometers(value: str, unit: str, path: Path, line: int) -> float:
     """
     name = unit.strip(" .").lower()
     if name not in _LENGTHS_UM:
-        raise FileError(path, f"'{unit.strip()}' is no unit of length that is known here: µm, mm or nm", line)
+        raise FileError(path, f"'{unit.strip(' .')}' is no unit of length that is known here: µm, mm or nm", line)
     return number(value) * _LENGTHS_UM[name]
 
 

@@ -39,8 +39,7 @@ _SAME_NM = 0.05
 
 def is_psf_listing(lines: list[str]) -> bool:
     """Whether these are a listing of an FFT or Huygens point spread."""
-    head = " ".join(lines[:12]).lower()
-    return "psf" in head and "listing" in head
+    return any(re.match(r"\s*listing of .*psf", line, re.IGNORECASE) for line in lines[:12])
 
 
 def read_psf(path: str | PathLike[str]) -> PsfListing:
