@@ -1,0 +1,260 @@
+"""Pictures from files: their colours in the space that they say, or refused; light of any range."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from photosite.errors import FileError
+from photosite.scene.files import read_scene
+from photosite.scene.pictures import from_hdr, from_rgb, from_srgb
+from photosite.spectra import luminance_cd_m2
+
+RNG = np.random.default_rng(8)
+CODES = RNG.integers(0, 256, (9, 13, 3)).astype(np.uint8)
+
+
+def saved(path: Path, codes: np.ndarray, **how: object) -> Path:
+    Image.fromarray(codes).save(path, **how)  # type: ignore[arg-type]
+    return path
+
+
+def test_a_png_is_its_codes(tmp_path: Path) -> None:
+    scene = read_scene(saved(tmp_path / "a.png", CODES), mean_luminance_cd_m2=12.0, illuminant="A", width_m=0.4)
+    wanted = from_srgb(CODES, "A", 12.0)
+    np.testing.assert_array_equal(scene.weights, wanted.weights)
+    np.testing.assert_allclose(scene.basis, wanted.basis, rtol=1e-12)
+    assert (scene.name, scene.width_m) == ("a", 0.4)
+    assert scene.reflectance is not None
+
+
+def test_the_first_bytes_tell_whatever_the_name(tmp_path: Path) -> None:
+    file = saved(tmp_path / "a.png", CODES).rename(tmp_path / "a.scan")
+    assert read_scene(file, mean_luminance_cd_m2=1).shape == (9, 13)
+
+
+def test_a_jpeg_is_turned_as_it_says(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6  # the camera was held upright
+    flat = np.full((8, 16, 3), 200, np.uint8)
+    scene = read_scene(saved(tmp_path / "a.jpg", flat, exif=exif, quality=95), mean_luminance_cd_m2=1)
+    assert scene.shape == (16, 8)
+
+
+def test_greys_palettes_and_opaque_alpha_are_colours(tmp_path: Path) -> None:
+    grey = CODES[:, :, 0]
+    wanted = from_srgb(np.repeat(grey[:, :, None], 3, axis=2)).weights
+    deep = Image.fromarray(grey.astype(np.uint16) * 257)
+    deep.save(tmp_path / "deep.png")
+    Image.fromarray(grey).convert("P").save(tmp_path / "p.png")
+    alpha = np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+    for file in (
+        saved(tmp_path / "l.png", grey),
+        tmp_path / "deep.png",
+        tmp_path / "p.png",
+        saved(tmp_path / "alpha.png", alpha),
+    ):
+        np.testing.assert_allclose(read_scene(file, mean_luminance_cd_m2=40).weights, wanted, atol=1e-7)
+
+
+def icc(name: str) -> bytes:
+    """The sRGB profile under another name: what counts here is what a file says."""
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    return profile.replace("sRGB built-in".encode("utf-16-be"), name.ljust(13)[:13].encode("utf-16-be"))
+
+
+def test_profiles_that_are_known_are_read_in_their_space(tmp_path: Path) -> None:
+    codes = np.clip(CODES, 90, 160)
+    plain = read_scene(saved(tmp_path / "s.png", codes, icc_profile=icc("sRGB built-in")), mean_luminance_cd_m2=40)
+    np.testing.assert_array_equal(plain.weights, from_srgb(codes).weights)
+    wide = read_scene(saved(tmp_path / "p.png", codes, icc_profile=icc("Display P3")), mean_luminance_cd_m2=40)
+    np.testing.assert_array_equal(wide.weights, from_rgb(codes, space="Display P3").weights)
+    assert np.abs(wide.weights - plain.weights).max() > 1e-3
+
+
+def png_with_chunk(path: Path, name: bytes, content: bytes) -> Path:
+    """A PNG with one more chunk before its pixels."""
+    plain = saved(path, CODES).read_bytes()
+    chunk = struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+    path.write_bytes(plain[:33] + chunk + plain[33:])
+    return path
+
+
+def png_of_16_bits(path: Path) -> Path:
+    header = struct.pack(">IIBBBBB", 2, 1, 16, 2, 0, 0, 0)
+    pixels = zlib.compress(b"\0" + bytes(12))
+    chunks = [(b"IHDR", header), (b"IDAT", pixels), (b"IEND", b"")]
+    body = b"".join(struct.pack(">I", len(c)) + n + c + struct.pack(">I", zlib.crc32(n + c)) for n, c in chunks)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    return path
+
+
+def uncalibrated(path: Path) -> Path:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA001] = 0xFFFF
+    return saved(path, CODES, exif=exif)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda p: saved(p / "a.png", CODES, icc_profile=icc("My monitor")),
+            "ICC profile 'My monitor'; known are sRGB",
+        ),
+        (lambda p: saved(p / "a.png", CODES, icc_profile=b"nothing"), "ICC profile that cannot be read"),
+        (lambda p: png_with_chunk(p / "a.png", b"gAMA", struct.pack(">I", 100_000)), "to the power of 1; save"),
+        (lambda p: png_with_chunk(p / "a.png", b"cICP", b"\x09\x10\0\x01"), "cICP"),
+        (lambda p: png_of_16_bits(p / "a.png"), "only 8 would be read"),
+        (lambda p: uncalibrated(p / "a.jpg"), "not sRGB, and not what they are"),
+        (lambda p: saved(p / "a.png", np.dstack([CODES, CODES[:, :, :1]])), "transparent in places"),
+        (lambda p: saved(p / "a.png", np.zeros((4, 4, 3), np.uint8)), "black picture"),
+    ],
+)
+def test_pictures_that_say_what_photosite_does_not_know(tmp_path: Path, make: object, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        read_scene(make(tmp_path), mean_luminance_cd_m2=1.0)  # type: ignore[operator]
+
+
+def test_cmyk_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(CODES).convert("CMYK").save(tmp_path / "a.jpg")
+    with pytest.raises(FileError, match="in the form CMYK"):
+        read_scene(tmp_path / "a.jpg", mean_luminance_cd_m2=1.0)
+
+
+def test_what_must_be_said_and_what_must_not(tmp_path: Path) -> None:
+    file = saved(tmp_path / "a.png", CODES)
+    with pytest.raises(FileError, match="how bright its scene is"):
+        read_scene(file)
+    with pytest.raises(FileError, match="have no units"):
+        read_scene(file, units="W/sr/m2/nm", mean_luminance_cd_m2=1)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_damaged_pictures_are_one_line(tmp_path: Path, name: str) -> None:
+    whole = saved(tmp_path / name, CODES).read_bytes()
+    for count in (20, 60, len(whole) // 2, len(whole) - 30):
+        (tmp_path / name).write_bytes(whole[:count])
+        with pytest.raises(FileError) as caught:
+            read_scene(tmp_path / name, mean_luminance_cd_m2=1)
+        assert "\n" not in str(caught.value)
+
+
+def encoded(values: np.ndarray) -> np.ndarray:
+    """(rows, cols, 4) mantissas and exponents, by G. Ward's setcolr."""
+    brightest = values.max(axis=2)
+    mantissa, exponent = np.frexp(brightest)
+    scale = np.where(brightest > 1e-32, mantissa * 256 / np.where(brightest > 0, brightest, 1), 0)
+    codes = np.zeros((*values.shape[:2], 4), np.uint8)
+    codes[..., :3] = (values * scale[..., None]).astype(np.uint8)
+    codes[..., 3] = np.where(brightest > 1e-32, exponent + 128, 0)
+    return codes
+
+
+def run_length(codes: np.ndarray) -> bytes:
+    """Each row's four planes by runs of one value, and stretches of others."""
+    out = bytearray()
+    for row in codes:
+        out += bytes([2, 2, len(row) >> 8, len(row) & 255])
+        for plane in row.T:
+            at = 0
+            while at < len(plane):
+                same = 1
+                while at + same < len(plane) and same < 127 and plane[at + same] == plane[at]:
+                    same += 1
+                if same > 2:
+                    out += bytes([128 + same, plane[at]])
+                else:
+                    out += bytes([same]) + plane[at : at + same].tobytes()
+                at += same
+    return bytes(out)
+
+
+def hdr(path: Path, values: np.ndarray, head: str = "", *, runs: bool = True, magic: str = "#?RADIANCE") -> Path:
+    rows, cols = values.shape[:2]
+    codes = encoded(values)
+    lines = f"{magic}\nFORMAT=32-bit_rle_rgbe\n{head}\n-Y {rows} +X {cols}\n"
+    path.write_bytes(lines.encode() + (run_length(codes) if runs else codes.tobytes()))
+    return path
+
+
+def decades(rows: int = 11, cols: int = 30) -> np.ndarray:
+    """(rows, cols, 3) colours over eight decades, with runs of one value."""
+    values = 10.0 ** np.linspace(-4, 4, rows)[:, None, None] * RNG.uniform(0.2, 1.0, (rows, cols, 3))
+    values[:, 5:20] = values[:, 5:6]
+    return values
+
+
+@pytest.mark.parametrize("runs", [True, False])
+def test_radiance_files_keep_eight_decades(tmp_path: Path, runs: bool) -> None:
+    """A mantissa of 8 bits: half a step of 1/128 to 1/256 of the pixel's brightest."""
+    values = decades()
+    scene = read_scene(hdr(tmp_path / "a.hdr", values, runs=runs), mean_luminance_cd_m2=100.0)
+    wanted = from_hdr(values, mean_luminance_cd_m2=100.0)
+    factor = scene.basis[0, 40] / wanted.basis[0, 40]
+    off = np.abs(factor * np.moveaxis(scene.weights, 0, 2) - values) / values.max(axis=2, keepdims=True)
+    assert off.max() < 1 / 256 + 2e-3
+    assert scene.shape == (11, 30)
+    assert scene.reflectance is None
+
+
+def test_radiance_s_own_units_and_exposure(tmp_path: Path) -> None:
+    """White of 1 W/sr/m2 is 179 cd/m2; a file brightened by 4 says so. 0.501953125 = 128.5 / 256 is a middle."""
+    white = np.full((2, 9, 3), 0.501953125)
+    scene = read_scene(hdr(tmp_path / "a.hdr", white, "EXPOSURE=2\nEXPOSURE=2.0\n"), units="radiance")
+    seen = float(luminance_cd_m2(scene.radiance(1, 4), scene.wavelength_nm))
+    assert seen == pytest.approx(179 * 0.501953125 / 4, rel=1e-6)
+
+
+def test_black_stays_black(tmp_path: Path) -> None:
+    values = np.zeros((1, 8, 3))
+    values[0, 3] = 2.0
+    scene = read_scene(hdr(tmp_path / "a.hdr", values), mean_luminance_cd_m2=1.0)
+    assert not scene.weights[:, 0, :3].any()
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "message"),
+    [
+        ("", {}, "how bright it is; say the mean"),
+        ("", {"units": "W/sr/m2/nm"}, "units are 'radiance'"),
+        ("EXPOSURE=0\n", {"mean_luminance_cd_m2": 1}, "EXPOSURE of 0"),
+        ("EXPOSURE=much\n", {"mean_luminance_cd_m2": 1}, "no numbers"),
+        (
+            "PRIMARIES= 0.7 0.3 0.2 0.7 0.1 0.1 0.33 0.33\n",
+            {"mean_luminance_cd_m2": 1},
+            "convert it to those of Rec. 709",
+        ),
+        ("FORMAT=other\n", {"mean_luminance_cd_m2": 1}, "FORMAT 'other'"),
+        ("COLORCORR=1 2 3\n", {"mean_luminance_cd_m2": 1}, "COLORCORR"),
+    ],
+)
+def test_radiance_files_that_say_what_is_not_known(
+    tmp_path: Path, head: str, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(FileError, match=message):
+        read_scene(hdr(tmp_path / "a.hdr", decades(), head), **options)
+
+
+def test_damaged_radiance_files_are_one_line(tmp_path: Path) -> None:
+    whole = hdr(tmp_path / "a.hdr", decades()).read_bytes()
+    for count in (12, 30, 55, 80, len(whole) // 2, len(whole) - 3):
+        (tmp_path / "a.hdr").write_bytes(whole[:count])
+        with pytest.raises(FileError):
+            read_scene(tmp_path / "a.hdr", mean_luminance_cd_m2=1)
+    (tmp_path / "a.hdr").write_bytes(whole.replace(b"-Y 11 +X 30", b"+X 30 -Y 11"))
+    with pytest.raises(FileError, match="turned or mirrored"):
+        read_scene(tmp_path / "a.hdr", mean_luminance_cd_m2=1)
+
+
+def test_pictures_in_xyz(tmp_path: Path) -> None:
+    """D65's white in XYZ is equal red, green and blue."""
+    file = hdr(tmp_path / "a.hdr", np.full((1, 8, 3), [0.9505, 1.0, 1.0890]))
+    file.write_bytes(file.read_bytes().replace(b"rgbe\n", b"xyze\n", 1))
+    weights = read_scene(file, mean_luminance_cd_m2=1.0).weights[:, 0, 0]
+    assert weights / weights.mean() == pytest.approx(np.ones(3), abs=1 / 64)  # the matrix triples a step of 1 / 256
