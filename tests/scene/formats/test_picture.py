@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 
 from photosite.errors import FileError
@@ -31,6 +32,33 @@ def test_a_png_is_its_codes(tmp_path: Path) -> None:
     np.testing.assert_allclose(scene.basis, wanted.basis, rtol=1e-12)
     assert (scene.name, scene.width_m) == ("a", 0.4)
     assert scene.reflectance is not None
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_a_tiff_is_its_codes(tmp_path: Path, bits: int, planar: str) -> None:
+    codes = CODES if bits == 8 else (CODES.astype(np.uint16) * 256 + 77).astype(np.uint16)
+    values = codes if planar == "contig" else np.moveaxis(codes, 2, 0)
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="rgb", planarconfig=planar, compression="zlib")
+    scene = read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=12.0, illuminant="A")
+    np.testing.assert_array_equal(scene.weights, from_srgb(codes, "A", 12.0).weights)
+
+
+def test_tiffs_that_photosite_does_not_know(tmp_path: Path) -> None:
+    file = tmp_path / "a.tif"
+    tifffile.imwrite(file, CODES.astype(np.float32), photometric="rgb")
+    with pytest.raises(FileError, match="float32, which may be light or codes"):
+        read_scene(file, mean_luminance_cd_m2=1)
+    tifffile.imwrite(file, np.dstack([CODES, CODES[:, :, :1]]), photometric="rgb", extrasamples=["unassalpha"])
+    with pytest.raises(FileError, match="4 samples a pixel"):
+        read_scene(file, mean_luminance_cd_m2=1)
+    tifffile.imwrite(file, np.stack([CODES, CODES]), photometric="rgb")
+    with pytest.raises(FileError, match="has 2 pages in red, green and blue"):
+        read_scene(file, mean_luminance_cd_m2=1)
+    profile = icc("My monitor")
+    tifffile.imwrite(file, CODES, photometric="rgb", iccprofile=profile)
+    with pytest.raises(FileError, match="profile 'My monitor'"):
+        read_scene(file, mean_luminance_cd_m2=1)
 
 
 def test_the_first_bytes_tell_whatever_the_name(tmp_path: Path) -> None:

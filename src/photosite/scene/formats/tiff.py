@@ -23,11 +23,14 @@ from photosite.errors import FileError, PhotositeError
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, RawCube, SpectralCube, cube_of_scene
 from photosite.scene.formats.hdf5_cube import stated_units
+from photosite.scene.formats.picture import read_tiff_page
 from photosite.scene.formats.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 
-_RGB = 2
+_RGB, _PICTURE_SAMPLES = 2, 4
+"""Photometric interpretation of pictures; red, green, blue and perhaps transparency."""
+
 _STRIP_BYTES = 4 << 20
 _DENSEST = 2000
 """Bytes of values to a byte in the file: more than deflate reaches."""
@@ -35,13 +38,15 @@ _MOST_PACKED = 1 << 30
 """Bytes of a compressed page of many samples, which is unpacked as a whole."""
 
 
-def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
+def open_cube(path: Path, said: ReadOptions) -> SpectralCube | Scene:
     """The cube of a TIFF file; numbers that lie in one piece are read where they are, others are laid out anew.
+
+    A page of red, green and blue is a picture, and a scene at once.
 
     Raises
     ------
     FileError
-        If it is damaged, a picture in colour, or does not say what is needed.
+        If it is damaged, or does not say what is needed.
     """
     import tifffile
 
@@ -59,7 +64,7 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         logging.getLogger("tifffile").setLevel(level)
 
 
-def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube:
+def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
     pages = [page for page in file.pages if not page.is_reduced]
     if not pages:
         raise FileError(path, "has no pages")
@@ -68,6 +73,11 @@ def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube:
         raise FileError(path, f"holds {first.dtype or 'unknown numbers'}; a cube's are integers or floats")
     dtype = np.dtype(first.dtype).newbyteorder(file.byteorder)
     size = path.stat().st_size
+    if int(first.photometric) == _RGB and first.samplesperpixel <= _PICTURE_SAMPLES:
+        if len(pages) > 1:
+            raise FileError(path, f"has {len(pages)} pages in red, green and blue; save the one that is meant")
+        _check_there(path, first, size)
+        return read_tiff_page(path, first, said)
     if len(pages) == 1 and len(first.shape) == 3:
         shape, place = _samples(path, first, dtype, size)
     else:
@@ -115,8 +125,6 @@ def _stack(
 
 def _samples(path: Path, page: Any, dtype: np.dtype[Any], size: int) -> tuple[tuple[int, int, int], dict[str, Any]]:
     """One page of many samples a pixel."""
-    if int(page.photometric) == _RGB and page.samplesperpixel <= 4:
-        raise FileError(path, "is a picture in red, green and blue; a spectral image has a band for each wavelength")
     _check_there(path, page, size)
     apart = int(page.planarconfig) == 2
     rows, cols, bands = page.shape[1:] + page.shape[:1] if apart else page.shape
