@@ -19,6 +19,8 @@ _HOMES = {
     "DiffractionLimited": "photosite.optics.lens",
     "Lens": "photosite.optics.compound",
     "Measured": "photosite.measured",
+    "Plane": "photosite.scene.planes",
+    "Planes": "photosite.scene.planes",
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
@@ -65,6 +67,8 @@ if TYPE_CHECKING:
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene.files import read_scene as read_scene
+    from photosite.scene.planes import Plane as Plane
+    from photosite.scene.planes import Planes as Planes
     from photosite.scene.scene import Scene as Scene
     from photosite.sensor.file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor

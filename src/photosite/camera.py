@@ -14,10 +14,12 @@ from photosite.cfa import shifted
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
+from photosite.layers import layered_rate, layered_regions
 from photosite.mosaic import electron_rate, electrons_per_weight, image_regions
 from photosite.optics.spread import Optics
 from photosite.profile import color_matrix, noise_profile
 from photosite.regions import Region
+from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.readout import Device, Rectangle, digital_numbers
@@ -66,13 +68,13 @@ class Camera:
         if self.cells_per_pixel < 1 or self.cells_per_pixel % 2 == 0:
             raise InputError(f"cells_per_pixel is odd and positive, not {self.cells_per_pixel}; take 1, 3, 5, ...")
 
-    def mean_electrons(self, scene: Scene, exposure_s: float) -> NDArray[np.float32]:
+    def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
         """Mean electrons from light in every pixel: no noise, no fixed pattern, no dark current, no well.
 
         Parameters
         ----------
         scene
-            What stands in front of the camera.
+            What stands in front of the camera: a scene, or `Planes` in depth.
         exposure_s
             Exposure time.
 
@@ -101,14 +103,15 @@ class Camera:
         rate = self._electron_rate(scene)
         return _exposed(rate, time_s, out=rate)
 
-    def _electron_rate(self, scene: Scene) -> NDArray[np.float32]:
-        return electron_rate(
-            scene, self.optics, self.sensor, rule=self.integration, cells_per_pixel=self.cells_per_pixel
-        )
+    def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
+        rule, cells = self.integration, self.cells_per_pixel
+        if isinstance(scene, Planes):
+            return layered_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
+        return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
 
     def capture(
         self,
-        scene: Scene,
+        scene: Scene | Planes,
         exposure_s: float,
         *,
         seed: int = 0,
@@ -157,7 +160,7 @@ class Camera:
 
     def stream(
         self,
-        scene: Scene,
+        scene: Scene | Planes,
         exposures_s: float | Iterable[float],
         frames: int = 1,
         *,
@@ -290,14 +293,16 @@ class Camera:
             return None
         return ",".join(f"{part:.6g}" for part in reading / reading.max())
 
-    def image_regions(self, scene: Scene) -> tuple[Region, ...]:
-        """The scene's named regions in pixels of the frame.
+    def image_regions(self, scene: Scene | Planes) -> tuple[Region, ...]:
+        """The scene's named regions in pixels of the frame; behind a lens that distorts, rectangles inside them.
 
         Raises
         ------
         InputError
             If a region holds no whole pixel of the frame.
         """
+        if isinstance(scene, Planes):
+            return layered_regions(scene, self.optics, self.sensor)
         return image_regions(scene, self.optics, self.sensor)
 
 

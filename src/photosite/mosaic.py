@@ -43,22 +43,28 @@ def electron_rate(
     """(rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     warn_of_missing_light(scene, sensor)
     mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
-    return arrived(mosaic, optics, sensor, scene.distance_m)
+    return arrived(mosaic, optics, sensor, scene.distance_m, scene.relative_error)
 
 
 def image_rate(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule, cells_per_pixel: int) -> NDArray[np.float32]:
-    """(rows, cols) electrons per second from a scene's image, without what happens to all light of a frame."""
+    """(rows, cols) electrons per second from a scene's image, as the transforms give it, rounding below 0 and all."""
     coupling = electrons_per_weight(scene, optics, sensor, rule)
     if scene.shape == (1, 1):
         mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
         mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel)
     _fall_off(mosaic, optics, sensor, scene.distance_m)
-    return _not_negative(mosaic, scene.relative_error)
+    return mosaic
 
 
-def arrived(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float) -> NDArray[np.float32]:
-    """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed."""
+def arrived(
+    mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float, relative_error: float
+) -> NDArray[np.float32]:
+    """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed.
+
+    `relative_error` is the scene's, for what may lie below 0.
+    """
+    _not_negative(mosaic, relative_error)
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
     return through_door(mosaic, sensor, optics, distance_m)
