@@ -346,7 +346,21 @@ def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.C
     OpenEXR.File([wanted] if parts == 1 else [preview, wanted]).write(str(file))
     content = file.read_bytes()
     file.write_bytes(content[: int(len(content) * keep) if keep < 1 else int(keep)])
-    with pytest.raises(FileError, match=r"truncated OpenEXR|damaged OpenEXR") as error:
+    with pytest.raises(FileError, match="truncated OpenEXR" if keep > 6 or keep < 1 else "OpenEXR file") as error:
+        read_scene(file)
+    one_line(error, file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_file_whose_writer_was_stopped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The places of the last rows, which are written at the end, are 0."""
+    file = spectral(tmp_path / "a.exr", some_radiance(), emissiveUnits=PER_NM)
+    content = bytearray(file.read_bytes())
+    chunks = 3  # 37 rows, 16 in each
+    table = next(k for k in range(len(content)) if content[k : k + 8] == (k + 8 * chunks).to_bytes(8, "little"))
+    content[table + 16 : table + 24] = bytes(8)
+    file.write_bytes(content[: int.from_bytes(content[table + 8 : table + 16], "little")])
+    with pytest.raises(FileError, match="not all of its rows were written") as error:
         read_scene(file)
     one_line(error, file)
     assert capfd.readouterr() == ("", "")

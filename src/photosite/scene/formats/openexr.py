@@ -231,7 +231,7 @@ def openexr(path: Path) -> Any:
     return OpenEXR
 
 
-_TRUNCATED = "is a truncated OpenEXR file: not all of its rows are there; copy or render it again"
+_TRUNCATED = "is a truncated OpenEXR file: not all of its rows were written; copy or render it again"
 
 
 @contextmanager
@@ -251,7 +251,7 @@ def library_errors(path: Path, *, writing: bool = False) -> Iterator[None]:
         reason = " ".join(str(error).replace(os.fspath(path), "it").split())[:120]
         if writing:
             raise FileError(path, f"cannot be written: {reason}") from None
-        raise FileError(path, f"is a damaged OpenEXR file ({reason}); copy or render it again") from None
+        raise FileError(path, f"is a damaged or truncated OpenEXR file ({reason}); copy or render it again") from None
     finally:
         os.dup2(kept, 2)
         os.close(kept)
