@@ -10,7 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.optics.compound import Lens
 from photosite.optics.design_files import read_lens_design
+from photosite.optics.file import load_optics
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
@@ -350,3 +352,25 @@ def test_wrong_distortion_listings_give_one_line(tmp_path: Path) -> None:
             read_distortion(_written(tmp_path, text.replace(old, new)))
     with pytest.raises(FileError, match="has no distortion at 600 nm; it has 550 nm"):
         read_distortion(_written(tmp_path, text), wavelength_nm=600)
+
+
+def test_an_optics_file_names_listings_beside_it(tmp_path: Path) -> None:
+    sub = tmp_path / "psf"
+    sub.mkdir()
+    folder_of(sub)
+    (tmp_path / "ri.txt").write_text(RELATIVE, encoding="utf-16")
+    rows = {0.55: [(0.0, 0.0), (10.0, 8.7), (20.0, 17.6)], 0.65: [(0.0, 0.0), (10.0, 8.702), (20.0, 17.603)]}
+    (tmp_path / "fcd.txt").write_text(curvature(rows), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(
+        "photosite_optics: 1\nf_number: 4\nfocal_length_mm: 50\n"
+        "blur: {kind: lens_design, source: psf, rank: 4, nodes: 9}\nrelative_illumination: {file: ri.txt}\n"
+        "distortion: {file: fcd.txt, wavelength_nm: 550}\n",
+        encoding="utf-8",
+    )
+    lens = load_optics(tmp_path / "mine.yaml")
+    assert isinstance(lens, Lens)
+    assert isinstance(lens.blur, LensDesign)
+    assert (lens.blur.rank, lens.blur.nodes) == (4, 9)
+    assert lens.illumination is not None
+    assert lens.lateral_color is not None
+    assert lens.lateral_color.shift_um[1, -1] == pytest.approx(3.0, abs=1e-6)

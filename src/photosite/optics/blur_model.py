@@ -89,6 +89,41 @@ def _term(key: int | str, index: str) -> Any:
     return n, m
 
 
+class OtfSection(Section):
+    """Transfer functions per wavelength, see `photosite.optics.table_files.read_otf_table`."""
+
+    kind: Literal["otf"]
+    file: str
+    beyond: Literal["zero", "diffraction"] = "zero"
+
+    def build(self, folder: Path) -> Blur:
+        """The table."""
+        from photosite.optics.table_files import read_otf_table
+
+        return read_otf_table(folder / self.file, self.beyond)
+
+
+class PsfSection(Section):
+    """Point spreads per wavelength, see `photosite.optics.table_files.read_psf_table`."""
+
+    kind: Literal["psf"]
+    file: str
+    spacing_um: PositiveNumber | None = None
+    wavelength_nm: tuple[PositiveNumber, ...] | None = None
+    normalise: Annotated[bool, Field(strict=True)] = False
+
+    def build(self, folder: Path) -> Blur:
+        """The table."""
+        from photosite.optics.table_files import read_psf_table
+
+        return read_psf_table(
+            folder / self.file,
+            spacing_um=self.spacing_um,
+            wavelength_nm=self.wavelength_nm,
+            normalise=self.normalise,
+        )
+
+
 class LensDesignSection(Section):
     """Point spreads over the field, see `photosite.optics.design_files.read_lens_design`."""
 
@@ -109,5 +144,7 @@ class LensDesignSection(Section):
 KINDS: dict[str, type[Section]] = {
     "diffraction": Diffraction,
     "wavefront": WavefrontSection,
+    "otf": OtfSection,
+    "psf": PsfSection,
     "lens_design": LensDesignSection,
 }
