@@ -133,3 +133,11 @@ def test_the_schema_has_the_stack() -> None:
     assert number == {"type": "number", "minimum": 0, "maximum": 1}
     assert table["required"] == ["transmittance"]
     assert "optical_stack" not in schema["required"]
+
+
+def test_the_documented_stack_is_a_stack() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "sensor-door.md").read_text(encoding="utf-8")
+    block = page.split("```yaml\n")[1].split("```")[0]
+    sensor = parse_sensor(dump_sensor(D200) + block, "page.yaml")
+    assert sensor.optical_stack is not None
+    assert all(part is not None for _, part in sensor.optical_stack)
