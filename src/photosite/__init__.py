@@ -19,12 +19,16 @@ _HOMES = {
     "DiffractionLimited": "photosite.optics.lens",
     "Lens": "photosite.optics.compound",
     "Measured": "photosite.measured",
+    "OtfTable": "photosite.optics.tables",
     "Plane": "photosite.scene.planes",
     "Planes": "photosite.scene.planes",
+    "PsfTable": "photosite.optics.tables",
+    "Pupil": "photosite.optics.pupil",
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.spectra",
+    "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series",
     "calibrate_chart": "photosite.calibration.spectral_chart",
@@ -63,6 +67,10 @@ if TYPE_CHECKING:
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.compound import Lens as Lens
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
+    from photosite.optics.pupil import Pupil as Pupil
+    from photosite.optics.tables import OtfTable as OtfTable
+    from photosite.optics.tables import PsfTable as PsfTable
+    from photosite.optics.wavefront import Wavefront as Wavefront
     from photosite.scene import charts as charts
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
