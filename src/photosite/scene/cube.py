@@ -65,6 +65,8 @@ class CubeHead:
                 f"has {self.shape[2]} bands and {len(self.wavelength_nm)} wavelengths; give one for each band "
                 "(wavelength_nm=[...])",
             )
+        if self.light is not None and self.light.shape != (self.shape[2],):
+            raise FileError(self.name, f"has a light of {self.light.size} values for {self.shape[2]} bands")
         if 0 in self.shape:
             raise FileError(self.name, f"is empty: {self.shape} rows, columns and bands")
 

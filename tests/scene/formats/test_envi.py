@@ -1,0 +1,142 @@
+"""ENVI files: as the `spectral` library itself reads them, and files that are refused in one line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from photosite.errors import FileError, PhotositeWarning
+from photosite.scene.files import open_cube, read_scene
+
+envi = pytest.importorskip("spectral.io.envi")
+
+GRID = np.array([450.0, 500, 550, 600, 650])
+RNG = np.random.default_rng(4)
+PLAIN = {"wavelength": GRID.tolist(), "wavelength units": "Nanometers", "data units": "W/sr/m2/nm"}
+
+
+def saved(folder: Path, array: np.ndarray, metadata: dict[str, object] | None = None, **how: object) -> Path:
+    """A file that the library wrote."""
+    path = folder / "cube.hdr"
+    given = {"interleave": "bsq", "ext": "img", "force": True} | how
+    envi.save_image(str(path), array, metadata=PLAIN if metadata is None else metadata, **given)
+    return path
+
+
+def whole(path: Path, **options: object) -> np.ndarray:
+    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(3)])
+
+
+@pytest.mark.parametrize("interleave", ["bsq", "bil", "bip"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint16, np.int32, np.float32, np.float64])
+@pytest.mark.parametrize("byteorder", [0, 1])
+def test_as_the_library_reads_it(tmp_path: Path, interleave: str, dtype: type, byteorder: int) -> None:
+    array = RNG.integers(0, 200, (8, 6, 5)).astype(dtype)
+    path = saved(tmp_path, array, interleave=interleave, byteorder=byteorder)
+    theirs = np.asarray(envi.open(str(path)).load())
+    assert_allclose(whole(path), theirs)
+    assert_allclose(whole(path), array)
+    assert_allclose(whole(path.with_suffix(".img")), array)  # by the name of the numbers
+
+
+def test_reflectance_scale_factor_and_missing_values(tmp_path: Path) -> None:
+    array = RNG.integers(1, 10_000, (4, 6, 5)).astype(np.int16)
+    array[1, 2, 3] = -9999
+    head = {"wavelength": (GRID / 1000).tolist(), "wavelength units": "Micrometers"}
+    path = saved(tmp_path, array, head | {"reflectance scale factor": 10_000, "data ignore value": -9999})
+    cube = open_cube(path)
+    assert cube.quantity == "reflectance"
+    assert_allclose(cube.wavelength_nm, GRID)
+    found = whole(path)
+    assert np.isnan(found[1, 2, 3])
+    assert np.isnan(found).sum() == 1
+    assert_allclose(found[0], array[0] / 10_000)
+    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
+    with pytest.raises(FileError, match=r"no data at row 1, column 2, band 4 \(600 nm\)"):
+        read_scene(path, **said)
+    assert read_scene(path, no_data="zero", **said).mean_luminance_cd_m2() == pytest.approx(100)
+
+
+def test_gains_by_band_and_an_offset(tmp_path: Path) -> None:
+    array = RNG.integers(1, 100, (4, 6, 5)).astype(np.uint16)
+    path = saved(tmp_path, array, PLAIN | {"data gain values": [1, 2, 3, 4, 5]})
+    assert_allclose(whole(path), array * np.arange(1.0, 6))
+    text = path.read_text(encoding="ascii")
+    path.write_text(re.sub(r"header offset *= *0", "header offset = 10", text), encoding="ascii")
+    path.with_suffix(".img").write_bytes(b"0123456789" + array.transpose(2, 0, 1).tobytes())
+    assert_allclose(whole(path), array * np.arange(1.0, 6))
+
+
+def test_bad_bands_are_said(tmp_path: Path) -> None:
+    path = saved(tmp_path, np.ones((2, 2, 5), np.float32), PLAIN | {"bbl": [1, 1, 0, 1, 1]})
+    with pytest.warns(PhotositeWarning, match="1 of 5 bands are marked as bad"):
+        read_scene(path)
+
+
+def test_photons_are_made_of_watts(tmp_path: Path) -> None:
+    path = saved(tmp_path, np.full((2, 2, 5), 1e-2, np.float32), PLAIN | {"data units": "uW/cm2/nm/sr"})
+    scene = read_scene(path)
+    photons = 1e-4 * GRID * 1e-9 / (6.62607015e-34 * 299_792_458.0)
+    assert_allclose(scene.radiance(1, 1), photons, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "put", "why"),
+    [
+        (r"wavelength units *=.*\n", "", None),
+        (r"wavelength units *=.*", "wavelength units = Micrometers", r"450000 to 600000 in Micrometers.*other unit"),
+        (r"wavelength units *=.*", "wavelength units = cubits", "'cubits', an unknown unit"),
+        (r"data units *=.*\n", "", r"does not say the units of its values; say them: units='W/sr/m2/nm'"),
+        (r"data units *=.*", "data units = DN", r"units 'DN' are not understood.*say units='...' to overrule"),
+        (r"lines *=.*", "lines = 5", r"has 96 bytes, and its header cube.hdr describes 120: it is truncated, or lines"),
+        (r"samples *=.*", "samples = 2", r"has 96 bytes, and its header cube.hdr describes 64: lines, samples"),
+        (r"samples *=.*", "samples = -2", r"says \(4, -2, 4\)"),
+        (r"bands *=.*\n", "", r"Mandatory parameter \"bands\" missing"),
+        (r"bands *=.*", "bands = many", "is no ENVI header that can be read"),
+        (r"data type *=.*", "data type = 6", "of complex64"),
+        (r"data type *=.*", "data type = 77", "'77' is missing or unknown"),
+        (r"interleave *=.*", "interleave = bob", "interleave 'bob'"),
+        (r"450.0 ,", "505.0 ,", r"not sorted: band 2 has 500 nm after 505 nm.*sort_bands=True"),
+        (r"450.0 ,", "", "'wavelength' has 3 entries for 4 bands"),
+        (r"450.0 ,", "red ,", "'wavelength' holds something that is no number"),
+        (r"ENVI\n", "ENVY\n", "does not appear to be an ENVI header"),
+        (r"wavelength units *=", "file compression = 1\nwavelength units =", "data are compressed"),
+        (r"wavelength units *=", "data ignore value = x\nwavelength units =", "'data ignore value' is 'x'"),
+        (r"wavelength units *=", "reflectance scale factor = 0\nwavelength units =", "is 0, not above 0"),
+    ],
+)
+def test_headers_that_cannot_be(tmp_path: Path, pattern: str, put: str, why: str | None) -> None:
+    head = PLAIN | {"wavelength": GRID[:4].tolist()}
+    path = saved(tmp_path, RNG.integers(1, 9, (4, 3, 4)).astype(np.int16), head)
+    text, changed = re.subn(pattern, put, path.read_text(encoding="ascii"), count=1)
+    assert changed, text
+    path.write_text(text, encoding="ascii")
+    if why is None:
+        assert read_scene(path).wavelength_nm.tolist() == GRID[:4].tolist()
+        return
+    with pytest.raises(FileError, match=why) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_a_half_is_missing(tmp_path: Path) -> None:
+    path = saved(tmp_path, np.ones((4, 3, 5), np.float32))
+    path.rename(tmp_path / "other.hdr")
+    with pytest.raises(FileError, match=r"cube.img: has no header: cube.hdr is not beside it"):
+        read_scene(tmp_path / "cube.img")
+    with pytest.raises(FileError, match=r"other.hdr: has no data beside it: other.img"):
+        read_scene(tmp_path / "other.hdr")
+
+
+def test_data_that_shrink_while_they_are_read(tmp_path: Path) -> None:
+    path = saved(tmp_path, np.ones((40, 30, 5), np.float32))
+    cube = open_cube(path)
+    with path.with_suffix(".img").open("r+b") as file:
+        file.truncate(1000)
+    with pytest.raises(FileError, match="is truncated: it ends at byte 1000"):
+        list(cube.blocks(10))

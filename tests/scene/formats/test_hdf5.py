@@ -1,0 +1,110 @@
+"""Plain HDF5 cubes: any order of axes, chunked or in one piece, and refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from photosite.errors import FileError
+from photosite.scene.cube import RawCube
+from photosite.scene.files import open_cube, read_scene
+from photosite.scene.formats.hdf5_cube import ChunkedCube
+
+GRID = np.arange(400.0, 701, 50)
+RNG = np.random.default_rng(6)
+CUBE = RNG.integers(1, 1000, (12, 5, GRID.size)).astype(np.uint16)
+ORDERS = {"bip": (0, 1, 2), "bsq": (2, 0, 1), "bil": (0, 2, 1)}
+
+
+def saved(path: Path, array: Any = CUBE, attributes: dict[str, Any] | None = None, **how: Any) -> Path:
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset("run/cube", data=array, **how)
+        data.attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"} if attributes is None else attributes)
+    return path
+
+
+def whole(path: Path, **options: Any) -> np.ndarray:
+    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(5)])
+
+
+@pytest.mark.parametrize("interleave", ORDERS)
+@pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4)}, {"chunks": True, "compression": "gzip"}])
+def test_any_order_of_axes(tmp_path: Path, interleave: str, how: dict[str, Any]) -> None:
+    told = {"wavelength_nm": GRID, "units": "W/sr/m2/nm", "interleave": interleave, "scale": 0.5, "no_data": 7.0}
+    array = CUBE.copy()
+    array[3, 2, 1] = 7
+    path = saved(tmp_path / "a.h5", array.transpose(ORDERS[interleave]), told, **how)
+    wanted = np.where(array == 7, np.nan, array * 0.5)
+    assert_allclose(whole(path), wanted)
+    assert isinstance(open_cube(path), ChunkedCube if how else RawCube)
+
+
+def test_what_is_said_above_or_beside(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.h5", attributes={"no_data": -1.0})
+    with h5py.File(path, "r+") as file:
+        file["run/Wavelengths"] = GRID / 1000
+        file["run/Wavelengths"].attrs["units"] = "micrometers"
+        file.attrs["units"] = np.bytes_(b"reflectance")
+        file["run"].attrs["distance_m"] = 3.0
+        file.attrs["distance_m"] = 4.0
+    cube = open_cube(path)
+    assert cube.quantity == "reflectance"
+    assert cube.distance_m == 3.0
+    assert_allclose(cube.wavelength_nm, GRID)
+
+
+def test_one_of_several(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("other", data=2 * CUBE).attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
+    with pytest.raises(FileError, match=r"holds 2 cubes: .*say which \(variable='...'\)"):
+        read_scene(path)
+    assert_allclose(whole(path, variable="/other"), 2 * CUBE)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "why"),
+    [
+        ({"wavelength_nm": GRID}, "does not say the units of its values"),
+        ({"units": "W/sr/m2/nm"}, "does not say the wavelengths"),
+        ({"wavelength": GRID / 1000, "units": "W/sr/m2/nm"}, "does not say the unit of its wavelengths"),
+        ({"wavelength_nm": GRID / 1000, "units": "W/sr/m2/nm"}, "0.4 to 0.7 in nm, which no camera sees"),
+        ({"wavelength_nm": GRID[[0, 2, 1, 3, 4, 5, 6]], "units": "photons"}, "not sorted: band 3 has 450 nm"),
+        ({"wavelength_nm": "blue", "units": "photons"}, "'wavelength_nm' is no list of numbers"),
+        ({"wavelength_nm": GRID, "units": "counts"}, "'counts' are not understood"),
+        ({"wavelength_nm": GRID, "units": "photons", "interleave": "xyz"}, "interleave 'xyz'"),
+        ({"wavelength_nm": GRID, "units": "photons", "scale": 0.0}, "scale is 0, not above 0"),
+        ({"wavelength_nm": GRID, "units": "photons", "distance_m": "far"}, "distance_m is 'far', not a number"),
+        ({"wavelength_nm": GRID, "units": "photons", "light": np.ones(3)}, "a light of 3 values for 7 bands"),
+    ],
+)
+def test_attributes_that_cannot_be(tmp_path: Path, attributes: dict[str, Any], why: str) -> None:
+    path = saved(tmp_path / "a.h5", attributes=attributes)
+    with pytest.raises(FileError, match=why) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_without_a_cube(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frame"] = CUBE[:, :, 0]
+    with pytest.raises(FileError, match="holds no cubes: none; a cube has three axes"):
+        read_scene(tmp_path / "a.h5", units="photons")
+    (tmp_path / "b.h5").write_bytes(b"nothing of the kind")
+    with pytest.raises(FileError, match="cannot be read as HDF5"):
+        read_scene(tmp_path / "b.h5")
+
+
+@pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4), "compression": "gzip"}])
+@pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
+def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
+    path = saved(tmp_path / "a.h5", np.repeat(CUBE, 20, axis=0), **how)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(FileError, match="truncated"):
+        read_scene(path)

@@ -1,0 +1,259 @@
+"""MATLAB files: cubes of versions 5 and 7.3, ISET's scenes as its own readers understand them, and refusals."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.io import loadmat, savemat
+
+from photosite.errors import FileError, InputError
+from photosite.scene.files import open_cube, read_scene, write_scene
+from photosite.scene.formats import iset_write
+from photosite.scene.scene import Scene
+from photosite.spectra import energy_from_photons, photons_from_energy
+
+GRID = np.arange(400.0, 701, 50)
+RNG = np.random.default_rng(6)
+CUBE = RNG.uniform(1, 2, (6, 5, GRID.size))
+SAID = {"units": "W/sr/m2/nm"}
+
+
+def whole(path: Path, **options: Any) -> np.ndarray:
+    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(4)])
+
+
+def save73(path: Path, content: dict[str, Any], **how: Any) -> Path:
+    """As MATLAB writes version 7.3: 512 bytes of its own, arrays with their axes reversed, structures as groups."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in content.items():
+            if isinstance(value, str):
+                data = file.create_dataset(name, data=np.array([[ord(c)] for c in value], np.uint16))
+                data.attrs["MATLAB_class"] = np.bytes_(b"char")
+            else:
+                array = np.atleast_2d(value)
+                data = file.create_dataset(name, data=array.T, **(how if array.ndim == 3 else {}))
+                data.attrs["MATLAB_class"] = np.bytes_(b"double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: today HDF5 schema 1.00 .".ljust(128))
+    return path
+
+
+@pytest.mark.parametrize("how", [{}, {"chunks": (1, 5, 6)}, {"chunks": (3, 2, 4), "compression": "gzip"}])
+def test_a_cube_of_version_7_3(tmp_path: Path, how: dict[str, Any]) -> None:
+    """ICVL's names: rad and bands."""
+    path = save73(tmp_path / "a.mat", {"rad": CUBE, "bands": GRID, "rgb": CUBE[:, :, 0]}, **how)
+    assert_allclose(whole(path, **SAID), CUBE)
+    assert read_scene(path, **SAID).wavelength_nm.tolist() == GRID.tolist()
+
+
+def test_what_lies_by_bands_is_laid_out_anew_where_a_slab_of_rows_is_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from photosite.scene.cube import RawCube
+    from photosite.scene.formats import hdf5_cube
+
+    path = save73(tmp_path / "a.mat", {"rad": CUBE, "bands": GRID}, chunks=(3, 2, 4), compression="gzip")
+    monkeypatch.setattr(hdf5_cube, "_SLAB_BYTES", 8 * 5 * GRID.size * 3)
+    cube = open_cube(path, **SAID)
+    assert isinstance(cube, RawCube)
+    assert_allclose(whole(path, **SAID), CUBE)
+    spooled = cube.path
+    assert spooled.exists()
+    del cube
+    assert not spooled.exists()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_cube_of_version_5(tmp_path: Path, dtype: type, compressed: bool) -> None:
+    array = (CUBE * 100).astype(dtype)
+    savemat(tmp_path / "a.mat", {"ref": array, "wavelength_nm": GRID}, do_compression=compressed)
+    assert_allclose(whole(tmp_path / "a.mat", units="percent"), array / 100)
+
+
+def test_units_and_their_wavelengths_in_the_file(tmp_path: Path) -> None:
+    content = {"cube": CUBE, "lambda": GRID / 1000, "wavelength_units": "um", "units": "W/sr/m2/nm"}
+    savemat(tmp_path / "a.mat", content)
+    assert read_scene(tmp_path / "a.mat").wavelength_nm == pytest.approx(GRID)
+    save73(tmp_path / "b.mat", content)
+    assert read_scene(tmp_path / "b.mat").wavelength_nm == pytest.approx(GRID)
+
+
+def iset_basis_form() -> tuple[dict[str, Any], np.ndarray]:
+    """A file's content, and its photons as vcReadImage.m computes them: coefficients x basis + mean, not below 0."""
+    coefficients = RNG.normal(0, 1, (6, 5, 3))
+    basis = np.linalg.qr(RNG.normal(0, 1, (GRID.size, 3)))[0]
+    mean = RNG.uniform(0.1, 1, GRID.size)
+    light = RNG.uniform(1, 2, GRID.size) * 1e16
+    content = {
+        "mcCOEF": coefficients * 1e15,
+        "basis": {"basis": basis, "wave": GRID[:, None]},
+        "imgMean": mean[None, :] * 1e15,
+        "comment": "made for this test",
+        "illuminant": {
+            "type": "illuminant",
+            "name": "lamp",
+            "data": {"photons": light},
+            "spectrum": {"wave": GRID[:, None]},
+        },
+        "fov": 20.0,
+        "dist": 1.5,
+        "name": "three lights",
+    }
+    return content, np.maximum(1e15 * (coefficients @ basis.T + mean), 0)
+
+
+def flat(content: dict[str, Any], before: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in content.items():
+        found |= flat(value, f"{before}{name}/") if isinstance(value, dict) else {before + name: value}
+    return found
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_isets_basis_form(tmp_path: Path, version: str) -> None:
+    content, photons = iset_basis_form()
+    assert (photons == 0).any()
+    path = tmp_path / "iset.mat"
+    if version == "5":
+        savemat(path, content)
+    else:
+        save73(path, flat(content))
+    cube = open_cube(path)
+    assert_allclose(whole(path), photons, rtol=1e-12)
+    assert_allclose(cube.light, content["illuminant"]["data"]["photons"])
+    assert cube.distance_m == 1.5
+    assert cube.width_m == pytest.approx(2 * 1.5 * math.tan(math.radians(10)))
+    assert cube.title == "three lights"
+    scene = read_scene(path, tolerance=1e-6)
+    assert_allclose(scene.radiance(2, 3), photons[2, 3], atol=1e-4 * photons.max())
+    assert_allclose(scene.light(), cube.light, rtol=1e-6)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_isets_photons_and_its_own_structure(tmp_path: Path, version: str) -> None:
+    photons = CUBE * 1e15
+    plain = {"photons": photons, "wave": GRID, "fov": 10.0, "dist": 2.0, "comment": "x"}
+    own = {"scene": {"data": {"photons": photons}, "spectrum": {"wave": GRID}, "wAngular": 10.0, "distance": 2.0}}
+    for content in (plain, own):
+        path = tmp_path / "iset.mat"
+        path.unlink(missing_ok=True)
+        if version == "5":
+            savemat(path, content)
+        else:
+            save73(path, flat(content))
+        cube = open_cube(path)
+        assert cube.quantity == "photon radiance"
+        assert_allclose(whole(path), photons)
+        assert cube.wavelength_nm.tolist() == GRID.tolist()
+        assert cube.width_m == pytest.approx(4 * math.tan(math.radians(5)))
+
+
+def test_isets_old_illuminants(tmp_path: Path) -> None:
+    """data is energy; photons between a minimum and a maximum are not believed."""
+    energy = RNG.uniform(1, 2, GRID.size)
+    base = {"photons": CUBE * 1e15, "wave": GRID}
+    savemat(tmp_path / "a.mat", base | {"illuminant": {"data": energy, "wavelength": GRID}})
+    assert_allclose(open_cube(tmp_path / "a.mat").light, photons_from_energy(energy, GRID))
+    assert_allclose(energy_from_photons(open_cube(tmp_path / "a.mat").light, GRID), energy)
+    old = {"data": {"photons": energy, "min": 0.0, "max": 2.0}, "spectrum": {"wave": GRID}, "type": "illuminant"}
+    savemat(tmp_path / "a.mat", base | {"illuminant": old})
+    assert open_cube(tmp_path / "a.mat").light is None
+
+
+def test_what_is_written_is_what_iset_reads(tmp_path: Path) -> None:
+    """SciPy reads the variables; the formula is vcReadImage.m's."""
+    scene = Scene.from_radiance(CUBE * 1e15, GRID, tolerance=1e-6, distance_m=2.0, width_m=1.0, name="a scene")
+    write_scene(scene, tmp_path / "a.mat")
+    content = loadmat(tmp_path / "a.mat", simplify_cells=True)
+    photons = content["mcCOEF"] @ content["basis"]["basis"].T
+    assert_allclose(photons, CUBE * 1e15, rtol=1e-5)
+    assert_allclose(content["basis"]["wave"], GRID)
+    assert content["dist"] == 2.0
+    assert 2 * content["dist"] * math.tan(math.radians(content["fov"] / 2)) == pytest.approx(1.0)
+    write_scene(scene, tmp_path / "b.mat", version="7.3")
+    with h5py.File(tmp_path / "b.mat") as file:
+        assert_allclose(file["photons"][()].transpose(2, 1, 0), CUBE * 1e15, rtol=1e-5)
+        assert file["photons"].attrs["MATLAB_class"] == b"single"
+    assert (tmp_path / "b.mat").read_bytes()[:10] == b"MATLAB 7.3"
+    assert (tmp_path / "b.mat").read_bytes()[124:128] == b"\x00\x02IM"
+
+
+def test_what_version_5_does_not_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(iset_write, "_MOST_BYTES", 100)
+    scene = Scene.from_radiance(CUBE * 1e15, GRID)
+    with pytest.raises(InputError, match=r"too much for MATLAB's version 5; write version 7.3"):
+        write_scene(scene, tmp_path / "a.mat")
+    with pytest.raises(InputError, match=r"in version '5' or '7\.3', not '6'"):
+        write_scene(scene, tmp_path / "a.mat", version="6")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+@pytest.mark.parametrize(
+    ("content", "said", "why"),
+    [
+        ({"rad": CUBE, "bands": GRID}, {}, "does not say the units of its values"),
+        ({"rad": CUBE}, SAID, r"does not say the wavelengths of its bands; give them in nm"),
+        ({"rad": CUBE, "bands": GRID[1:]}, SAID, "does not say the wavelengths of its bands"),
+        ({"rad": CUBE, "bands": GRID[::-1]}, SAID, "not sorted: band 2 has 650 nm after 700 nm"),
+        ({"rad": CUBE, "lambda": GRID / 1000}, SAID, "does not say the unit of its wavelengths, 0.4 to 0.7"),
+        ({"rad": CUBE, "wavelength_nm": GRID / 1000}, SAID, "0.4 to 0.7 in nm, which no camera sees"),
+        ({"a": CUBE, "b": CUBE, "wave": GRID}, SAID, r"holds 2 cubes: a \(6, 5, 7\), b .*say which"),
+        ({"a": CUBE, "wave": GRID}, {"variable": "c"}, r"has no cube 'c' .*; it has a \(6, 5, 7\)"),
+        ({"a": CUBE[:, :, 0], "wave": GRID}, SAID, "holds no cubes: none; a cube has three axes"),
+        ({"photons": CUBE[:, :, 0], "wave": GRID}, {}, "has one band only"),
+        ({"photons": CUBE, "wave": GRID[1:]}, {}, "has 7 bands and 6 wavelengths"),
+        ({"photons": CUBE}, {}, "does not say the wavelengths"),
+        ({"photons": CUBE, "wave": GRID, "fov": 200.0, "dist": 1.0}, {}, "field of view of 200 degrees"),
+        ({"photons": CUBE, "wave": GRID, "dist": -1.0}, {}, "its dist is not one number above 0"),
+        ({"photons": -CUBE, "wave": GRID}, {}, r"has negative values .*row 0, column 0, band 1 \(400 nm\)"),
+        ({"photons": CUBE * np.nan, "wave": GRID}, {}, "has no data at row 0"),
+        ({"mcCOEF": CUBE}, {}, "without basis.basis"),
+        (
+            {"mcCOEF": CUBE, "basis/basis": np.ones((9, 3)), "basis/wave": GRID},
+            {},
+            r"has 7 coefficients and a basis \(9, 3\) for 7 wavelengths",
+        ),
+    ],
+)
+def test_files_that_cannot_be(
+    tmp_path: Path, version: str, content: dict[str, Any], said: dict[str, Any], why: str
+) -> None:
+    path = tmp_path / "a.mat"
+    if version == "5":
+        nested: dict[str, Any] = {}
+        for name, value in content.items():
+            place = nested
+            *groups, last = name.split("/")
+            for group in groups:
+                place = place.setdefault(group, {})
+            place[last] = value
+        savemat(path, nested)
+    else:
+        save73(path, content)
+    with pytest.raises(FileError, match=why) as caught:
+        read_scene(path, **said)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
+def test_truncated_files(tmp_path: Path, version: str, share: float) -> None:
+    path = tmp_path / "a.mat"
+    content = {"wave": GRID, "photons": RNG.uniform(1, 2, (40, 30, 7))}
+    if version == "5":
+        savemat(path, content)
+    else:
+        save73(path, content, chunks=(7, 5, 6), compression="gzip")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(FileError, match=str(path)) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)

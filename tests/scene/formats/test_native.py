@@ -1,0 +1,104 @@
+"""photosite's own scene file: mapped, whole or not at all, and refused in one line where it is damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.errors import FileError
+from photosite.scene.files import read_scene
+from photosite.scene.formats import native
+from photosite.scene.scene import Scene
+from photosite.scene.weights import MappedWeights
+
+
+@pytest.fixture
+def chart(tmp_path: Path) -> Path:
+    ps.charts.macbeth("A", 40).save(tmp_path / "chart.h5")
+    return tmp_path / "chart.h5"
+
+
+def test_weights_lie_in_one_piece_and_are_mapped(chart: Path) -> None:
+    scene = read_scene(chart)
+    assert isinstance(scene.weights.base, MappedWeights)
+    with h5py.File(chart) as file:
+        offset = file["weights"].id.get_offset()
+        assert file["weights"].dtype == np.dtype("<f4")
+        assert file.attrs["units"] == b"photons/s/sr/m2/nm"
+    raw = np.fromfile(chart, "<f4", scene.weights.size, offset=offset)
+    assert np.array_equal(raw, scene.weights.ravel())
+
+
+def test_a_file_may_be_replaced_by_the_scene_that_is_mapped_from_it(chart: Path) -> None:
+    scene = read_scene(chart)
+    scene.scaled(2.0).save(chart)
+    assert np.array_equal(read_scene(chart).weights, scene.weights)
+    assert read_scene(chart).basis == pytest.approx(2 * scene.basis)
+
+
+def test_writing_goes_by_rows(chart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = read_scene(chart)
+    monkeypatch.setattr(native, "_BLOCK_BYTES", 1)
+    scene.save(chart.with_name("other.h5"))
+    assert np.array_equal(read_scene(chart.with_name("other.h5")).weights, scene.weights)
+
+
+def test_a_name_may_be_empty_or_of_any_letters(tmp_path: Path) -> None:
+    for name in ("", "Ångström 測定"):
+        scene = Scene.uniform([1e14, 1e14], [500, 600], name=name)
+        scene.save(tmp_path / "a.h5")
+        assert read_scene(tmp_path / "a.h5").name == name
+
+
+def _attribute(name: str, value: Any) -> Callable[[Any], None]:
+    return lambda file: file.attrs.__setitem__(name, value)
+
+
+def _replaced(name: str, values: Any, **how: Any) -> Callable[[Any], None]:
+    def change(file: Any) -> None:
+        del file[name]
+        file.create_dataset(name, data=values, **how)
+
+    return change
+
+
+WEIGHTS = np.ones((24, 4, 5), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (_attribute("photosite_scene", 2), "of version 2; this photosite reads version 1"),
+        (_attribute("units", np.bytes_(b"W/sr/m2/nm")), "has units 'W/sr/m2/nm'; a scene file's are photons"),
+        (_attribute("distance_m", -1.0), "its distance_m is -1.0"),
+        (_attribute("relative_error", np.nan), "its relative_error is nan"),
+        (lambda file: file.__delitem__("basis"), "without 'basis'; was it written whole"),
+        (_replaced("weights", WEIGHTS, chunks=(1, 4, 5)), "are not in one piece; write the scene anew"),
+        (_replaced("weights", WEIGHTS.astype(np.float64)), "not .K, rows, cols. of 32-bit floats"),
+        (_replaced("weights", WEIGHTS[:3]), "got weights .3, 4, 5., basis .24, 41."),
+        (_replaced("weights", WEIGHTS * np.nan), "some of its weights are no numbers"),
+        (_replaced("wavelength_nm", np.arange(41.0)[::-1] + 400), "must increase"),
+        (_replaced("regions", np.array([[1, 2, 3]])), "not .n, 4."),
+    ],
+)
+def test_files_that_cannot_be(chart: Path, change: Callable[[Any], None], why: str) -> None:
+    with h5py.File(chart, "r+") as file:
+        change(file)
+    with pytest.raises(FileError, match=why) as caught:
+        read_scene(chart)
+    assert str(caught.value).startswith(str(chart))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.9, 0.999])
+def test_a_truncated_file(chart: Path, share: float) -> None:
+    content = chart.read_bytes()
+    chart.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(FileError, match=r"is it truncated|is truncated"):
+        read_scene(chart)

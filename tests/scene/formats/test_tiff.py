@@ -1,0 +1,134 @@
+"""TIFF stacks: pages, samples, compression, byte orders, and refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.testing import assert_allclose
+
+from photosite.errors import FileError
+from photosite.scene.files import open_cube, read_scene
+from photosite.scene.formats import tiff
+from photosite.scene.scene import Scene
+
+GRID = np.arange(400.0, 701, 50)
+RNG = np.random.default_rng(6)
+CUBE = RNG.integers(1, 1000, (33, 20, GRID.size)).astype(np.uint16)
+TOLD = {"wavelength_nm": GRID.tolist(), "units": "W/sr/m2/nm"}
+
+
+def stack(path: Path, array: np.ndarray = CUBE, told: dict[str, Any] | str | None = None, **how: Any) -> Path:
+    """A page a band; `how` may hold the file's byteorder."""
+    text = told if isinstance(told, str) else json.dumps(TOLD if told is None else told)
+    byteorder = how.pop("byteorder", "<")
+    with tifffile.TiffWriter(path, byteorder=byteorder) as file:
+        for band in range(array.shape[2]):
+            description = text if band == 0 else None
+            file.write(array[:, :, band], photometric="minisblack", description=description, metadata=None, **how)
+    return path
+
+
+def whole(path: Path, **options: Any) -> np.ndarray:
+    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(8)])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+@pytest.mark.parametrize(
+    "how",
+    [{}, {"byteorder": ">"}, {"rowsperstrip": 4}, {"compression": "zlib"}, {"tile": (16, 16)}],
+)
+def test_a_page_a_band(tmp_path: Path, dtype: type, how: dict[str, Any]) -> None:
+    path = stack(tmp_path / "a.tif", CUBE.astype(dtype), **how)
+    assert_allclose(whole(path), CUBE.astype(dtype))
+    where_it_is = open_cube(path).path == path
+    assert where_it_is == ("compression" not in how and "tile" not in how)
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_one_page_of_many_samples(tmp_path: Path, planar: str, compression: str | None) -> None:
+    array = CUBE if planar == "contig" else CUBE.transpose(2, 0, 1)
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        array,
+        photometric="minisblack",
+        planarconfig=planar,
+        compression=compression,
+        description=json.dumps(TOLD),
+        metadata=None,
+    )
+    assert_allclose(whole(tmp_path / "a.tif"), CUBE)
+
+
+def test_what_is_said_beside_or_by_page(tmp_path: Path) -> None:
+    path = stack(tmp_path / "a.tif", told="a stack from a filter wheel")
+    with pytest.raises(FileError, match="does not say the wavelengths"):
+        open_cube(path, units="photons")
+    (tmp_path / "a.json").write_text(json.dumps(TOLD | {"distance_m": 2, "no_data": 5}), encoding="utf-8")
+    assert open_cube(path).distance_m == 2.0
+    assert np.isnan(whole(path)).sum() == (CUBE == 5).sum()
+    with tifffile.TiffWriter(tmp_path / "b.tif") as file:
+        for band, wavelength in enumerate(GRID):
+            file.write(CUBE[:, :, band], description=f"filter at {wavelength:g} nm", metadata=None)
+    assert open_cube(tmp_path / "b.tif", units="photons").wavelength_nm.tolist() == GRID.tolist()
+
+
+def test_what_is_written_is_what_another_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tiff, "_STRIP_BYTES", 4 * 20 * 5)
+    scene = Scene.from_radiance(CUBE * 1e12, GRID, tolerance=1e-7)
+    scene.save(tmp_path / "a.tif")
+    found = tifffile.imread(tmp_path / "a.tif")
+    assert found.dtype == np.float32
+    assert_allclose(np.moveaxis(found, 0, 2), CUBE * 1e12, rtol=1e-4)
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert file.pages[0].rowsperstrip == 5
+        assert json.loads(file.pages[0].description)["units"] == "photons/s/sr/m2/nm"
+
+
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ({"wavelength_nm": GRID.tolist()}, "does not say the units"),
+        ({"units": "photons"}, "does not say the wavelengths"),
+        (TOLD | {"wavelength_nm": (GRID / 1000).tolist()}, "0.4 to 0.7 in nm, which no camera sees"),
+        (TOLD | {"wavelength_nm": GRID[::-1].tolist()}, "not sorted: band 2 has 650 nm"),
+        (TOLD | {"wavelength_nm": GRID[1:].tolist()}, "its wavelength_nm is not 7 finite numbers"),
+        (TOLD | {"wavelength_nm": "visible"}, "its wavelength_nm is not 7 finite numbers"),
+        (TOLD | {"units": "DN"}, "'DN' are not understood"),
+        (TOLD | {"distance_m": "far"}, "its distance_m is no number"),
+        (TOLD | {"distance_m": -2}, "its distance_m is -2, not above 0"),
+        ('{"wavelength_nm": [400,', "no JSON; it is cut off"),
+    ],
+)
+def test_descriptions_that_cannot_be(tmp_path: Path, told: dict[str, Any] | str, why: str) -> None:
+    path = stack(tmp_path / "a.tif", told=told)
+    with pytest.raises(FileError, match=why) as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_pages_that_cannot_be(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "b.tif") as file:
+        file.write(CUBE[:, :, 0])
+        file.write(CUBE[:9, :, 1])
+    with pytest.raises(FileError, match=r"page 2 is \(9, 20\) of uint16, page 1 \(33, 20\)"):
+        read_scene(tmp_path / "b.tif")
+    tifffile.imwrite(tmp_path / "c.tif", CUBE.astype(np.complex64), photometric="minisblack", planarconfig="contig")
+    with pytest.raises(FileError, match="a cube's are integers or floats"):
+        read_scene(tmp_path / "c.tif")
+
+
+@pytest.mark.parametrize("how", [{}, {"compression": "zlib"}])
+@pytest.mark.parametrize("share", [0.001, 0.1, 0.6, 0.98])
+def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
+    path = stack(tmp_path / "a.tif", **how)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(FileError, match=r"a\.tif") as caught:
+        read_scene(path)
+    assert "\n" not in str(caught.value)
