@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cie import colour_science
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.scene.formats.openexr import ExrPart
+from photosite.scene.formats.picture import check_said
 from photosite.scene.options import ReadOptions
-from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, srgb_reflectance
+from photosite.scene.pictures import from_hdr
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.spectra import illuminant as relative_energy
-from photosite.spectra import photons_from_energy
 
 _BLOCK_ROWS = 256
 _ROUNDING = 1e-4
@@ -45,48 +44,36 @@ def colour_channels(names: Sequence[str]) -> tuple[str, str, str] | None:
 
 
 def picture_scene(part: ExrPart, names: tuple[str, str, str], options: ReadOptions) -> Scene:
-    """A scene of a picture's linear light, on sRGB's three reflectances under a light.
+    """The light that a picture shows, its range kept: values above 1 are brighter than white.
 
-    Values above 1 stay what they are. What is 1 in red, green and blue has the attribute `whiteLuminance`, in cd/m2,
-    unless the options say the mean.
+    Red, green and blue are those of the attribute `chromaticities`. What is 1 in all three has the attribute
+    `whiteLuminance`, in cd/m2, unless the options say the mean.
 
     Raises
     ------
     FileError
         If neither says how bright it is, the options say what a picture has no place for, or colours lie outside sRGB.
     """
-    for name in ("units", "wavelength_nm"):
-        if getattr(options, name) is not None:
-            raise FileError(part.path, f"holds red, green and blue, which have no {name}; leave that out")
-    white_luminance = part.number("whiteLuminance")
-    if options.mean_luminance_cd_m2 is None and white_luminance is None:
+    check_said(part.path, options)
+    mean, white = options.mean_luminance_cd_m2, part.number("whiteLuminance")
+    if mean is None and white is None:
         raise FileError(
             part.path,
             "does not say how bright its white is (whiteLuminance); say how bright the scene is "
             "(mean_luminance_cd_m2=100)",
         )
-    linear = _linear_srgb(part, names, options)
-    grid = PICTURE_WAVELENGTH_NM
-    light = photons_from_energy(
-        relative_energy("D65" if options.illuminant is None else options.illuminant, grid), grid
-    )
-    reflectance = srgb_reflectance(grid)
-    scene = Scene(
-        linear,
-        reflectance * light,
-        grid,
-        options.distance_m or DEFAULT_DISTANCE_M,
-        options.width_m,
-        name=part.path.stem,
-        reflectance=None if options.illuminant is None else reflectance,
-    )
-    if options.mean_luminance_cd_m2 is not None:
-        if not linear.any():
-            raise FileError(part.path, "is black, and cannot be given a luminance")
-        return scene.with_mean_luminance(options.mean_luminance_cd_m2)
-    assert white_luminance is not None
-    # The three reflectances sum to 1: white is the light itself.
-    return scene.scaled(white_luminance / Scene.uniform(light, grid).mean_luminance_cd_m2())
+    try:
+        return from_hdr(
+            np.moveaxis(_linear_srgb(part, names, options), 0, 2),
+            white if mean is None else None,
+            mean_luminance_cd_m2=mean,
+            white="D65" if options.illuminant is None else options.illuminant,
+            distance_m=options.distance_m or DEFAULT_DISTANCE_M,
+            width_m=options.width_m,
+            name=part.path.stem,
+        )
+    except InputError as error:
+        raise FileError(part.path, str(error)) from None
 
 
 def _linear_srgb(part: ExrPart, names: tuple[str, str, str], options: ReadOptions) -> NDArray[np.float32]:
