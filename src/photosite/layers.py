@@ -9,7 +9,7 @@ The opacity's image is taken in the light that it takes away: in the mean spectr
 layers; a lens sees each point of a plane through its whole pupil, and another part of the plane behind through each
 part of the pupil. The product is exact where either of the two is in focus, but for the lens's finest blur, and where
 the plane behind is even. It errs near edges of opacity where both are out of focus, or several opacities are
-(docs/optics.md, Depth).
+(docs/depth.md).
 """
 
 from __future__ import annotations
