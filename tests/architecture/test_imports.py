@@ -52,6 +52,7 @@ BELOW = COMMON | {
     "sensor",
     "frames",
     "mosaic",
+    "door",
     "profile",
     "camera",
     "camera_file",
