@@ -205,6 +205,10 @@ class Pupil:
         covered = np.maximum.accumulate(end, axis=1)
         low = np.concatenate([outer_low[:, None], np.maximum(covered, outer_low[:, None])], axis=1)
         high = np.concatenate([np.minimum(begin, outer_high[:, None]), outer_high[:, None]], axis=1)
+        open_ = high > low
+        most = max(int(open_.sum(axis=1).max()), 1)
+        order = np.argsort(~open_, axis=1, kind="stable")[:, :most]  # few lines meet every hole: drop empty columns
+        low, high = np.take_along_axis(low, order, 1), np.take_along_axis(high, order, 1)
         return low, np.maximum(low, high)
 
     def _outline(self, ux: float, uy: float, offset: Array) -> tuple[Array, Array]:
@@ -304,16 +308,14 @@ def _along_ray(low: Array, high: Array, weights: Array) -> Array:
     """
     ends = np.concatenate([low, high], axis=1)
     sign = np.concatenate([np.ones(low.shape[1]), -np.ones(high.shape[1])])
-    bends = np.zeros(_RADII + 1)
     scale = (_RADII - 1) / 2
-    for i in range(sign.size):
-        for j in range(i):
-            shift = np.abs(ends[:, i] - ends[:, j]) * scale
-            node = np.minimum(shift.astype(np.intp), _RADII - 1)
-            part = shift - node
-            weight = -sign[i] * sign[j] * weights
-            bends += np.bincount(node, weight * (1 - part), _RADII + 1)
-            bends += np.bincount(node + 1, weight * part, _RADII + 1)
+    i, j = np.triu_indices(sign.size, 1)
+    shift = np.abs(ends[:, i] - ends[:, j]) * scale
+    node = np.minimum(shift.astype(np.intp), _RADII - 1)
+    part = shift - node
+    weight = -sign[i] * sign[j] * weights[:, None]
+    bends = np.bincount(node.ravel(), (weight * (1 - part)).ravel(), _RADII + 1)
+    bends += np.bincount(node.ravel() + 1, (weight * part).ravel(), _RADII + 1)
     slope = np.cumsum(bends[::-1])[::-1]
     overlap = np.cumsum(slope[::-1])[::-1]
     return overlap[1:] / scale  # at node k: sum over j > k of (j - k) bends[j]
