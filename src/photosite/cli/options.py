@@ -179,6 +179,8 @@ def name_and_value(text: str) -> tuple[str, Any]:
     name, sign, value = text.partition("=")
     if not sign or not name.strip():
         raise click.BadParameter(f"expected NAME=VALUE, such as contrast=10, not '{text}'")
+    if value.strip() == "inf":  # YAML's is .inf
+        return name.strip().replace("-", "_"), math.inf
     return name.strip().replace("-", "_"), parse_yaml(value, f"--scene-option {name}")
 
 

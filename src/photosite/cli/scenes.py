@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +56,11 @@ def _list(as_json: bool) -> None:
 
     told = {name: ((formula(name).__doc__ or "").strip().splitlines()[0], formula_options(name)) for name in FORMULAS}
     if as_json:
-        print_json({"scenes": {name: {"summary": line, "options": known} for name, (line, known) in told.items()}})
+        listed = {
+            name: {"summary": line, "options": {key: _json(value) for key, value in known.items()}}
+            for name, (line, known) in told.items()
+        }
+        print_json({"scenes": listed})
         return
     rows = [(name, line) for name, (line, _) in told.items()]
     click.echo(table([("scene", "what it is"), *rows], "<<"))
@@ -65,6 +70,11 @@ def _list(as_json: bool) -> None:
     click.echo("\nFiles (docs/scenes.md):")
     for kind in FORMATS:
         click.echo(f"  {kind.name}: {' '.join(kind.suffixes)}")
+
+
+def _json(value: Any) -> Any:
+    """A default as JSON has it: infinity is the text that --scene-option takes."""
+    return "inf" if value == math.inf else value
 
 
 def _written(value: Any) -> str:
