@@ -27,6 +27,7 @@ from photosite.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.lens import DiffractionLimited
+from photosite.optics.ring import defocus_transfer
 from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
 from photosite.scene import charts
 from photosite.scene.scene import Scene
@@ -44,7 +45,6 @@ WAVEFRONT_ERROR_WAVES = 0.06
 """RMS wavefront error of the measured camera's lens at 550 nm; a lens of 0.07 is still called diffraction-limited."""
 
 _WAVEFRONT_NM = 550.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 FILL_FACTOR_BELOW = 0.07
 """The hidden fill factor is the paper's or up to this much less: with more, the D200's white patch would clip."""
@@ -83,13 +83,8 @@ class AberratedLens:
 
     Notes
     -----
-    The exact transfer function of a circular pupil with the phase 2 pi W r^2, W = sqrt(12) RMS / wavelength: with s the
-    frequency over cutoff,
-
-        (4 / pi) integral from s to 1 of sqrt(1 - u^2) cos(8 pi W s (u - s)) du
-
-    (H. H. Hopkins, Proc. R. Soc. A 231 (1955) 91), taken here with u = cos(angle), where it is smooth. Its transform is
-    an intensity, so no pixel gets less than no light.
+    The exact transfer function of a circular pupil with the phase 2 pi W r^2, W = sqrt(12) RMS / wavelength, see
+    `photosite.optics.ring.defocus_transfer`. Its transform is an intensity, so no pixel gets less than no light.
 
     Examples
     --------
@@ -120,14 +115,8 @@ class AberratedLens:
 
     def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
         """The transfer function of the pupil with its wavefront error."""
-        s = np.minimum(np.abs(frequency_per_m) / self.cutoff_per_m(wavelength_nm, distance_m), 1.0)[..., None]
-        reach = np.arccos(s)
-        angle = reach * (_NODES + 1.0) / 2.0
-        waves = math.sqrt(12.0) * self.wavefront_error_waves * _WAVEFRONT_NM / wavelength_nm
-        phase = 8.0 * math.pi * waves * s * (np.cos(angle) - s)
-        summed: NDArray[np.float64] = (np.sin(angle) ** 2 * np.cos(phase)) @ _WEIGHTS
-        transfer: NDArray[np.float64] = (2.0 / math.pi) * reach[..., 0] * summed
-        return transfer
+        waves_at_rim = math.sqrt(12.0) * self.wavefront_error_waves * _WAVEFRONT_NM / wavelength_nm
+        return defocus_transfer(frequency_per_m / self.cutoff_per_m(wavelength_nm, distance_m), waves_at_rim)
 
     def relative_illumination(
         self, image_height_m: NDArray[np.float64], distance_m: float
