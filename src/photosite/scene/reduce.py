@@ -106,8 +106,8 @@ def reduced(
     order = band_order(cube.name, np.asarray(cube.wavelength_nm, np.float64), sort=said.sort_bands)
     grid = np.asarray(cube.wavelength_nm, np.float64)[order]
     values = _Values(cube, said, order, progress or (lambda done, total, what: None))
+    to_space, to_photons, light = _meaning(cube, said, grid, order)  # what is not said is asked for before the work
     gram, total = values.sums()
-    to_space, to_photons, light = _meaning(cube, said, grid, order)
     vectors = principal_spectra(gram * np.outer(to_space, to_space), said.tolerance, also=to_photons)
     if (wanted := said.mean_luminance_cd_m2) is not None and not _relit(cube, said):
         scale = _scale(cube, total / values.samples * to_space * to_photons, grid, wanted)
