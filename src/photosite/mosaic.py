@@ -43,7 +43,8 @@ def electron_rate(
     """(rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     warn_of_missing_light(scene, sensor)
     mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
-    return arrived(mosaic, optics, sensor, scene.distance_m, scene.relative_error)
+    missing = scene.relative_error + low_rank_error(optics, scene.distance_m)
+    return arrived(mosaic, optics, sensor, scene.distance_m, missing)
 
 
 def image_rate(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule, cells_per_pixel: int) -> NDArray[np.float32]:
@@ -62,12 +63,18 @@ def arrived(
 ) -> NDArray[np.float32]:
     """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed.
 
-    `relative_error` is the scene's, for what may lie below 0.
+    `relative_error` is the scene's and the lens's together, for what may lie below 0.
     """
     _not_negative(mosaic, relative_error)
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
     return through_door(mosaic, sensor, optics, distance_m)
+
+
+def low_rank_error(optics: Optics, distance_m: float) -> float:
+    """RMS error of a lens whose point spreads are a sum of a few modes; 0 of any other."""
+    spread = optics.spread(distance_m)
+    return spread.relative_error if isinstance(spread, FieldSpread) else 0.0
 
 
 def pitch_m(sensor: Sensor) -> tuple[float, float]:
@@ -185,12 +192,12 @@ def _not_negative(mosaic: NDArray[np.float32], relative_error: float) -> NDArray
             f"the scene's radiance is negative somewhere: a pixel would gain {lowest:g} electrons a second; "
             "its weights and basis must make radiances of 0 or more"
         )
-    # What is left below 0 is the transforms' rounding, or what the scene's reduction left out, within its stated error.
+    # What is left below 0 is the transforms' rounding, or what few spectra or few modes left out, as far as is stated.
     return np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
 def _within_reduction(mosaic: NDArray[np.float32], relative_error: float) -> bool:
-    """Whether what lies below 0 is no more, as RMS, than a scene of few spectra said it may be wrong."""
+    """Whether what lies below 0 is no more, as RMS, than few spectra, or a lens's few modes, may be wrong."""
     below = np.minimum(mosaic, np.float32(0)).ravel()
     whole = mosaic.ravel()
     return float(below @ below) <= (_REDUCTION * relative_error) ** 2 * float(whole @ whole)
