@@ -144,7 +144,7 @@ class SceneRequest:
             raise InputError(
                 f"no scene '{self.source}': it is no file, and no formula; {did_you_mean(self.source, FORMULAS)}"
             )
-        said = {
+        said: dict[str, Any] = {
             "illuminant": self.illuminant,
             "mean_luminance_cd_m2": self.mean_luminance_cd_m2,
             "distance_m": self.distance_m,

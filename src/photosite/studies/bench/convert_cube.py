@@ -116,6 +116,8 @@ def convert_cube(quick: bool = False, rows: int | None = None) -> Case:
 
 def main() -> None:
     """The size that a user may bring."""
+    from photosite.studies.bench import convert_cube as here  # a process of its own finds functions by this name
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--megapixels", type=int, default=100, help="in steps of 5")
     parser.add_argument("--folder", help="for the cube and the scene: 2 GB and 5 GB")
@@ -129,7 +131,7 @@ def main() -> None:
             work_read(source)
         read_s = time.perf_counter() - begun
         note = f"{folder}/note.json"
-        peak = peak_mb(work_and_note, path=source, output=target, times=times, note=note)
+        peak = peak_mb(here.work_and_note, path=source, output=target, times=times, note=note)
         found = {
             "megapixels": times * 500 * COLS / 1e6,
             "bands": BANDS,
@@ -138,7 +140,7 @@ def main() -> None:
             **json.loads(Path(note).read_text(encoding="ascii")),
             "seconds_of_one_plain_read": read_s,
             "peak_mb": peak,
-            "peak_mb_of_opening": peak_mb(work_open, path=target),
+            "peak_mb_of_opening": peak_mb(here.work_open, path=target),
         }
     print(json.dumps(found, indent=1))
 
