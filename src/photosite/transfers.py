@@ -78,7 +78,7 @@ def reduced_transfer(spread: Spread, coupling: Array, wavelength_nm: Array, samp
         Pixels and cells.
     """
     if isinstance(spread, RadialSpread):
-        return _of_radial(spread, coupling, wavelength_nm)
+        return _of_radial(spread, coupling, wavelength_nm, sampling)
     if isinstance(spread, PlaneSpread):
         return _of_modes((spread,), np.ones(1), coupling, wavelength_nm, sampling)
     return _of_modes(spread.modes, field_scale(spread), coupling, wavelength_nm, sampling)
@@ -91,13 +91,13 @@ def field_scale(spread: FieldSpread) -> Array:
     return largest
 
 
-def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array) -> Reduced:
+def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling) -> Reduced:
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
     table = coupling @ np.stack([spread.otf(frequencies, w) for w in wavelength_nm])  # (channels, K, nodes)
     mixing = _mixing(lambda every: iter([table[:, :, ::every]]), 1)
     transfer = Transfer(RadialTransfer(mixing @ table, float(frequencies[1])))
     middle = float(wavelength_nm[wavelength_nm.size // 2])
-    return Reduced(transfer, mixing[:, None], spread.reach_m(middle))
+    return Reduced(transfer, mixing[:, None], spread.reach_m(middle) + max(sampling.split_m) / 2)
 
 
 def _of_modes(
@@ -147,8 +147,8 @@ def _on_nodes(mode: PlaneSpread, coupling: Array, wavelength_nm: Array) -> tuple
 
 
 def _kernel_size(reach_m: float, sampling: Sampling) -> int:
-    """Cells on an axis of a kernel that holds a spread of this reach and the pixel; odd, and well transformed."""
-    pixels = 2 * reach_m / min(sampling.pitch_m) + 2
+    """Cells on an axis of a kernel that holds four spots of this reach and the pixel; odd, and well transformed."""
+    pixels = (2 * reach_m + max(sampling.split_m)) / min(sampling.pitch_m) + 2
     size = max(math.ceil(pixels * sampling.cells_per_pixel), _SMALLEST_KERNEL)
     while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
         size += 1
