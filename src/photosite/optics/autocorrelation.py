@@ -27,7 +27,7 @@ Waves = dict[Term, float]
 
 LARGEST_SLOPE = 64.0
 """Waves per radius of the pupil up to which a wavefront is sampled well enough by the most cells there may be."""
-_COUNTS = ((1.0, 256), (12.0, 512), (24.0, 768), (math.inf, 1024))
+_COUNTS = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 1024))
 """Cells across the pupil for slopes up to some: the transfer function is right within 2e-4, see tests."""
 _MARGIN = 12
 _COARSE = 96

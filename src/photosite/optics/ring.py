@@ -6,6 +6,7 @@ Frequencies are over the cutoff 1 / (lambda N).
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ def defocus_transfer(s: Array, waves_at_rim: float) -> Array:
     array([1.    , 0.0846, 0.    ])
     """
     s = np.minimum(np.abs(s), 1.0)
-    nodes, weights = np.polynomial.legendre.leggauss(24 + math.ceil(4 * abs(waves_at_rim)))
+    nodes, weights = _gauss(32 * (1 + math.ceil(abs(waves_at_rim) / 8)))
     result = np.empty(s.shape)
     flat, out = s.reshape(-1), result.reshape(-1)
     for first in range(0, flat.size, 4096):
@@ -72,6 +73,13 @@ def bare_transfer(s: Array, obscuration: float = 0.0) -> Array:
     if obscuration:
         overlap += _lens(2 * s, obscuration, obscuration) - 2 * _lens(2 * s, 1.0, obscuration)
     return overlap / (math.pi * (1 - obscuration**2))
+
+
+@lru_cache(maxsize=32)
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss and Legendre: finding them costs more than using them."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes, weights
 
 
 def _lens(distance: Array, large: float, small: float) -> Array:
@@ -147,7 +155,7 @@ def _overlap(s: Array, large: float, small: float, factor: float, count: int) ->
     with np.errstate(divide="ignore", invalid="ignore"):
         meet = np.where(s > 0, ((2 * s) ** 2 + small**2 - large**2) / (4 * s), 0.0 if large == small else -np.inf)
     corner = np.where(np.abs(meet) < small, np.arccos(np.clip(np.abs(meet) / small, 0, 1)), 0.0)
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = _gauss(count)
     nodes, weights = (nodes + 1) / 2, weights / 2
     pieces = []
     for on_large, begin, end in (
