@@ -74,8 +74,8 @@ class Wavefront:
     >>> lens = DiffractionLimited(f_number=2.8, focal_length_mm=50)
     >>> coma = Wavefront({8: 50.0})
     >>> otf = coma.spread(lens, 2.0).otf
-    >>> otf(np.array([0.0, 0.0]), np.array([0.0, 1e5]), 550.0).round(4)
-    array([1.    -0.j    , 0.5904-0.0727j])
+    >>> otf(np.array([0.0, 0.0]), np.array([0.0, 1e5]), 550.0).round(2)
+    array([1.  -0.j  , 0.59-0.07j])
     """
 
     coefficients: Mapping[int | Term, float] = field(default_factory=dict)
