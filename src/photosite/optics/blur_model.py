@@ -131,6 +131,7 @@ class LensDesignSection(Section):
     source: str
     tolerance: PositiveNumber | None = None
     rank: Annotated[int, Field(strict=True, ge=1)] | None = None
+    detail_um: PositiveNumber | None = None
     nodes: Annotated[int, Field(strict=True, ge=3)] | None = None
     symmetric: Annotated[bool, Field(strict=True)] | None = None
 

@@ -36,7 +36,19 @@ FirstRow = Literal["top", "bottom"]
 
 VERSION_KEY = "photosite_lens_design"
 _PROGRAMS = {"zemax": zemax.read_psf, "codev": codev.read_psf}
-_KEYS = (VERSION_KEY, "program", "axes", "first_row", "symmetric", "tolerance", "rank", "nodes", "files", "provenance")
+_KEYS = (
+    VERSION_KEY,
+    "program",
+    "axes",
+    "first_row",
+    "symmetric",
+    "tolerance",
+    "rank",
+    "detail_um",
+    "nodes",
+    "files",
+    "provenance",
+)
 _FILE_KEYS = ("file", "wavelength_nm", "field_deg", "field_mm", "spacing_um", "origin")
 _SUFFIXES = (".txt", ".dat", ".psf")
 _KEPT = 0.999
@@ -89,7 +101,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     path
         A folder of Zemax listings (.txt, .dat, .psf), or a YAML file as this module's text shows.
     options
-        `tolerance`, `rank`, `nodes` and `symmetric` of `LensDesign`; before those of an index.
+        `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`; before those of an index.
 
     Raises
     ------
@@ -123,13 +135,14 @@ def _said(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
     kinds: dict[str, tuple[type, str]] = {
         "tolerance": (float, "a number between 0 and 1"),
         "rank": (int, "a whole number"),
+        "detail_um": (float, "a number above 0"),
         "nodes": (int, "a whole number"),
         "symmetric": (bool, "true or false"),
     }
     said = {key: data[key] for key in kinds if data.get(key) is not None}
     for key, value in said.items():
         kind, what = kinds[key]
-        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        if not isinstance(value, (int, kind) if kind is float else kind) or (kind is int and isinstance(value, bool)):
             raise FileError(path, f"{key} is {what}, not {value!r:.40}", line_of(data, key))
     return said
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.low_rank import LowRank, low_rank
-from photosite.optics.sampled import Rotated, light_radius, normalised, transfer
+from photosite.optics.sampled import Rotated, box_blurred, light_radius, normalised, transfer
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
 from photosite.spectra import wavelength_grid
 
@@ -59,6 +59,9 @@ class LensDesign:
         Largest error of the low-rank sum, relative to RMS; not used if there is a rank.
     rank
         Number of modes.
+    detail_um
+        Side of a square on the sensor, a pixel's: modes are chosen, and their error stated, for point spreads blurred
+        by it. Fewer modes do then. None: for point spreads as they are.
     nodes
         On each axis of the grid to which a symmetric lens is turned; None: twice the points, 9 to 21.
 
@@ -93,6 +96,7 @@ class LensDesign:
     symmetric: bool = True
     tolerance: float = TOLERANCE
     rank: int | None = None
+    detail_um: float | None = None
     nodes: int | None = None
 
     def __post_init__(self) -> None:
@@ -109,6 +113,8 @@ class LensDesign:
             raise InputError(f"field points are finite numbers in 'mm' or 'deg', not in '{self.unit}'")
         if self.unit == "deg" and max(np.abs(y).max(), np.abs(x).max()) >= 90:
             raise InputError("field angles must stay below 90 degrees; give image heights in mm")
+        if self.detail_um is not None and not (math.isfinite(self.detail_um) and self.detail_um > 0):
+            raise InputError(f"detail_um, the side of a pixel, must be above 0, not {self.detail_um}")
         if self.nodes is not None and not 3 <= self.nodes <= 101:
             raise InputError(f"a grid of nodes has 3 to 101 on each axis, not {self.nodes}")
         checked = np.empty_like(psf)
@@ -150,7 +156,9 @@ class LensDesign:
     @cached_property
     def low_rank(self) -> LowRank:
         """Modes (R, L, n, n) and weights (R, nodes), rows of nodes one after another."""
-        return low_rank(self.node_psfs(), tolerance=self.tolerance, rank=self.rank)
+        samples = self.node_psfs()
+        judged = None if self.detail_um is None else box_blurred(samples, self.spacing_um, self.detail_um)
+        return low_rank(samples, tolerance=self.tolerance, rank=self.rank, judged=judged)
 
     @property
     def _plane(self) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ class LowRank:
     modes
         (R, ...) of the shape of one node's samples.
     relative_error
-        RMS of what is left out over the RMS of all samples.
+        RMS of what is left out over the RMS of all samples, as judged.
     error_by_rank
         (nodes,) the same for 1, 2, ... modes.
     """
@@ -38,7 +38,7 @@ class LowRank:
     error_by_rank: Array
 
 
-def low_rank(samples: Array, *, tolerance: float, rank: int | None = None) -> LowRank:
+def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, judged: Array | None = None) -> LowRank:
     """The fewest modes that keep a tolerance.
 
     Parameters
@@ -49,6 +49,9 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None) -> Lo
         Largest relative error, RMS over all samples of all nodes.
     rank
         Number of modes instead, at most that of the nodes.
+    judged
+        (nodes, ...) the samples as they are looked at, blurred say: errors are those of these, and modes are chosen for
+        them. None: the samples.
 
     Raises
     ------
@@ -75,10 +78,12 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None) -> Lo
     flat = samples.reshape(nodes, -1)
     mean = flat.mean(axis=0)
     rest = flat - mean
-    power, vectors = np.linalg.eigh(rest @ rest.T)
+    seen = flat if judged is None else judged.reshape(nodes, -1)
+    deviation = rest if judged is None else seen - seen.mean(axis=0)
+    power, vectors = np.linalg.eigh(deviation @ deviation.T)
     power, vectors = np.maximum(power[::-1], 0.0), vectors[:, ::-1]
     left = np.append(np.cumsum(power[::-1])[::-1], 0.0)[:nodes]
-    errors = np.sqrt(left / float((flat**2).sum()))
+    errors = np.sqrt(left / float((seen**2).sum()))
     count = rank if rank is not None else int(np.argmax(np.append(errors, 0.0) <= tolerance)) + 1
     count = min(count, nodes)
     directions = vectors[:, : count - 1]

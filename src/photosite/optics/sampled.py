@@ -182,6 +182,27 @@ def _oversampled(samples: Array, times: int) -> Array:
     return result
 
 
+def box_blurred(samples: Array, spacing: float, side: float) -> Array:
+    """(..., n, n) samples of the mean over a square of a side around each place.
+
+    Examples
+    --------
+    >>> axis = np.arange(-20, 21) / 2
+    >>> gauss = np.exp(-(axis[:, None] ** 2 + axis**2) / 2)
+    >>> float(box_blurred(gauss, 0.5, 1.0)[20, 20].round(6))    # 2 pi erf(0.5 / sqrt(2))^2
+    0.921368
+    """
+    import scipy.fft
+
+    count = samples.shape[-1]
+    size = scipy.fft.next_fast_len(count + 2 * math.ceil(side / spacing), real=True)
+    f = np.fft.fftfreq(size, spacing)
+    window = np.sinc(f * side)[:, None] * np.sinc(f[: size // 2 + 1] * side)
+    spectrum = scipy.fft.rfft2(samples, s=(size, size)) * window
+    result: Array = scipy.fft.irfft2(spectrum, s=(size, size))[..., :count, :count]
+    return result
+
+
 def light_radius(samples: Array, spacing: float, share: float) -> float:
     """Radius about the origin that holds a share of the light, in the unit of the spacing."""
     y, x = (offsets(count, spacing) for count in samples.shape)
