@@ -6,6 +6,8 @@ never a number that is none. Hangs, crashes and large allocations are for whoeve
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 import random
 import tempfile
@@ -209,7 +211,19 @@ def targets(folder: Path) -> dict[str, Target]:
     def spectral(path: Path) -> object:
         return [(band.exposure_s, band.photons_m2(), band.passband.centre_nm) for band in open_spectral(path).bands]
 
+    def scene(path: Path) -> object:
+        from photosite.scene.files import read_scene
+
+        if path.suffix == ".hdr":  # the numbers beside the header
+            path.with_suffix(".img").write_bytes(seeds["envi numbers"][0])
+        return read_scene(path)
+
     return {
+        "scene": Target(".h5", seeds["scene"], scene),
+        "cube": Target(".h5", seeds["cube"], scene),
+        "mat73": Target(".mat", seeds["mat73"], scene),
+        "stack": Target(".tif", seeds["stack"], scene),
+        "envi": Target(".hdr", seeds["envi"], scene, text=True),
         "tiff": Target(".tif", seeds["tiff"], frame),
         "dng": Target(".dng", seeds["dng"], frame),
         "libraw": Target(".nef", seeds["dng"], frame),
@@ -249,6 +263,7 @@ def _seeds(folder: Path) -> dict[str, tuple[bytes, ...]]:
         made["hdf5"] = _hdf5(place)
         made["fits"] = _fits(place)
         made["maps"] = _maps(place)
+        made |= _scenes(place)
     for number in range(2):
         _frame(number).save(folder / f"dark_{number}.tif")
         _frame(number + 5).save(folder / f"light_{number}.tif")
@@ -310,6 +325,46 @@ def _fits(place: Path) -> tuple[bytes, ...]:
     fits.HDUList([fits.PrimaryHDU(dn, header)]).writeto(place / "a.fits")
     fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.stack([dn, dn]), header)]).writeto(place / "b.fits")
     return (place / "a.fits").read_bytes(), (place / "b.fits").read_bytes()
+
+
+def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
+    """Scene files and cubes, each as photosite writes them and as others do."""
+    import tifffile
+
+    from photosite.regions import Region
+    from photosite.scene.files import write_scene
+    from photosite.scene.scene import Scene
+
+    rng = np.random.default_rng(3)
+    grid = np.arange(450.0, 651, 50)
+    radiance = 1e15 * rng.random((6, 5, 2)) @ rng.random((2, grid.size))
+    scene = dataclasses.replace(
+        Scene.from_radiance(radiance, grid, width_m=0.3), regions=(Region("a", 0, 2, 0, 3), Region("b", 2, 4, 1, 3))
+    )
+    scene.save(place / "scene.h5")
+    write_scene(scene, place / "cube.h5", cube=True)
+    write_scene(scene, place / "scene.mat", version="7.3")
+    for interleave in ("bip", "bsq"):
+        write_scene(scene, place / f"{interleave}.hdr", interleave=interleave)
+    scene.save(place / "stack.tif")
+    told = json.dumps({"wavelength_nm": grid.tolist(), "units": "W/sr/m2/nm"})
+    tifffile.imwrite(
+        place / "samples.tif",
+        (radiance / 1e13).astype(np.uint16),
+        photometric="minisblack",
+        planarconfig="contig",
+        compression="zlib",
+        description=told,
+        metadata=None,
+    )
+    return {
+        "scene": ((place / "scene.h5").read_bytes(),),
+        "cube": ((place / "cube.h5").read_bytes(),),
+        "mat73": ((place / "scene.mat").read_bytes(),),
+        "stack": ((place / "stack.tif").read_bytes(), (place / "samples.tif").read_bytes()),
+        "envi": tuple((place / f"{interleave}.hdr").read_bytes() for interleave in ("bip", "bsq")),
+        "envi numbers": ((place / "bsq.img").read_bytes(),),
+    }
 
 
 def _maps(place: Path) -> tuple[bytes, ...]:

@@ -53,7 +53,7 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
     interleave = next((kind for kind in _INTERLEAVES if kind == str(header["interleave"]).lower()), None)
     if interleave is None or dtype.kind not in "fiu" or min(shape) <= 0 or offset < 0:
         raise FileError(
-            header_path, f"says {shape} lines, samples, bands of {dtype}, interleave '{header['interleave']:.10}'"
+            header_path, f"says {shape} lines, samples, bands of {dtype}, interleave '{header['interleave']!s:.10}'"
         )
     if str(header.get("file compression", "0")).strip() not in ("0", ""):
         raise FileError(header_path, "says that its data are compressed; save them without compression")
