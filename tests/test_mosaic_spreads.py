@@ -14,6 +14,7 @@ from scipy.special import ndtr
 import photosite as ps
 from photosite import transfers
 from photosite.engine.transfer import Sampling
+from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
 from photosite.scene.scene import Scene
@@ -218,6 +219,15 @@ def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: i
     assert reduced.transfer.kernels is not None
     light = reduced.transfer.kernels.sum(axis=(2, 3)) + reduced.transfer.radial.table[:, :, 0]
     assert light @ reduced.mixing[:, 0] == pytest.approx(coupling.sum(axis=2), rel=1e-9)
+
+
+@pytest.mark.parametrize("reach_m", [7e-3, math.inf, math.nan])
+def test_a_spread_larger_than_any_frame_is_refused(reach_m: float) -> None:
+    """Micrometres taken for millimetres, say."""
+    whole = plane(*COMA)
+    given = PlaneSpread(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
+    with pytest.raises(InputError, match="check the units of its optics and its focus"):
+        ps.Camera(Lens(given=given), mono(20, 20)).mean_electrons(point(20, 20, 5, 5), 0.01)
 
 
 def test_an_even_scene_stays_even() -> None:

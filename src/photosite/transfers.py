@@ -23,6 +23,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.errors import InputError
 from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread, Spread
 
 Array = NDArray[np.float64]
@@ -35,6 +36,8 @@ _BLOCK = 8192
 _STRIDE = 7
 """Every how manieth frequency is looked at first; odd, for real and imaginary parts lie in turn."""
 _SMALLEST_KERNEL = 65
+_LARGEST_KERNEL = 2049
+"""Cells on an axis; a spread of 31 wavelengths then takes a gigabyte."""
 _DIRECTIONS = 16
 _CONE_SAMPLES = 12
 _CONE_RADIUS = 0.05
@@ -76,6 +79,11 @@ def reduced_transfer(spread: Spread, coupling: Array, wavelength_nm: Array, samp
         (wavelengths,).
     sampling
         Pixels and cells.
+
+    Raises
+    ------
+    InputError
+        If a point would be spread over more cells than a mosaic can be made of.
     """
     if isinstance(spread, RadialSpread):
         return _of_radial(spread, coupling, wavelength_nm, sampling)
@@ -148,8 +156,14 @@ def _on_nodes(mode: PlaneSpread, coupling: Array, wavelength_nm: Array) -> tuple
 
 def _kernel_size(reach_m: float, sampling: Sampling) -> int:
     """Cells on an axis of a kernel that holds four spots of this reach and the pixel; odd, and well transformed."""
-    pixels = (2 * reach_m + max(sampling.split_m)) / min(sampling.pitch_m) + 2
-    size = max(math.ceil(pixels * sampling.cells_per_pixel), _SMALLEST_KERNEL)
+    across_m = 2 * reach_m + max(sampling.split_m)
+    cells = (across_m / min(sampling.pitch_m) + 2) * sampling.cells_per_pixel
+    if not cells <= _LARGEST_KERNEL:
+        raise InputError(
+            f"the lens spreads a point over {across_m * 1e3:g} mm, {cells:.0f} cells of the sensor, and a mosaic "
+            f"takes {_LARGEST_KERNEL} at most; check the units of its optics and its focus, or take fewer cells"
+        )
+    size = max(math.ceil(cells), _SMALLEST_KERNEL)
     while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
         size += 1
     return size
