@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from photosite.cfa import channel_sites
 from photosite.door import low_pass_split_m, through_door
 from photosite.engine.jit import threads_for
-from photosite.engine.laying import Field, Grid, Layer
+from photosite.engine.laying import Field, Grid, Layer, Sheet
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
@@ -47,13 +48,23 @@ def electron_rate(
     return arrived(mosaic, optics, sensor, scene.distance_m, missing)
 
 
-def image_rate(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule, cells_per_pixel: int) -> NDArray[np.float32]:
-    """(rows, cols) electrons per second from a scene's image, as the transforms give it, rounding below 0 and all."""
+def image_rate(
+    scene: Scene,
+    optics: Optics,
+    sensor: Sensor,
+    rule: Rule,
+    cells_per_pixel: int,
+    before: Sequence[Scene] = (),
+) -> NDArray[np.float32]:
+    """(rows, cols) electrons per second from a scene's image, as the transforms give it, rounding below 0 and all.
+
+    What `before` holds hides parts of the scene before the lens blurs it: scenes whose only weights are opacities.
+    """
     coupling = electrons_per_weight(scene, optics, sensor, rule)
-    if scene.shape == (1, 1):
+    if scene.shape == (1, 1) and not before:
         mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
-        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel)
+        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel, before)
     _fall_off(mosaic, optics, sensor, scene.distance_m)
     return mosaic
 
@@ -114,7 +125,12 @@ def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rul
 
 
 def _blurred_mosaic(
-    scene: Scene, optics: Optics, sensor: Sensor, coupling: NDArray[np.float64], cells: int
+    scene: Scene,
+    optics: Optics,
+    sensor: Sensor,
+    coupling: NDArray[np.float64],
+    cells: int,
+    before: Sequence[Scene],
 ) -> NDArray[np.float32]:
     """(rows, cols) electrons per second of a scene with structure."""
     array, pitch = sensor.array, pitch_m(sensor)
@@ -143,6 +159,7 @@ def _blurred_mosaic(
             transfer=reduced.transfer,
             field=_field(spread, sensor) if isinstance(spread, FieldSpread) else None,
             warp=warp(mapping, node_nm, reach_m, pitch),
+            before=tuple(_sheet(cover, optics, sensor, node_nm, reach_m) for cover in before),
         )
         for node_nm, reduced in parts
     ]
@@ -150,6 +167,17 @@ def _blurred_mosaic(
         return mosaic_of_layers(
             layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
         )
+
+
+def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, reach_m: float) -> Sheet:
+    """A scene of opacities where the light of a wavelength meets it."""
+    where = placement(cover, optics, sensor)
+    return Sheet(
+        opacity=cover.weights[0],
+        start=(where.row_start, where.col_start),
+        step=(where.row_step, where.col_step),
+        warp=warp(optics.mapping(cover.distance_m), wavelength_nm, reach_m, pitch_m(sensor)),
+    )
 
 
 def _field(spread: FieldSpread, sensor: Sensor) -> Field:

@@ -48,7 +48,7 @@ def color_nodes(
         If the frame's corner lies beyond the mapping's last height.
     """
     if mapping is None:
-        return [(math.nan, np.ones(wavelength_nm.size))]
+        return [(float(wavelength_nm[wavelength_nm.size // 2]), np.ones(wavelength_nm.size))]
     corner_m = math.hypot(shape[0] * pitch_m[0], shape[1] * pitch_m[1]) / 2
     known_m = float(mapping.real_m[:, -1].min())
     if corner_m > known_m * (1 + 1e-6):

@@ -2,12 +2,12 @@
 
 A layer's term is a map, mixed from the layer's weights, on the padded grid of cells. Where a lens spreads light
 differently from place to place a term is several maps, each times a weight over the field. Where it distorts, cells
-look at the maps through a warp.
+look at the maps through a warp. Where sheets stand before the layer, cells get what these let pass.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,6 +107,24 @@ class Field:
 
 
 @dataclass(frozen=True, eq=False)
+class Sheet:
+    """An opacity, and where it lies.
+
+    Parameters
+    ----------
+    opacity
+        (rows, cols) 0 to 1.
+    start, step, warp
+        As for `Layer`.
+    """
+
+    opacity: NDArray[np.float32]
+    start: tuple[float, float]
+    step: tuple[float, float]
+    warp: Warp | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Layer:
     """Weight maps, where they lie, and what a lens and a sensor do to them.
 
@@ -124,6 +142,8 @@ class Layer:
         None: R is 1, and the weight 1 everywhere.
     warp
         Where cells look instead; None: where `start` and `step` have them.
+    before
+        What hides parts of the layer, on the cells.
     """
 
     weights: NDArray[np.float32]
@@ -133,42 +153,79 @@ class Layer:
     transfer: Transfer
     field: Field | None = None
     warp: Warp | None = None
-
-    def corners(self, grid: Grid) -> Corners | None:
-        """The corners of the cells and what they look at; None without a warp."""
-        if self.warp is None:
-            return None
-        pitch = self.warp.pitch_m
-        y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
-        return Corners(
-            self.warp,
-            y_m,
-            x_m,
-            axis=(self.start[0] + self.step[0] * grid.shape[0] / 2, self.start[1] + self.step[1] * grid.shape[1] / 2),
-            per_m=(self.step[0] / pitch[0], self.step[1] / pitch[1]),
-            shape=(self.weights.shape[1], self.weights.shape[2]),
-        )
+    before: tuple[Sheet, ...] = ()
 
 
 def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
     """Each term of a layer laid on the cells and transformed along its rows; `out` holds one after another."""
-    corners = layer.corners(grid)
-    if corners is not None:
-        yield from _warped_spectra(layer, grid, corners, out)
-        return
-    lines = [grid.overlap(axis, layer.start[axis], layer.step[axis], layer.weights.shape[axis + 1]) for axis in (0, 1)]
-    if layer.field is None:
+    if layer.field is None and layer.warp is None and not layer.before:
+        lines = _lines(layer.weights, layer.start, layer.step, grid)
         for mix in layer.mixing[:, 0]:
             _plain_spectrum(layer.weights, mix, lines, out)
             yield out
         return
-    across, down = layer.field.on_columns(grid), layer.field.on_rows(grid)
+    rows = _laid_rows(layer, grid)
+    passing = _passing(layer.before, grid) if layer.before else None
     for mix in layer.mixing:
         for begin in range(0, out.shape[0], STRIP):
             end = min(begin + STRIP, out.shape[0])
-            weighed = _weighed_rows(layer.weights, mix, lines, across, down, begin, end)
-            out[begin:end] = scipy.fft.rfft(weighed, axis=1, workers=WORKERS)
+            laid = rows(mix, begin, end)
+            if passing is not None:
+                laid *= passing[begin:end]
+            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
         yield out
+
+
+Rows = Callable[[NDArray[np.float32], int, int], NDArray[np.float32]]
+"""(mix (R, K), begin, end) -> (end - begin, cols): rows of cells."""
+
+
+def _laid_rows(layer: Layer | Sheet, grid: Grid) -> Rows:
+    """How rows of a layer's cells are come by: through a warp or not, weighted over a field or not."""
+    weights = layer.opacity[None] if isinstance(layer, Sheet) else layer.weights
+    field = None if isinstance(layer, Sheet) else layer.field
+    if layer.warp is not None:
+        return _warped_rows(weights, _corners(layer.warp, layer.start, layer.step, weights, grid), field, grid)
+    lines = _lines(weights, layer.start, layer.step, grid)
+    if field is None:
+        return lambda mix, begin, end: _plain_rows(weights, mix[0], lines, begin, end)
+    across, down = field.on_columns(grid), field.on_rows(grid)
+    return lambda mix, begin, end: _weighed_rows(weights, mix, lines, across, down, begin, end)
+
+
+def _passing(sheets: Sequence[Sheet], grid: Grid) -> NDArray[np.float32]:
+    """(rows, cols) what sheets let through to each cell; parts of a cell that two of them cover are independent."""
+    passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
+    alone = np.ones((1, 1), np.float32)
+    for sheet in sheets:
+        rows = _laid_rows(sheet, grid)
+        for begin in range(0, passing.shape[0], STRIP):
+            end = min(begin + STRIP, passing.shape[0])
+            passing[begin:end] *= np.float32(1) - rows(alone, begin, end)
+    return passing
+
+
+def _lines(
+    weights: NDArray[np.float32], start: tuple[float, float], step: tuple[float, float], grid: Grid
+) -> list[Overlap]:
+    """Which samples each row and each column of cells covers."""
+    return [grid.overlap(axis, start[axis], step[axis], weights.shape[axis + 1]) for axis in (0, 1)]
+
+
+def _corners(
+    warp: Warp, start: tuple[float, float], step: tuple[float, float], weights: NDArray[np.float32], grid: Grid
+) -> Corners:
+    """The corners of the cells, and what of a map they look at."""
+    pitch = warp.pitch_m
+    y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
+    return Corners(
+        warp,
+        y_m,
+        x_m,
+        axis=(start[0] + step[0] * grid.shape[0] / 2, start[1] + step[1] * grid.shape[1] / 2),
+        per_m=(step[0] / pitch[0], step[1] / pitch[1]),
+        shape=(weights.shape[1], weights.shape[2]),
+    )
 
 
 def _plain_spectrum(
@@ -191,11 +248,21 @@ def _plain_spectrum(
             narrow = scipy.fft.rfft(laid, axis=1, workers=WORKERS).view(np.float32)
             mean_of_rows(narrow, down.first, down.sample, down.share, begin, first, parts[begin:end])
         else:
-            short = np.empty((end - begin, weights.shape[2]), np.float32)
-            strip = np.tensordot(mix, weights[:, first:last], axes=1)
-            mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
-            laid = mean_along_rows(short, across.first, across.sample, across.share)
+            laid = _plain_rows(weights, mix, lines, begin, end)
             out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
+
+
+def _plain_rows(
+    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], begin: int, end: int
+) -> NDArray[np.float32]:
+    """(end - begin, cols): rows of cells of the map `mix @ weights`."""
+    down, across = lines
+    first, last = down.span(begin, end)
+    short = np.empty((end - begin, weights.shape[2]), np.float32)
+    strip = np.tensordot(mix, weights[:, first:last], axes=1)
+    mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
+    laid: NDArray[np.float32] = mean_along_rows(short, across.first, across.sample, across.share)
+    return laid
 
 
 def _weighed_rows(
@@ -228,27 +295,27 @@ def _weighed_rows(
     return out
 
 
-def _warped_spectra(
-    layer: Layer, grid: Grid, corners: Corners, out: NDArray[np.complex64]
-) -> Iterator[NDArray[np.complex64]]:
-    """As `laid_spectra`, through a warp. The field's weights are those of the place where light arrives."""
-    if layer.field is not None:
-        across, (index, share) = layer.field.on_columns(grid), layer.field.on_rows(grid)
-        cols = np.arange(grid.cells(1) + 1)  # warped rows have their columns
-        once = np.ones(cols.size - 1, np.float32)
-    for mix in layer.mixing:
-        for begin in range(0, out.shape[0], STRIP):
-            end = min(begin + STRIP, out.shape[0])
-            first, last = corners.span(begin, end)
-            strip = np.tensordot(mix, layer.weights[:, first:last], axes=1)
-            warped = [warped_means(values, first, corners, begin, end) for values in strip]
-            laid = warped[0]
-            if layer.field is not None:
-                laid = np.empty_like(warped[0])
-                rows = index[begin:end], share[begin:end]
-                _weigh_along(np.stack(warped), cols, cols[:-1], once, across, *rows, laid)
-            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
-        yield out
+def _warped_rows(weights: NDArray[np.float32], corners: Corners, field: Field | None, grid: Grid) -> Rows:
+    """As `_laid_rows`, through a warp. The field's weights are those of the place where light arrives."""
+
+    def looked_at(mix: NDArray[np.float32], begin: int, end: int) -> list[NDArray[np.float32]]:
+        first, last = corners.span(begin, end)
+        strip = np.tensordot(mix, weights[:, first:last], axes=1)
+        return [warped_means(values, first, corners, begin, end) for values in strip]
+
+    if field is None:
+        return lambda mix, begin, end: looked_at(mix, begin, end)[0]
+    across, (index, share) = field.on_columns(grid), field.on_rows(grid)
+    cols = np.arange(grid.cells(1) + 1)  # warped rows have their columns
+    once = np.ones(cols.size - 1, np.float32)
+
+    def weighed(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        laid = np.stack(looked_at(mix, begin, end))
+        out = np.empty(laid.shape[1:], np.float32)
+        _weigh_along(laid, cols, cols[:-1], once, across, index[begin:end], share[begin:end], out)
+        return out
+
+    return weighed
 
 
 @compiled(parallel=True)
