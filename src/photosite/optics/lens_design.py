@@ -205,15 +205,25 @@ class LensDesign:
         order = np.argsort(np.hypot(y, x))
         heights = np.hypot(y, x)[order]
         start = math.atan2(y[order[-1]], x[order[-1]])
-        turned = [[Rotated(self.psf[f, w]) for w in range(waves)] for f in order]
-        result = np.zeros((rows.size * cols.size, waves, n, n))
-        for index, (row, col) in enumerate((r, c) for r in rows for c in cols):
-            angle = math.atan2(row, col) - start if row or col else 0.0
-            place = float(np.interp(math.hypot(row, col), heights, np.arange(heights.size)))
-            for f in {math.floor(place), math.ceil(place)}:
-                for w in range(waves):
-                    result[index, w] += (1 - abs(place - f)) * turned[f][w].at(angle)
-        return result
+        radius = [[Rotated(self.psf[f, w]) for w in range(waves)] for f in order]
+        result = np.empty((rows.size, cols.size, waves, n, n))
+        todo = np.ones((rows.size, cols.size), bool)
+        for i, j in np.ndindex(rows.size, cols.size):
+            if not todo[i, j]:
+                continue
+            angle = math.atan2(rows[i], cols[j]) - start if rows[i] or cols[j] else 0.0
+            place = float(np.interp(math.hypot(rows[i], cols[j]), heights, np.arange(heights.size)))
+            low, high = math.floor(place), math.ceil(place)
+            for w in range(waves):
+                here = radius[low][w] if low == high else radius[low][w].towards(radius[high][w], place - low)
+                result[i, j, w] = here.at(angle)
+            # The grid is its own image by quarter turns, and so are samples with one in the middle.
+            k, m = i, j
+            for _ in range(3 if n % 2 else 0):
+                before = result[k, m]
+                k, m = m, cols.size - 1 - k
+                result[k, m], todo[k, m] = np.rot90(before, -1, axes=(1, 2)), False
+        return result.reshape(-1, waves, n, n)
 
     def _mode(self, samples: Array, cutoff: Callable[[float], float]) -> PlaneSpread:
         spacing_m = self.spacing_um * 1e-6
