@@ -18,6 +18,7 @@ _HOMES = {
     "Camera": "photosite.camera",
     "DiffractionLimited": "photosite.optics.lens",
     "Lens": "photosite.optics.compound",
+    "LensDesign": "photosite.optics.lens_design",
     "Measured": "photosite.measured",
     "OtfTable": "photosite.optics.tables",
     "Plane": "photosite.scene.planes",
@@ -33,6 +34,7 @@ _HOMES = {
     "calibrate_series": "photosite.calibration.gain_series",
     "calibrate_chart": "photosite.calibration.spectral_chart",
     "calibrate_spectral": "photosite.calibration.spectral",
+    "load_optics": "photosite.optics.file",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
@@ -66,7 +68,9 @@ if TYPE_CHECKING:
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.compound import Lens as Lens
+    from photosite.optics.file import load_optics as load_optics
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
+    from photosite.optics.lens_design import LensDesign as LensDesign
     from photosite.optics.pupil import Pupil as Pupil
     from photosite.optics.tables import OtfTable as OtfTable
     from photosite.optics.tables import PsfTable as PsfTable
