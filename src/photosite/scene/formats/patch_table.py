@@ -111,7 +111,7 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
 
     Patches whose names are a letter and a number (A1, B12) and fill a rectangle lie there, letters down and numbers
     across, as ISO 12641 has it; others in the order of the file, `options.patch_cols` across, or as many as the file
-    says, or a third more across than down.
+    says, or half as many again across as down.
 
     Raises
     ------
