@@ -218,12 +218,20 @@ def targets(folder: Path) -> dict[str, Target]:
             path.with_suffix(".img").write_bytes(seeds["envi numbers"][0])
         return read_scene(path)
 
+    def chart(path: Path) -> object:
+        from photosite.scene.files import read_scene
+
+        return read_scene(path, illuminant="D65", mean_luminance_cd_m2=100.0)
+
     return {
         "scene": Target(".h5", seeds["scene"], scene),
         "cube": Target(".h5", seeds["cube"], scene),
         "mat73": Target(".mat", seeds["mat73"], scene),
         "stack": Target(".tif", seeds["stack"], scene),
         "envi": Target(".hdr", seeds["envi"], scene, text=True),
+        "exr": Target(".exr", seeds["exr"], scene),
+        "cgats": Target(".cgats", seeds["cgats"], chart, text=True),
+        "patches": Target(".csv", seeds["patches"], chart, text=True),
         "tiff": Target(".tif", seeds["tiff"], frame),
         "dng": Target(".dng", seeds["dng"], frame),
         "libraw": Target(".nef", seeds["dng"], frame),
@@ -264,6 +272,7 @@ def _seeds(folder: Path) -> dict[str, tuple[bytes, ...]]:
         made["fits"] = _fits(place)
         made["maps"] = _maps(place)
         made |= _scenes(place)
+        made |= _charts_and_renders(place)
     for number in range(2):
         _frame(number).save(folder / f"dark_{number}.tif")
         _frame(number + 5).save(folder / f"light_{number}.tif")
@@ -278,6 +287,34 @@ def _seeds(folder: Path) -> dict[str, tuple[bytes, ...]]:
     made["spectrum"] = ((folder / "diode.csv").read_bytes(),)
     made |= {name: tuple(text.encode() for text in texts) for name, texts in _TEXTS.items()}
     return made
+
+
+def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
+    import OpenEXR
+
+    from photosite.scene.charts import reflectance_chart
+    from photosite.scene.files import write_scene
+    from photosite.scene.formats.exr import write_exr
+
+    grid = np.arange(400.0, 701.0, 100.0)
+    chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3)
+    for name in ("a.cgats", "a.csv", "a.exr"):
+        write_scene(chart, place / name)
+    write_exr(chart, place / "half.exr", half=True)
+    light = np.random.default_rng(2).random((12, 16)).astype(np.float32)
+    picture = {"whiteLuminance": 100.0, "chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)}
+    OpenEXR.File(picture, dict.fromkeys("RGB", light)).write(str(place / "rgb.exr"))
+    units = {"emissiveUnits": "W.m^-2.sr^-1.nm^-1", "name": "spectra"}
+    bands = dict.fromkeys(("S0.500,0nm", "S0.600,0nm"), light)
+    OpenEXR.File([OpenEXR.Part({"name": "depth"}, {"Z": light}), OpenEXR.Part(units, bands)]).write(
+        str(place / "b.exr")
+    )
+    across = b"# units: percent\nwavelength_nm;white;grey\n400;90,5;20\n500;91;20,5\n"
+    return {
+        "exr": tuple((place / name).read_bytes() for name in ("a.exr", "half.exr", "rgb.exr", "b.exr")),
+        "cgats": ((place / "a.cgats").read_bytes(),),
+        "patches": ((place / "a.csv").read_bytes(), across),
+    }
 
 
 def _gray_png(place: Path) -> bytes:
