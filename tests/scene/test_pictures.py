@@ -79,6 +79,17 @@ def test_smooth_reflectances_can_be_and_keep_to_the_tolerance() -> None:
         assert differences(scene, linear_srgb(picture)).max() < 0.03  # colours lose nothing by it
 
 
+def test_colours_count_as_often_as_they_are() -> None:
+    """One rare colour beside a thousand of another: what is lost is told of the whole picture."""
+    picture = np.concatenate([np.tile(CHECKER[:, :1], (1, 1000, 1)), CHECKER], axis=1)
+    truth, scene = (from_rgb(picture, method="jakob-hanika", tolerance=t) for t in (1e-6, 3e-2))
+    assert truth.reflectance is not None
+    assert scene.reflectance is not None
+    off = np.einsum("kij,kl->ijl", scene.weights, scene.reflectance)
+    off -= (whole := np.einsum("kij,kl->ijl", truth.weights, truth.reflectance))
+    assert scene.relative_error == pytest.approx(np.sqrt((off**2).mean() / (whole**2).mean()), rel=1e-2)
+
+
 def test_linear_values_are_light() -> None:
     linear = linear_srgb(CHECKER)
     as_light, as_codes = from_rgb(linear, linear=True), from_srgb(CHECKER)
