@@ -294,13 +294,12 @@ def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
 
     from photosite.scene.charts import reflectance_chart
     from photosite.scene.files import write_scene
-    from photosite.scene.formats.exr import write_exr
 
     grid = np.arange(400.0, 701.0, 100.0)
     chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3)
     for name in ("a.cgats", "a.csv", "a.exr"):
         write_scene(chart, place / name)
-    write_exr(chart, place / "half.exr", half=True)
+    write_scene(chart, place / "half.exr", half=True)
     light = np.random.default_rng(2).random((12, 16)).astype(np.float32)
     picture = {"whiteLuminance": 100.0, "chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)}
     OpenEXR.File(picture, dict.fromkeys("RGB", light)).write(str(place / "rgb.exr"))

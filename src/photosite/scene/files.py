@@ -161,7 +161,7 @@ def write_scene(scene: Scene, path: str | PathLike[str], **how: Any) -> None:
         `.exr` energy radiance. `.csv` and `.cgats` hold the patches of a chart.
     **how
         The format's own: cube=True (HDF5: a plain cube), interleave="bsq", "bil" or "bip" (ENVI), version="5" or "7.3"
-        (MATLAB).
+        (MATLAB), half=True (OpenEXR: 16-bit floats).
 
     Raises
     ------

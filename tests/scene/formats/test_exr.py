@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 import photosite as ps
 from photosite.errors import FileError, PhotositeWarning
 from photosite.scene.files import open_cube, read_scene, write_scene
-from photosite.scene.formats.exr import write_exr
 from photosite.scene.formats.exr_names import channel_name, spectral_channel
 from photosite.scene.scene import Scene
 from photosite.spectra import luminance_cd_m2, photons_from_energy, xyz
@@ -194,10 +193,7 @@ def test_wavelengths_said_by_the_caller(tmp_path: Path) -> None:
 def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
     chart = ps.charts.macbeth("A", 40, distance_m=1.37, width_m=0.31)
     file = tmp_path / "chart.exr"
-    if half:
-        write_exr(chart, file, half=True)
-    else:
-        write_scene(chart, file)
+    write_scene(chart, file, half=half)
     values = np.concatenate([block for _, block in open_cube(file).blocks(50)])
     expected = radiance_of(chart)
     assert_allclose(photons_from_energy(values, chart.wavelength_nm), expected, rtol=within, atol=within * 1e-6)
@@ -213,9 +209,9 @@ def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> N
         scene = Scene.uniform(np.full(GRID.size, factor), GRID)
         if unit == "too bright":
             with pytest.raises(ValueError, match="16-bit floats end at 65504"):
-                write_exr(scene, tmp_path / "a.exr", half=True)
+                write_scene(scene, tmp_path / "a.exr", half=True)
         else:
-            write_exr(scene, tmp_path / "a.exr", half=True)
+            write_scene(scene, tmp_path / "a.exr", half=True)
             assert OpenEXR.File(str(tmp_path / "a.exr")).header()["emissiveUnits"] == unit
             assert_allclose(read_scene(tmp_path / "a.exr").radiance(0, 0), factor, rtol=5e-4)
 

@@ -182,12 +182,7 @@ def _some(names: tuple[str, ...] | list[str]) -> str:
     return f"{shown} and {len(names) - 8} more" if len(names) > 8 else shown or "none"
 
 
-def write(scene: Scene, path: Path) -> None:
-    """Write a scene's energy radiance as 32-bit floats; see `write_exr`."""
-    write_exr(scene, path)
-
-
-def write_exr(scene: Scene, path: Path, *, half: bool = False) -> None:
+def write(scene: Scene, path: Path, *, half: bool = False) -> None:
     """Write a scene's energy radiance in the layout for spectral images, some rows at a time.
 
     Parameters
