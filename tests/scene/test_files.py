@@ -13,6 +13,7 @@ from photosite.errors import FileError, InputError
 from photosite.scene.convert import convert
 from photosite.scene.files import format_of, open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
+from photosite.scene.weights import MappedWeights
 
 GRID = np.arange(400.0, 701, 10)
 
@@ -112,6 +113,7 @@ def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: st
     assert np.array_equal(kept.weights, read.weights)
     assert np.array_equal(kept.basis, read.basis)
     assert done.bands == GRID.size
+    assert isinstance(done.scene.weights.base, MappedWeights)  # they went straight into the file
     assert (kept.relative_error, kept.name, kept.width_m) == (read.relative_error, read.name, read.width_m)
     convert(tmp_path / "out.h5", tmp_path / "back.tif")
     assert difference(read_scene(tmp_path / "back.tif", tolerance=1e-6), read) < 1e-2  # what was below 0 is 0 there

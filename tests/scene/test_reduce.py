@@ -16,7 +16,7 @@ from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import reduce_cube, reduced
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
-from photosite.spectra import illuminant, luminance_cd_m2, photons_from_energy
+from photosite.spectra import Spectrum, illuminant, luminance_cd_m2, photons_from_energy
 
 GRID = np.arange(400.0, 701, 10)
 RNG = np.random.default_rng(8)
@@ -133,6 +133,30 @@ def test_bands_are_sorted_where_wanted() -> None:
     assert scene.wavelength_nm.tolist() == GRID.tolist()
     assert rms(radiance(scene) - array) <= 1.01e-5 * rms(array)
     assert scene.relative_error <= 1.01e-5
+
+
+def test_the_error_of_mixed_bands_of_energy_is_that_of_photons() -> None:
+    array, order = values(), RNG.permutation(GRID.size)
+    mixed = cube_of(array[:, :, order], "energy radiance", wavelength_nm=GRID[order])
+    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=0.02))
+    wanted = photons_from_energy(array, GRID)
+    assert scene.relative_error == pytest.approx(rms(radiance(scene) - wanted) / rms(wanted), rel=1e-3)
+    assert scene.relative_error > 1e-3
+
+
+def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
+    """A paint that is rare among reflectances, at wavelengths where the light is strong and the other paint is dark."""
+    blue, red = (GRID < 450).astype(float), (GRID > 650).astype(float)
+    share = RNG.random((2, 30, 20, 1))
+    array = share[0] * blue + 1e-3 * share[1] * red
+    lines = Spectrum(GRID, np.where(blue > 0, 1e-3, 1.0))
+    scene = reduce_cube(
+        cube_of(array, "reflectance"), ReadOptions(illuminant=lines, mean_luminance_cd_m2=10, tolerance=0.01)
+    )
+    wanted = array * photons_from_energy(lines.values, GRID)
+    wanted *= 10 / luminance_cd_m2(wanted, GRID).mean()
+    assert rms(radiance(scene) - wanted) <= 0.01 * rms(wanted)
+    assert len(scene.basis) == 2
 
 
 @pytest.mark.parametrize("bad", [np.nan, -0.5])
