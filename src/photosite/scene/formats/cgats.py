@@ -20,6 +20,7 @@ from photosite.scene.formats.patch_table import (
     checked_names,
     number,
     patch_table,
+    patches_across,
     read_text,
 )
 from photosite.scene.options import ReadOptions
@@ -167,7 +168,7 @@ def _table(path: Path, section: _Section) -> PatchTable:
         np.array(wavelengths),
         np.array(values),
         units,
-        int(across) if across.isdecimal() and int(across) > 0 else None,
+        patches_across(across),
         section.keywords.get("DESCRIPTOR") or None,
     )
 

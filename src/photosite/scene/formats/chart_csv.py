@@ -24,6 +24,7 @@ from photosite.scene.formats.patch_table import (
     checked_names,
     number,
     patch_table,
+    patches_across,
     read_text,
 )
 from photosite.scene.options import ReadOptions
@@ -75,7 +76,7 @@ def read_patches(path: Path) -> PatchTable:
     except InputError as error:
         raise FileError(path, str(error)) from None
     across = notes.get("cols", "")
-    cols = int(across) if across.isdecimal() and int(across) > 0 else None
+    cols = patches_across(across)
     return PatchTable(path, table.names, table.wavelength_nm, table.values, units, cols, notes.get("title"))
 
 

@@ -23,6 +23,8 @@ from photosite.errors import FileError
 SIGNATURE = b"\x76\x2f\x31\x01"
 LARGEST_HALF = 65504.0
 
+_MOST_VALUES_PER_BYTE = 2000
+"""Of a file: deflate packs zeros a thousand to one, and a value has two bytes or four."""
 _LARGEST_PART_BYTES = 4 << 30
 """Of a part that the library can only read as a whole."""
 
@@ -159,7 +161,13 @@ def _part(path: Path, index: int, head: Mapping[str, Any], parts: int) -> ExrPar
         raise FileError(path, "has channels with fewer samples than the others (chroma); write all at full size")
     (left, top), (right, bottom) = (np.asarray(corner).tolist() for corner in head["dataWindow"])
     names = tuple(channel.name for channel in channels)
-    return ExrPart(path, index, bottom - top + 1, right - left + 1, top, names, dict(head), parts)
+    rows, cols = bottom - top + 1, right - left + 1
+    if rows * cols * max(len(names), 1) > _MOST_VALUES_PER_BYTE * path.stat().st_size:
+        raise FileError(
+            path,
+            f"is a damaged OpenEXR file: {rows} x {cols} samples of {len(names)} channels do not fit into its bytes",
+        )
+    return ExrPart(path, index, rows, cols, top, names, dict(head), parts)
 
 
 def write_rows(

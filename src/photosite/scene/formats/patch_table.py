@@ -106,6 +106,11 @@ def number(path: Path, text: str, line: int | None, what: str) -> float:
     return value
 
 
+def patches_across(text: str) -> int | None:
+    """A number of patches that a file says, or None where it says none that could be."""
+    return int(text) if re.fullmatch(r"[1-9]\d{0,3}", text.strip(), re.ASCII) else None
+
+
 def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
     """The chart of a table: reflectances under a light, or radiances as they are.
 
