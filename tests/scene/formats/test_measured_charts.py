@@ -218,6 +218,7 @@ def test_reversal(tmp_path: Path, name: str) -> None:
     back = read_scene(tmp_path / name, **LIGHT)
     assert [part.name for part in back.regions] == [part.name for part in chart.regions]
     assert region_places(back) == region_places(chart)
+    assert back.name == chart.name == "ColorChecker, illuminant D65"
     assert_allclose(reflectances(back), reflectances(chart), atol=5e-5)
     for part in chart.regions:
         there, here = back.radiance(part.r0, part.c0), chart.radiance(part.r0, part.c0)

@@ -223,7 +223,7 @@ def write(scene: Scene, path: Path) -> None:
     if table.units is None or table.units.quantity != "reflectance":
         raise FileError(path, "cannot be written: CGATS holds reflectances, and the scene's are not known; write .csv")
     fields = ["SAMPLE_ID", "SAMPLE_NAME", *(f"SPECTRAL_NM_{wavelength:g}" for wavelength in table.wavelength_nm)]
-    lines = ["CGATS.17", 'ORIGINATOR "photosite"', f'DESCRIPTOR "{_plain(scene.name)}"']
+    lines = ["CGATS.17", 'ORIGINATOR "photosite"', f'DESCRIPTOR "{_plain(table.title or "")}"']
     lines += ['DEVICE_CLASS "INPUT"', 'SPECTRAL_NORM "1"', f'LGOROWLENGTH "{table.cols}"']
     lines += [f"NUMBER_OF_FIELDS {len(fields)}", "BEGIN_DATA_FORMAT", " ".join(fields), "END_DATA_FORMAT"]
     lines += [f"NUMBER_OF_SETS {len(table.names)}", "BEGIN_DATA"]

@@ -138,7 +138,7 @@ def write(scene: Scene, path: Path) -> None:
     """
     table = patch_table(scene, path)
     reflects = table.units is not None and table.units.quantity == "reflectance"
-    title = " ".join(scene.name.split())
+    title = " ".join((table.title or "").split())
     lines = [f"# units: {'reflectance' if reflects else 'W/m2/sr/nm'}", f"# cols: {table.cols}", f"# title: {title}"]
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         file.write("\n".join([*lines, ""]))

@@ -200,7 +200,8 @@ def patch_table(scene: Scene, path: Path) -> PatchTable:
     ]
     across = {part.c0 for part in scene.regions}
     names = tuple(part.name for part in scene.regions)
-    return PatchTable(path, names, scene.wavelength_nm, np.array(means) @ basis, units, len(across), scene.name)
+    title = scene.name.split(", illuminant ")[0] if units.quantity == "reflectance" else scene.name
+    return PatchTable(path, names, scene.wavelength_nm, np.array(means) @ basis, units, len(across), title)
 
 
 def _units(table: PatchTable, options: ReadOptions) -> Units:
