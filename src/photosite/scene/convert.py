@@ -51,7 +51,7 @@ def convert(
     >>> ps.charts.macbeth("A", 40).save(f"{folder.name}/chart.tif")
     >>> done = convert(f"{folder.name}/chart.tif", f"{folder.name}/chart.h5", tolerance=0.01)
     >>> done.bands, done.components, done.scene.relative_error < 0.01
-    (41, 5, True)
+    (41, 8, True)
     """
     said, target = read_options(options), Path(output)
     write = writer_of(target)
