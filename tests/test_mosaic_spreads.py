@@ -362,10 +362,19 @@ def test_scenes_coarser_and_finer_than_the_cells(factor: float) -> None:
     assert np.abs(measured(full_rank(), scene) - measured(full_rank(), cells)).max() < 1e-6
 
 
+def wider_in_red(spread: PlaneSpread) -> PlaneSpread:
+    """In proportion to wavelength, as diffraction is: at every wavelength another spread."""
+    return PlaneSpread(
+        lambda fy, fx, w: spread.otf(fy * (w / 550), fx * (w / 550), w),
+        lambda w: spread.cutoff_per_m(w) * 550 / w,
+        lambda w: spread.reach_m(w) * w / 550,
+    )
+
+
 def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     """A chart of 24 spectra behind four parts, as few terms, against all 96: within 1e-5 of full scale."""
     nodes = np.array([-90e-6, 90e-6])
-    modes = tuple(plane(*spots_at(y, x)) for y in nodes for x in nodes)
+    modes = tuple(wider_in_red(plane(*spots_at(y, x))) for y in nodes for x in nodes)
     lens = Lens(given=FieldSpread(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
     camera = ps.Camera(lens, D200.with_(rows=40, cols=60))
     terms: list[int] = []
@@ -379,6 +388,6 @@ def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pyte
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
-    assert terms[0] < 48
+    assert 12 < terms[0] < 48  # more than channels times parts: the tolerance decides
     assert terms[1] == 96
     assert np.abs(combined - apart).max() < 1e-5 * apart.max()
