@@ -34,6 +34,7 @@ _HOMES = {
     "calibrate_series": "photosite.calibration.gain_series",
     "calibrate_chart": "photosite.calibration.spectral_chart",
     "calibrate_spectral": "photosite.calibration.spectral",
+    "load_camera": "photosite.camera_file",
     "load_optics": "photosite.optics.file",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
@@ -49,6 +50,7 @@ _MODULES = {
     "lamps": "photosite.lamps",
     "lights": "photosite.scene.lights",
     "pictures": "photosite.scene.pictures",
+    "render": "photosite.scene.render",
 }
 
 __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from photosite.calibration.spectral_chart import calibrate_chart as calibrate_chart
     from photosite.calibration.spectral_protocol import open_spectral as open_spectral
     from photosite.camera import Camera as Camera
+    from photosite.camera_file import load_camera as load_camera
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.frames.read import read_raw as read_raw
@@ -78,6 +81,7 @@ if TYPE_CHECKING:
     from photosite.scene import charts as charts
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
+    from photosite.scene import render as render
     from photosite.scene.files import read_scene as read_scene
     from photosite.scene.planes import Plane as Plane
     from photosite.scene.planes import Planes as Planes
