@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.optics.compound import Lens
-from photosite.optics.design_files import read_lens_design
+from photosite.optics.design_files import Layout, read_lens_design
 from photosite.optics.file import load_optics
 from photosite.optics.lens_design import LensDesign
+from photosite.optics.listing import PsfListing
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
 from photosite.optics.spread import RadialMapping
@@ -374,3 +375,20 @@ def test_an_optics_file_names_listings_beside_it(tmp_path: Path) -> None:
     assert lens.illumination is not None
     assert lens.lateral_color is not None
     assert lens.lateral_color.shift_um[1, -1] == pytest.approx(3.0, abs=1e-6)
+
+
+def test_layouts_turn_and_flip_samples_with_their_origin() -> None:
+    samples = np.arange(12.0).reshape(3, 4)
+    told = PsfListing(Path("a.txt"), samples, (0, 1), field=(2.0, 5.0), field_unit="mm")
+    for axes, first_row, place in (
+        ("upright", "top", (-5, 2)),
+        ("upright", "bottom", (-5, 2)),
+        ("image", "top", (5, -2)),
+        ("image", "bottom", (5, -2)),
+    ):
+        layout = Layout(axes, first_row)  # type: ignore[arg-type]
+        got, (row, col) = layout.upright(told)
+        expected = samples if first_row == "top" else np.flipud(samples)
+        np.testing.assert_array_equal(got, expected if axes == "upright" else np.rot90(expected, 2))
+        assert got[int(row), int(col)] == samples[0, 1]
+        assert layout.place(told) == place
