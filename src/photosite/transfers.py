@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
 _NODES = 4097
+_BETWEEN = 1e-5
+"""Of the largest transfer: what straight lines between a table's nodes may err by."""
+_FINEST = 32
 _BLOCK = 8192
 """Frequencies whose transfers are held at a time."""
 _STRIDE = 7
@@ -103,9 +106,23 @@ def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array, samp
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
     table = coupling @ np.stack([spread.otf(frequencies, w) for w in wavelength_nm])  # (channels, K, nodes)
     mixing = _mixing(lambda every: iter([table[:, :, ::every]]), 1)
-    transfer = Transfer(RadialTransfer(mixing @ table, float(frequencies[1])))
+    transfer = Transfer(_refined(mixing @ table, float(frequencies[1])))
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     return Reduced(transfer, mixing[:, None], spread.reach_m(middle) + max(sampling.split_m) / 2)
+
+
+def _refined(table: Array, step_per_m: float) -> RadialTransfer:
+    """More nodes, by cubic splines, for a lens so far out of focus that its transfer function swings between them."""
+    from scipy.interpolate import CubicSpline
+
+    largest = np.abs(table).max()
+    bend = np.abs(np.diff(table, 2)).max() / 8
+    if bend <= _BETWEEN * largest:
+        return RadialTransfer(table, step_per_m)
+    times = min(math.ceil(math.sqrt(bend / (_BETWEEN * largest))), _FINEST)
+    nodes = np.arange(table.shape[2])
+    fine = np.linspace(0.0, nodes[-1], (nodes.size - 1) * times + 1)
+    return RadialTransfer(CubicSpline(nodes, table, axis=2)(fine), step_per_m / times)
 
 
 def _of_modes(

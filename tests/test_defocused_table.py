@@ -1,0 +1,31 @@
+"""The table of a lens's transfer function, where it swings between the nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import j1
+
+from photosite.optics.lens import DiffractionLimited
+from photosite.transfers import _NODES, _refined
+
+
+def disc(frequency_per_m: np.ndarray, radius_m: float) -> np.ndarray:
+    u = 2 * np.pi * radius_m * frequency_per_m
+    return np.divide(2 * j1(u), u, out=np.ones_like(u), where=u > 0)
+
+
+@pytest.mark.parametrize("radius_m", [100e-6, 260e-6])
+def test_a_wide_disc_is_met_between_nodes(radius_m: float) -> None:
+    """Discs of 17 and 43 pixels radius of 6 um, cutoff 900 cycles/mm: lines between 4097 nodes err by 0.4 %."""
+    nodes = np.linspace(0.0, 9e5, _NODES)
+    refined = _refined(disc(nodes, radius_m)[None, None], float(nodes[1]))
+    at = np.linspace(0.0, 1e5, 100_003)
+    assert np.abs(refined.at(at)[0, 0] - disc(at, radius_m)).max() < 2e-5
+
+
+def test_diffraction_keeps_its_nodes() -> None:
+    lens = DiffractionLimited(f_number=8, focal_length_mm=50)
+    nodes = np.linspace(0.0, lens.cutoff_per_m(550.0, 1.2), _NODES)
+    table = lens.otf(nodes, 550.0, 1.2)[None, None]
+    assert _refined(table, float(nodes[1])).table is table
