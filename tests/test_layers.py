@@ -194,6 +194,12 @@ def test_planes_that_are_blurred_alike_are_the_painters_picture(
     assert largest(compared(planes)) < limit
 
 
+def test_planes_that_hide_each_other_hide_once_what_is_behind() -> None:
+    """Two in focus, covering parts of each other, before a blurred even plane."""
+    planes = [(2.0, texture(1), 0.6 * half(0.45)), (2.0, texture(3), 0.5 * half(0.5)), (4.0, 0.7 * ONES, ONES)]
+    assert largest(compared(planes)) < 2e-4
+
+
 def test_a_sharp_lens_sees_the_painters_picture() -> None:
     """The built-in lens has every plane in focus: planes are one scene of the nearest samples, color by color."""
     sensor = D200.with_(rows=64, cols=96)
