@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import photosite as ps
 from photosite.camera_file import SetUp, load_camera
@@ -133,3 +134,62 @@ class TestSceneRequest:
             SceneRequest("slanted-edge", options={"contrast": 0.5}).scene()
         with pytest.raises(InputError, match="'slanted-edge'"):
             SceneRequest("slanted-edge", options={"contrast": "high"}).scene()
+
+
+class TestPlanes:
+    def test_planes_near_to_far(self, tmp_path: Path) -> None:
+        mask = np.zeros((40, 60), np.uint8)
+        mask[:, :20], mask[:, 20:25] = 255, 51
+        Image.fromarray(mask).save(tmp_path / "mask.png")
+        file = written(
+            tmp_path,
+            "optics: {f_number: 2.8, focal_length_mm: 50, focus_distance_m: 1}\n"
+            "scene:\n"
+            "  - {source: checkerboard, alpha: mask.png, options: {rows: 40, cols: 60}, distance_m: 1, width_m: 0.4}\n"
+            "  - {source: uniform, illuminant: D65, luminance_cd_m2: 100, distance_m: 4}\n",
+        )
+        told = load_camera(file)
+        near = ps.charts.checkerboard("A", 40, rows=40, cols=60, distance_m=1, width_m=0.4)
+        alpha = (mask / 255).astype(np.float32)
+        expected = ps.Planes((ps.Plane(near, alpha), ps.Plane(ps.charts.uniform("D65", 100, distance_m=4))))
+        camera = ps.Camera(told.optics, told.sensor.with_(rows=48, cols=72))
+        np.testing.assert_array_equal(
+            camera.mean_electrons(told.scene.scene(), 0.01), camera.mean_electrons(expected, 0.01)
+        )
+        assert told.scene.light is None  # two lights: no white balance is known
+
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("scene: []\n", "mine.camera.yaml:2: scene lists no planes"),
+            ("scene:\n  - {source: uniform, alpha: no.png}\n", "mine.camera.yaml:3: scene.alpha 'no.png' is no file"),
+            ("scene:\n  - {source: uniform, alfa: no.png}\n", "has no key 'alfa'; did you mean 'alpha'?"),
+        ],
+    )
+    def test_what_is_wrong_is_said_in_one_line(self, tmp_path: Path, text: str, said: str) -> None:
+        with pytest.raises(FileError) as error:
+            load_camera(written(tmp_path, text))
+        assert said in str(error.value)
+
+    @pytest.mark.parametrize("mode", ["1", "L", "I;16", "LA", "RGBA"])
+    def test_opacity_from_pictures(self, tmp_path: Path, mode: str) -> None:
+        from photosite.scene.formats.alpha import read_alpha
+
+        share = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+        codes = (share * (65535 if mode == "I;16" else 255)).astype(np.uint16 if mode == "I;16" else np.uint8)
+        picture = Image.fromarray(codes) if mode in ("L", "I;16") else Image.new(mode, (3, 2))
+        if mode == "1":
+            picture = Image.fromarray(codes).convert("1")
+        if "A" in mode:
+            picture.putalpha(Image.fromarray(codes))
+        picture.save(tmp_path / "mask.png")
+        np.testing.assert_array_equal(read_alpha(tmp_path / "mask.png"), share.astype(np.float32))
+
+    def test_opacity_in_colour_or_of_another_size_is_refused(self, tmp_path: Path) -> None:
+        Image.new("RGB", (3, 2)).save(tmp_path / "mask.png")
+        file = written(tmp_path, "scene:\n  - {source: checkerboard, alpha: mask.png}\n")
+        with pytest.raises(FileError, match=r"mask\.png: is in colour; opacity is a gray picture"):
+            load_camera(file).scene.scene()
+        Image.new("L", (3, 2)).save(tmp_path / "mask.png")
+        with pytest.raises(FileError, match=r"mask\.png: a plane's alpha has the scene's shape"):
+            load_camera(file).scene.scene()

@@ -4,7 +4,7 @@ photosite_camera: 1
 name: D200 with its 50 mm
 sensor: nikon-d200                  # a preset, or a sensor file
 optics: planar50.optics.yaml        # an optics file, or its fields: {f_number: 8, focal_length_mm: 50}
-scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}
+scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}    # or a list of planes in depth
 exposure: 1/3
 integration: trapezoid
 cells_per_pixel: 1
@@ -25,7 +25,8 @@ from photosite.errors import FileError, InputError
 from photosite.exposure import parse_exposure
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import Optics
-from photosite.scene.request import SceneRequest, check_options, scene_request
+from photosite.scene.request import PlanesRequest, SceneRequest
+from photosite.scene.section import parse_scene
 from photosite.sensor.file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule
@@ -39,14 +40,6 @@ DEFAULT_EXPOSURE_S = 1 / 3
 """The 2008 paper's set-up; its scene's defaults stand in `photosite.scene.request`."""
 
 _KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
-_NUMBERS = {
-    "luminance_cd_m2": "mean_luminance_cd_m2",
-    "distance_m": "distance_m",
-    "width_m": "width_m",
-    "tolerance": "tolerance",
-}
-"""Numbers of the section `scene`, and their names in a `SceneRequest`."""
-_SCENE_KEYS = ("source", "illuminant", "units", "wavelength_nm", "options", *_NUMBERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +66,7 @@ class SetUp:
 
     sensor: Sensor = field(default_factory=lambda: load_sensor(DEFAULT_SENSOR))
     optics: Optics = field(default_factory=lambda: DiffractionLimited(DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM))
-    scene: SceneRequest = field(default_factory=SceneRequest)
+    scene: SceneRequest | PlanesRequest = field(default_factory=SceneRequest)
     exposure_s: float = DEFAULT_EXPOSURE_S
     integration: Rule = "trapezoid"
     cells_per_pixel: int = 1
@@ -119,7 +112,7 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
         raise FileError(file, f"does not describe a camera: expected '{VERSION_KEY}: 1' and the camera's fields")
     check_keys(file, data, _KEYS, "a camera file")
     given: dict[str, Any] = {"name": optional_text(file, data, "name")}
-    for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", _scene), ("exposure", _exposure)):
+    for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):
         if data.get(key) is not None:
             given["exposure_s" if key == "exposure" else key] = read(file, data)
     if (rule := optional_text(file, data, "integration")) is not None:
@@ -157,50 +150,8 @@ def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
     return parse_optics(told, file, section="optics")
 
 
-def _scene(file: Path, data: Mapping[str, Any]) -> SceneRequest:
-    told = data["scene"]
-    line = line_of(data, "scene")
-    if isinstance(told, str):
-        told = {"source": told}
-    if not isinstance(told, Mapping):
-        raise FileError(file, f"scene is a formula's name, a file, or fields, not {told!r:.40}", line)
-    check_keys(file, told, _SCENE_KEYS, "scene")
-    said: dict[str, Any] = {"units": optional_text(file, told, "units")}
-    illuminant = told.get("illuminant")
-    if illuminant is not None and not isinstance(illuminant, str) and not _is_number(illuminant):
-        raise FileError(file, f"scene.illuminant is a name or a temperature in K, not {illuminant!r:.40}", line)
-    said["illuminant"] = illuminant
-    for key, name in _NUMBERS.items():
-        if (value := told.get(key)) is not None:
-            if not _is_number(value) or not value > 0:
-                raise FileError(file, f"scene.{key} is a number above 0, not {value!r:.40}", line_of(told, key) or line)
-            said[name] = float(value)
-    if (grid := told.get("wavelength_nm")) is not None:
-        if not isinstance(grid, list) or not all(map(_is_number, grid)):
-            raise FileError(file, "scene.wavelength_nm is a list of numbers", line_of(told, "wavelength_nm") or line)
-        said["wavelength_nm"] = [float(value) for value in grid]
-    options = told.get("options") or {}
-    if not isinstance(options, Mapping):
-        raise FileError(file, f"scene.options are fields, not {options!r:.40}", line_of(told, "options") or line)
-    said["options"] = {str(key): value for key, value in options.items()}
-    source = optional_text(file, told, "source") or SceneRequest().source
-    request = scene_request(source, file.parent, **said)
-    try:
-        if not request.is_file:
-            check_options(request.source, request.options)
-        elif not Path(request.source).exists():
-            raise InputError(f"scene.source '{source}' is neither a formula nor a file beside this one")
-    except InputError as error:
-        raise FileError(file, str(error), line_of(told, "source") or line) from None
-    return request
-
-
 def _exposure(file: Path, data: Mapping[str, Any]) -> float:
     try:
         return parse_exposure(fspath(str(data["exposure"])))
     except InputError as error:
         raise FileError(file, f"exposure: {error}", line_of(data, "exposure")) from None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -161,15 +161,21 @@ def request_of(base: SceneRequest, told: Mapping[str, Any]) -> SceneRequest:
     """What is asked for: a base, with what the options of a scene say put in its place."""
     if told["scene_source"] is not None:  # another scene: what the base says of its own is not said of it
         base = replace(base.unsaid, source=told["scene_source"])
+    given = said_of_scene(told)
+    return replace(base, **{**given, "options": {**base.options, **given.get("options", {})}})
+
+
+def said_of_scene(told: Mapping[str, Any]) -> dict[str, Any]:
+    """What the options say of a scene, by the fields of a `SceneRequest`."""
     said = {
         "illuminant": told["illuminant"],
         "mean_luminance_cd_m2": told["luminance"],
         "distance_m": told["distance"],
         "width_m": told["width"],
         "units": told["units"],
+        "options": dict(told["scene_options"]) or None,
     }
-    given = {name: value for name, value in said.items() if value is not None}
-    return replace(base, **given, options={**base.options, **dict(told["scene_options"])})
+    return {name: value for name, value in said.items() if value is not None}
 
 
 def name_and_value(text: str) -> tuple[str, Any]:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from photosite.camera_file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.spread import Optics
-    from photosite.scene.request import SceneRequest
-    from photosite.scene.scene import Scene
+    from photosite.scene.request import PlanesRequest, SceneRequest
 
 
 @click.command("simulate")
@@ -78,7 +77,7 @@ def command(
     camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
     scene = set_up.scene.scene()
     say_if_compiling()
-    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, set_up.scene, scene)
+    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, set_up.scene)
     _save(raw, output, preview)
     facts = _facts(raw, output, preview)
     if as_json:
@@ -106,7 +105,7 @@ def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
         base,
         sensor=sensor.with_(**{name: value for name, value in changes.items() if value is not None}),
         optics=_optics(base.optics, told),
-        scene=options.request_of(base.scene, told),
+        scene=_request(base.scene, told),
         cells_per_pixel=base.cells_per_pixel if told["cells"] is None else told["cells"],
     )
 
@@ -128,18 +127,23 @@ def _optics(base: Optics, told: dict[str, Any]) -> Optics:
     return replace(base, **marks)
 
 
-def _balanced(raw: RawFrame, camera: Camera, request: SceneRequest, scene: Scene) -> RawFrame:
+def _request(base: SceneRequest | PlanesRequest, told: dict[str, Any]) -> SceneRequest | PlanesRequest:
+    from photosite.scene.request import SceneRequest
+
+    if isinstance(base, SceneRequest):
+        return options.request_of(base, told)
+    if told["scene_source"] is not None:
+        return options.request_of(SceneRequest(), told)
+    if options.said_of_scene(told):
+        raise InputError("a scene of planes says the light and place of each in its camera file; change them there")
+    return base
+
+
+def _balanced(raw: RawFrame, camera: Camera, request: SceneRequest | PlanesRequest) -> RawFrame:
     """The frame with what gray reads under its light, where that is known: a DNG keeps it as its white balance."""
     from photosite.scene.charts import uniform
-    from photosite.scene.request import DEFAULT_ILLUMINANT
 
-    light = request.illuminant
-    if light is None and not request.is_file:
-        light = DEFAULT_ILLUMINANT
-    if light is None:
-        return raw
-    neutral = camera.as_shot_neutral(uniform(light, 1.0))
-    if neutral is None:
+    if request.light is None or (neutral := camera.as_shot_neutral(uniform(request.light, 1.0))) is None:
         return raw
     return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))
 

@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from photosite.scene.planes import Plane, Planes
 
 FORMULAS = (
     "macbeth",
@@ -87,6 +90,11 @@ class SceneRequest:
         return self.source not in FORMULAS
 
     @property
+    def light(self) -> str | float | None:
+        """The illuminant, where it is said; a formula's is CIE A where it is not."""
+        return DEFAULT_ILLUMINANT if self.illuminant is None and not self.is_file else self.illuminant
+
+    @property
     def unsaid(self) -> SceneRequest:
         """Where this scene stands, and nothing else of it: for another scene in its place."""
         return SceneRequest(distance_m=self.distance_m)
@@ -118,7 +126,7 @@ class SceneRequest:
                 raise InputError(f"{name} is said of a scene's file; '{self.source}' is a formula")
         check_options(self.source, self.options)
         wanted: dict[str, Any] = {
-            "illuminant": DEFAULT_ILLUMINANT if self.illuminant is None else self.illuminant,
+            "illuminant": self.light,
             "mean_luminance_cd_m2": (
                 DEFAULT_LUMINANCE_CD_M2 if self.mean_luminance_cd_m2 is None else self.mean_luminance_cd_m2
             ),
@@ -157,6 +165,70 @@ class SceneRequest:
 
         given = {name: value for name, value in said.items() if value is not None}
         return read_scene(path, **given, **{name: value for name, value in self.options.items() if name not in given})
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneRequest:
+    """A plane of a scene in depth.
+
+    Parameters
+    ----------
+    request
+        Its light.
+    alpha
+        A picture of where it is opaque, of as many pixels as the scene has samples; None: everywhere.
+    """
+
+    request: SceneRequest
+    alpha: Path | None = None
+
+    def plane(self) -> Plane:
+        """The plane itself.
+
+        Raises
+        ------
+        InputError
+            As `SceneRequest.scene`.
+        FileError
+            If the picture of alpha cannot be read, or is of another size than the scene.
+        """
+        from photosite.scene.formats.alpha import read_alpha
+        from photosite.scene.planes import Plane
+
+        scene = self.request.scene()
+        if self.alpha is None:
+            return Plane(scene)
+        try:
+            return Plane(scene, read_alpha(self.alpha))
+        except InputError as error:
+            raise FileError(self.alpha, str(error)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class PlanesRequest:
+    """A scene in depth: planes, near to far."""
+
+    planes: tuple[PlaneRequest, ...]
+
+    def scene(self) -> Planes:
+        """The planes themselves.
+
+        Raises
+        ------
+        InputError
+            As `PlaneRequest.plane`, or if they do not stand in order.
+        FileError
+            As `PlaneRequest.plane`.
+        """
+        from photosite.scene.planes import Planes
+
+        return Planes(tuple(part.plane() for part in self.planes))
+
+    @property
+    def light(self) -> str | float | None:
+        """The light of all planes, where it is said and the same."""
+        lights = {part.request.light for part in self.planes}
+        return lights.pop() if len(lights) == 1 else None
 
 
 def formula(name: str) -> Callable[..., Scene]:

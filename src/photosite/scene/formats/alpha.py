@@ -1,0 +1,47 @@
+"""Opacity of a plane from a picture: gray values, or a picture's own transparency."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+
+
+def read_alpha(path: Path) -> NDArray[np.float32]:
+    """(rows, cols) from 0, not there, to 1, opaque.
+
+    Parameters
+    ----------
+    path
+        A picture: gray of 1, 8 or 16 bits, black for 0 and white for 1, in proportion to the codes; or one with a
+        channel of transparency, of which that channel is taken.
+
+    Raises
+    ------
+    FileError
+        If it is no picture, damaged, or in colour without transparency.
+    """
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(path) as picture:
+                mode = picture.mode
+                gray = picture.getchannel("A") if "A" in mode else picture
+                codes = np.asarray(gray)
+    except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be read as a picture of opacity ({reason[:200]})") from None
+    if codes.dtype == np.bool_:
+        return codes.astype(np.float32)
+    if codes.ndim != 2 or mode in ("P", "F"):
+        raise FileError(path, "is in colour; opacity is a gray picture, white where opaque, or transparency")
+    white = 255 if codes.dtype == np.uint8 else 65535
+    if codes.min() < 0 or codes.max() > white:
+        raise FileError(path, f"holds values up to {codes.max()}; opacity is gray of 8 or 16 bits")
+    return (codes / np.float32(white)).astype(np.float32)
