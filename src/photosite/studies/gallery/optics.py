@@ -72,7 +72,7 @@ def optics_plate() -> Figure:
             spread = wavefront.spread(_LENS, np.inf)
             _draw_image(figure, axes[row, col], spread, title, peak, last=col == 3)
             _draw_curves(axes[row + 1, col], spread, first=col == 0)
-        axes[1, 1].legend(loc="upper right")
+        axes[1, 0].legend(loc="upper right", handlelength=1.8, borderaxespad=0.0)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the gallery that a whole camera takes: a scene, a lens and a sensor, developed."""
+"""Pictures that a whole camera takes: a scene, a lens and a sensor, developed."""
 
 from __future__ import annotations
 
@@ -7,24 +7,29 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera import Camera
+from photosite.cfa import channel_mask
 from photosite.develop.develop import develop
 from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import Optics
 from photosite.report.style import styled
 from photosite.scene import charts
+from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.file import load_sensor
 from photosite.sensor.model import Sensor
+from photosite.studies.gallery.panels import pictures
 
 SEED = 2008
 _FULL = 0.6
 """Of the sensor's range, what the brightest half percent of pixels is brought to by the exposure."""
 
 
-def exposure_for(camera: Camera, scene: Scene, share: float = _FULL) -> float:
+def exposure_for(camera: Camera, scene: Scene | Planes, share: float = _FULL) -> float:
     """Exposure at which the brightest half percent of pixels gains a share of what the sensor holds."""
-    rate = camera.mean_electrons(scene, 1.0)
-    return float(share * camera.sensor.saturation_capacity_e / np.quantile(rate, 0.995))
+    return _exposure_of(camera, camera.mean_electrons(scene, 1.0), share)
+
+
+def _exposure_of(camera: Camera, electrons_per_s: NDArray[np.float32], share: float) -> float:
+    return float(share * camera.sensor.saturation_capacity_e / np.quantile(electrons_per_s, 0.995))
 
 
 def d200(rows: int, cols: int) -> Sensor:
@@ -32,54 +37,48 @@ def d200(rows: int, cols: int) -> Sensor:
     return load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=64)
 
 
-def shot(scene: Scene, optics: Optics, sensor: Sensor, light: str | None = None) -> NDArray[np.float32]:
-    """(rows, cols, 3) picture of a scene, exposed for its brightest parts.
+def taken(
+    camera: Camera,
+    scene: Scene | Planes,
+    exposure_s: float,
+    light: str | None = None,
+    display: float | str = "auto",
+) -> NDArray[np.float32]:
+    """(rows, cols, 3) picture of a scene.
 
-    Balanced so that gray under a light is gray; None: as the sensor reads it.
+    Balanced so that gray under a light is gray; None: as the sensor reads it. `display`: the exposure of `develop`.
     """
-    camera = Camera(optics, sensor)
-    raw = camera.capture(scene, exposure_for(camera, scene), seed=SEED)
-    neutral = None if light is None else camera.as_shot_neutral(charts.uniform(light, 1.0))
-    return develop(raw, "none" if neutral is None else [1 / float(part) for part in neutral.split(",")])
+    return _developed(camera, camera.mean_electrons(scene, exposure_s), exposure_s, light, display)
 
 
-def pictures(rows: list[list[tuple[str, NDArray[np.float32]]]], width_in: float) -> Figure:
-    """Pictures under their titles, side by side, every one with its own pixels square."""
-    tall = sum(max(picture.shape[0] / picture.shape[1] for _, picture in row) / len(row) for row in rows)
-    figure = Figure(figsize=(width_in, width_in * tall + 0.28 * len(rows)))
-    for r, part in enumerate(figure.subfigures(len(rows), 1, squeeze=False)[:, 0]):
-        for axes, (title, picture) in zip(part.subplots(1, len(rows[r]), squeeze=False)[0], rows[r], strict=True):
-            axes.imshow(picture, interpolation="nearest")
-            axes.set_title(title)
-            axes.set_axis_off()
-    return figure
+def _developed(
+    camera: Camera, electrons: NDArray[np.float32], exposure_s: float, light: str | None, display: float | str
+) -> NDArray[np.float32]:
+    raw = camera.expose(electrons, exposure_s, seed=SEED)
+    return develop(raw, "none" if light is None else gray_gains(camera.sensor, light), exposure=display)
 
 
-@styled()
-def low_pass_filter() -> Figure:
-    """A zone plate by a D200 at f/4: false colours, and what a four-spot filter of one pixel leaves of them."""
-    plate = charts.zone_plate("D65", 100, highest=0.5, rows=900, cols=900)
-    lens = DiffractionLimited(f_number=4, focal_length_mm=50)
-    bare = d200(300, 300)
-    pitch_um = bare.pixel.width_um.value
-    split = bare.with_(optical_stack={"low_pass_filter": {"split_x_um": pitch_um, "split_y_um": pitch_um}})
-    return pictures(
-        [
-            [
-                ("without a low-pass filter", shot(plate, lens, bare, "D65")),
-                (f"four spots, {pitch_um:g} µm apart", shot(plate, lens, split, "D65")),
-            ]
-        ],
-        8.0,
-    )
+def gray_gains(sensor: Sensor, light: str) -> list[float]:
+    """Gains for red, green and blue with which an even gray reads alike in all three, crosstalk included."""
+    rows, cols = (4 * side for side in (len(sensor.array.cfa), len(sensor.array.cfa[0])))
+    small = Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor.with_(rows=rows, cols=cols))
+    even = small.mean_electrons(charts.uniform(light, 100), 1.0)
+    return [float(even.max() / even[channel_mask(sensor.array.cfa, name, even.shape)].mean()) for name in "RGB"]
+
+
+def shot(scene: Scene | Planes, camera: Camera, light: str | None = None) -> NDArray[np.float32]:
+    """(rows, cols, 3) picture of a scene, exposed for its brightest parts."""
+    rate = camera.mean_electrons(scene, 1.0)
+    exposure_s = _exposure_of(camera, rate, _FULL)
+    return _developed(camera, rate * np.float32(exposure_s), exposure_s, light, "auto")
 
 
 @styled()
 def one_chart_in_four_lights() -> Figure:
     """The ColorChecker under four lights, as the sensor reads it and with gray made gray."""
-    lens, sensor = DiffractionLimited(f_number=8, focal_length_mm=50), d200(198, 294)
-    lights = {"CIE A": "A", "D65": "D65", "FL11, a fluorescent lamp": "FL11", "LED-B3, a white LED": "LED-B3"}
+    camera = Camera(DiffractionLimited(f_number=8, focal_length_mm=50), d200(150, 222))
+    lights = {"CIE A": "A", "D65": "D65", "FL11, fluorescent": "FL11", "LED-B3, a white LED": "LED-B3"}
     scenes = {name: charts.macbeth(light, 100) for name, light in lights.items()}
-    raw = [(name, shot(scene, lens, sensor)) for name, scene in scenes.items()]
-    gray = [("gray made gray", shot(scenes[name], lens, sensor, light)) for name, light in lights.items()]
-    return pictures([raw, gray], 11.0)
+    raw = [(name, shot(scene, camera)) for name, scene in scenes.items()]
+    gray = [("gray made gray", shot(scenes[name], camera, light)) for name, light in lights.items()]
+    return pictures([raw, gray])
