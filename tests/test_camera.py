@@ -80,14 +80,14 @@ def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyP
 
     camera = ps.Camera(LENS, D200.with_(rows=264, cols=392))
     made: list[int] = []
-    plain = transfers.reduced_transfer
+    plain = transfers.reduced_transfers
 
     def counted(*arguments: object) -> object:
         reduced = plain(*arguments)  # type: ignore[arg-type]
-        made.append(len(reduced.mixing))
+        made.append(len(reduced[0].mixing))
         return reduced
 
-    monkeypatch.setattr(mosaic, "reduced_transfer", counted)
+    monkeypatch.setattr(mosaic, "reduced_transfers", counted)
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)

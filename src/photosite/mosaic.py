@@ -26,7 +26,7 @@ from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
-from photosite.transfers import field_scale, reduced_transfer
+from photosite.transfers import field_scale, reduced_transfers
 from photosite.warps import color_nodes, warp, warped_regions
 
 _STRIP = 256
@@ -138,11 +138,9 @@ def _blurred_mosaic(
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.spread(scene.distance_m), optics.mapping(scene.distance_m)
     where = placement(scene, optics, sensor)
-    parts = []
-    for node_nm, share in color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch):
-        used = share > 0
-        of_node = (coupling * share)[:, :, used]
-        parts.append((node_nm, reduced_transfer(spread, of_node, scene.wavelength_nm[used], sampling)))
+    nodes = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
+    found = reduced_transfers(spread, [coupling * share for _, share in nodes], scene.wavelength_nm, sampling)
+    parts = [(node_nm, reduced) for (node_nm, _), reduced in zip(nodes, found, strict=True)]
     grid = Grid(
         shape=(array.rows, array.cols),
         padding=math.ceil(max(reduced.padding_m for _, reduced in parts) / min(pitch)),

@@ -14,9 +14,11 @@ no cone, nothing is taken.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple, dataclass
+from threading import Lock
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.fft
@@ -30,6 +32,8 @@ Array = NDArray[np.float64]
 
 MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
+_OF_FIELD_ERROR = 0.01
+"""The same, of what a lens's few modes leave out by themselves, where that is more."""
 _NODES = 4097
 _BETWEEN = 1e-5
 """Of the largest transfer: what straight lines between a table's nodes may err by."""
@@ -48,6 +52,9 @@ _CONE_RADIUS = 0.05
 _CONE_FALL = 0.1
 _LEAST_CONE = 1e-3
 """A cone below this holds a millionth of the light beyond the kernel: it is left there."""
+_MOST_KEPT = 4
+_KEPT_BYTES = 1 << 28
+"""Of the transfers that are kept with a spread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,31 +75,70 @@ class Reduced:
     mixing: Array
     padding_m: float
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        radial, kernels = self.transfer.radial, self.transfer.kernels
+        held = (self.mixing, None if radial is None else radial.table, kernels)
+        return sum(part.nbytes for part in held if part is not None)
 
-def reduced_transfer(spread: Spread, coupling: Array, wavelength_nm: Array, sampling: Sampling) -> Reduced:
+
+_kept: WeakKeyDictionary[Spread, dict[tuple[Any, ...], tuple[Reduced, ...]]] = WeakKeyDictionary()
+"""What was asked for last, for as long as the spread lives: a series of frames asks for the same again and again."""
+_keeping = Lock()
+
+
+def reduced_transfers(
+    spread: Spread, couplings: Sequence[Array], wavelength_nm: Array, sampling: Sampling
+) -> tuple[Reduced, ...]:
     """The lens summed over wavelength, for as few terms as `MAP_TOLERANCE` asks.
 
     Parameters
     ----------
     spread
         The lens's. Of a `FieldSpread` the modes, each for the weights' largest magnitude (`field_scale`).
-    coupling
-        (channels, K, wavelengths) what a map of weight 1 gives to a channel at a wavelength.
+    couplings
+        Each (channels, K, wavelengths) what a map of weight 1 gives to a channel at a wavelength. More than one where
+        wavelengths' images lie apart: the lens is looked at once for all of them.
     wavelength_nm
         (wavelengths,).
     sampling
         Pixels and cells.
+
+    Returns
+    -------
+    tuple of Reduced
+        One for each coupling. Nobody may change them: they are kept with the spread.
 
     Raises
     ------
     InputError
         If a point would be spread over more cells than a mosaic can be made of.
     """
+    with _keeping:
+        kept = _kept.setdefault(spread, {})
+    tolerance = MAP_TOLERANCE
+    if isinstance(spread, FieldSpread):
+        tolerance = max(tolerance, _OF_FIELD_ERROR * spread.relative_error)
+    shapes = tuple((c.shape, c.tobytes()) for c in couplings)
+    key = (*shapes, wavelength_nm.tobytes(), astuple(sampling), tolerance)
+    found = kept.get(key) or _reduced(spread, couplings, wavelength_nm, sampling, tolerance)
+    with _keeping:
+        kept.pop(key, None)
+        kept[key] = found  # the last asked for stands last
+        while len(kept) > _MOST_KEPT or sum(one.nbytes for some in kept.values() for one in some) > _KEPT_BYTES:
+            del kept[next(iter(kept))]
+    return found
+
+
+def _reduced(
+    spread: Spread, couplings: Sequence[Array], wavelength_nm: Array, sampling: Sampling, tolerance: float
+) -> tuple[Reduced, ...]:
     if isinstance(spread, RadialSpread):
-        return _of_radial(spread, coupling, wavelength_nm, sampling)
+        return _of_radial(spread, couplings, wavelength_nm, sampling, tolerance)
     if isinstance(spread, PlaneSpread):
-        return _of_modes((spread,), np.ones(1), coupling, wavelength_nm, sampling)
-    return _of_modes(spread.modes, field_scale(spread), coupling, wavelength_nm, sampling)
+        return _of_modes((spread,), np.ones(1), couplings, wavelength_nm, sampling, tolerance)
+    return _of_modes(spread.modes, field_scale(spread), couplings, wavelength_nm, sampling, tolerance)
 
 
 def field_scale(spread: FieldSpread) -> Array:
@@ -102,13 +148,20 @@ def field_scale(spread: FieldSpread) -> Array:
     return largest
 
 
-def _of_radial(spread: RadialSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling) -> Reduced:
+def _of_radial(
+    spread: RadialSpread, couplings: Sequence[Array], wavelength_nm: Array, sampling: Sampling, tolerance: float
+) -> tuple[Reduced, ...]:
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
-    table = coupling @ np.stack([spread.otf(frequencies, w) for w in wavelength_nm])  # (channels, K, nodes)
-    mixing = _mixing(lambda every: iter([table[:, :, ::every]]), 1)
-    transfer = Transfer(_refined(mixing @ table, float(frequencies[1])))
+    otfs = np.stack([spread.otf(frequencies, w) for w in wavelength_nm])
     middle = float(wavelength_nm[wavelength_nm.size // 2])
-    return Reduced(transfer, mixing[:, None], spread.reach_m(middle) + max(sampling.split_m) / 2)
+    padding_m = spread.reach_m(middle) + max(sampling.split_m) / 2
+
+    def reduced(coupling: Array) -> Reduced:
+        table = coupling @ otfs  # (channels, K, nodes)
+        mixing = _mixing(lambda every: iter([table[:, :, ::every]]), tolerance)
+        return Reduced(Transfer(_refined(mixing @ table, float(frequencies[1]))), mixing[:, None], padding_m)
+
+    return tuple(reduced(coupling) for coupling in couplings)
 
 
 def _refined(table: Array, step_per_m: float) -> RadialTransfer:
@@ -126,49 +179,88 @@ def _refined(table: Array, step_per_m: float) -> RadialTransfer:
 
 
 def _of_modes(
-    modes: tuple[PlaneSpread, ...], scale: Array, coupling: Array, wavelength_nm: Array, sampling: Sampling
-) -> Reduced:
-    coupling, grid = _on_nodes(modes[0], coupling, wavelength_nm)
+    modes: tuple[PlaneSpread, ...],
+    scale: Array,
+    couplings: Sequence[Array],
+    wavelength_nm: Array,
+    sampling: Sampling,
+    tolerance: float,
+) -> tuple[Reduced, ...]:
+    hats, grid = _nodes_of(modes[0], wavelength_nm)
     size = _kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
-    frequencies = np.linspace(0.0, max(mode.cutoff_per_m(w) for mode in modes for w in grid), _NODES)
+    step_per_m = max(mode.cutoff_per_m(w) for mode in modes for w in grid) / (_NODES - 1)
+    frequencies = step_per_m * np.arange(_NODES, dtype=np.float64)
     cones = np.zeros((len(modes), grid.size, _NODES))
     spectra = np.empty((len(modes), grid.size, size, size // 2 + 1), np.complex128)
-    for r, mode in enumerate(modes):
-        for n, w in enumerate(grid):
+    for n, w in enumerate(grid):
+        for r, mode in enumerate(modes):
             cone = _cone(mode, w)
             if abs(cone) * scale[r] < _LEAST_CONE:
                 cone = 0.0
-            cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(w))
+            else:
+                cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(w))
             spectra[r, n] = scale[r] * _folded_spectrum(mode, w, cone, sampling, size)
-    parts = spectra.view(np.float64).reshape(len(modes), grid.size, -1)
+    padding_m = (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
+
+    def reduced(coupling: Array) -> Reduced:
+        used = coupling.any(axis=(0, 1))
+        transfer, mixing = _combined(cones[:, used], spectra[:, used], coupling[:, :, used], tolerance, step_per_m)
+        return Reduced(transfer, mixing, padding_m)
+
+    return tuple(reduced(coupling @ hats) for coupling in couplings)
+
+
+def _combined(
+    cones: Array, spectra: NDArray[np.complex128], coupling: Array, tolerance: float, step_per_m: float
+) -> tuple[Transfer, Array]:
+    """Transfers of the fewest terms, and (terms, R, K): how maps become them.
+
+    Parameters
+    ----------
+    cones, spectra
+        (R, wavelengths, nodes) and (R, wavelengths, Q, Q // 2 + 1): of each mode.
+    coupling
+        (channels, K, wavelengths).
+    tolerance
+        Of the largest transfer.
+    step_per_m
+        Between the cones' nodes.
+    """
+    count, size = len(spectra), spectra.shape[2]
+    has_cones = bool(cones.any())
+    parts = spectra.view(np.float64).reshape(count, spectra.shape[1], -1)
+    tables = (cones, parts) if has_cones else (parts,)
 
     def blocks(every: int) -> Iterator[Array]:
         """(channels, R * K, some frequencies): what a map in a part of the field gives, a piece at a time."""
-        for table in (cones, parts):
+        for table in tables:
             for first in range(0, table.shape[2], _BLOCK * every):
                 some = table[:, :, first : first + _BLOCK * every : every]
                 piece = np.einsum("ckn,rnp->crkp", coupling, some, optimize=True)
                 yield piece.reshape(len(coupling), -1, piece.shape[3])
 
-    mixing = _mixing(blocks, 2).reshape(-1, len(modes), coupling.shape[1])
+    mixing = _mixing(blocks, tolerance / len(tables)).reshape(-1, count, coupling.shape[1])
     to_terms = np.einsum("trk,ckn->ctrn", mixing, coupling, optimize=True)
-    radial = np.tensordot(to_terms, cones, axes=((2, 3), (0, 1)))
-    kernels = scipy.fft.irfft2(np.tensordot(to_terms, spectra, axes=((2, 3), (0, 1))), s=(size, size))
+    radial = np.tensordot(to_terms, cones, axes=((2, 3), (0, 1))) if has_cones else None
+    kernels = scipy.fft.irfft2(np.tensordot(to_terms, spectra, axes=((2, 3), (0, 1))), s=(size, size), workers=-1)
     transfer = Transfer(
-        RadialTransfer(radial, float(frequencies[1])) if cones.any() else None,
+        None if radial is None else RadialTransfer(radial, step_per_m),
         np.fft.fftshift(kernels, axes=(2, 3)),
     )
-    return Reduced(transfer, mixing, (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1)))
+    return transfer, mixing
 
 
-def _on_nodes(mode: PlaneSpread, coupling: Array, wavelength_nm: Array) -> tuple[Array, Array]:
-    """The coupling at the wavelengths at which the spread is known, and these: linear between, constant beyond."""
+def _nodes_of(mode: PlaneSpread, wavelength_nm: Array) -> tuple[Array, Array]:
+    """How light is shared between the wavelengths at which the spread is known, and these.
+
+    (wavelengths, nodes): linear between, constant beyond.
+    """
     if mode.wavelength_nm is None:
-        return coupling, wavelength_nm
+        return np.eye(wavelength_nm.size), wavelength_nm
     grid = np.asarray(mode.wavelength_nm, np.float64)
     hats = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
     used = hats.any(axis=0)
-    return coupling @ hats[:, used], grid[used]
+    return hats[:, used], grid[used]
 
 
 def _kernel_size(reach_m: float, sampling: Sampling) -> int:
@@ -245,7 +337,7 @@ def _folded_spectrum(
     return total
 
 
-def _mixing(blocks: Callable[[int], Iterator[Array]], parts: int) -> Array:
+def _mixing(blocks: Callable[[int], Iterator[Array]], tolerance: float) -> Array:
     """(terms, maps): the fewest combinations of maps that are enough.
 
     Of what they leave out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
@@ -254,8 +346,8 @@ def _mixing(blocks: Callable[[int], Iterator[Array]], parts: int) -> Array:
     ----------
     blocks
         Gives (channels, maps, n) transfers, piece after piece: of every n-th frequency.
-    parts
-        How many such transfers are added up at one frequency: they share the limit.
+    tolerance
+        Of the largest of them.
     """
     squares: Any = 0.0
     largest = 0.0
@@ -265,7 +357,7 @@ def _mixing(blocks: Callable[[int], Iterator[Array]], parts: int) -> Array:
         largest = max(largest, float(np.abs(tall).max()))
     # Singular values matter down to 1e-6 of the first only: their squares, which a double holds, are quick to find.
     directions = np.linalg.eigh(squares)[1][:, ::-1].T
-    limit = MAP_TOLERANCE * largest / parts
+    limit = tolerance * largest
 
     def enough(terms: int, every: int) -> bool:
         mixing = directions[:terms]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled, prange
 from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
 from photosite.engine.transfer import Transfer
-from photosite.engine.warp import Corners, Warp, warped_means
+from photosite.engine.warp import CellWeights, Corners, Warp, warped_means
 
 STRIP = 256
 """Rows of cells that are laid at a time."""
@@ -297,25 +297,20 @@ def _weighed_rows(
 
 def _warped_rows(weights: NDArray[np.float32], corners: Corners, field: Field | None, grid: Grid) -> Rows:
     """As `_laid_rows`, through a warp. The field's weights are those of the place where light arrives."""
+    across = index = share = None
+    if field is not None:
+        across = np.ascontiguousarray(np.moveaxis(field.on_columns(grid), 0, 2))
+        index, share = field.on_rows(grid)
 
-    def looked_at(mix: NDArray[np.float32], begin: int, end: int) -> list[NDArray[np.float32]]:
+    def rows(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
         first, last = corners.span(begin, end)
         strip = np.tensordot(mix, weights[:, first:last], axes=1)
-        return [warped_means(values, first, corners, begin, end) for values in strip]
+        of_cells = None
+        if across is not None and index is not None and share is not None:
+            of_cells = CellWeights(across, index[begin:end], share[begin:end])
+        return warped_means(strip, first, corners, begin, end, of_cells)
 
-    if field is None:
-        return lambda mix, begin, end: looked_at(mix, begin, end)[0]
-    across, (index, share) = field.on_columns(grid), field.on_rows(grid)
-    cols = np.arange(grid.cells(1) + 1)  # warped rows have their columns
-    once = np.ones(cols.size - 1, np.float32)
-
-    def weighed(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        laid = np.stack(looked_at(mix, begin, end))
-        out = np.empty(laid.shape[1:], np.float32)
-        _weigh_along(laid, cols, cols[:-1], once, across, index[begin:end], share[begin:end], out)
-        return out
-
-    return weighed
+    return rows
 
 
 @compiled(parallel=True)

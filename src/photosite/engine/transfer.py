@@ -18,7 +18,9 @@ held, on the few cells that it covers, and H at a frequency is interpolated from
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,14 +152,36 @@ def folded_terms(
     """The folded terms on a grid: computed on few nodes, split by singular values, interpolated by cubic splines."""
     from scipy.interpolate import make_interp_spline
 
-    nodes = [np.linspace(0, 0.5 / sampling.cell_m(axis), _FOLD_NODES) for axis in (0, 1)]
-    table = folded(transfer, sampling, *nodes)
-    channels, maps = table.shape[:2]
-    left, size, right = np.linalg.svd(table.reshape(-1, _FOLD_NODES), full_matrices=False)
-    keep = max(1, int((size > _FOLD_TOLERANCE * np.abs(transfer.table[:, :, 0]).max()).sum()))
-    down = (left[:, :keep] * size[:keep]).reshape(channels, maps, _FOLD_NODES, keep)
+    kept = _products.setdefault(transfer, {})
+    key = astuple(sampling)
+    if key not in kept:
+        kept.clear()
+        kept[key] = _folded_products(transfer, sampling)
+    nodes = _fold_nodes(sampling)
+    down, across = kept[key]
     down = make_interp_spline(nodes[0], np.moveaxis(down, 2, 0), k=3)(np.abs(fy_per_m))
-    across = make_interp_spline(nodes[1], right[:keep].T, k=3)(fx_per_m).T
+    across = make_interp_spline(nodes[1], across.T, k=3)(fx_per_m).T
     return FoldedTerms(
         np.ascontiguousarray(np.moveaxis(down, 0, 2), np.float32), np.ascontiguousarray(across, np.float32)
     )
+
+
+_products: WeakKeyDictionary[RadialTransfer, dict[tuple[Any, ...], tuple[NDArray[np.float64], NDArray[np.float64]]]]
+_products = WeakKeyDictionary()
+"""Folded terms on the nodes, for as long as a transfer lives: they are free of the frame's size."""
+
+
+def _fold_nodes(sampling: Sampling) -> list[NDArray[np.float64]]:
+    return [np.linspace(0, 0.5 / sampling.cell_m(axis), _FOLD_NODES) for axis in (0, 1)]
+
+
+def _folded_products(transfer: RadialTransfer, sampling: Sampling) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(channels, maps, nodes, products) and (products, nodes)."""
+    table = folded(transfer, sampling, *_fold_nodes(sampling))
+    flat = table.reshape(-1, _FOLD_NODES)
+    # The singular vectors, by the small matrix of the nodes: values below 1e-8 of the first are not wanted.
+    square, vectors = np.linalg.eigh(flat.T @ flat)
+    limit = _FOLD_TOLERANCE * np.abs(transfer.table[:, :, 0]).max()
+    keep = max(1, int((np.sqrt(np.maximum(square, 0.0)) > limit).sum()))
+    across = vectors[:, ::-1][:, :keep]
+    return (flat @ across).reshape(*table.shape[:3], keep), across.T

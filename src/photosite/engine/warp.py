@@ -82,23 +82,53 @@ class Corners:
         return scale
 
 
+@dataclass(frozen=True, eq=False)
+class CellWeights:
+    """What maps are weighted by in each cell: linear between two of the field's rows.
+
+    Parameters
+    ----------
+    across
+        (P, cols, R) in the field's rows.
+    index, share
+        (rows,) of each row of cells the field's row above it, and the share of that below.
+    """
+
+    across: NDArray[np.float32]
+    index: NDArray[np.int64]
+    share: NDArray[np.float32]
+
+
 def warped_means(
-    values: NDArray[np.float32], offset: int, corners: Corners, begin: int, end: int
+    values: NDArray[np.float32],
+    offset: int,
+    corners: Corners,
+    begin: int,
+    end: int,
+    weights: CellWeights | None = None,
 ) -> NDArray[np.float32]:
-    """(end - begin, cols): means of a map over the places that rows begin to end of the cells look at.
+    """(end - begin, cols): means of maps over the places that rows begin to end of the cells look at, summed.
 
     Parameters
     ----------
     values
-        (n, map cols): rows `offset`, `offset + 1`, ... of the map, at least those of `corners.span(begin, end)`.
+        (R, n, map cols): rows `offset`, `offset + 1`, ... of the maps, at least those of `corners.span(begin, end)`.
     corners
         The cells.
+    weights
+        Of each map in each of these rows' cells; None: 1.
     """
-    before = np.zeros((values.shape[0], values.shape[1] + 1))
-    np.cumsum(values, axis=1, dtype=np.float64, out=before[:, 1:])
-    out = np.empty((end - begin, corners.x_m.size - 1), np.float32)
+    # The maps of a place lie together: they share the way there.
+    maps = np.ascontiguousarray(np.moveaxis(values, 0, 2))
+    before = np.zeros((maps.shape[0], maps.shape[1] + 1, maps.shape[2]))
+    np.cumsum(maps, axis=1, dtype=np.float64, out=before[:, 1:])
+    rows, cols = end - begin, corners.x_m.size - 1
+    if weights is None:
+        ones = np.ones((1, cols, maps.shape[2]), np.float32)
+        weights = CellWeights(ones, np.zeros(rows, np.int64), np.zeros(rows, np.float32))
+    out = np.empty((rows, cols), np.float32)
     _warped_means(
-        values,
+        maps,
         before,
         offset,
         corners.shape[0],
@@ -110,6 +140,9 @@ def warped_means(
         corners.axis[1],
         corners.per_m[0],
         corners.per_m[1],
+        weights.across,
+        weights.index,
+        weights.share,
         out,
     )
     return out
@@ -129,16 +162,22 @@ def _warped_means(
     axis_col: float,
     rows_per_m: float,
     cols_per_m: float,
+    across: NDArray[np.float32],
+    index: NDArray[np.int64],
+    share: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
     rows, cols = out.shape
+    maps = values.shape[2]
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
         first, last = chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)
-        # Of the corners above and below a row of cells: where they look, in which sample that is, and the integral from
-        # each to the next, NaN where nobody asked for it yet.
-        x_above, y_above, along_above = np.empty(cols + 1), np.empty(cols + 1), np.empty(cols + 1)
-        x_below, y_below, along_below = np.empty(cols + 1), np.empty(cols + 1), np.empty(cols + 1)
+        # Of the corners above and below a row of cells: where they look, in which sample that is, and the integrals
+        # from each to the next, if somebody asked for them yet.
+        x_above, y_above, along_above = np.empty(cols + 1), np.empty(cols + 1), np.empty((cols + 1, maps))
+        x_below, y_below, along_below = np.empty(cols + 1), np.empty(cols + 1), np.empty((cols + 1, maps))
         in_above, in_below = np.empty(cols + 1, np.int64), np.empty(cols + 1, np.int64)
+        known_above, known_below = np.zeros(cols + 1, np.bool_), np.zeros(cols + 1, np.bool_)
+        left, right = np.empty(maps), np.empty(maps)
         sizes = map_rows, values.shape[1]
         _look(
             scale,
@@ -154,7 +193,6 @@ def _warped_means(
             y_above,
             in_above,
         )
-        along_above[:] = np.nan
         for r in range(first, last):
             _look(
                 scale,
@@ -170,34 +208,46 @@ def _warped_means(
                 y_below,
                 in_below,
             )
-            along_below[:] = np.nan
-            left = np.nan
+            known_below[:] = False
+            known_left = False
+            part = share[r]
+            upper, lower = across[index[r]], across[min(index[r] + 1, across.shape[0] - 1)]
             for c in range(cols):
                 d = c + 1
+                total = 0.0
                 if in_above[c] == in_above[d] == in_below[c] == in_below[d]:
-                    out[r, c] = values[in_above[c] // sizes[1] - offset, in_above[c] % sizes[1]]
-                    left = np.nan
+                    row, col = in_above[c] // sizes[1] - offset, in_above[c] % sizes[1]
+                    for k in range(maps):
+                        weight = upper[c, k] + part * (lower[c, k] - upper[c, k])
+                        total += values[row, col, k] * weight
+                    out[r, c] = total
+                    known_left = False
                     continue
-                if np.isnan(left):
-                    left = _integral(values, before, offset, map_rows, x_above[c], y_above[c], x_below[c], y_below[c])
-                if np.isnan(along_above[c]):
-                    along_above[c] = _integral(
-                        values, before, offset, map_rows, x_above[c], y_above[c], x_above[d], y_above[d]
+                if not known_left:
+                    _integral(values, before, offset, map_rows, x_above[c], y_above[c], x_below[c], y_below[c], left)
+                if not known_above[c]:
+                    _integral(
+                        values, before, offset, map_rows, x_above[c], y_above[c], x_above[d], y_above[d], along_above[c]
                     )
-                right = _integral(values, before, offset, map_rows, x_above[d], y_above[d], x_below[d], y_below[d])
-                along_below[c] = _integral(
-                    values, before, offset, map_rows, x_below[c], y_below[c], x_below[d], y_below[d]
+                _integral(values, before, offset, map_rows, x_above[d], y_above[d], x_below[d], y_below[d], right)
+                _integral(
+                    values, before, offset, map_rows, x_below[c], y_below[c], x_below[d], y_below[d], along_below[c]
                 )
+                known_left = known_below[c] = True
                 # Twice the area: the product of the diagonals.
                 area = (x_below[d] - x_above[c]) * (y_below[c] - y_above[d]) - (y_below[d] - y_above[c]) * (
                     x_below[c] - x_above[d]
                 )
-                out[r, c] = 2.0 * (along_above[c] + right - along_below[c] - left) / area
-                left = right
+                for k in range(maps):
+                    weight = upper[c, k] + part * (lower[c, k] - upper[c, k])
+                    total += weight * (2.0 * (along_above[c, k] + right[k] - along_below[c, k] - left[k]) / area)
+                    left[k] = right[k]
+                out[r, c] = total
             x_above, x_below = x_below, x_above
             y_above, y_below = y_below, y_above
             in_above, in_below = in_below, in_above
             along_above, along_below = along_below, along_above
+            known_above, known_below = known_below, known_above
 
 
 @compiled()
@@ -240,13 +290,14 @@ def _integral(
     y0: float,
     x1: float,
     y1: float,
-) -> float:
-    """The integral of F dy along a straight line, piece by piece between the map's rows."""
-    if y0 == y1:
-        return 0.0
-    if y0 > y1:
-        return -_integral_down(values, before, offset, map_rows, x1, y1, x0, y0)
-    return _integral_down(values, before, offset, map_rows, x0, y0, x1, y1)
+    out: NDArray[np.float64],
+) -> None:
+    """Each map's integral of F dy along a straight line, piece by piece between the map's rows."""
+    out[:] = 0.0
+    if y0 < y1:
+        _integral_down(values, before, offset, map_rows, x0, y0, x1, y1, 1.0, out)
+    elif y0 > y1:
+        _integral_down(values, before, offset, map_rows, x1, y1, x0, y0, -1.0, out)
 
 
 @compiled()
@@ -259,31 +310,44 @@ def _integral_down(
     y0: float,
     x1: float,
     y1: float,
-) -> float:
+    sign: float,
+    out: NDArray[np.float64],
+) -> None:
     slope = (x1 - x0) / (y1 - y0)
     row = int(np.floor(y0))
-    x, y, total = x0, y0, 0.0
-    while True:
+    x, y = x0, y0
+    while y1 > row + 1:
         inside = min(max(row, 0), map_rows - 1) - offset
-        if y1 <= row + 1:
-            return total + (y1 - y) * _mean_before(values[inside], before[inside], x, x1)
         border = row + 1.0
         at = x0 + slope * (border - y0)
-        total += (border - y) * _mean_before(values[inside], before[inside], x, at)
+        _add_mean_before(values[inside], before[inside], x, at, sign * (border - y), out)
         x, y, row = at, border, row + 1
+    inside = min(max(row, 0), map_rows - 1) - offset
+    _add_mean_before(values[inside], before[inside], x, x1, sign * (y1 - y), out)
 
 
 @compiled()
-def _mean_before(values: NDArray[np.float32], before: NDArray[np.float64], x0: float, x1: float) -> float:
-    """The mean of F between two places of a row; beyond its ends the row repeats its last samples."""
-    last = values.size - 1
+def _add_mean_before(
+    values: NDArray[np.float32],
+    before: NDArray[np.float64],
+    x0: float,
+    x1: float,
+    height: float,
+    out: NDArray[np.float64],
+) -> None:
+    """`height` times the mean of F between two places of a row; beyond its ends the row repeats its last samples."""
+    last = values.shape[0] - 1
     low, high = min(x0, x1), max(x0, x1)
     first, final = min(max(int(np.floor(low)), 0), last), min(max(int(np.floor(high)), 0), last)
     if first == final:  # F is straight here
-        return float(before[first]) + ((low + high) * 0.5 - first) * float(values[first])
-    total, x = 0.0, low
+        into = (low + high) * 0.5 - first
+        for k in range(out.size):
+            out[k] += height * (before[first, k] + into * values[first, k])
+        return
+    x = low
     for sample in range(first, final + 1):
         end = min(high, sample + 1.0) if sample < final else high
-        total += (end - x) * (float(before[sample]) + ((x + end) * 0.5 - sample) * float(values[sample]))
+        share, into = height * (end - x) / (high - low), (x + end) * 0.5 - sample
+        for k in range(out.size):
+            out[k] += share * (before[sample, k] + into * values[sample, k])
         x = end
-    return total / (high - low)

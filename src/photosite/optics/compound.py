@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from threading import Lock
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +138,18 @@ class Lens:
         return self.illumination.at(image_height_m, heights)
 
     def spread(self, distance_m: float) -> Spread:
-        """How the light of a point is spread."""
+        """How the light of a point is spread; the same object again for the distances last asked for."""
+        with _keeping:
+            kept = _spreads.setdefault(self, {})
+        found = kept.get(distance_m) or self._spread(distance_m)
+        with _keeping:
+            kept.pop(distance_m, None)
+            kept[distance_m] = found  # the last asked for stands last
+            if len(kept) > _MOST_KEPT:
+                del kept[next(iter(kept))]
+        return found
+
+    def _spread(self, distance_m: float) -> Spread:
         if self.blur is not None:
             return self.blur.spread(self.base, distance_m, self.focus_distance_m)
         if self._focused_m(distance_m) == distance_m:
@@ -148,3 +161,10 @@ class Lens:
     def mapping(self, distance_m: float) -> RadialMapping | None:
         """Where points fall, by distortion and lateral colour; None where there is neither."""
         return combined_mapping(self.distortion, self.lateral_color, self.image_distance_m(distance_m))
+
+
+_MOST_KEPT = 8
+_keeping = Lock()
+_spreads: WeakKeyDictionary[Lens, dict[float, Spread]] = WeakKeyDictionary()
+"""By distance: a spread computes its transfer functions once, and a series of frames asks for them again and again.
+Beside the lenses, not in them: what it holds cannot be copied to other processes, and lenses can."""

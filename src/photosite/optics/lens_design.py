@@ -33,8 +33,6 @@ _NOTHING = 0.02
 """Of a transfer function: less than this beyond diffraction's cutoff is the samples' cut-off border."""
 _SAME_FOCUS_WAVES = 0.25
 _LARGEST_SAMPLES = 1 << 28
-_KEPT_BYTES = 1 << 23
-"""Of transfer functions, by each mode of a spread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,21 +228,11 @@ class LensDesign:
     def _mode(self, samples: Array, cutoff: Callable[[float], float]) -> PlaneSpread:
         spacing_m = self.spacing_um * 1e-6
         grid = self.wavelength_nm
-        kept: dict[tuple[float, tuple[int, ...], bytes, bytes], NDArray[np.complex128]] = {}
 
         def otf(fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> NDArray[np.complex128]:
-            # Lateral colour asks for the same frequencies again for each of its images.
-            shape = np.broadcast_shapes(np.shape(fy_per_m), np.shape(fx_per_m))
-            key = wavelength_nm, shape, np.asarray(fy_per_m).tobytes(), np.asarray(fx_per_m).tobytes()
-            if key in kept:
-                return kept[key]
             shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
             mixed = sum((share * part for share, part in zip(shares, samples, strict=True) if share), 0 * samples[0])
-            values = transfer(mixed, spacing_m, fy_per_m, fx_per_m)
-            values.flags.writeable = False
-            if sum(other.nbytes for other in kept.values()) + values.nbytes <= _KEPT_BYTES:
-                kept[key] = values
-            return values
+            return transfer(mixed, spacing_m, fy_per_m, fx_per_m)
 
         return PlaneSpread(otf, cutoff, lambda _: self._reach_m, grid)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,22 +63,31 @@ def transfer(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Array)
     """
     fy, fx = np.asarray(fy_per_m, np.float64), np.asarray(fx_per_m, np.float64)
     limit = 0.5 / spacing_m * (1 + 1e-12)
-    y, x = (offsets(count, spacing_m) for count in samples.shape)
+    rows, cols = samples.shape
     if fy.ndim == 2 and fx.ndim == 2 and fy.shape[1] == 1 and fx.shape[0] == 1:
-        down = np.exp((-2j * math.pi) * fy * y) * (np.abs(fy) <= limit)
-        across = np.exp((-2j * math.pi) * fx.T * x) * (np.abs(fx.T) <= limit)
-        product: Complex = (down @ samples) @ across.T
+        down = _turns(fy.tobytes(), rows, spacing_m) * (np.abs(fy) <= limit)
+        across = _turns(fx.tobytes(), cols, spacing_m) * (np.abs(fx.T) <= limit)
+        product: Complex = down @ (samples @ across.T)
         return product
     fy, fx = np.broadcast_arrays(fy, fx)
     flat_y, flat_x = fy.reshape(-1), fx.reshape(-1)
     out = np.empty(flat_y.size, np.complex128)
     for first in range(0, out.size, _CHUNK):
         part = slice(first, first + _CHUNK)
-        down = np.exp((-2j * math.pi) * flat_y[part, None] * y)
-        across = np.exp((-2j * math.pi) * flat_x[part, None] * x)
-        out[part] = ((down @ samples) * across).sum(axis=1)
+        down, across = (
+            _turns(flat[part].tobytes(), count, spacing_m) for flat, count in ((flat_y, rows), (flat_x, cols))
+        )
+        out[part] = np.einsum("ij,ij->i", down @ samples, across)
     out[(np.abs(flat_y) > limit) | (np.abs(flat_x) > limit)] = 0
     return out.reshape(fy.shape)
+
+
+@lru_cache(maxsize=16)
+def _turns(frequency_per_m: bytes, count: int, spacing_m: float) -> Complex:
+    """(frequencies, count): each sample's phase; the modes of a lens ask for the same frequencies."""
+    turns: Complex = np.exp((-2j * math.pi) * np.frombuffer(frequency_per_m)[:, None] * offsets(count, spacing_m))
+    turns.flags.writeable = False
+    return turns
 
 
 def normalised(samples: Array, what: str) -> Array:
