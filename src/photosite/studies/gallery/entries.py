@@ -31,8 +31,8 @@ _SCENES = (
         "pictures",
         "Pictures raised to spectra",
         "Above: five patches of the ColorChecker, measured, and what is left of them when their sRGB values are "
-        "raised to reflectances again; all three have the same colour under D65. Below: a picture of light over "
-        "six decades, a decade darker from column to column, with three luminances shown as white.",
+        "raised to reflectances again; all three have the same colour under D65 (cyan is clipped to "
+        "sRGB). Below: a picture of light over six decades, a decade darker from column to column, with three luminances shown as white.",
         "pictures:pictures_plate",
     ),
     Entry(
@@ -111,7 +111,7 @@ _LENSES = (
         "A ColorChecker beside a window a hundred times as bright as its white, at f/4; 1 % of all light "
         "scattered, evenly or falling as exp(-distance / 0.5 mm). Over each: electrons of green pixels on the "
         "white patch over those on the black one. Without glare, diffraction's wings round the window are what "
-        "makes it less than the chart's own 29.",
+        "makes it less than the chart's own 26.",
         "glare:veiling_glare",
     ),
     Entry(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from photosite.camera import Camera
 from photosite.optics.compound import Lens
@@ -39,16 +40,15 @@ def lenses(corner_mm: float) -> dict[str, Lens]:
 def distortion() -> Figure:
     """A checkerboard through the three lenses, and the frame's upper left corner four times larger."""
     sensor = d200(_ROWS, _COLS)
-    board = charts.checkerboard("D65", 100, square=_SQUARE * 3, rows=_ROWS * 3, cols=_COLS * 3)
+    # Wider than the frame: a barrel draws in what lies beyond.
+    rows, cols = _ROWS + 4 * _SQUARE, _COLS + 4 * _SQUARE
+    board = charts.checkerboard("D65", 100, square=_SQUARE * 3, rows=rows * 3, cols=cols * 3)
+    width_m = cols * sensor.pixel.width_um.value * 1e-6 / BASE.magnification(board.distance_m)
+    board = replace(board, width_m=width_m)
     corner_mm = float(np.hypot(_ROWS, _COLS)) / 2 * sensor.pixel.width_um.value * 1e-3
     whole: list[Panel] = []
     for name, lens in lenses(corner_mm).items():
         camera = Camera(lens, sensor, cells_per_pixel=3)
         whole.append((name, shot(board, camera, "D65")))
-    rows, cols = _CORNER
-    return pictures([whole, [("its upper left corner, 4 times", corner(p[:rows, :cols])) for _, p in whole]])
-
-
-def corner(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Enlarged."""
-    return enlarged(picture, _TIMES)
+    down, along = _CORNER
+    return pictures([whole, [("its upper left corner, 4 times", enlarged(p[:down, :along], _TIMES)) for _, p in whole]])
