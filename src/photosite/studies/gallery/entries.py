@@ -32,8 +32,8 @@ _SCENES = (
         "Pictures raised to spectra",
         "Above: five patches of the ColorChecker, measured, and what is left of them when their sRGB values are "
         "raised to reflectances again; all three have the same colour under D65 (cyan is clipped to "
-        "sRGB). Below: a picture of light over six decades, a decade darker from column to column, with three luminances "
-        "shown as white.",
+        "sRGB). Below: a picture of light over six decades, a decade darker from column to column, with three "
+        "luminances shown as white.",
         "pictures:pictures_plate",
     ),
     Entry(
