@@ -50,7 +50,7 @@ def layered_rate(
         behind = (*group, *behind)
     scenes = [plane.scene for plane in planes.planes]
     missing = max(scene.relative_error + low_rank_error(optics, scene.distance_m) for scene in scenes)
-    return arrived(mosaic, optics, sensor, scenes[-1].distance_m, missing)
+    return arrived(mosaic, optics, sensor, scenes, rule, missing)
 
 
 def layered_regions(planes: Planes, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:

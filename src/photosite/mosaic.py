@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ _STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
 _ROUNDING = 1e-5
-"""Of the largest value: how far below 0 the transforms' rounding may leave a dark pixel."""
+"""Of the brightest sample's electrons: how far below 0 the transforms' rounding may leave a dark pixel."""
 _REDUCTION = 3.0
 """Times the scene's own error, over all wavelengths, is what a channel that sees some of them may have of it."""
 
@@ -45,7 +45,7 @@ def electron_rate(
     warn_of_missing_light(scene, sensor)
     mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
     missing = scene.relative_error + low_rank_error(optics, scene.distance_m)
-    return arrived(mosaic, optics, sensor, scene.distance_m, missing)
+    return arrived(mosaic, optics, sensor, [scene], rule, missing)
 
 
 def image_rate(
@@ -70,16 +70,22 @@ def image_rate(
 
 
 def arrived(
-    mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float, relative_error: float
+    mosaic: NDArray[np.float32],
+    optics: Optics,
+    sensor: Sensor,
+    scenes: Sequence[Scene],
+    rule: Rule,
+    relative_error: float,
 ) -> NDArray[np.float32]:
     """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed.
 
-    `relative_error` is the scene's and the lens's together, for what may lie below 0.
+    `scenes`, near to far, are what it is the image of; `relative_error` is theirs and the lens's together, for what may
+    lie below 0.
     """
-    _not_negative(mosaic, relative_error)
+    _not_negative(mosaic, relative_error, lambda: max(_brightest(scene, optics, sensor, rule) for scene in scenes))
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
-    return through_door(mosaic, sensor, optics, distance_m)
+    return through_door(mosaic, sensor, optics, scenes[-1].distance_m)
 
 
 def low_rank_error(optics: Optics, distance_m: float) -> float:
@@ -211,15 +217,33 @@ def _fall_off(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, dista
         mosaic[strip] *= falloff.astype(np.float32)
 
 
-def _not_negative(mosaic: NDArray[np.float32], relative_error: float) -> NDArray[np.float32]:
+def _not_negative(
+    mosaic: NDArray[np.float32], relative_error: float, full_scale: Callable[[], float]
+) -> NDArray[np.float32]:
     lowest, highest = float(mosaic.min()), float(mosaic.max())
-    if lowest < -_ROUNDING * max(highest, 0.0) and not _within_reduction(mosaic, relative_error):
+    if (
+        lowest < -_ROUNDING * max(highest, 0.0)
+        and lowest < -_ROUNDING * full_scale()
+        and not _within_reduction(mosaic, relative_error)
+    ):
         raise InputError(
             f"the scene's radiance is negative somewhere: a pixel would gain {lowest:g} electrons a second; "
             "its weights and basis must make radiances of 0 or more"
         )
     # What is left below 0 is the transforms' rounding, or what few spectra or few modes left out, as far as is stated.
     return np.maximum(mosaic, np.float32(0), out=mosaic)
+
+
+def _brightest(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule) -> float:
+    """Electrons per second that the brightest sample would give a pixel that saw nothing else.
+
+    The transforms err in proportion to this, not to the image's brightest pixel: the image of a point is far darker.
+    """
+    coupling = electrons_per_weight(scene, optics, sensor, rule).sum(axis=2).astype(np.float32)
+    return max(
+        float(np.tensordot(coupling, scene.weights[:, first : first + _STRIP], axes=1).max())
+        for first in range(0, scene.shape[0], _STRIP)
+    )
 
 
 def _within_reduction(mosaic: NDArray[np.float32], relative_error: float) -> bool:
