@@ -378,13 +378,13 @@ def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pyte
     lens = Lens(given=FieldSpread(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
     camera = ps.Camera(lens, D200.with_(rows=40, cols=60))
     terms: list[int] = []
-    plain = transfers._mixing
+    plain = transfers._combined
 
-    def counted(*arguments: Any) -> Array:
-        terms.append(len(mixing := plain(*arguments)))
-        return mixing
+    def counted(*arguments: Any) -> Any:
+        terms.append(len((found := plain(*arguments))[1]))
+        return found
 
-    monkeypatch.setattr(transfers, "_mixing", counted)
+    monkeypatch.setattr(transfers, "_combined", counted)
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)

@@ -135,13 +135,13 @@ def growing() -> LensDesign:
 def test_terms_are_combined_to_a_hundredth_of_what_few_modes_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
     design, scene = growing(), ps.charts.macbeth()
     terms: list[int] = []
-    plain = transfers._mixing
+    plain = transfers._combined
 
     def noted(*arguments: Any) -> Any:
-        terms.append(len(mixing := plain(*arguments)))
-        return mixing
+        terms.append(len((found := plain(*arguments))[1]))
+        return found
 
-    monkeypatch.setattr(transfers, "_mixing", noted)
+    monkeypatch.setattr(transfers, "_combined", noted)
     frames = [ps.Camera(Lens(BASE, Stated(design, error)), D200).mean_electrons(scene, 0.1) for error in (0.0, 0.03)]
     assert terms[0] > terms[1]
     assert 0 < np.linalg.norm(frames[1] - frames[0]) < 0.01 * 0.03 * np.linalg.norm(frames[0])

@@ -52,6 +52,8 @@ _CONE_RADIUS = 0.05
 _CONE_FALL = 0.1
 _LEAST_CONE = 1e-3
 """A cone below this holds a millionth of the light beyond the kernel: it is left there."""
+_LAYING = 0.2
+"""A map times its weight over the field, against the transforms of a term: what they take."""
 _MOST_KEPT = 4
 _KEPT_BYTES = 1 << 28
 """Of the transfers that are kept with a spread."""
@@ -158,7 +160,8 @@ def _of_radial(
 
     def reduced(coupling: Array) -> Reduced:
         table = coupling @ otfs  # (channels, K, nodes)
-        mixing = _mixing(lambda every: iter([table[:, :, ::every]]), tolerance)
+        limit = tolerance * float(np.abs(table).max())
+        mixing = _mixing(lambda every: iter([table[:, :, ::every]]), limit)
         return Reduced(Transfer(_refined(mixing @ table, float(frequencies[1]))), mixing[:, None], padding_m)
 
     return tuple(reduced(coupling) for coupling in couplings)
@@ -231,15 +234,24 @@ def _combined(
     parts = spectra.view(np.float64).reshape(count, spectra.shape[1], -1)
     tables = (cones, parts) if has_cones else (parts,)
 
-    def blocks(every: int) -> Iterator[Array]:
-        """(channels, R * K, some frequencies): what a map in a part of the field gives, a piece at a time."""
-        for table in tables:
-            for first in range(0, table.shape[2], _BLOCK * every):
-                some = table[:, :, first : first + _BLOCK * every : every]
-                piece = np.einsum("ckn,rnp->crkp", coupling, some, optimize=True)
-                yield piece.reshape(len(coupling), -1, piece.shape[3])
+    def blocks(modes: slice) -> Callable[[int], Iterator[Array]]:
+        def of_modes(every: int) -> Iterator[Array]:
+            """(channels, R * K, some frequencies): what a map in a part of the field gives, a piece at a time."""
+            for table in tables:
+                for first in range(0, table.shape[2], _BLOCK * every):
+                    some = table[modes, :, first : first + _BLOCK * every : every]
+                    piece = np.einsum("ckn,rnp->crkp", coupling, some, optimize=True)
+                    yield piece.reshape(len(coupling), -1, piece.shape[3])
 
-    mixing = _mixing(blocks, tolerance / len(tables)).reshape(-1, count, coupling.shape[1])
+        return of_modes
+
+    every_mode = blocks(slice(None))
+    limit = tolerance / len(tables) * max(float(np.abs(block).max()) for block in every_mode(_STRIDE))
+    mixing = _one_by_one([_mixing(blocks(slice(r, r + 1)), limit) for r in range(count)])
+    if count > 1 and len(mixing) > len(coupling) * count:
+        together = _mixing(every_mode, limit).reshape(-1, count, coupling.shape[1])
+        if _cost(together) < _cost(mixing):
+            mixing = together
     to_terms = np.einsum("trk,ckn->ctrn", mixing, coupling, optimize=True)
     radial = np.tensordot(to_terms, cones, axes=((2, 3), (0, 1))) if has_cones else None
     kernels = scipy.fft.irfft2(np.tensordot(to_terms, spectra, axes=((2, 3), (0, 1))), s=(size, size), workers=-1)
@@ -248,6 +260,21 @@ def _combined(
         np.fft.fftshift(kernels, axes=(2, 3)),
     )
     return transfer, mixing
+
+
+def _one_by_one(mixings: Sequence[Array]) -> Array:
+    """(terms, R, K): the terms of each mode, which are 0 in the others: few maps have to be laid for a term."""
+    mixing = np.zeros((sum(map(len, mixings)), len(mixings), mixings[0].shape[1]))
+    first = 0
+    for r, of_mode in enumerate(mixings):
+        mixing[first : first + len(of_mode), r] = of_mode
+        first += len(of_mode)
+    return mixing
+
+
+def _cost(mixing: Array) -> float:
+    """Of terms, in transforms of the frame."""
+    return len(mixing) + _LAYING * int(mixing.any(axis=2).sum())
 
 
 def _nodes_of(mode: PlaneSpread, wavelength_nm: Array) -> tuple[Array, Array]:
@@ -337,7 +364,7 @@ def _folded_spectrum(
     return total
 
 
-def _mixing(blocks: Callable[[int], Iterator[Array]], tolerance: float) -> Array:
+def _mixing(blocks: Callable[[int], Iterator[Array]], limit: float) -> Array:
     """(terms, maps): the fewest combinations of maps that are enough.
 
     Of what they leave out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
@@ -346,18 +373,15 @@ def _mixing(blocks: Callable[[int], Iterator[Array]], tolerance: float) -> Array
     ----------
     blocks
         Gives (channels, maps, n) transfers, piece after piece: of every n-th frequency.
-    tolerance
-        Of the largest of them.
+    limit
+        The same for all of a lens's parts.
     """
     squares: Any = 0.0
-    largest = 0.0
     for block in blocks(_STRIDE):
         tall = block.transpose(1, 0, 2).reshape(block.shape[1], -1)
         squares = squares + tall @ tall.T
-        largest = max(largest, float(np.abs(tall).max()))
     # Singular values matter down to 1e-6 of the first only: their squares, which a double holds, are quick to find.
     directions = np.linalg.eigh(squares)[1][:, ::-1].T
-    limit = tolerance * largest
 
     def enough(terms: int, every: int) -> bool:
         mixing = directions[:terms]

@@ -135,7 +135,8 @@ class Layer:
     start, step
         (row, col) map coordinate of the frame's corner, and map samples per pixel.
     mixing
-        (terms, R, K): a term is the sum over r of `mixing[term, r] @ weights`, each times `field.weights[r]`.
+        (terms, R, K): a term is the sum over r of `mixing[term, r] @ weights`, each times `field.weights[r]`. What is
+        all 0 for an r costs nothing.
     transfer
         From each term to each channel.
     field
@@ -190,7 +191,12 @@ def _laid_rows(layer: Layer | Sheet, grid: Grid) -> Rows:
     if field is None:
         return lambda mix, begin, end: _plain_rows(weights, mix[0], lines, begin, end)
     across, down = field.on_columns(grid), field.on_rows(grid)
-    return lambda mix, begin, end: _weighed_rows(weights, mix, lines, across, down, begin, end)
+
+    def weighed(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        used = mix.any(axis=1)
+        return _weighed_rows(weights, mix[used], lines, across[used], down, begin, end)
+
+    return weighed
 
 
 def _passing(sheets: Sequence[Sheet], grid: Grid) -> NDArray[np.float32]:
@@ -304,10 +310,11 @@ def _warped_rows(weights: NDArray[np.float32], corners: Corners, field: Field | 
 
     def rows(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
         first, last = corners.span(begin, end)
-        strip = np.tensordot(mix, weights[:, first:last], axes=1)
+        used = mix.any(axis=1)
+        strip = np.tensordot(mix[used], weights[:, first:last], axes=1)
         of_cells = None
         if across is not None and index is not None and share is not None:
-            of_cells = CellWeights(across, index[begin:end], share[begin:end])
+            of_cells = CellWeights(np.ascontiguousarray(across[:, :, used]), index[begin:end], share[begin:end])
         return warped_means(strip, first, corners, begin, end, of_cells)
 
     return rows
