@@ -72,6 +72,26 @@ def test_even_colours_mix_as_the_matrix_by_hand_says() -> None:
     assert sum(expected.values()) == pytest.approx(red + 2 * green + blue, rel=1e-9)
 
 
+def test_gray_and_the_color_matrix_are_those_of_the_mixed_channels() -> None:
+    """What a file says gray reads is what an even field's pixels read, and a chart is developed to its colours."""
+    plus = [[0, 0.03, 0], [0.05, 0.84, 0.05], [0, 0.03, 0]]
+    wide = [[0.02, 0.02, 0.02], [0.02, 0.84, 0.02], [0.02, 0.02, 0.02]]
+    sensor = D200.with_(crosstalk={"optical": {"R": wide, "G": plus, "B": plus}})
+    camera, light = ps.Camera(LENS, sensor), ps.charts.uniform("A", 100)
+    even = camera.mean_electrons(light, 0.1)
+    reading = np.array(
+        [even[0::2, 0::2].mean(), (even[0::2, 1::2].mean() + even[1::2, 0::2].mean()) / 2, even[1::2, 1::2].mean()]
+    )
+    told = np.array(camera.as_shot_neutral(light).split(","), float)
+    assert told == pytest.approx(reading / reading.max(), rel=1e-4)
+    daylight = camera.mean_electrons(ps.charts.uniform("D65", 100), 0.1)
+    white = np.array([daylight[0::2, 0::2].mean(), daylight[0::2, 1::2].mean(), daylight[1::2, 1::2].mean()])
+    matrix = camera.capture(light, 0.1).color_matrix
+    assert matrix @ [0.9505, 1.0, 1.089] == pytest.approx(white / white.max(), rel=0.02)
+    bare = ps.Camera(LENS, D200).capture(light, 0.1).color_matrix
+    assert np.abs(bare - matrix).max() > 0.05
+
+
 def test_light_is_shared_first_then_charge() -> None:
     """Random kernels for each colour, one lit frame's inside: the two stages, a pixel at a time."""
     crosstalk = Crosstalk.model_validate({"optical": kernels(3, 1), "electrical": kernels(5, 2)})

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import shifted
+from photosite.door import channel_mixing
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
@@ -287,7 +288,8 @@ class Camera:
         names = self.sensor.channel_names
         if set(names) != {"R", "G", "B"}:
             return None
-        electrons = electrons_per_weight(light, self.optics, self.sensor, self.integration).sum(axis=(1, 2))
+        alone = electrons_per_weight(light, self.optics, self.sensor, self.integration).sum(axis=(1, 2))
+        electrons = channel_mixing(self.sensor) @ alone
         reading = np.array([electrons[names.index(name)] for name in "RGB"])
         if not reading.min() > 0:
             return None

@@ -140,6 +140,30 @@ def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
     return shares
 
 
+def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
+    """(channels, channels): what each channel reads of an even field's electrons by channel, crosstalk included.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> channel_mixing(ps.load_sensor("nikon-d200")).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    names, cfa = sensor.channel_names, sensor.array.cfa
+    stack = sensor.optical_stack
+    if stack is None or stack.crosstalk is None:
+        return np.eye(len(names))
+    shares = crosstalk_shares(stack.crosstalk, cfa)
+    rows, cols, size, _ = shares.shape
+    mixing = np.zeros((len(names), len(names)))
+    for r, c, i, j in np.ndindex(shares.shape):
+        source = cfa[(r + i - size // 2) % rows][(c + j - size // 2) % cols]
+        mixing[names.index(cfa[r][c]), names.index(source)] += shares[r, c, i, j]
+    sites = [sum(row.count(name) for row in cfa) for name in names]
+    mixed: NDArray[np.float64] = mixing / np.array(sites)[:, None]
+    return mixed
+
+
 def _by_place(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:
     """(tile rows, tile cols, size, size): each place's own kernel, all as large as the largest."""
     found = {name: np.array(kernels[name] if kernels else _NO_CROSSTALK) for row in cfa for name in row}

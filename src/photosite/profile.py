@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.door import channel_mixing
 from photosite.scene.charts import macbeth_reflectance
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
@@ -43,7 +44,7 @@ def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
     names = sensor.channel_names
     if set(names) != {"R", "G", "B"}:
         return None
-    responses = [sensor.response_at(name, DEFAULT_WAVELENGTH_NM) for name in names]
+    responses = channel_mixing(sensor) @ np.stack([sensor.response_at(name, DEFAULT_WAVELENGTH_NM) for name in names])
     return _color_matrix(tuple(tuple(response.tolist()) for response in responses))
 
 
