@@ -216,9 +216,13 @@ def test_example_scene() -> None:
 def test_scene_file_and_its_parameters() -> None:
     scene = render_mitsuba(str(EXAMPLE), spp=1, wavelength_nm=[500], parameters={"rows": 5, "cols": 7})
     assert scene.shape == (5, 7)
+    with pytest.raises(FileError, match=r"unused parameters: \$colums"):
+        render_mitsuba(str(EXAMPLE), spp=1, wavelength_nm=[500], parameters={"colums": 7})
 
 
 SKY = '<emitter type="constant"/>'
+CAMERA = '<sensor type="perspective"><film type="hdrfilm"><integer name="%s" value="4"/></film></sensor>'
+WALL = '<shape type="rectangle"><bsdf type="diffuse"><spectrum name="%s" value="0.5"/></bsdf></shape>'
 
 
 @pytest.mark.parametrize(
@@ -227,6 +231,9 @@ SKY = '<emitter type="constant"/>'
         ("not xml", "Mitsuba refuses the scene: .*Parsing"),
         ('<scene version="3.0.0"><shape type="cubus"/></scene>', "cubus"),
         (f'<scene version="3.0.0">{SKY}</scene>', "has no camera"),
+        (f'<scene version="3.0.0">{CAMERA % "width"}</scene>', "has no light, and would be dark; give it an emitter"),
+        (f'<scene version="3.0.0">{SKY}{CAMERA % "widht"}</scene>', "film has no 'widht'; did you mean 'width'"),
+        (f'<scene version="3.0.0">{SKY}{CAMERA % "width"}{WALL % "reflectence"}</scene>', "reflectence"),
         ('<scene version="3.0.0"><shape type="ply"><string name="filename" value="no.ply"/></shape></scene>', "no.ply"),
     ],
 )

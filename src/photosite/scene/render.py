@@ -39,6 +39,9 @@ _LANES = 4
 """Wavelengths that Mitsuba carries along a path, a quarter of the film's range apart."""
 _EDGE = 1 / 2000
 """Width of a band's edge, of the band: a path near one counts for both bands in part."""
+_FILM_KEEPS = {"width", "height", "crop_offset_x", "crop_offset_y", "crop_width", "crop_height"}
+_FILM_KNOWS = _FILM_KEEPS | {"file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner"}
+"""Properties of Mitsuba's films; any other is a misspelling, unless it is an object (a filter, a response)."""
 _NO_SCALE = {"d65", "srgb_d65", "envmap", "sunsky", "sky", "sun"}
 
 Progress = Callable[[int, int, str], object]
@@ -282,6 +285,8 @@ class _Source:
         loaded = self._loaded(mitsuba, names, float(centres_nm[0]), width_nm, shape)
         if not loaded.sensors():
             raise InputError(f"{self.name}: has no camera; give it a sensor")
+        if not loaded.emitters():
+            raise InputError(f"{self.name}: has no light, and would be dark; give it an emitter")
         camera = loaded.sensors()[0]
         self.view = _view(mitsuba, loaded, camera)
         # RGB numbers, and a lone number too, become multiples of D65 as emission.
@@ -301,7 +306,6 @@ class _Source:
         """The scene with one camera, whose film has a response per band."""
         parser = mitsuba.parser
         config = parser.ParserConfig(mitsuba.variant())
-        config.unused_parameters = config.unused_properties = mitsuba.LogLevel.Debug
         if isinstance(self._scene, dict):
             state = parser.parse_dict(config, self._scene)
         else:
@@ -314,9 +318,17 @@ class _Source:
         if not 0 <= self._sensor < max(len(sensors), 1):
             raise InputError(f"{self.name}: has {len(sensors)} cameras; sensor is 0 to {len(sensors) - 1}")
         for film in _nodes(mitsuba, state, "Film"):
+            self._check_film(mitsuba, film.props)
             _as_spectral(mitsuba, film.props, names, first_nm, width_nm, shape)
         loaded = parser.instantiate(config, state)
         return loaded[0] if isinstance(loaded, list) else loaded
+
+    def _check_film(self, mitsuba: Any, film: Any) -> None:
+        """Mitsuba itself looks for misspellings, but a film is altered before it can."""
+        kinds = mitsuba.Properties.Type
+        for name in set(film.keys()) - _FILM_KNOWS:
+            if film.type(name) not in (kinds.Object, kinds.Reference, kinds.ResolvedReference):
+                raise InputError(f"{self.name}: its film has no '{name}'; {did_you_mean(name, sorted(_FILM_KNOWS))}")
 
 
 def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
@@ -332,9 +344,8 @@ def _as_spectral(
     shape: tuple[int | None, int | None],
 ) -> None:
     """Make a film of any kind one that integrates radiance over bands, square by square."""
-    kept = {"width", "height", "crop_offset_x", "crop_offset_y", "crop_width", "crop_height"}
     for name in list(film.keys()):
-        if name not in kept or (name.startswith("crop") and shape != (None, None)):
+        if name not in _FILM_KEEPS or (name.startswith("crop") and shape != (None, None)):
             del film[name]
     film.set_plugin_name("specfilm")
     for name, size in zip(("height", "width"), shape, strict=True):
@@ -364,9 +375,7 @@ def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
     found = mitsuba.traverse(camera)
     span = None
     if "x_fov" in found:
-        part = _number(found["film.crop_size"]) / _number(
-            found["film.size"]
-        )  # of the columns; the field is all of them
+        part = _number(found["film.crop_size"]) / _number(found["film.size"])  # of the columns; the field is all
         span = 2 * math.tan(math.radians(_number(found["x_fov"])) / 2) * part
     if "focus_distance" in found:
         return _View(_number(found["focus_distance"]), span)
