@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from photosite.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens_design import LensDesign
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+from photosite.optics.wavefront import Wavefront
 from photosite.studies.bench.camera import COLS, EXPOSURE_S, LENS, ROWS, camera, scene, work_optics
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
@@ -87,3 +89,45 @@ def field_varying_d200(quick: bool = False) -> Case:
     work_plane(ROWS, COLS)
     ours, theirs = in_turn(lambda: work_field(ROWS, COLS), lambda: work_plane(ROWS, COLS), 1 if quick else 5)
     return Case(ours, theirs, peak_mb(work_field, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+
+
+@lru_cache(maxsize=4)
+def _real_camera(kind: Literal["wavefront", "design"], rows: int, cols: int) -> Camera:
+    """Astigmatism of 40 nm at f/2.8, or lens-design data of growing coma as 8 modes."""
+    from photosite.studies.gallery.lens_design import BASE, comatic_design
+
+    sensor = camera(rows, cols).sensor
+    pitch_um = sensor.pixel.width_um.value
+    if kind == "wavefront":
+        return Camera(Lens(BASE, Wavefront({5: 40.0})), sensor)
+    one = comatic_design(np.hypot(rows, cols) / 2 * pitch_um * 1e-3)
+    # The same at three wavelengths: what a design program gives for a lens corrected for colour.
+    design = LensDesign(
+        np.array([450.0, 550.0, 650.0]),
+        np.repeat(one.psf, 3, axis=1),
+        one.spacing_um,
+        one.field_y,
+        one.field_x,
+        rank=8,
+        detail_um=pitch_um,
+        nodes=17,
+    )
+    return Camera(Lens(BASE, design), sensor)
+
+
+def work_wavefront(rows: int, cols: int) -> None:
+    """Mean electrons behind a wavefront that is not symmetric."""
+    _real_camera("wavefront", rows, cols).mean_electrons(scene(), EXPOSURE_S)
+
+
+def work_lens(rows: int, cols: int) -> None:
+    """Mean electrons behind lens-design data."""
+    _real_camera("design", rows, cols).mean_electrons(scene(), EXPOSURE_S)
+
+
+def lens_d200(quick: bool = False) -> Case:
+    """A ColorChecker behind lens-design data of 8 modes, against a wavefront; both after their first frame."""
+    work_lens(ROWS, COLS)
+    work_wavefront(ROWS, COLS)
+    ours, theirs = in_turn(lambda: work_lens(ROWS, COLS), lambda: work_wavefront(ROWS, COLS), 1 if quick else 5)
+    return Case(ours, theirs, peak_mb(work_lens, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
