@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import photosite as ps
 from photosite.camera_file import SetUp, load_camera
 from photosite.errors import FileError, InputError
 from photosite.optics.lens import DiffractionLimited
+from photosite.scene.lights import mixed
 from photosite.scene.request import FORMULAS, SceneRequest
 
 
@@ -134,6 +137,57 @@ class TestSceneRequest:
             SceneRequest("slanted-edge", options={"contrast": 0.5}).scene()
         with pytest.raises(InputError, match="'slanted-edge'"):
             SceneRequest("slanted-edge", options={"contrast": "high"}).scene()
+
+    @pytest.mark.parametrize(
+        ("name", "option", "value", "said"),
+        [
+            ("ramp", "logarithmic", "no", "logarithmic is true or false, not 'no'"),
+            ("siemens-star", "patches", "maybe", "patches is true or false, not 'maybe'"),
+            ("siemens-star", "waveform", 3, "waveform is text, such as 'sine', not 3"),
+            ("siemens-star", "contrast", "abc", "the scene 'siemens-star': contrast is a number, not 'abc'"),
+            ("ramp", "rows", 2.5, "rows is a whole number, not 2.5"),
+            ("ramp", "contrast", True, "contrast is a number, not True"),
+            ("ramp", "contrast", None, "contrast is a number, not nothing"),
+            ("dead-leaves", "largest_radius", "wide", "largest_radius is a number, not 'wide'"),
+        ],
+    )
+    def test_options_of_another_kind_are_refused(self, name: str, option: str, value: Any, said: str) -> None:
+        with pytest.raises(InputError, match=re.escape(said)):
+            SceneRequest(name, options={option: value}).scene()
+
+    def test_no_text_counts_as_yes_in_charts(self) -> None:
+        with pytest.raises(InputError, match="patches is true or false, not 'no'"):
+            ps.charts.siemens_star(patches="no")  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="logarithmic is true or false, not 'no'"):
+            ps.charts.ramp(logarithmic="no")  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            ({"sort_bands": "no"}, "sort_bands is true or false, not 'no'"),
+            ({"tolerance": "abc"}, "tolerance is a number, not 'abc'"),
+            ({"distance_m": "far"}, "distance_m is a number, not 'far'"),
+            ({"patch_cols": 2.5}, "patch_cols is a whole number, not 2.5"),
+            ({"units": 3}, "units is text, not 3"),
+            ({"wavelength_nm": "400:700:10"}, "wavelength_nm is a list of numbers, such as"),
+            ({"wavelength_nm": []}, "wavelength_nm is a list of numbers, such as"),
+        ],
+    )
+    def test_what_reading_is_told_is_of_the_right_kind(
+        self, tmp_path: Path, options: dict[str, Any], said: str
+    ) -> None:
+        ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
+        with pytest.raises(InputError, match=re.escape(said)):
+            SceneRequest(str(tmp_path / "field.h5"), options=options).scene()
+        with pytest.raises(InputError, match=re.escape(said)):
+            ps.read_scene(tmp_path / "field.h5", **options)
+
+    def test_lights_that_are_none(self) -> None:
+        chart = ps.charts.macbeth()
+        with pytest.raises(InputError, match="an illuminant is a name, a temperature in K or a Spectrum, not None"):
+            chart.with_illuminant(None)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"a light is \(illuminant, luminance in cd/m2, spread or None\)"):
+            mixed(chart, [("A", 10)])  # type: ignore[list-item]
 
 
 class TestPlanes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -250,6 +251,8 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     if isinstance(name, Spectrum):
         return _within(name.wavelength_nm, name.values, grid, "the illuminant's spectrum")
     if not isinstance(name, str):
+        if isinstance(name, bool) or not isinstance(name, Real):
+            raise InputError(f"an illuminant is a name, a temperature in K or a Spectrum, not {name!r:.40}")
         return blackbody(float(name), grid)
     if temperature := re.fullmatch(r"(?:blackbody[ :]*)?(\d+(?:\.\d+)?) ?k?", name.strip(), re.IGNORECASE):
         return blackbody(float(temperature[1]), grid)

@@ -134,6 +134,9 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
         raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {tolerance}")
     if not lights:
         raise InputError("a scene is lit by one light or more; none is given")
+    for light in lights:
+        if not isinstance(light, tuple | list) or len(light) != 3:
+            raise InputError(f"a light is (illuminant, luminance in cd/m2, spread or None), not {light!r:.60}")
     spectra = np.stack([_white(light, luminance, scene, rule) for light, luminance, _ in lights])
     spreads = np.stack([_spread(spread, scene.shape, number) for number, (*_, spread) in enumerate(lights, start=1)])
     # (lights x K, wavelengths), in the order in which _parts gives their weights.

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike
 
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
+from photosite.scene.values import check_flag, check_number, check_numbers
 from photosite.spectra import Spectrum
+
+_FINEST = 1e-6
+"""Tolerance. Weights in single precision make errors up to 6e-8 themselves."""
 
 Amend = Literal["refuse", "zero"]
 
@@ -24,7 +28,7 @@ class ReadOptions:
     distance_m, width_m
         Of the scene. Where neither this nor the file says them: 1.2 m, and a scene that fills the sensor.
     tolerance
-        Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make.
+        Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make; 1e-6 or more.
     illuminant
         Light on reflectances, as `photosite.spectra.illuminant` has it.
     mean_luminance_cd_m2
@@ -64,8 +68,19 @@ class ReadOptions:
     patch_cols: int | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.tolerance < 1:
-            raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {self.tolerance}")
+        for name in ("tolerance", "distance_m", "width_m", "mean_luminance_cd_m2", "patch_cols"):
+            check_number(name, getattr(self, name), whole=name == "patch_cols")
+        check_flag("sort_bands", self.sort_bands)
+        for name in ("units", "variable"):
+            if not isinstance(value := getattr(self, name), str | None):
+                raise InputError(f"{name} is text, not {value!r:.40}")
+        if self.wavelength_nm is not None:
+            check_numbers("wavelength_nm", self.wavelength_nm)
+        if not _FINEST <= self.tolerance < 1:
+            raise InputError(
+                f"the tolerance is a fraction of the RMS radiance, from 1e-6 to below 1, not {self.tolerance}; "
+                "a scene's weights are in single precision"
+            )
         for name in ("distance_m", "width_m", "mean_luminance_cd_m2"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.scene.scene import Scene
+from photosite.scene.values import check_flag, check_number
 
 if TYPE_CHECKING:
     from photosite.scene.planes import Plane, Planes
@@ -252,18 +253,28 @@ def formula_options(name: str) -> dict[str, Any]:
 
 
 def check_options(name: str, options: Mapping[str, Any]) -> None:
-    """Whether a formula has these options.
+    """Whether a formula has these options, and whether they are numbers, text, true or false where its own are.
 
     Raises
     ------
     InputError
-        If it lacks one.
+        If it lacks one, or one is of another kind.
     """
     known = formula_options(name)
-    for option in options:
+    for option, value in options.items():
         if option not in known:
             hint = did_you_mean(option, known) if known else "it has none"
             raise InputError(f"the scene '{name}' has no option '{option}'; {hint}")
+        default, called = known[option], f"the scene '{name}': {option}"
+        if isinstance(default, bool):
+            check_flag(called, value)
+        elif isinstance(default, str):
+            if not isinstance(value, str):
+                raise InputError(f"{called} is text, such as '{default}', not {value!r:.40}")
+        elif value is not None or default is not None:
+            if value is None:
+                raise InputError(f"{called} is a number, not nothing")
+            check_number(called, value, whole=isinstance(default, int))
 
 
 def scene_request(source: str | PathLike[str], folder: Path | None = None, **said: Any) -> SceneRequest:

@@ -12,6 +12,7 @@ from photosite.errors import InputError
 from photosite.scene.charts import coverage
 from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene, light_title
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.values import check_flag
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
@@ -91,6 +92,7 @@ def ramp(
     [2.0, 2.0, 2.0]
     """
     check_size(rows, cols)
+    check_flag("logarithmic", logarithmic)
     dark = dark_share(contrast)
     if logarithmic and dark == 0.0:
         raise InputError("a logarithmic ramp begins above black: give it a finite contrast")

@@ -14,6 +14,7 @@ from photosite.scene.charts import coverage
 from photosite.scene.charts.grey import between, check_size, grey_scene
 from photosite.scene.charts.sectors import sector_share
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.values import check_flag
 from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 
 Waveform = Literal["sine", "square"]
@@ -86,6 +87,7 @@ def siemens_star(
     (16, 0.5)
     """
     check_size(rows, cols)
+    check_flag("patches", patches)
     if waveform not in get_args(Waveform):
         raise InputError(f"no waveform '{waveform}'; {did_you_mean(str(waveform), get_args(Waveform))}")
     if not isinstance(cycles, int | np.integer) or not 1 <= cycles <= 1024:
