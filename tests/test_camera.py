@@ -346,3 +346,15 @@ def test_threads_do_not_change_a_frame() -> None:
         numba.set_num_threads(threads)
         frames.append(camera.capture(CHART, 1 / 3, seed=7).dn)
     assert (frames[0] == frames[1]).all()
+
+
+def test_light_of_any_strength_saturates_until_no_float_holds_it() -> None:
+    camera = ps.Camera(LENS, D200.with_(rows=24, cols=32))
+    for luminance in (1e17, 1e19, 1e25):
+        for scene in (ps.charts.uniform("A", luminance), ps.charts.ramp("A", luminance, contrast=2, rows=24, cols=32)):
+            assert (camera.capture(scene, 1 / 3).dn == 4095).all()
+    for scene in (ps.charts.uniform("A", 1e40), ps.charts.macbeth("A", 1e40)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(InputError, match=r"too bright: .* lower luminance"):
+                camera.capture(scene, 1 / 3)

@@ -32,6 +32,8 @@ from photosite.warps import color_nodes, warp, warped_regions
 _STRIP = 256
 _OUTSIDE_LIMIT = 0.01
 """Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
+_MOST_ELECTRONS = 1e30
+"""A second and for weight 1, that weights, transforms and times still leave within a 32-bit float."""
 _ROUNDING = 1e-5
 """Of the brightest sample's electrons: how far below 0 the transforms' rounding may leave a dark pixel."""
 _REDUCTION = 3.0
@@ -61,6 +63,11 @@ def image_rate(
     What `before` holds hides parts of the scene before the lens blurs it: scenes whose only weights are opacities.
     """
     coupling = electrons_per_weight(scene, optics, sensor, rule)
+    if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS:
+        raise InputError(
+            f"the scene is too bright: weight 1 of its spectra gives a pixel {brightest:g} electrons a second, and "
+            f"32-bit floats are sure to hold {_MOST_ELECTRONS:g}; give it a lower luminance"
+        )
     if scene.shape == (1, 1) and not before:
         mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:

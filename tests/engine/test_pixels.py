@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photosite.engine.philox import key_from_seed, philox4x32
-from photosite.engine.pixels import EXPOSURE, expose
+from photosite.engine.pixels import EXPOSURE, expose, expose_pixel
 from photosite.engine.variates import normal, poisson
 
 ROWS, COLS, CHIP_COLS = 3, 2100, 5000
@@ -41,3 +41,16 @@ def test_runs_give_what_single_pixels_give(even: bool) -> None:
             word = philox4x32(pixel, FRAME, EXPOSURE, np.uint32(0), *KEY)[2]
             dn = math.floor((e + READ * normal(word)) * GAIN + BLACK + 0.5)
             assert got[r, c] == min(max(dn, 0), WHITE), (r, c, mu)
+
+
+@pytest.mark.parametrize("well", [WELL, math.inf])
+@pytest.mark.parametrize("mean", [1e16, 9e18, 1e19, 1e30, 3e38])
+def test_light_of_any_strength_is_white(mean: float, well: float) -> None:
+    """Counts and digital numbers beyond 2^63, where whole numbers would turn negative, and the frame black."""
+    zero, dark = np.zeros((1, 1), np.int16), np.zeros((1, 1), np.float32)
+    light = np.full((2, 3000), mean, np.float32)
+    scalars = (1.0, well, READ, GAIN, BLACK, 5000.0)
+    got = expose(light, zero, 0.0, zero, 0.0, dark, *scalars, (0, 0), 3000, FRAME, *KEY)
+    assert (got == 5000).all()
+    one = (light[0, 0], zero[0, 0], 0.0, zero[0, 0], 0.0, dark[0, 0], *scalars)
+    assert all(expose_pixel(*one, pixel, FRAME, *KEY) == 5000 for pixel in range(200))

@@ -107,7 +107,7 @@ def expose_measured(
                 noise = math.sqrt(max(spread * abs(spread) - line_variance_dn2, 0.0))
                 level = float(offset[i]) + min(float(dark[i]), 0.0) * exposure_s + row_dn[r] + columns[i]
                 signal = min(electrons[i], well_capacity_e) * gain_dn_per_e
-                dn = math.floor(signal + (level + noise * deviates[i]) * ratio + black_level_dn + 0.5)
+                dn = signal + (level + noise * deviates[i]) * ratio + black_level_dn + 0.5
                 target[i] = np.uint16(min(max(dn, 0.0), white_level_dn))
     return out
 
@@ -166,5 +166,5 @@ def blink(
         level += amplitude_dn[j] * (high - high_fraction[j])
         noise = math.sqrt(max(noise_dn[j] * abs(noise_dn[j]) - line_variance_dn2, 0.0))
         ratio = gain_dn_per_e / map_gain_dn_per_e
-        dn = math.floor(electrons * gain_dn_per_e + (level + noise * normal(word)) * ratio + black_level_dn + 0.5)
+        dn = electrons * gain_dn_per_e + (level + noise * normal(word)) * ratio + black_level_dn + 0.5
         out[r, c] = np.uint16(min(max(dn, 0.0), white_level_dn))

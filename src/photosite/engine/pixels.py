@@ -184,7 +184,8 @@ def _converted(
     black_level_dn: float,
     white_level_dn: float,
 ) -> np.uint16:
-    dn = math.floor((signal_e + read_noise_e * deviate) * gain_dn_per_e + black_level_dn + 0.5)
+    dn = (signal_e + read_noise_e * deviate) * gain_dn_per_e + black_level_dn + 0.5
+    # Clipped before it becomes a whole number, which would overflow from 2^63 on.
     return np.uint16(min(max(dn, 0.0), white_level_dn))
 
 

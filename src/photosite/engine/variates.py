@@ -19,6 +19,8 @@ SMALL_MEAN = 10.0
 """Below this mean Poisson counts come from inversion, from it on from rejection."""
 MOST_SMALL = 80
 """A count that a mean below 10 reaches with probability below 1e-40."""
+_MOST_COUNT = 2.0**62
+"""More is counted as this: a whole number of 64 bits would overflow, and no well holds a millionth of it."""
 INVERSE = np.array([0.0] + [1.0 / k for k in range(1, MOST_SMALL + 1)])
 _LOG_FACTORIAL = np.array(
     # log k!, k = 0 .. 15, to 17 digits; from 16 on Stirling's series is as good
@@ -132,7 +134,7 @@ def poisson_candidate(mean: float, w0: np.uint32) -> float:
     b = 0.931 + 2.53 * math.sqrt(mean)
     a = -0.059 + 0.02483 * b
     u = uniform(w0) - 0.5
-    return math.floor((2.0 * a / (0.5 - abs(u)) + b) * u + mean + 0.43)
+    return math.floor(min((2.0 * a / (0.5 - abs(u)) + b) * u + mean + 0.43, _MOST_COUNT))
 
 
 @compiled(inline=True)
