@@ -10,7 +10,7 @@ import pytest
 
 import photosite.scene.reduce as reduce_module
 import photosite.scene.store as store_module
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, CubeHead
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import reduce_cube, reduced
@@ -175,13 +175,18 @@ def test_what_is_missing_or_negative_is_refused_with_its_place_or_made_0(bad: fl
 def test_infinite_values_are_refused_always() -> None:
     array = values()
     array[0, 0, 0] = np.inf
-    with pytest.raises(FileError, match="at row 0, column 0, band 1"):
-        reduce_cube(cube_of(array), ReadOptions(no_data="zero"))
+    for no_data in ("refuse", "zero"):
+        with pytest.raises(FileError, match=r"infinite value at row 0, column 0, band 1 .*mend the file") as caught:
+            reduce_cube(cube_of(array), ReadOptions(no_data=no_data))  # type: ignore[arg-type]
+        assert "zero" not in str(caught.value)
 
 
-def test_values_too_large_to_be_squared() -> None:
-    with np.errstate(over="ignore"), pytest.raises(FileError, match="are its units right"):
-        reduce_cube(cube_of(values() * 1e200))
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [1e99, 1e200, 1.7e308])
+@pytest.mark.parametrize("quantity", ["photon radiance", "energy radiance"])
+def test_values_too_large_to_be_squared_or_summed(size: float, quantity: str) -> None:
+    with pytest.raises(FileError, match="are its units right"):
+        reduce_cube(cube_of(np.full((20, 30, GRID.size), size), quantity))
 
 
 def test_darkness_is_dark() -> None:
@@ -214,10 +219,16 @@ def test_progress_counts_both_passes() -> None:
 
 
 def test_small_differences_survive_double_precision() -> None:
-    """A spectrum 1e-6 as strong as another is kept by a tolerance of 1e-7: float32 sums would have lost it."""
+    """A spectrum some 3e-6 as strong as another is kept by a tolerance of 1e-6: float32 sums would have lost it."""
     strong, weak = RNG.random(GRID.size), RNG.random(GRID.size)
     share = RNG.random((300, 40, 1))
-    array = 1e3 + share * strong + 1e-3 * RNG.random((300, 40, 1)) * weak
-    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=3e-8))
+    array = 1e3 + share * strong + 3e-2 * RNG.random((300, 40, 1)) * weak
+    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-6))
     assert len(scene.basis) == 3
     assert replace(scene).relative_error < 1e-7  # what float32 weights leave
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 9e-7])
+def test_tolerances_that_single_precision_does_not_keep_are_refused(tolerance: float) -> None:
+    with pytest.raises(InputError, match=r"from 1e-6 to below 1.*single precision"):
+        ReadOptions(tolerance=tolerance)

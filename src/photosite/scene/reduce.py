@@ -28,6 +28,8 @@ Progress = Callable[[int, int, str], object]
 
 _BLOCK_BYTES = 32 << 20
 """Of the double precision values of the rows that are looked at together."""
+_LARGEST_POWER = 1e200
+"""Sum of squares, in SI: with more of them the same in photons would leave double precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +208,11 @@ class _Values:
         gram, total = np.zeros((bands, bands)), np.zeros(bands)
         for _, block in self._blocks(count=True):
             spectra = _by_band(block)
-            gram += spectra @ spectra.T  # NumPy sees the transpose and computes one half
-            total += spectra.sum(axis=1)
-        if not np.isfinite(gram).all():
-            raise FileError(self._cube.name, "has values too large to be squared; are its units right?")
+            with np.errstate(over="ignore"):
+                gram += spectra @ spectra.T  # NumPy sees the transpose and computes one half
+                total += spectra.sum(axis=1)
+        if not np.trace(gram) < _LARGEST_POWER:
+            raise FileError(self._cube.name, "has values far larger than any light's; are its units right?")
         return gram[np.ix_(self._order, self._order)], total[self._order]
 
     def project(
@@ -238,8 +241,10 @@ class _Values:
         total = 2 * self._cube.shape[0]
         for first, block in self._read():
             if count or self.no_data or self.negative:  # the second pass over what is clean need not look again
-                # A sum is NaN or infinite where a value is, and costs one look.
-                if not np.isfinite(block.sum()):
+                # A sum is NaN or infinite where a value is, and costs one look; it is too where it grows too large.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    doubtful = not np.isfinite(block.sum())
+                if doubtful:
                     block = self._without_gaps(first, block, count)
                 if block.min() < 0:
                     block = self._not_negative(first, block, count)
@@ -254,12 +259,18 @@ class _Values:
             raise FileError(self._cube.name, f"cannot be read: {error.strerror or error}") from None
 
     def _without_gaps(self, first: int, block: Array, count: bool) -> Array:
-        gaps = ~np.isfinite(block)
-        if self._said.no_data == "refuse" or np.isinf(block).any():
+        endless, gaps = np.isinf(block), np.isnan(block)
+        if endless.any():
             raise FileError(
                 self._cube.name,
-                f"has no data {self._place(gaps, first)} (NaN, infinite, or the file's mark); mend the file, "
-                "or say that what is missing be taken as 0 (no_data='zero')",
+                f"has an infinite value {self._place(endless, first)}; mend the file: put the value there, or NaN for "
+                "none",
+            )
+        if self._said.no_data == "refuse" and gaps.any():
+            raise FileError(
+                self._cube.name,
+                f"has no data {self._place(gaps, first)} (NaN, or the file's mark); mend the file, or say that what is "
+                "missing be taken as 0 (no_data='zero')",
             )
         self.no_data += int(gaps.sum()) if count else 0
         return np.where(gaps, 0.0, block)

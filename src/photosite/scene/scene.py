@@ -165,7 +165,7 @@ class Scene:
         Raises
         ------
         InputError
-            If shapes do not fit, a value is negative or not finite, or the tolerance is not between 0 and 1.
+            If shapes do not fit, a value is negative or not finite, or the tolerance is not from 1e-6 to below 1.
 
         Examples
         --------
