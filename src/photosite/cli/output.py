@@ -68,8 +68,12 @@ def say_if_compiling() -> None:
         say("compiling kernels (once; about 20 s) ...")
 
 
+_LINE_EVERY_S = 10.0
+"""Where standard error goes to a file: for a log of a long stage that still says that it moves."""
+
+
 class Stages:
-    """Progress on standard error: a line per stage, and a count within it where a terminal is watching.
+    """Progress on standard error: a line per stage, and a count within it; in a file, a line every ten seconds.
 
     An instance is called as `progress(done, total, what)`, which is what the library's long functions ask for.
     """
@@ -77,22 +81,26 @@ class Stages:
     def __init__(self) -> None:
         self._watched = sys.stderr.isatty()
         self._what = ""
-        self._shown_s = 0.0
+        self._shown_s = time.monotonic()
 
     def stage(self, what: str) -> None:
         """Begin a stage."""
         self._clear()
         self._what = what
+        self._shown_s = time.monotonic()
         say(f"{what} ...")
 
     def __call__(self, done: int, total: int, what: str = "frames") -> None:
-        """Tell how far the stage is: at most ten times a second, and only to a terminal."""
+        """Tell how far the stage is: at most ten times a second to a terminal, else every ten seconds."""
         now = time.monotonic()
         if self._watched and (now - self._shown_s > 0.1 or done == total):
             self._shown_s = now
             click.echo(f"\r\x1b[K  {done} of {total} {what}", nl=False, err=True)
             if done == total:
                 self._clear()
+        elif not self._watched and now - self._shown_s >= _LINE_EVERY_S:
+            self._shown_s = now
+            say(f"  {done} of {total} {what}")
 
     def _clear(self) -> None:
         if self._watched:
