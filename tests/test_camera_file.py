@@ -90,9 +90,26 @@ def test_files_are_named_from_the_camera_files_folder(tmp_path: Path) -> None:
         ("scene:\n  source: macbth\n", "mine.camera.yaml:3: scene.source 'macbth' is neither a formula nor a file"),
         ("scene:\n  luminance_cd_m2: -3\n", "mine.camera.yaml:3: scene.luminance_cd_m2 is a number above 0, not -3"),
         ("scene:\n  wavelength_nm: 400\n", "mine.camera.yaml:3: scene.wavelength_nm is a list of numbers"),
+        ("scene:\n  wavelength_nm: [500, 400]\n", "mine.camera.yaml:3: wavelengths must increase"),
+        ("scene:\n  wavelength_nm: []\n", "mine.camera.yaml:3: wavelengths are a list of positive numbers"),
+        ("scene:\n  illuminant: D66\n", "mine.camera.yaml:3: unknown illuminant 'D66'"),
+        ("scene:\n  illuminant: -5\n", "mine.camera.yaml:3: a blackbody's temperature must be above 0 K, not -5"),
+        ("scene:\n  source: uniform\n  illuminant: lamp.csv\n", "mine.camera.yaml:4: "),
+        ("scene:\n  luminance_cd_m2: .inf\n", "mine.camera.yaml:3: scene.luminance_cd_m2 is a number above 0, not inf"),
+        ("scene:\n  distance_m: .inf\n", "mine.camera.yaml:3: scene.distance_m is a number above 0, not inf"),
+        ("scene:\n  tolerance: 0.1\n", "mine.camera.yaml:3: scene.tolerance is said of a scene's file; 'macbeth'"),
+        ("scene:\n  units: W\n", "mine.camera.yaml:3: scene.units is said of a scene's file; 'macbeth'"),
+        ("scene:\n  source: slanted-edg\n", "mine.camera.yaml:3: scene.source 'slanted-edg' is neither"),
+        ("scene:\n  source: slanted-edg\n", "did you mean 'slanted-edge'?"),
+        ("optics: gone.yaml\n", "mine.camera.yaml:2: optics: "),
+        ("sensor: none.sensor.yaml\n", "mine.camera.yaml:2: sensor: "),
+        (
+            "scene:\n  source: siemens-star\n  options:\n    patches: no\n",
+            "mine.camera.yaml:5: the scene 'siemens-star': ",
+        ),
         (
             "scene:\n  source: slanted-edge\n  options: {contras: 3}\n",
-            "mine.camera.yaml:3: the scene 'slanted-edge' has no option 'contras'; did you mean 'contrast'?",
+            "mine.camera.yaml:4: the scene 'slanted-edge' has no option 'contras'; did you mean 'contrast'?",
         ),
     ],
 )
@@ -103,9 +120,49 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, text: str, said: str)
     assert "\n" not in str(error.value)
 
 
-def test_no_camera_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("tolerance: 3", "mine.camera.yaml:4: the tolerance is a fraction of the RMS radiance"),
+        ("options: {foo: 1}", "mine.camera.yaml:4: reading a scene knows no option 'foo'"),
+        ("options: {sort_bands: no}", "mine.camera.yaml:4: sort_bands is true or false, not 'no'"),
+    ],
+)
+def test_how_a_file_is_read_is_checked_on_load(tmp_path: Path, text: str, said: str) -> None:
+    ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
+    with pytest.raises(FileError) as error:
+        load_camera(written(tmp_path, f"scene:\n  source: field.h5\n  {text}\n"))
+    assert said in str(error.value)
+
+
+def test_what_comes_up_when_the_scene_is_made_has_the_camera_files_line(tmp_path: Path) -> None:
+    told = load_camera(written(tmp_path, "scene:\n  options: {contrast: 0.1}\n  source: slanted-edge\n"))
+    with pytest.raises(FileError, match=r"mine\.camera\.yaml:4: scene: .*contrast.* is above 1, not 0\.1"):
+        told.scene.scene()
+    (tmp_path / "field.h5").write_text("no scene")
+    told = load_camera(written(tmp_path, "name: x\nscene: field.h5\n"))
+    with pytest.raises(FileError, match=r"mine\.camera\.yaml:3: scene: .*field\.h5: "):
+        told.scene.scene()
+    text = "scene:\n  - {source: uniform, distance_m: 3}\n  - {source: uniform, distance_m: 1}\n"
+    with pytest.raises(FileError, match=r"mine\.camera\.yaml:2: scene: "):
+        load_camera(written(tmp_path, text)).scene.scene()
+
+
+def test_a_lamps_file_lies_beside_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    grid = np.arange(380, 781, 10)
+    rows = [f"{nm},{nm - 300}" for nm in grid]
+    (tmp_path / "lamp.csv").write_text("wavelength_nm,relative_energy\n" + "\n".join(rows) + "\n")
+    file = written(tmp_path, "scene: {source: uniform, illuminant: lamp.csv, luminance_cd_m2: 20}\n")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    expected = ps.charts.uniform(ps.Spectrum(grid, grid - 300.0), 20)
+    np.testing.assert_allclose(load_camera(file).scene.scene().basis, expected.basis, rtol=1e-12)
+
+
+@pytest.mark.parametrize("first", ["photosite_sensor: 1", "photosite_camera: true"])
+def test_no_camera_file(tmp_path: Path, first: str) -> None:
     file = tmp_path / "sensor.yaml"
-    file.write_text("photosite_sensor: 1\n")
+    file.write_text(first + "\n")
     with pytest.raises(FileError, match="does not describe a camera: expected 'photosite_camera: 1'"):
         load_camera(file)
 

@@ -108,7 +108,7 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     """
     file = Path(path)
     data = read_yaml(file, "a camera file")
-    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
+    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1 or isinstance(data[VERSION_KEY], bool):
         raise FileError(file, f"does not describe a camera: expected '{VERSION_KEY}: 1' and the camera's fields")
     check_keys(file, data, _KEYS, "a camera file")
     given: dict[str, Any] = {"name": optional_text(file, data, "name")}
@@ -137,6 +137,8 @@ def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:
         return load_sensor(file.parent / name if is_file else name)
     except InputError as error:
         raise FileError(file, str(error), line_of(data, "sensor")) from None
+    except FileError as error:
+        raise FileError(file, f"sensor: {error}", line_of(data, "sensor")) from None
 
 
 def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
@@ -144,7 +146,10 @@ def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
 
     told = data["optics"]
     if isinstance(told, str):
-        return load_optics(file.parent / told)
+        try:
+            return load_optics(file.parent / told)
+        except FileError as error:
+            raise FileError(file, f"optics: {error}", line_of(data, "optics")) from None
     if not isinstance(told, Mapping):
         raise FileError(file, f"optics is an optics file, or its fields, not {told!r:.40}", line_of(data, "optics"))
     return parse_optics(told, file, section="optics")

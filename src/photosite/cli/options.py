@@ -162,6 +162,8 @@ def request_of(base: SceneRequest, told: Mapping[str, Any]) -> SceneRequest:
     if told["scene_source"] is not None:  # another scene: what the base says of its own is not said of it
         base = replace(base.unsaid, source=told["scene_source"])
     given = said_of_scene(told)
+    if given:  # errors may be of these, and not of the camera file
+        base = replace(base, place=None)
     return replace(base, **{**given, "options": {**base.options, **given.get("options", {})}})
 
 

@@ -6,7 +6,8 @@ The command line and the camera file both speak of scenes this way.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
@@ -49,6 +50,25 @@ _SHARED = ("illuminant", "mean_luminance_cd_m2", "wavelength_nm", "distance_m", 
 """What a request says in fields of its own, not among a formula's options."""
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a request was written, for errors that come up when its scene is made."""
+
+    file: Path
+    line: int | None = None
+
+
+@contextmanager
+def _said_at(place: Place | None) -> Iterator[None]:
+    """Errors name the place of the request, where it has one."""
+    try:
+        yield
+    except (InputError, FileError) as error:
+        if place is None:
+            raise
+        raise FileError(place.file, f"scene: {error}", place.line) from None
+
+
 @dataclass(frozen=True, eq=False)
 class SceneRequest:
     """What scene is wanted. None is left to the formula or the file.
@@ -73,6 +93,8 @@ class SceneRequest:
     options
         A formula's own options, such as `contrast` of slanted-edge; of a file those of
         `photosite.scene.options.ReadOptions`, such as `no_data`.
+    place
+        Where it was written, for messages; None where it was not.
     """
 
     source: str = DEFAULT_SCENE
@@ -84,6 +106,7 @@ class SceneRequest:
     units: str | None = None
     tolerance: float | None = None
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    place: Place | None = None
 
     @property
     def is_file(self) -> bool:
@@ -108,7 +131,7 @@ class SceneRequest:
         InputError
             If there is neither such a formula nor such a file, an option is not the formula's, or a value cannot be.
         FileError
-            If the file cannot be read as a scene.
+            If the file cannot be read as a scene, or, of a request that was written in a file, anything is wrong.
 
         Examples
         --------
@@ -118,7 +141,8 @@ class SceneRequest:
         Traceback (most recent call last):
         photosite.errors.InputError: no scene 'slantededge': it is no file, and no formula; did you mean 'slanted-edge'?
         """
-        return self._of_file() if self.is_file else self._of_formula()
+        with _said_at(self.place):
+            return self._of_file() if self.is_file else self._of_formula()
 
     def _of_formula(self) -> Scene:
         make = formula(self.source)
@@ -210,6 +234,7 @@ class PlanesRequest:
     """A scene in depth: planes, near to far."""
 
     planes: tuple[PlaneRequest, ...]
+    place: Place | None = None
 
     def scene(self) -> Planes:
         """The planes themselves.
@@ -223,7 +248,9 @@ class PlanesRequest:
         """
         from photosite.scene.planes import Planes
 
-        return Planes(tuple(part.plane() for part in self.planes))
+        planes = tuple(part.plane() for part in self.planes)
+        with _said_at(self.place):
+            return Planes(planes)
 
     @property
     def light(self) -> str | float | None:

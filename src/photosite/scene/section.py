@@ -8,12 +8,27 @@ scene:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from os import fspath
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import FileError, InputError
-from photosite.scene.request import PlaneRequest, PlanesRequest, SceneRequest, check_options, scene_request
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.scene.files import read_options
+from photosite.scene.request import (
+    FORMULAS,
+    Place,
+    PlaneRequest,
+    PlanesRequest,
+    SceneRequest,
+    check_options,
+    scene_request,
+)
+from photosite.scene.values import is_number
+from photosite.spectra import illuminant as relative_energy
+from photosite.spectra import wavelength_grid
 from photosite.yaml_file import check_keys, line_of, optional_text
 
 _NUMBERS = {
@@ -46,7 +61,8 @@ def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesReq
         if not told:
             raise FileError(file, "scene lists no planes; give one or more, near to far", line)
         lines = [line_of(told, index) or line for index in range(len(told))]
-        return PlanesRequest(tuple(_plane(file, part, at) for part, at in zip(told, lines, strict=True)))
+        planes = tuple(_plane(file, part, at) for part, at in zip(told, lines, strict=True))
+        return PlanesRequest(planes, Place(file, line))
     if isinstance(told, str):
         told = {"source": told}
     return _one(file, told, line, _KEYS)
@@ -64,35 +80,75 @@ def _one(file: Path, told: Any, line: int | None, known: tuple[str, ...]) -> Sce
     if not isinstance(told, Mapping):
         raise FileError(file, f"scene is a formula's name, a file, or fields, not {told!r:.40}", line)
     check_keys(file, told, known, "scene")
-    said: dict[str, Any] = {"units": optional_text(file, told, "units")}
-    illuminant = told.get("illuminant")
-    if illuminant is not None and not isinstance(illuminant, str) and not _is_number(illuminant):
-        raise FileError(file, f"scene.illuminant is a name or a temperature in K, not {illuminant!r:.40}", line)
-    said["illuminant"] = illuminant
+    source = optional_text(file, told, "source") or SceneRequest().source
+    with _at(file, told, "source", line):
+        if source not in FORMULAS and not (file.parent / source).exists():
+            hint = "" if Path(source).suffix else f"; {did_you_mean(source, FORMULAS)}"
+            raise InputError(f"scene.source '{source}' is neither a formula nor a file beside this one{hint}")
+    said: dict[str, Any] = {
+        "units": optional_text(file, told, "units"),
+        "illuminant": _illuminant(file, told, line),
+        "place": Place(file, line_of(told, "source") or line),
+    }
     for key, name in _NUMBERS.items():
         if (value := told.get(key)) is not None:
-            if not _is_number(value) or not value > 0:
+            if not is_number(value) or not (math.isfinite(value) and value > 0):
                 raise FileError(file, f"scene.{key} is a number above 0, not {value!r:.40}", line_of(told, key) or line)
             said[name] = float(value)
+    _check_of_files(file, told, source, line)
     if (grid := told.get("wavelength_nm")) is not None:
-        if not isinstance(grid, list) or not all(map(_is_number, grid)):
+        if not isinstance(grid, list) or not all(map(is_number, grid)):
             raise FileError(file, "scene.wavelength_nm is a list of numbers", line_of(told, "wavelength_nm") or line)
         said["wavelength_nm"] = [float(value) for value in grid]
-    options = told.get("options") or {}
-    if not isinstance(options, Mapping):
-        raise FileError(file, f"scene.options are fields, not {options!r:.40}", line_of(told, "options") or line)
-    said["options"] = {str(key): value for key, value in options.items()}
-    source = optional_text(file, told, "source") or SceneRequest().source
-    request = scene_request(source, file.parent, **said)
+        with _at(file, told, "wavelength_nm", line):  # a file's bands may be said in the file's own order
+            wavelength_grid(grid if source in FORMULAS else sorted(grid))
+    said["options"] = _options(file, told, source, line)
+    return scene_request(source, file.parent, **said)
+
+
+@contextmanager
+def _at(file: Path, told: Mapping[str, Any], key: str, line: int | None) -> Iterator[None]:
+    """What is wrong with a value, or with the file that it names, is said with the line that it stands on."""
     try:
-        if not request.is_file:
-            check_options(request.source, request.options)
-        elif not Path(request.source).exists():
-            raise InputError(f"scene.source '{source}' is neither a formula nor a file beside this one")
-    except InputError as error:
-        raise FileError(file, str(error), line_of(told, "source") or line) from None
-    return request
+        yield
+    except (InputError, FileError) as error:
+        raise FileError(file, str(error), line_of(told, key) or line) from None
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _illuminant(file: Path, told: Mapping[str, Any], line: int | None) -> str | float | None:
+    """The light, a lamp's file by its place beside the camera file."""
+    wanted = told.get("illuminant")
+    if wanted is None:
+        return None
+    if not isinstance(wanted, str) and not is_number(wanted):
+        at = line_of(told, "illuminant") or line
+        raise FileError(file, f"scene.illuminant is a name or a temperature in K, not {wanted!r:.40}", at)
+    if isinstance(wanted, str) and wanted.strip().lower().endswith(".csv"):
+        wanted = fspath(file.parent / wanted.strip())
+    with _at(file, told, "illuminant", line):
+        relative_energy(wanted, [560.0])
+    return str(wanted) if isinstance(wanted, str) else float(wanted)
+
+
+def _check_of_files(file: Path, told: Mapping[str, Any], source: str, line: int | None) -> None:
+    """Whether what is said of how a file is read is said of a file, and can be."""
+    for key in ("units", "tolerance"):
+        if told.get(key) is not None:
+            with _at(file, told, key, line):
+                if source in FORMULAS:
+                    raise InputError(f"scene.{key} is said of a scene's file; '{source}' is a formula")
+                read_options({key: told[key]})
+
+
+def _options(file: Path, told: Mapping[str, Any], source: str, line: int | None) -> dict[str, Any]:
+    wanted = told.get("options") or {}
+    if not isinstance(wanted, Mapping):
+        raise FileError(file, f"scene.options are fields, not {wanted!r:.40}", line_of(told, "options") or line)
+    named = {str(key): value for key, value in wanted.items()}
+    for key, value in named.items():
+        with _at(file, wanted, key, line_of(told, "options") or line):
+            if source in FORMULAS:
+                check_options(source, {key: value})
+            else:
+                read_options({key: value})
+    return named
