@@ -179,7 +179,7 @@ def by_wavelength(scene: Scene, curves: RadialMapping, sensor: Sensor) -> NDArra
 
 
 def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
-    """Red and blue 0.8 pixels apart at the corner, 61 wavelengths on 9 nodes: against one warp a wavelength."""
+    """Red and blue 0.8 pixels apart at the corner, 61 wavelengths on 5 nodes: against one warp a wavelength."""
     sensor = D200.with_(rows=60, cols=80)
     rng = np.random.default_rng(6)
     grid = np.arange(400.0, 701.0, 5)
@@ -187,11 +187,11 @@ def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
     weights = np.kron(rng.random((3, 30, 40)), np.ones((2, 2))).astype(np.float32)
     scene = Scene(weights, 1e14 * smooth, grid)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
-    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))) == 9
+    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))) == 5
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
     want = by_wavelength(scene, curves, sensor)
     without = ps.Camera(lens(third_order(-0.02, corner_m(sensor))), sensor).mean_electrons(scene, 0.01)
-    assert np.abs(got - want).max() < 5e-4 * want.max()
+    assert np.abs(got - want).max() < 7e-4 * want.max()
     assert np.abs(without - want).max() > 3e-2 * want.max()
 
 

@@ -1,9 +1,8 @@
 """What a lens's mapping does to a frame: the warps through which its cells look, and where a scene's regions lie.
 
-With lateral chromatic aberration every wavelength has a warp of its own. A few wavelengths stand for all: the images of
-neighbouring ones are at most a tenth of a pixel apart anywhere in the frame, and the light of a wavelength between is
-shared between the two, the nearer the more. Its image lies where it should, a little wider: by a variance of at most
-0.0025 pixels squared.
+With lateral chromatic aberration every wavelength has a warp of its own. A few wavelengths stand for all: their images
+are at most a quarter of a pixel apart anywhere in the frame, and the light of a wavelength between is shared among four
+of them, so that a sum of shifted images stands for one (`wavelength_nodes`).
 """
 
 from __future__ import annotations

@@ -86,11 +86,24 @@ def test_nodes_stand_at_even_steps_of_the_image() -> None:
     ideal = np.array([0.0, 10e-3])
     real = ideal * np.array([[1.0], [1.0006], [1.00075]])
     mapping = RadialMapping(np.array([400.0, 500.0, 700.0]), ideal, real)
-    nodes, shares = wavelength_nodes(mapping, np.arange(400.0, 701.0, 10), 10e-3, 1.5e-6)
-    np.testing.assert_allclose(nodes, [400, 425, 450, 475, 500, 700], atol=1e-6)
+    grid = np.arange(400.0, 701.0, 10)
+    nodes, shares = wavelength_nodes(mapping, grid, 10e-3, 1.5e-6)
+    np.testing.assert_allclose(nodes, [400, 441 + 2 / 3, 483 + 1 / 3, 700], atol=1e-6)
     np.testing.assert_allclose(shares.sum(axis=0), 1.0, atol=1e-12)
-    np.testing.assert_allclose(shares[:, 1], [0.6, 0.4, 0, 0, 0, 0], atol=1e-9)  # 410 nm
-    np.testing.assert_allclose(shares[:, 20], [0, 0, 0, 0, 0.5, 0.5], atol=1e-9)  # 600 nm
+    # Among four nodes any cubic of the way travelled is kept.
+    way = np.interp(grid, [400, 500, 700], [0.0, 6.0, 7.5])
+    for power in (1, 2, 3):
+        np.testing.assert_allclose(np.array([0, 2.5, 5, 7.5]) ** power @ shares, way**power, atol=1e-9)
+
+
+def test_few_nodes_share_between_two() -> None:
+    """6 um, then 1.5 um, in steps of at most 4 um: three nodes."""
+    real = np.array([0.0, 10e-3]) * np.array([[1.0], [1.0006], [1.00075]])
+    mapping = RadialMapping(np.array([400.0, 500.0, 700.0]), np.array([0.0, 10e-3]), real)
+    nodes, shares = wavelength_nodes(mapping, np.arange(400.0, 701.0, 10), 10e-3, 4e-6)
+    np.testing.assert_allclose(nodes, [400, 462.5, 700], atol=1e-6)
+    np.testing.assert_allclose(shares[:, 1], [0.84, 0.16, 0], atol=1e-9)  # 410 nm: 0.6 of 3.75 um
+    np.testing.assert_allclose(shares[:, 20], [0, 0.2, 0.8], atol=1e-9)  # 600 nm: 6.75 um
 
 
 def test_wavelengths_themselves_are_nodes_where_as_many_are_needed() -> None:
