@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
 
 from photosite import spectra
 from photosite.errors import InputError
+from photosite.scene import charts
 from photosite.spectra import Spectrum
 
 
@@ -68,6 +70,30 @@ def test_tungsten_means_cie_a_unless_a_spectrum_is_given() -> None:
     assert (spectra.illuminant("Tungsten") == spectra.illuminant("A")).all()
     own = Spectrum(np.array([300.0, 900.0]), np.array([1.0, 3.0]))
     assert spectra.illuminant(own, [600.0]) == pytest.approx([2.0])
+
+
+@pytest.mark.parametrize("name", ["10K", 25, "blackbody 60"])
+def test_a_blackbody_too_cold_to_shine_is_no_light(name: str | int) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert spectra.blackbody(10.0)[0] == 0.0
+        for make in (spectra.illuminant, charts.macbeth, charts.uniform, charts.color_checker_sg):
+            with pytest.raises(InputError, match=r"K sends out no light from 380 to 7\d0 nm; give its temperature"):
+                make(name)
+    assert charts.macbeth(100).light().max() > 0
+
+
+def test_a_chart_in_the_dark_has_no_luminance() -> None:
+    with pytest.raises(InputError, match="no light that the eye sees"):
+        charts.macbeth(Spectrum(np.array([380.0, 780.0]), np.zeros(2)))
+
+
+def test_an_unknown_illuminant_far_from_all_is_answered_in_a_line() -> None:
+    with pytest.raises(
+        InputError, match=r"'moonshine'; known are the CIE's \(A, D65, .*'daylight 5600'.*illuminant"
+    ) as said:
+        spectra.illuminant("moonshine")
+    assert len(str(said.value)) < 240
 
 
 def test_an_illuminant_is_not_stretched_beyond_its_table() -> None:

@@ -26,6 +26,9 @@ BOLTZMANN_J_K = 1.380649e-23
 LUMINOUS_EFFICACY_LM_W = 683.0
 """K_m of photopic vision, rounded as CIE 015:2018 allows."""
 
+_DARK = 1e-100
+"""W/sr/m2/nm, of a blackbody below some 75 K in what is visible: no photon in the age of the universe."""
+
 DEFAULT_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 10.0)
 DEFAULT_WAVELENGTH_NM.flags.writeable = False
 
@@ -215,7 +218,8 @@ def blackbody(temperature_k: float, wavelength_nm: ArrayLike = DEFAULT_WAVELENGT
         raise InputError(f"a blackbody's temperature must be above 0 K, not {temperature_k}")
     wavelength_m = wavelength_grid(wavelength_nm) * 1e-9
     exponent = PLANCK_J_S * LIGHT_SPEED_M_S / (wavelength_m * BOLTZMANN_J_K * temperature_k)
-    per_m = 2 * PLANCK_J_S * LIGHT_SPEED_M_S**2 / wavelength_m**5 / np.expm1(exponent)
+    with np.errstate(over="ignore"):  # so cold that there is no such photon
+        per_m = 2 * PLANCK_J_S * LIGHT_SPEED_M_S**2 / wavelength_m**5 / np.expm1(exponent)
     return per_m * 1e-9
 
 
@@ -253,15 +257,26 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     if not isinstance(name, str):
         if isinstance(name, bool) or not isinstance(name, Real):
             raise InputError(f"an illuminant is a name, a temperature in K or a Spectrum, not {name!r:.40}")
-        return blackbody(float(name), grid)
+        return _glow(float(name), grid)
     if temperature := re.fullmatch(r"(?:blackbody[ :]*)?(\d+(?:\.\d+)?) ?k?", name.strip(), re.IGNORECASE):
-        return blackbody(float(temperature[1]), grid)
+        return _glow(float(temperature[1]), grid)
     from photosite.lamps import lamp  # it knows spectra by this module's Spectrum
 
     if (found := lamp(name)) is not None:
         return _within(found.wavelength_nm, found.values, grid, f"the light {name}")
     table, values = _cie_illuminant(name)
     return _within(table, values, grid, f"illuminant {name}")
+
+
+def _glow(temperature_k: float, grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A blackbody as a light: one that is too cold to shine at these wavelengths is none."""
+    energy = blackbody(temperature_k, grid)
+    if not energy.max() > _DARK:
+        raise InputError(
+            f"a blackbody of {temperature_k:g} K sends out no light from {grid[0]:g} to {grid[-1]:g} nm; give its "
+            "temperature in kelvins (3200), or a light by its name (A, D65)"
+        )
+    return energy
 
 
 def _within(
@@ -282,6 +297,12 @@ def _cie_illuminant(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]
     known |= {f"f{key[2:].lower()}": key for key in tables if key.startswith("FL")}  # the older name
     if name.lower() not in known:
         kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten")
-        raise InputError(f"unknown illuminant '{name}'; {did_you_mean(name, kinds)}")
+        hint = did_you_mean(name, kinds)
+        if not hint.startswith("did"):  # all there are would be fifty
+            hint = (
+                "known are the CIE's (A, D65, F11, LED-B3, ...), 'daylight 5600', 'blackbody 3200', 'led 4000' and "
+                "files (lamp.csv); photosite.spectra.illuminant has them all"
+            )
+        raise InputError(f"unknown illuminant '{name}'; {hint}")
     table = tables[known[name.lower()]]
     return np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)

@@ -158,6 +158,8 @@ def macbeth(
     patches = Scene.uniform(spectra.mean(axis=0), grid).mean_luminance_cd_m2(rule)
     if not (np.isfinite(mean_luminance_cd_m2) and mean_luminance_cd_m2 >= 0):
         raise InputError(f"a mean luminance is 0 cd/m2 or more, not {mean_luminance_cd_m2}")
+    if not patches > 0:
+        raise InputError("the illuminant has no light that the eye sees, so the chart cannot be given a luminance")
     return chart.scaled(mean_luminance_cd_m2 / patches)
 
 
