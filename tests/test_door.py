@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.door import crosstalk_shares, through_door
-from photosite.errors import InputError
+from photosite.door import crosstalk_shares, through_door, warn_of_lens_table
+from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.spread import PlaneSpread, RadialSpread
 from photosite.sensor.door import Crosstalk
 
@@ -313,3 +313,32 @@ def test_angular_response_comes_before_crosstalk() -> None:
         np.ones((1, 8), np.float32), sensor.with_(angular_response=table, crosstalk={"optical": right}), LENS, 1.2
     )
     assert both[0, 1:] == pytest.approx(0.75 * took[0, 1:] + 0.25 * took[0, :-1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wavelengths", "values", "said"),
+    [
+        ([500, 600], [0.9, 0.9], True),
+        ([380, 600], [0.9, 0.9], True),
+        ([380, 780], [0.9, 0.9], False),
+        ([490, 500, 600, 610], [0, 0.9, 0.9, 0], False),  # a band that comes down to 0 is meant
+    ],
+)
+def test_a_lens_table_that_ends_where_the_sensor_responds_is_said(
+    wavelengths: list[float], values: list[float], said: bool
+) -> None:
+    table = ps.Spectrum(np.array(wavelengths, float), np.array(values, float))
+    base = ps.DiffractionLimited(4, 50, table)
+    for optics in (base, ps.Lens(base)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            ps.Camera(optics, D200).mean_electrons(ps.charts.uniform("A", 1), 0.1)
+        assert [str(w.message) for w in caught if "transmittance table" in str(w.message)] != [] if said else not caught
+
+
+def test_the_share_beyond_the_lens_table_is_the_responses() -> None:
+    """A response even from 400 to 700 nm, a table from 400 to 600: a third lies beyond."""
+    sensor = D200.with_(cfa="mono", channels={"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}})
+    table = ps.Spectrum(np.array([400.0, 600.0]), np.array([0.9, 0.9]))
+    with pytest.warns(PhotositeWarning, match=r"33\.3% of channel M's response .*, 400 to 600 nm, and there nothing"):
+        warn_of_lens_table(ps.DiffractionLimited(4, 50, table), sensor)

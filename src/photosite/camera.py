@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import shifted
-from photosite.door import channel_mixing
+from photosite.door import channel_mixing, warn_of_lens_table
 from photosite.errors import InputError
 from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
@@ -106,6 +106,7 @@ class Camera:
 
     def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
         rule, cells = self.integration, self.cells_per_pixel
+        warn_of_lens_table(self.optics, self.sensor)
         if isinstance(scene, Planes):
             return layered_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
         return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)

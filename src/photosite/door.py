@@ -6,18 +6,23 @@ of mean electrons. Filters work on the spectrum, in `Sensor.response_at`.
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cfa import Cfa
 from photosite.engine.crosstalk import gathered, scale_by_angle
 from photosite.engine.jit import threads_for
-from photosite.errors import InputError
+from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.spread import Optics
 from photosite.sensor.door import AngularResponse, Crosstalk, Kernel
 from photosite.sensor.model import Sensor
 
 _NO_CROSSTALK: Kernel = ((1.0,),)
+_FINE = 1001
+_STOPPED_LIMIT = 0.01
+"""Share of a channel's response beyond the lens's table above which a warning is due."""
 
 
 def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
@@ -33,6 +38,39 @@ def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
     if stack is None or stack.low_pass_filter is None:
         return 0.0, 0.0
     return stack.low_pass_filter.split_y_um.value * 1e-6, stack.low_pass_filter.split_x_um.value * 1e-6
+
+
+def warn_of_lens_table(optics: Optics, sensor: Sensor) -> None:
+    """Say that the lens's transmittance table ends while it passes light that a channel responds to.
+
+    A table that comes down to 0 at its end says itself that nothing passes beyond.
+
+    Warns
+    -----
+    PhotositeWarning
+        If more than 1 % of a channel's response lies beyond such an end.
+    """
+    table = getattr(getattr(optics, "base", optics), "transmittance", None)
+    grid = getattr(table, "wavelength_nm", None)
+    if table is None or grid is None:
+        return
+    first, last = float(grid[0]), float(grid[-1])
+    for name in sensor.channel_names:
+        known = sensor.response(name)[0]
+        fine = np.union1d(np.linspace(known[0], known[-1], _FINE), [*known, first, last])
+        response = sensor.response_at(name, fine)
+        area = np.diff(fine) * (response[1:] + response[:-1]) / 2
+        middle = (fine[1:] + fine[:-1]) / 2
+        open_ends = (middle < first) & (table.values[0] > 0) | (middle > last) & (table.values[-1] > 0)
+        beyond = float(area[open_ends].sum() / area.sum()) if area.sum() > 0 else 0.0
+        if beyond > _STOPPED_LIMIT:
+            warnings.warn(
+                f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} to "
+                f"{last:g} nm, and there nothing passes; continue the table, down to 0 where the lens is dark",
+                PhotositeWarning,
+                stacklevel=4,
+            )
+            return
 
 
 def through_door(mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float) -> NDArray[np.float32]:
