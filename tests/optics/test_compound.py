@@ -159,6 +159,18 @@ def test_magnification_per_wavelength_scales_the_whole_image() -> None:
         np.testing.assert_allclose(image_height(mapping, wavelength)(far), far * scale, rtol=1e-9)
 
 
+def test_a_magnification_holds_up_to_any_corner() -> None:
+    sensor = ps.load_sensor("nikon-d200").with_(rows=520, cols=520)  # its corner lies at 2.2 mm
+    color = LateralColor.from_magnification([450, 650], [1.0004, 0.9997])
+    camera = ps.Camera(Lens(DiffractionLimited(8, 50), lateral_color=color), sensor)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        camera.mean_electrons(ps.charts.macbeth(), 0.1)
+    far = LateralColor(np.array([450.0, 650.0]), FieldPoints(height_mm=np.array([1.0])), np.array([[0.4], [-0.3]]))
+    with pytest.warns(PhotositeWarning, match="known up to"):
+        ps.Camera(Lens(DiffractionLimited(8, 50), lateral_color=far), sensor).mean_electrons(ps.charts.macbeth(), 0.1)
+
+
 def test_lateral_color_is_added_to_the_distorted_image() -> None:
     barrel = Distortion.from_percent(FieldPoints(height_mm=np.linspace(0, 15, 16)), -4 * np.linspace(0, 1, 16) ** 2)
     height = np.linspace(0, 15, 7)
@@ -220,6 +232,9 @@ def test_a_camera_sees_a_distorted_lens_with_glare() -> None:
         (lambda: LateralColor(GRID, heights(0, 5), np.full((3, 2), [0, 900.0])), "more than a tenth"),
         (lambda: LateralColor(GRID, heights(0, 5), np.zeros((2, 2))), "shape"),
         (lambda: LateralColor.from_magnification([450, 550], [1.0]), "shape"),
+        (lambda: LateralColor.from_magnification([0.45, 0.55], [1.0, 1.0]), "0.45 nm .* in um"),
+        (lambda: Distortion.from_real_heights(heights(0, 7), [0, 7000], 50), "1e.03 times .* real heights are in mm"),
+        (lambda: Distortion.from_real_heights(heights(7, 14), [0.007, 0.014], 50), "0.001 times .* are in mm"),
     ],
 )
 def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:

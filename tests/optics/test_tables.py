@@ -168,7 +168,10 @@ def test_transfer_functions_that_cannot_be(change: dict[str, Any], message: str)
         ({"samples": [gaussian(2.0)[:, :-1]]}, "square"),
         ({"samples": [gaussian(2.0) - 1e-4]}, "negative somewhere"),
         ({"samples": [np.full((9, 9), np.nan)]}, "NaN"),
-        ({"samples": [np.zeros((9, 9))]}, "negative somewhere"),
+        ({"samples": [np.zeros((9, 9))]}, "holds no light: its samples sum to 0, the largest is 0; check"),
+        ({"samples": [-gaussian(2.0)], "normalise": True}, "holds no light: its samples sum to -1"),
+        ({"spacing_um": 5e-7}, "5e-07 um apart .* in um: if that is in m, multiply by 1e6"),
+        ({"wavelength_nm": [0.55]}, "0.55 nm .* in um, multiply by 1000"),
         ({"samples": [gaussian(0.4) / gaussian(0.4).sum()]}, "too coarse"),
         ({"spacing_um": None}, "spacing_um.*must be above 0"),
         ({"spacing_um": -1.0}, "must be above 0"),
@@ -313,3 +316,23 @@ def test_damaged_files_of_point_spreads_are_one_line(tmp_path: Path, suffix: str
         path.write_bytes(damaged)
         with contextlib.suppress(FileError):  # one error line, or a table after all
             read_psf_table(path, **options)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "frequency_per_mm; 450; 650\n0; 1; 1\n40,5; 0,7; 0,6\n200; 0; 0\n",
+        "frequency_per_mm;450;650\n0;1;1\n40.5;0.7;0.6\n200;0;0\n",
+    ],
+)
+def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
+    (tmp_path / "mtf.csv").write_text(text, encoding="utf-8")
+    table = read_otf_table(tmp_path / "mtf.csv")
+    np.testing.assert_array_equal(table.frequency_per_mm, [0, 40.5, 200])
+    np.testing.assert_array_equal(table.values, [[1, 0.7, 0], [1, 0.6, 0]])
+
+
+def test_commas_among_points_are_not_guessed_at(tmp_path: Path) -> None:
+    (tmp_path / "mtf.csv").write_text("frequency_per_mm;450\n0;1\n40.5;0,7\n200;0\n", encoding="utf-8")
+    with pytest.raises(FileError, match=r"mtf\.csv:3: '0,7' is not a number"):
+        read_otf_table(tmp_path / "mtf.csv")

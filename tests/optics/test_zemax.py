@@ -118,7 +118,7 @@ def test_psf_listings_in_every_encoding_and_decimal_mark(head: str, encoding: st
         ("Data spacing is 0.500 µm.\n", "", "does not say 'Data spacing"),
         ("spacing is 0.500 µm", "spacing is 0.500 arcmin", r":10: 'arcmin' is no unit of length"),
         ("Values are not normalized.\n", "", "no line 'Values are"),
-        ("Values are not normalized", "Values are Log of intensity", r":17: values are Log of intensity.* linear"),
+        ("Values are not normalized", "Values are Log of intensity", r":17: values are Log of [^:]*: export linear"),
         ("grid size: 21 by 21", "grid size: 32 by 21", "says 32 by 21 samples and holds 21 by 21"),
         ("row 11, column", "row 40, column", "row 40 column 11, is not in its grid"),
     ],

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.optics.lens import camera_wavelengths
 from photosite.optics.mapping import image_height
 from photosite.optics.radial_table import FieldPoints, check_values, even_curve
 from photosite.optics.spread import RadialMapping
-from photosite.spectra import wavelength_grid
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,10 @@ _NODES = 65
 _ANY_WAVELENGTH_NM = np.array([550.0])
 _LARGEST_SHARE = 0.1
 """Of the image height: a lateral colour beyond it is a wrong unit rather than a lens."""
+_LEAST_RATIO = 0.2
+"""Of the first place off the axis: fisheyes come down to it at 78 degrees."""
+_ANY_HEIGHT_M = 1.0
+"""Beyond any sensor's corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,8 @@ class Distortion:
     Raises
     ------
     InputError
-        If the image would fold back, or there is no place off the axis.
+        If the image would fold back, there is no place off the axis, or the first of them falls at less than a fifth
+        or more than five times its ideal height: then heights are in another unit.
 
     Examples
     --------
@@ -58,6 +63,12 @@ class Distortion:
         object.__setattr__(self, "ratio", ratio)
         if self.field.size == 1 and self.field.starts_on_axis:
             raise InputError("distortion on the axis alone says nothing; give places off the axis")
+        first = float(ratio[int(self.field.starts_on_axis)])
+        if not _LEAST_RATIO <= first <= 1 / _LEAST_RATIO:
+            raise InputError(
+                f"distortion puts the first place off the axis at {first:.3g} times its ideal height: real heights are "
+                "in mm, as height_mm is, and percent are 100 (real / ideal - 1)"
+            )
         real = self.heights_m(1.0)[1]
         if (np.diff(real) <= 0).any():
             raise InputError(
@@ -162,11 +173,13 @@ class LateralColor:
         Where: image heights on the sensor without lateral colour, or field angles.
     shift_um
         (L, n).
+    everywhere
+        Whether the shift goes on in proportion to height beyond the last place, as that of a magnification does.
 
     Raises
     ------
     InputError
-        If a shift is more than a tenth of the image height: then it is in another unit.
+        If a shift is more than a tenth of the image height, or a wavelength below 100 nm: then it is in another unit.
 
     Examples
     --------
@@ -177,9 +190,10 @@ class LateralColor:
     wavelength_nm: Array
     field: FieldPoints
     shift_um: Array
+    everywhere: bool = False
 
     def __post_init__(self) -> None:
-        grid = wavelength_grid(self.wavelength_nm)
+        grid = camera_wavelengths(self.wavelength_nm)
         shift = check_values("lateral colour", self.shift_um, (grid.size, self.field.size))
         if self.field.size == 1 and self.field.starts_on_axis:
             raise InputError("lateral colour on the axis alone says nothing; give places off the axis")
@@ -197,7 +211,7 @@ class LateralColor:
         """From image heights of each wavelength over that of the reference wavelength."""
         scale = check_values("magnification", magnification, (np.size(wavelength_nm),))
         shift = ((scale - 1) * 1e3)[:, None].round(12)
-        return cls(np.asarray(wavelength_nm, np.float64), FieldPoints(height_mm=np.array([1.0])), shift)
+        return cls(np.asarray(wavelength_nm, np.float64), FieldPoints(height_mm=np.array([1.0])), shift, True)
 
 
 def combined_mapping(
@@ -221,7 +235,8 @@ def combined_mapping(
     if lateral_color is None:
         return bare
     places = lateral_color.field.ideal_m(image_distance_m)
-    ideal = (places[-1] if bare is None else bare.ideal_m[-1]) * np.sqrt(np.linspace(0.0, 1.0, _NODES))
+    known_m = _ANY_HEIGHT_M if lateral_color.everywhere else places[-1]
+    ideal = (known_m if bare is None else bare.ideal_m[-1]) * np.sqrt(np.linspace(0.0, 1.0, _NODES))
     real = ideal
     if bare is not None:
         curve = image_height(bare, float(bare.wavelength_nm[0]))

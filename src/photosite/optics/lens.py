@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
@@ -15,6 +15,21 @@ from photosite.spectra import Spectrum, wavelength_grid
 
 AIRY_REACH_PERIODS = 40.0
 """Radius that holds 99.5 % of an Airy pattern's light, in periods of the cutoff, lambda N."""
+_SHORTEST_NM = 100.0
+
+
+def camera_wavelengths(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
+    """Wavelengths as `wavelength_grid` checks them, and none below 100 nm, as those in um are.
+
+    Raises
+    ------
+    InputError
+        If they are no wavelengths of a camera's.
+    """
+    grid = wavelength_grid(wavelength_nm)
+    if grid[0] < _SHORTEST_NM:
+        raise InputError(f"a wavelength of {grid[0]:g} nm is none of a camera's: if that is in um, multiply by 1000")
+    return grid
 
 
 @dataclass(frozen=True)
@@ -28,14 +43,14 @@ class DiffractionLimited:
     focal_length_mm
         f.
     transmittance
-        Of the glass: one number, or a `Spectrum` of them, 0 to 1.
+        Of the glass: one number, or a `Spectrum` of them, 0 to 1; outside it nothing passes.
     falloff
         "none", or "cos4" for the natural fall-off towards the corners.
 
     Raises
     ------
     InputError
-        If a value is not positive, or the transmittance is not between 0 and 1.
+        If a value is not positive, the transmittance is not between 0 and 1, or its wavelengths are below 100 nm.
 
     Notes
     -----
@@ -63,6 +78,8 @@ class DiffractionLimited:
         values = self.transmittance.values if isinstance(self.transmittance, Spectrum) else self.transmittance
         if not ((np.asarray(values) >= 0) & (np.asarray(values) <= 1)).all():
             raise InputError(f"transmittance is a fraction, 0 to 1, not {values}")
+        if isinstance(self.transmittance, Spectrum):
+            camera_wavelengths(self.transmittance.wavelength_nm)
         if self.falloff not in ("none", "cos4"):
             raise InputError(f"falloff is 'none' or 'cos4', not '{self.falloff}'")
 

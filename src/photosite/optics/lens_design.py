@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens import DiffractionLimited, camera_wavelengths
 from photosite.optics.low_rank import LowRank, low_rank
-from photosite.optics.sampled import Rotated, box_blurred, light_radius, normalised, transfer
+from photosite.optics.sampled import Rotated, box_blurred, check_spacing, light_radius, normalised, transfer
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
-from photosite.spectra import wavelength_grid
 
 Array = NDArray[np.float64]
 
@@ -100,15 +99,14 @@ class LensDesign:
     nodes: int | None = None
 
     def __post_init__(self) -> None:
-        grid, psf = wavelength_grid(self.wavelength_nm), np.asarray(self.psf, np.float64)
+        grid, psf = camera_wavelengths(self.wavelength_nm), np.asarray(self.psf, np.float64)
         y, x = (np.atleast_1d(np.asarray(a, np.float64)) for a in (self.field_y, self.field_x))
         if psf.ndim != 4 or psf.shape[2] != psf.shape[3] or psf.shape[:2] != (y.size, grid.size) or x.shape != y.shape:
             raise InputError(
                 "lens-design point spreads are psf (F, L, n, n) for field_y and field_x (F,) and wavelength_nm (L,): "
                 f"got {psf.shape}, {y.shape}, {x.shape} and {grid.shape}"
             )
-        if not (math.isfinite(self.spacing_um) and self.spacing_um > 0):
-            raise InputError(f"spacing_um, between samples on the sensor, must be above 0, not {self.spacing_um}")
+        check_spacing(self.spacing_um)
         if self.unit not in ("mm", "deg") or not (np.isfinite(y).all() and np.isfinite(x).all()):
             raise InputError(f"field points are finite numbers in 'mm' or 'deg', not in '{self.unit}'")
         if self.unit == "deg" and max(np.abs(y).max(), np.abs(x).max()) >= 90:

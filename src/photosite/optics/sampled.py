@@ -24,6 +24,8 @@ _CHUNK = 2048
 _OVERSAMPLING = 4
 """Before splines of fifth order take over: they then err by some 1e-5 of the highest frequency."""
 _ROTATION_ORDER = 5
+_SMALLEST_SPACING_UM = 0.01
+"""A tenth of what the shortest waves through the fastest lens ask for: less is in another unit."""
 
 
 def offsets(count: int, spacing: float) -> Array:
@@ -88,6 +90,23 @@ def _turns(frequency_per_m: bytes, count: int, spacing_m: float) -> Complex:
     turns: Complex = np.exp((-2j * math.pi) * np.frombuffer(frequency_per_m)[:, None] * offsets(count, spacing_m))
     turns.flags.writeable = False
     return turns
+
+
+def check_spacing(spacing_um: float | None) -> None:
+    """Refuse a distance of samples that is none, or in another unit than um.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not above 0, or below 0.01 um.
+    """
+    if spacing_um is None or not (math.isfinite(spacing_um) and spacing_um > 0):
+        raise InputError(f"spacing_um, between a point spread's samples, must be above 0 um, not {spacing_um}")
+    if spacing_um < _SMALLEST_SPACING_UM:
+        raise InputError(
+            f"samples {spacing_um:g} um apart are finer than any point spread's; spacing_um is in um: if that is in m, "
+            "multiply by 1e6, if in mm, by 1000"
+        )
 
 
 def normalised(samples: Array, what: str) -> Array:

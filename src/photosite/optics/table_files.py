@@ -36,6 +36,7 @@ def read_otf_table(path: str | PathLike[str], beyond: Literal["zero", "diffracti
         Either a first line `frequency_per_mm, 450, 550, 650` (wavelengths in nm) and lines of a frequency and its MTF
         at each; or columns `wavelength_nm, fy_per_mm, fx_per_mm, real, imag` in any order, one line for each entry of
         a full grid. Lines that begin with # are comments.
+        Semicolons may stand for the commas, and then commas for the decimal points.
     beyond
         See `OtfTable`.
 
@@ -203,13 +204,17 @@ def _lines(path: str | PathLike[str]) -> list[tuple[int, list[str]]]:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise FileError(path, "is not text in UTF-8: a table is a plain CSV file") from None
-    found = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            found.append((number, next(csv.reader([line], skipinitialspace=True))))
-    if not found:
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if _says_something(line)]
+    if not lines:
         raise FileError(path, "is empty")
-    return found
+    separator = ";" if ";" in lines[0][1] else ","
+    if separator == ";" and not any("." in line for _, line in lines):  # with points too, commas would be ambiguous
+        lines = [(number, line.replace(",", ".")) for number, line in lines]
+    return [(number, next(csv.reader([line], delimiter=separator, skipinitialspace=True))) for number, line in lines]
+
+
+def _says_something(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _numbers(path: str | PathLike[str], line: int, row: list[str], names: list[str] | None) -> list[float]:

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.sampled import light_radius, transfer
+from photosite.optics.lens import DiffractionLimited, camera_wavelengths
+from photosite.optics.sampled import check_spacing, light_radius, transfer
 from photosite.optics.spread import PlaneSpread, RadialSpread
-from photosite.spectra import wavelength_grid
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -75,7 +74,7 @@ class OtfTable:
     beyond: Literal["zero", "diffraction"] = "zero"
 
     def __post_init__(self) -> None:
-        grid = _wavelengths(self.wavelength_nm)
+        grid = camera_wavelengths(self.wavelength_nm)
         fy = _axis(self.frequency_per_mm, "frequency_per_mm")
         fx = None if self.fx_per_mm is None else _axis(self.fx_per_mm, "fx_per_mm")
         values: NDArray[Any] = np.array(self.values, dtype=np.float64 if fx is None else np.complex128)
@@ -244,15 +243,14 @@ class PsfTable:
     normalise: bool = False
 
     def __post_init__(self) -> None:
-        grid = _wavelengths(self.wavelength_nm)
+        grid = camera_wavelengths(self.wavelength_nm)
         samples = np.array(self.samples, dtype=np.float64)
         if samples.ndim != 3 or samples.shape[0] != grid.size or samples.shape[1] != samples.shape[2]:
             raise InputError(
                 f"samples of point spreads are (wavelengths, n, n), square, with {grid.size} wavelengths here, not "
                 f"{samples.shape}"
             )
-        if self.spacing_um is None or not (math.isfinite(self.spacing_um) and self.spacing_um > 0):
-            raise InputError(f"spacing_um, between a point spread's samples, must be above 0 um, not {self.spacing_um}")
+        check_spacing(self.spacing_um)
         sums = np.array([_checked_sum(s, w, self.spacing_um) for s, w in zip(samples, grid, strict=True)])
         for k in np.flatnonzero(np.abs(sums - 1) > _ONE):
             if not self.normalise:
@@ -278,13 +276,6 @@ class PsfTable:
 
         corner_per_m = math.sqrt(2) * 0.5 / spacing_m
         return PlaneSpread(otf, lambda _: corner_per_m, reach_m, self.wavelength_nm)
-
-
-def _wavelengths(wavelength_nm: Array) -> Array:
-    grid = wavelength_grid(wavelength_nm)
-    if grid[0] < 100:
-        raise InputError(f"a wavelength of {grid[0]:g} nm is none of a camera's: if that is in um, multiply by 1000")
-    return grid
 
 
 def _axis(values: Array, name: str) -> Array:
@@ -316,7 +307,12 @@ def _checked_sum(samples: Array, wavelength_nm: float, spacing_um: float) -> flo
     if not np.isfinite(samples).all():
         raise InputError(f"the point spread at {wavelength_nm:g} nm holds NaN or infinite samples")
     total, peak = float(samples.sum()), float(samples.max())
-    if samples.min() < -1e-3 * peak or not total > 0:
+    if not (total > 0 and peak > 0):
+        raise InputError(
+            f"the point spread at {wavelength_nm:g} nm holds no light: its samples sum to {total:g}, the largest is "
+            f"{peak:g}; check its sign"
+        )
+    if samples.min() < -1e-3 * peak:
         raise InputError(
             f"the point spread at {wavelength_nm:g} nm is negative somewhere, {samples.min():g} where its peak is "
             f"{peak:g}: take off less background, or set what is below 0 to 0"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import InputError
 from photosite.optics.autocorrelation import LARGEST_SLOPE, PupilTransfer, Waves, cells_for, largest_slope
-from photosite.optics.lens import AIRY_REACH_PERIODS, DiffractionLimited
+from photosite.optics.lens import AIRY_REACH_PERIODS, DiffractionLimited, camera_wavelengths
 from photosite.optics.pupil import Pupil
 from photosite.optics.ring import bare_transfer, defocus_transfer, ring_geometry
 from photosite.optics.spread import PlaneSpread, RadialSpread
@@ -100,6 +100,8 @@ class Wavefront:
             raise InputError(f"reference_nm must be above 0 nm, not {self.reference_nm}")
         if not math.isfinite(self.defocus_um):
             raise InputError(f"defocus_um must be a finite number, not {self.defocus_um}")
+        if self.chromatic_focus is not None:
+            camera_wavelengths(self.chromatic_focus.wavelength_nm)
         object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
         _ = self.terms_nm
 

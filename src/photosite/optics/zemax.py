@@ -59,7 +59,7 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
     for index, line in enumerate(lines):
         if (match := _VALUES.match(line)) is not None:
             if re.search("log|phase|real|imag", match[1], re.IGNORECASE):
-                raise FileError(file, f"values are {match[1].strip()} export linear intensity", index + 1)
+                raise FileError(file, f"values are {match[1].strip()}: export linear intensity", index + 1)
             start = index + 1
             break
         header.take(line, index + 1)
