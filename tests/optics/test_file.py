@@ -136,7 +136,40 @@ def test_tables_lie_beside_the_file(tmp_path: Path) -> None:
             r":4: .*one transmittance per wave",
         ),
         (BARE + "focus_distance_m: 0.01\n", r":4: focus_distance_m: an object at 0\.01 m has no image"),
-        (BARE + "blur: sharp\n", r":4: blur: expected a valid dictionary, not 'sharp'"),
+        (
+            BARE + "blur: sharp\n",
+            r":4: blur: expected \{kind: diffraction \| wavefront \| otf \| psf \| lens_design, \.\.\.\}, not 'sharp'",
+        ),
+        (BARE + "veiling_glare: 0.02\n", r":4: veiling_glare: expected \{fraction, spread_mm\}, not 0\.02"),
+        (
+            BARE + "transmittance: high\n",
+            r":4: transmittance: expected a number or \{wavelength_nm, tran.*, not 'high'",
+        ),
+        (
+            BARE + "transmittance: {wavelength_nm: [700, 400], transmittance: [1, 1]}\n",
+            r":4: transmittance: wavelengths must increase",
+        ),
+        (
+            BARE + "transmittance: {wavelength_nm: [0.4, 0.7], transmittance: [1, 1]}\n",
+            r":4: transmittance: a wavelength of 0\.4 nm .*in um, multiply by 1000",
+        ),
+        (
+            BARE + "distortion: {height_mm: [0, 7, 14], real_height_mm: [0, 0.0069, 0.0137]}\n",
+            r":4: distortion: .* 0\.000986 times its ideal height: real heights are in mm",
+        ),
+        (
+            BARE + "blur:\n  kind: wavefront\n  zernike: {8: 1}\n  chromatic_focus: {wavelength_nm: [0.4, 0.7], "
+            "shift_um: [0, 1]}\n",
+            r":7: blur\.chromatic_focus: a wavelength of 0\.4 nm",
+        ),
+        (
+            BARE + "blur:\n  kind: wavefront\n  zernike:\n    8: 1\n    0: 1\n",
+            r":8: blur\.zernike\.0: a Zernike term of index 'noll' is a whole number from 1",
+        ),
+        (
+            BARE + "blur:\n  kind: wavefront\n  pupil:\n    blades: 2\n",
+            r":6: blur\.pupil: a diaphragm has 3 to 360 blades",
+        ),
         (BARE + "blur: {zernike: {4: 1}}\n", r":4: blur: field 'kind' is missing; known are: diffraction, wavefront"),
         (
             BARE + "blur:\n  kind: wavefornt\n",
@@ -148,21 +181,34 @@ def test_tables_lie_beside_the_file(tmp_path: Path) -> None:
         ),
         (
             BARE + "blur: {kind: wavefront, zernike: {defocus: 1}}\n",
-            r":4: blur: a Zernike term of index noll is a number",
+            r":4: blur\.zernike\.defocus: a Zernike term of index noll is a number",
         ),
-        (BARE + "blur: {kind: wavefront, index: nm, zernike: {4: 1}}\n", r":4: blur: .*written 'n,m'"),
+        (BARE + "blur: {kind: wavefront, index: nm, zernike: {4: 1}}\n", r":4: blur\.zernike\.4: .*written 'n,m'"),
         (
             BARE + "blur:\n  kind: wavefront\n  pupil: {blade: 6}\n",
             r":6: blur\.pupil: unknown field 'blade'; did you mean",
         ),
-        (BARE + "blur: {kind: wavefront, pupil: {blades: 2}}\n", r":4: blur: a diaphragm has 3 to 360 blades"),
-        (BARE + "blur: {kind: otf, file: none.csv}\n", r"none\.csv: .*[Nn]o such file"),
-        (BARE + "blur: {kind: lens_design, source: none}\n", r"none: .*no such file"),
+        (
+            BARE + "blur:\n  kind: otf\n  file: none.csv\n",
+            r"mine\.optics\.yaml:6: blur\.file: there is no such file, .*none\.csv",
+        ),
+        (
+            BARE + "blur:\n  kind: psf\n  file: none.npz\n",
+            r"mine\.optics\.yaml:6: blur\.file: there is no such file, .*none\.npz",
+        ),
+        (
+            BARE + "blur: {kind: lens_design, source: none}\n",
+            r"mine\.optics\.yaml:4: blur\.source: there is no such file, .*none",
+        ),
+        (
+            BARE + "distortion: {file: none.txt}\n",
+            r"mine\.optics\.yaml:4: distortion\.file: there is no such file, .*none\.txt",
+        ),
         (BARE + "relative_illumination: {relative: [1, 0.5]}\n", r":4: .*given by one of height_mm, field_deg, file"),
         (BARE + "relative_illumination: {field_deg: [0, 1], relative: [100, 50]}\n", r":4: .*divide all by its value"),
         (
             BARE + "falloff: cos4\nrelative_illumination: {field_deg: [0, 9], relative: [1, 0.9]}\n",
-            "all of the fall-off",
+            r":4: falloff: .*all of the fall-off",
         ),
         (
             BARE + "distortion: {field_deg: [0, 1], percent: [0, a]}\n",

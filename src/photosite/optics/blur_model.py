@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from photosite.errors import InputError
 from photosite.optics.compound import Blur
 from photosite.optics.file_model import Number, PositiveNumber, Section
+from photosite.optics.lens import camera_wavelengths
 from photosite.spectra import Spectrum
+
+
+class MisplacedError(InputError):
+    """What is wrong, and where in its section it stands."""
+
+    def __init__(self, message: str, *location: str | int) -> None:
+        super().__init__(message)
+        self.location = location
+
+
+@contextmanager
+def _at(*location: str | int) -> Iterator[None]:
+    """Say where in the section something cannot be."""
+    try:
+        yield
+    except ValueError as error:
+        raise MisplacedError(str(error), *location) from None
 
 
 class Diffraction(Section):
@@ -41,6 +62,10 @@ class ChromaticFocus(Section):
     wavelength_nm: tuple[PositiveNumber, ...]
     shift_um: tuple[Number, ...]
 
+    def build(self) -> Spectrum:
+        """The table."""
+        return Spectrum(camera_wavelengths(self.wavelength_nm), np.array(self.shift_um))
+
 
 class WavefrontSection(Section):
     """Zernike coefficients and pupil, see `photosite.optics.wavefront.Wavefront`."""
@@ -59,19 +84,28 @@ class WavefrontSection(Section):
         """The wavefront."""
         from photosite.optics.pupil import Pupil
         from photosite.optics.wavefront import Wavefront
+        from photosite.optics.zernike import zernike_terms
 
-        focus = self.chromatic_focus
+        coefficients: dict[Any, float] = {}
+        for key, value in self.zernike.items():
+            with _at("zernike", key):
+                term = _term(key, self.index)
+                zernike_terms({term: value}, self.index, self.norm)
+                coefficients[term] = value
+        with _at("pupil"):
+            pupil = Pupil(**self.pupil.model_dump())
+        with _at("chromatic_focus"):
+            focus = self.chromatic_focus
+            shifts = None if focus is None else focus.build()
         return Wavefront(
-            coefficients={_term(key, self.index): value for key, value in self.zernike.items()},
+            coefficients=coefficients,
             index=self.index,
             unit=self.unit,
             reference_nm=self.reference_nm,
             norm=self.norm,
-            pupil=Pupil(**self.pupil.model_dump()),
+            pupil=pupil,
             defocus_um=self.defocus_um,
-            chromatic_focus=None
-            if focus is None
-            else Spectrum(np.array(focus.wavelength_nm), np.array(focus.shift_um)),
+            chromatic_focus=shifts,
         )
 
 

@@ -27,14 +27,15 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.optics.blur_model import KINDS
+from photosite.optics.blur_model import KINDS, MisplacedError
 from photosite.optics.compound import Blur, Lens
 from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.file_model import OpticsModel
+from photosite.optics.file_model import OpticsModel, Transmittance
 from photosite.optics.lens import DiffractionLimited
 from photosite.yaml_file import line_of, read_yaml
 
 VERSION_KEY = "photosite_optics"
+_NO_MAPPING = ("dict_type", "model_type", "model_attributes_type")
 _Model = TypeVar("_Model", bound=BaseModel)
 _Built = TypeVar("_Built")
 
@@ -94,8 +95,8 @@ def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: st
     """
     reader = _Reader(Path(path), data, section)
     model = reader.validated(OpticsModel, data, ())
-    base = reader.built(
-        "f_number",
+    base = reader.built(  # the model has checked the other fields
+        "transmittance",
         lambda: DiffractionLimited(model.f_number, model.focal_length_mm, model.transmittance.build(), model.falloff),
     )
     folder = reader.path.parent
@@ -113,7 +114,7 @@ def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: st
         glare = reader.built("veiling_glare", veil.build)
     reader.check_mapping(distortion, lateral, model)
     lens = reader.built(
-        "focus_distance_m",
+        "falloff" if illumination is not None and model.falloff != "none" else "focus_distance_m",
         lambda: Lens(base, blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name),
     )
     more = (blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name)
@@ -158,6 +159,9 @@ class _Reader:
                 raise FileError(self.path, f"{place}: {message}" if place else message, line)
             case "missing":
                 raise self.error(f"field '{last}' is missing", parents)
+        if first["type"] in _NO_MAPPING:
+            expected = _expected(model, first["loc"])
+            raise self.error(f"expected {expected}, not {first['input']!r:.40}", (*parents, last))
         message = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "expected", 1)
         value = first["input"]
         came = f", not {value!r:.40}" if isinstance(value, str | int | float | bool) else ""
@@ -167,8 +171,14 @@ class _Reader:
         """What a section becomes; what it cannot be is said with its line."""
         try:
             return build()
+        except FileError as error:
+            if Path(error.path).exists():
+                raise
+            named = [part for part in ("file", "source") if part in self.data[key]]
+            raise self.error(f"there is no such file, {error.path}", (key, *named)) from None
         except InputError as error:
-            raise self.error(str(error), (key,) if key in self.data else ()) from None
+            inside = error.location if isinstance(error, MisplacedError) else ()
+            raise self.error(str(error), (key, *inside) if key in self.data else ()) from None
         except ValueError as error:
             raise self.error(str(error), (key,)) from None
 
@@ -191,6 +201,15 @@ class _Reader:
 
         key = "lateral_color" if model.lateral_color is not None else "distortion"
         self.built(key, lambda: combined_mapping(distortion, lateral, model.focal_length_mm * 1e-3))
+
+
+def _expected(model: type[BaseModel], location: Sequence[str | int]) -> str:
+    """What a section is, for who wrote something else."""
+    if tuple(location) == ("blur",):
+        return f"{{kind: {' | '.join(KINDS)}, ...}}"
+    home = _home(model, location)
+    number = "a number or " if home is Transmittance else ""
+    return f"{number}{{{', '.join(home.model_fields)}}}"
 
 
 def _home(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
