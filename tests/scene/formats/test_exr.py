@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from numpy.testing import assert_allclose
 
 import photosite as ps
 from photosite.errors import FileError, PhotositeWarning
+from photosite.scene.cube import Block, SceneCube
 from photosite.scene.files import open_cube, read_scene, write_scene
+from photosite.scene.formats import exr
 from photosite.scene.formats.exr_names import channel_name, spectral_channel
 from photosite.scene.scene import Scene
 from photosite.spectra import luminance_cd_m2, photons_from_energy, xyz
@@ -202,6 +205,30 @@ def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
     assert error < 1.2e-3
     assert back.relative_error < 1e-3
     assert (back.distance_m, back.width_m, back.name) == (1.37, 0.31, chart.name)
+
+
+@pytest.mark.parametrize("shape", [(300, 3), (6, 400)])
+def test_rows_are_written_by_their_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int]
+) -> None:
+    """Wide scenes some rows at a time, narrow ones many: no more than the bytes said, unless a row is."""
+    taken: list[int] = []
+    blocks = SceneCube.blocks
+
+    def watched(cube: SceneCube, rows: int) -> Iterator[Block]:
+        for first, block in blocks(cube, rows):
+            taken.append(block.nbytes)
+            yield first, block
+
+    monkeypatch.setattr(SceneCube, "blocks", watched)
+    monkeypatch.setattr(exr, "_WRITE_BYTES", 40_000)
+    weights = np.random.default_rng(3).random((1, *shape)).astype(np.float32)
+    scene = Scene(weights, np.full((1, GRID.size), 1e15), GRID)
+    write_scene(scene, tmp_path / "a.exr", half=True)
+    row = 8 * shape[1] * GRID.size
+    assert sum(taken) == 2 * row * shape[0]  # one look for the brightest
+    assert max(taken) == min(max(40_000 // row, 1), shape[0]) * row
+    assert_allclose(radiance_of(read_scene(tmp_path / "a.exr")), radiance_of(scene), rtol=1e-3)
 
 
 def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> None:

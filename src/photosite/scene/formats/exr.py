@@ -28,7 +28,8 @@ from photosite.spectra import energy_from_photons
 _DISTANCE, _WIDTH, _TITLE = "photosite.distance_m", "photosite.width_m", "photosite.name"
 _UNITS = "emissiveUnits"
 _LAYOUT_UNITS = "W.m^-2.sr^-1"
-_WRITE_ROWS = 64
+_WRITE_BYTES = 32 << 20
+"""Of the double precision values of the rows that are written together."""
 _POWERS = (("", 1.0), ("m", 1e3), ("u", 1e6), ("n", 1e9))
 
 
@@ -212,16 +213,22 @@ def write(scene: Scene, path: Path, *, half: bool = False) -> None:
     }
     if scene.width_m is not None:
         attributes[_WIDTH] = repr(float(scene.width_m))
-    planes = (np.moveaxis(block * per_photon, 2, 0).astype(np.float32) for _, block in cube.blocks(_WRITE_ROWS))
+    planes = (np.moveaxis(block * per_photon, 2, 0).astype(np.float32) for _, block in cube.blocks(_rows_of(cube)))
     names = [channel_name(wavelength) for wavelength in scene.wavelength_nm]
     write_rows(path, (rows, cols), names, planes, half=half, attributes=attributes)
+
+
+def _rows_of(cube: SpectralCube) -> int:
+    """How many rows are written together, wide and narrow scenes alike."""
+    _, cols, bands = cube.shape
+    return max(1, _WRITE_BYTES // (8 * cols * bands))
 
 
 def _power(scene: Scene) -> tuple[str, float]:
     """The smallest unit of power in which 16-bit floats hold the scene's brightest value."""
     cube = cube_of_scene(scene)
     per_photon = energy_from_photons(np.ones(scene.wavelength_nm.size), scene.wavelength_nm)
-    brightest = max(float((block * per_photon).max()) for _, block in cube.blocks(_WRITE_ROWS))
+    brightest = max(float((block * per_photon).max()) for _, block in cube.blocks(_rows_of(cube)))
     for prefix, factor in reversed(_POWERS):
         if brightest * factor <= LARGEST_HALF:
             return prefix, factor
