@@ -35,6 +35,10 @@ def test_the_components_and_the_error_are_said(photosite: Any, tmp_path: Path) -
     assert (told["components"], told["bands"], told["rows"], told["cols"]) == (len(scene.basis), 41, 132, 196)
     assert told["relative_error"] == scene.relative_error
     assert told["mean_luminance_cd_m2"] == pytest.approx(scene.mean_luminance_cd_m2())
+    again = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5")
+    assert f"spectra; as it was (RMS error {scene.relative_error:.2e}" in again.out
+    assert "tolerance" not in again.out
+    assert photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5", "--json").json["tolerance"] is None
 
 
 def test_each_missing_word_is_asked_for_until_all_are_said(photosite: Any, bare: Path) -> None:

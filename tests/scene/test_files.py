@@ -119,6 +119,39 @@ def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: st
     assert difference(read_scene(tmp_path / "back.tif", tolerance=1e-6), read) < 1e-2  # what was below 0 is 0 there
 
 
+@pytest.mark.parametrize(
+    ("source", "output"),
+    [
+        ("a.hdr", "a.hdr"),
+        ("a.img", "a.hdr"),
+        ("a.img", "sub/../a.hdr"),
+        ("b.dat", "b.hdr"),
+        ("c.h5", "c.h5"),
+        ("c.h5", "link.h5"),
+        ("d.h5", "d.h5"),
+        ("e.tif", "e.tif"),
+    ],
+)
+def test_convert_does_not_write_over_what_it_reads(tmp_path: Path, source: str, output: str) -> None:
+    (tmp_path / "sub").mkdir()
+    for name, how in (("a.hdr", {}), ("b.hdr", {}), ("c.h5", {"cube": True}), ("d.h5", {}), ("e.tif", {})):
+        write_scene(some_scene(), tmp_path / name, **how)
+    (tmp_path / "b.img").rename(tmp_path / "b.dat")
+    (tmp_path / "link.h5").symlink_to("c.h5")
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
+    with pytest.raises(FileError, match=r"would be written over .*, which is read; choose another name"):
+        convert(tmp_path / source, tmp_path / output)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
+
+
+def test_a_tolerance_for_what_is_not_reduced_is_refused(tmp_path: Path) -> None:
+    some_scene().save(tmp_path / "scene.h5")
+    with pytest.raises(FileError, match=r"holds a scene of \d+ spectra and no cube to be reduced; leave the tolerance"):
+        convert(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
+    assert not (tmp_path / "b.h5").exists()
+    assert not convert(tmp_path / "scene.h5", tmp_path / "b.h5").reduced
+
+
 def test_a_format_is_told_by_its_content(tmp_path: Path) -> None:
     scene = some_scene(3, 4)
     for name, other in (("a.h5", "a.dat"), ("a.mat", "a.h5"), ("a.tif", "a.bin")):

@@ -65,9 +65,8 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--tolerance",
             type=options.above(),
-            default=1e-3,
             metavar="T",
-            help="Largest RMS error, relative to the RMS.",
+            help="Largest RMS error that reducing a cube may make, relative to the RMS.  [default: 0.001]",
         ),
     ):
         function = option(function)
@@ -88,6 +87,7 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """
     from photosite.scene.convert import convert
+    from photosite.scene.options import ReadOptions
 
     progress = Stages()
     progress.stage(f"reading {source}")
@@ -97,13 +97,14 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     )
     seconds = time.perf_counter() - begun
     scene = done.scene
+    tolerance = (said["tolerance"] or ReadOptions.tolerance) if done.reduced else None
     facts = {
         "path": str(output),
         "rows": scene.shape[0],
         "cols": scene.shape[1],
         "bands": done.bands,
         "components": done.components,
-        "tolerance": said["tolerance"],
+        "tolerance": tolerance,
         "relative_error": scene.relative_error,
         "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
         "no_data_values": done.no_data_values,
@@ -115,10 +116,11 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     if as_json:
         print_json(facts)
         return
+    error = f"RMS error {scene.relative_error:.2e} of the RMS radiance"
+    how = f"{error}, measured over all samples (tolerance {tolerance:g})" if done.reduced else f"as it was ({error})"
     click.echo(
         f"wrote {output}: {scene.shape[0]} x {scene.shape[1]} samples, {done.bands} bands as {done.components} "
-        f"spectra; RMS error {scene.relative_error:.2e} of the RMS radiance, measured over all samples (tolerance "
-        f"{said['tolerance']:g})"
+        f"spectra; {how}"
     )
     click.echo(f"mean luminance {facts['mean_luminance_cd_m2']:.4g} cd/m2; {seconds:.1f} s")
     for count, what in ((done.no_data_values, "missing"), (done.negative_values, "negative")):

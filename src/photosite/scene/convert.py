@@ -6,7 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from photosite.scene.files import FORMATS, open_scene, read_options, writer_of
+from photosite.errors import FileError
+from photosite.scene.cube import SpectralCube
+from photosite.scene.files import FORMATS, format_of, open_scene, read_options, writer_of
 from photosite.scene.reduce import Progress, Reduction, reduced
 from photosite.scene.scene import Scene
 
@@ -40,7 +42,8 @@ def convert(
     Raises
     ------
     FileError
-        If a file cannot be read or written, or does not say what is needed.
+        If a file cannot be read or written, or does not say what is needed; if the output would replace what is read,
+        or a tolerance is given for a file that holds a scene of few spectra already.
     InputError
         If an option cannot be.
 
@@ -56,9 +59,14 @@ def convert(
     said, target = read_options(options), Path(output)
     write = writer_of(target)
     found = open_scene(Path(path), said)
+    _check_apart(Path(path), found, target)
     if isinstance(found, Scene):
+        if "tolerance" in options:
+            raise FileError(
+                path, f"holds a scene of {len(found.basis)} spectra and no cube to be reduced; leave the tolerance out"
+            )
         write(found, target)
-        return Reduction(found, found.wavelength_nm.size)
+        return Reduction(found, found.wavelength_nm.size, reduced=False)
     if target.suffix.lower() in FORMATS[0].suffixes:
         from photosite.scene.formats.native import reduce_to_native
 
@@ -66,3 +74,17 @@ def convert(
     reduction = reduced(found, said, progress=progress)
     write(reduction.scene, target)
     return reduction
+
+
+def _check_apart(path: Path, found: SpectralCube | Scene, target: Path) -> None:
+    """Refuse to write over what is read: measured data in many bands cannot be made again from few spectra.
+
+    An ENVI image is two files, one of them perhaps given and the other found.
+    """
+    sources = {path, Path(getattr(found, "path", path))}
+    if format_of(path).module == "envi":
+        sources |= {path.with_suffix(".hdr"), path.with_name(f"{path.name}.hdr")}
+    targets = [target, target.with_suffix(".img")] if target.suffix.lower() == ".hdr" else [target]
+    for name in targets:
+        if name.resolve() in {source.resolve() for source in sources}:
+            raise FileError(target, f"would be written over {name.name}, which is read; choose another name")

@@ -44,12 +44,15 @@ class Reduction:
         Of the cube.
     no_data_values, negative_values
         How many values were made 0 because the caller said so.
+    reduced
+        False where the file held no cube but a scene, which is kept as it is.
     """
 
     scene: Scene
     bands: int
     no_data_values: int = 0
     negative_values: int = 0
+    reduced: bool = True
 
     @property
     def components(self) -> int:
