@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.io import loadmat, savemat
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.files import open_cube, read_scene, write_scene
 from photosite.scene.formats import iset_write
 from photosite.scene.scene import Scene
@@ -163,8 +163,18 @@ def test_isets_old_illuminants(tmp_path: Path) -> None:
     assert_allclose(open_cube(tmp_path / "a.mat").light, photons_from_energy(energy, GRID))
     assert_allclose(energy_from_photons(open_cube(tmp_path / "a.mat").light, GRID), energy)
     old = {"data": {"photons": energy, "min": 0.0, "max": 2.0}, "spectrum": {"wave": GRID}, "type": "illuminant"}
-    savemat(tmp_path / "a.mat", base | {"illuminant": old})
-    assert open_cube(tmp_path / "a.mat").light is None
+    untyped = {"data": {"photons": energy * 1e15}, "spectrum": {"wave": GRID}}
+    short = {"data": {"photons": energy[1:] * 1e15}, "spectrum": {"wave": GRID[1:]}, "type": "illuminant"}
+    uneven = {"data": {"photons": CUBE * 1e15}, "spectrum": {"wave": GRID}, "type": "illuminant"}
+    for left_out, why in (
+        (old, "between a minimum and a maximum"),
+        (untyped, "has no type"),
+        (short, "does not have all of the scene's wavelengths"),
+        (uneven, "differs over the scene"),
+    ):
+        savemat(tmp_path / "a.mat", base | {"illuminant": left_out})
+        with pytest.warns(PhotositeWarning, match=f"its illuminant .*{why}.*the scene's light cannot be changed"):
+            assert open_cube(tmp_path / "a.mat").light is None
 
 
 def test_what_is_written_is_what_iset_reads(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ other file the cube is the variable of three axes, and its wavelengths stand bes
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, Block, CubeHead, SpectralCube
 from photosite.scene.formats.hdf5_cube import UNIT_NAMES, WAVELENGTH_NAMES, chosen, stated_units
@@ -168,25 +169,40 @@ def _one(path: Path, content: Variables, shapes: dict[str, tuple[int, ...]], nam
 def _iset_light(
     path: Path, content: Variables, shapes: dict[str, tuple[int, ...]], before: str, grid: Array
 ) -> Array | None:
-    """The illuminant in photons on the scene's wavelengths; None where there is none, or it differs over the scene.
+    """The illuminant in photons on the scene's wavelengths; None where there is none, or, with a warning, it is no use.
 
     ISET's illuminant is the light that a perfect white sends out, on the scale of its photons.
     """
     base = f"{before}illuminant."
     name = next((f"{base}{key}" for key in ("data.photons", "data") if f"{base}{key}" in shapes), None)
-    # Old files kept photons as integers between a minimum and a maximum, and energy under the name of photons.
-    old = f"{base}data.min" in shapes or content.text(f"{base}type") is None
-    if name is None or len(shapes[name]) > 2 or (old and name.endswith("photons")):
+    if name is None:
         return None
+    if len(shapes[name]) > 2:
+        return _left_out(path, "differs over the scene")
+    # Old files kept photons as integers between a minimum and a maximum, and energy under the name of photons.
+    if name.endswith("photons"):
+        if f"{base}data.min" in shapes:
+            return _left_out(path, "is packed between a minimum and a maximum")
+        if content.text(f"{base}type") is None:
+            return _left_out(path, "has no type, and such files kept energy under the name of photons too")
     place = next((f"{base}{key}" for key in ("spectrum.wave", "wavelength", "wave") if f"{base}{key}" in shapes), None)
     values = content.numbers(name).ravel()
     wave = grid if place is None else content.numbers(place).ravel()
     if values.size != wave.size or not np.isfinite(values).all() or values.min() < 0:
         raise FileError(path, f"its illuminant has {values.size} values for {wave.size} wavelengths, or negative ones")
     if (np.diff(wave) <= 0).any() or wave[0] > grid.min() or wave[-1] < grid.max():
-        return None
+        return _left_out(path, "does not have all of the scene's wavelengths, in order")
     photons = values if name.endswith("photons") else photons_from_energy(values, wave)
     return np.interp(grid, wave, photons)
+
+
+def _left_out(path: Path, why: str) -> Array | None:
+    """No light, although the file has one; and that is said."""
+    warnings.warn(
+        PhotositeWarning(f"{path}: its illuminant {why}; it is left out, and the scene's light cannot be changed"),
+        stacklevel=2,
+    )
+    return None
 
 
 def _any_cube(path: Path, content: Variables, shapes: dict[str, tuple[int, ...]], said: ReadOptions) -> SpectralCube:
