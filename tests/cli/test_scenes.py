@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
 
 import photosite as ps
-from photosite.scene.request import FORMULAS
+from photosite.scene.request import FORMULAS, SceneRequest
 
 SMALL = ("--rows", 66, "--cols", 98)
 
@@ -38,6 +39,19 @@ def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:
         rel=1e-4,
     )
     assert Image.open(picture).size == (196, 132)
+
+
+def test_the_luminance_of_a_chart_s_file_is_that_of_the_chart(photosite: Any, tmp_path: Path) -> None:
+    said = ("--luminance", 50)
+    made = photosite("scenes", "show", "macbeth", *said)
+    assert "mean luminance 50 cd/m2 of the patches, 36.36 cd/m2 of all samples" in made.out
+    ps.charts.macbeth("A", 40).save(tmp_path / "chart.h5")
+    assert photosite("scenes", "show", tmp_path / "chart.h5", *said).out == made.out
+    done = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "again.h5", *said, "--json").json
+    assert done["patches_luminance_cd_m2"] == pytest.approx(50)
+    assert "mean luminance 50 cd/m2, darkest" in photosite("scenes", "show", "siemens-star", *said).out
+    for command in (("simulate",), ("scenes", "show"), ("convert",)):
+        assert "of a chart's patches" in " ".join(photosite(*command, "--help").out.split())
 
 
 def test_a_scenes_file_is_simulated_as_the_scene(photosite: Any, tmp_path: Path) -> None:
@@ -79,7 +93,7 @@ def test_a_camera_file_and_what_goes_before_it(photosite: Any, tmp_path: Path) -
     file = tmp_path / "mine.camera.yaml"
     file.write_text(
         "photosite_camera: 1\nsensor: vendor-2.2um\noptics: {f_number: 4, focal_length_mm: 6}\nexposure: 1/10\n"
-        "scene: {source: slanted-edge, illuminant: D65, options: {contrast: 8}, distance_m: 2}\n"
+        "scene: {source: slanted-edge, illuminant: D65, luminance_cd_m2: 90, options: {contrast: 8}, distance_m: 2}\n"
     )
     first = photosite("simulate", "--camera", file, *SMALL, "-o", tmp_path / "a.tif", "--json").json
     assert first["sensor"] == ps.load_sensor("vendor-2.2um").name
@@ -87,10 +101,54 @@ def test_a_camera_file_and_what_goes_before_it(photosite: Any, tmp_path: Path) -
     told = ("--exposure", "1/50", "--f-number", 2, "--scene", "uniform", "--sensor", "nikon-d200")
     second = photosite("simulate", "--camera", file, *SMALL, *told, "-o", tmp_path / "b.tif", "--json").json
     assert (second["exposure_s"], second["sensor"]) == (0.02, "Nikon D200")
-    # The other scene has its own light, CIE A, and stands where the file's stood.
+    # The other scene stands where the file's stood, in the light that fell there.
     camera = ps.Camera(ps.DiffractionLimited(2, 6), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
-    expected = camera.capture(ps.charts.uniform("A", 40, distance_m=2), 0.02)
+    expected = camera.capture(ps.charts.uniform("D65", 90, distance_m=2), 0.02)
     np.testing.assert_array_equal(ps.read_raw(tmp_path / "b.tif").dn, expected.dn)
+
+
+def test_another_file_keeps_its_own_light() -> None:
+    base = SceneRequest("macbeth", "D65", 90, 2, 0.5)
+    assert (base.instead("cube.h5").illuminant, base.instead("cube.h5").mean_luminance_cd_m2) == (None, None)
+    other = base.instead("ramp")
+    assert (other.illuminant, other.mean_luminance_cd_m2, other.distance_m, other.width_m) == ("D65", 90, 2, None)
+
+
+def test_wavelengths_of_a_formula_and_of_a_files_bands(photosite: Any, tmp_path: Path) -> None:
+    said = photosite("scenes", "show", "macbeth", "--wavelengths", "420:680:20", "--json").json
+    assert (said["first_nm"], said["last_nm"], said["wavelengths"]) == (420, 680, 14)
+    photosite("simulate", *SMALL, "--scene", "ramp", "--wavelengths", "400:700:50", "-o", tmp_path / "shot.tif")
+    camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
+    expected = camera.capture(ps.charts.ramp("A", 40, wavelength_nm=np.arange(400, 701, 50)), 1 / 3)
+    np.testing.assert_array_equal(ps.read_raw(tmp_path / "shot.tif").dn, expected.dn)
+    rng = np.random.default_rng(3)
+    with h5py.File(tmp_path / "cube.h5", "w") as file:
+        file["cube"] = rng.random((20, 30, 31))
+    told = ("--wavelengths", "400:700:10", "--units", "W/sr/m2/nm")
+    exact = photosite("scenes", "show", tmp_path / "cube.h5", *told, "--json").json
+    rough = photosite("scenes", "show", tmp_path / "cube.h5", *told, "--tolerance", 0.4, "--json").json
+    assert (exact["first_nm"], exact["last_nm"]) == (400, 700)
+    assert rough["spectra"] < exact["spectra"] == 31
+
+
+def test_a_picture_is_balanced_by_its_own_light(photosite: Any, tmp_path: Path) -> None:
+    Image.new("RGB", (30, 20), (200, 120, 60)).save(tmp_path / "picture.png")
+    told = ("--scene", tmp_path / "picture.png", "--luminance", 40)
+    photosite("simulate", *SMALL, *told, "-o", tmp_path / "shot.dng")
+    camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
+    expected = camera.as_shot_neutral(ps.charts.uniform("D65", 1))
+    kept = ps.read_raw(tmp_path / "shot.dng").metadata["as_shot_neutral"]
+    np.testing.assert_allclose(
+        [float(part) for part in kept.split(",")], [float(part) for part in expected.split(",")], rtol=2e-3
+    )
+
+
+def test_the_helps_example_fits_the_frame(photosite: Any, tmp_path: Path) -> None:
+    said = photosite("simulate", "--help").out
+    example = " ".join(said[said.index("Example: photosite simulate") :].split("\n\n")[0].split()).split()[3:]
+    done = photosite("simulate", *SMALL, *example[: example.index("-o")], "-o", tmp_path / "shot.dng", "--json").json
+    assert done["saturated_fraction"] == 0
+    assert done["max_dn"] > 0.4 * done["white_level_dn"]
 
 
 @pytest.mark.parametrize(

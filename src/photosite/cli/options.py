@@ -49,6 +49,20 @@ def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | floa
     return number
 
 
+def wavelengths_of(text: str) -> list[float]:
+    """Numbers in nm: 400,410,420 or first:last:step."""
+    try:
+        if ":" in text:
+            first, last, step = (float(part) for part in text.split(":"))
+            count = round((last - first) / step)
+            if step <= 0 or count < 1 or abs(first + count * step - last) > 1e-6 * step:
+                raise ValueError
+            return [first + k * step for k in range(count + 1)]
+        return [float(part) for part in text.split(",")]
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, not '{text}'") from None
+
+
 def output_file(*suffixes: str) -> Callable[[str], Path]:
     """A file to be written, by the endings it may have; it and its folder are checked before anything is computed."""
 
@@ -133,6 +147,18 @@ def scene_argument(function: F) -> F:
 
 def _said_of_scene(function: F) -> F:
     for option in (
+        click.option(
+            "--tolerance",
+            type=above(),
+            metavar="T",
+            help="Of a file's reduction to few spectra: largest RMS error, relative to the RMS.  [default: 0.001]",
+        ),
+        click.option(
+            "--wavelengths",
+            type=wavelengths_of,
+            metavar="START:STOP:STEP",
+            help="Of a formula's scene, or of a file's bands where it does not say, in nm: 400:700:10 or 400,410,...",
+        ),
         click.option("--units", metavar="UNIT", help="What a scene's file holds, where it does not say."),
         click.option("--width", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."),
         click.option("--distance", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"),
@@ -142,7 +168,8 @@ def _said_of_scene(function: F) -> F:
         click.option(
             "--illuminant",
             metavar="NAME",
-            help="CIE illuminant (A, D65, ...) or blackbody (3200K).  [default: A; a file's own]",
+            help="CIE illuminant (A, D65, FL2, ...), blackbody (3200K), daylight or white LED ('daylight 5600', "
+            "'led 4000'), or a CSV file of a light.  [default: A; a picture's D65; another file's own]",
         ),
         click.option(
             "--scene-option",
@@ -150,7 +177,8 @@ def _said_of_scene(function: F) -> F:
             type=name_and_value,
             multiple=True,
             metavar="NAME=VALUE",
-            help="An option of the scene's formula (contrast=10); may be repeated. See photosite scenes.",
+            help="An option of the scene's formula (contrast=10; photosite scenes lists them), or of how a file is "
+            "read (no_data=zero, sort_bands=true, variable=NAME; docs/scenes.md); may be repeated.",
         ),
     ):
         function = option(function)
@@ -159,8 +187,8 @@ def _said_of_scene(function: F) -> F:
 
 def request_of(base: SceneRequest, told: Mapping[str, Any]) -> SceneRequest:
     """What is asked for: a base, with what the options of a scene say put in its place."""
-    if told["scene_source"] is not None:  # another scene: what the base says of its own is not said of it
-        base = replace(base.unsaid, source=told["scene_source"])
+    if told["scene_source"] is not None:  # another scene, which the base's light and place are for
+        base = base.instead(told["scene_source"])
     given = said_of_scene(told)
     if given:  # errors may be of these, and not of the camera file
         base = replace(base, place=None)
@@ -175,6 +203,8 @@ def said_of_scene(told: Mapping[str, Any]) -> dict[str, Any]:
         "distance_m": told["distance"],
         "width_m": told["width"],
         "units": told["units"],
+        "wavelength_nm": told["wavelengths"],
+        "tolerance": told["tolerance"],
         "options": dict(told["scene_options"]) or None,
     }
     return {name: value for name, value in said.items() if value is not None}

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from photosite.camera_file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.spread import Optics
+    from photosite.scene.planes import Planes
     from photosite.scene.request import PlanesRequest, SceneRequest
+    from photosite.scene.scene import Scene
 
 
 @click.command("simulate")
@@ -70,14 +72,14 @@ def command(
     frame's middle and 94 P to its left and right, P = max(cols / 196, rows / 132) pixels (square ones). The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
-    Example: photosite simulate --scene siemens-star --f-number 4 --seed 7 -o shot.dng --preview shot.png
+    Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
     """
     as_json = told.pop("as_json")
     set_up = _set_up(camera_file, told)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
     scene = set_up.scene.scene()
     say_if_compiling()
-    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, set_up.scene)
+    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
     _save(raw, output, preview)
     facts = _facts(raw, output, preview)
     if as_json:
@@ -139,11 +141,21 @@ def _request(base: SceneRequest | PlanesRequest, told: dict[str, Any]) -> SceneR
     return base
 
 
-def _balanced(raw: RawFrame, camera: Camera, request: SceneRequest | PlanesRequest) -> RawFrame:
-    """The frame with what gray reads under its light, where that is known: a DNG keeps it as its white balance."""
+def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scene | None:
+    """A field of the scene's light, where it is known: as it was asked for, or as the scene's reflectances tell."""
     from photosite.scene.charts import uniform
+    from photosite.scene.scene import Scene
 
-    if request.light is None or (neutral := camera.as_shot_neutral(uniform(request.light, 1.0))) is None:
+    if request.light is not None:
+        return uniform(request.light, 1.0)
+    if isinstance(scene, Scene) and scene.reflectance is not None:
+        return Scene.uniform(scene.light(), scene.wavelength_nm)
+    return None
+
+
+def _balanced(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
+    """The frame with what gray reads under its light: a DNG keeps it as its white balance."""
+    if light is None or (neutral := camera.as_shot_neutral(light)) is None:
         return raw
     return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))
 

@@ -118,10 +118,11 @@ class SceneRequest:
         """The illuminant, where it is said; a formula's is CIE A where it is not."""
         return DEFAULT_ILLUMINANT if self.illuminant is None and not self.is_file else self.illuminant
 
-    @property
-    def unsaid(self) -> SceneRequest:
-        """Where this scene stands, and nothing else of it: for another scene in its place."""
-        return SceneRequest(distance_m=self.distance_m)
+    def instead(self, source: str) -> SceneRequest:
+        """Another scene in this one's place: as far away, and a formula's in the same light."""
+        if source not in FORMULAS:
+            return SceneRequest(source, distance_m=self.distance_m)
+        return SceneRequest(source, self.illuminant, self.mean_luminance_cd_m2, self.distance_m)
 
     def scene(self) -> Scene:
         """The scene itself.
