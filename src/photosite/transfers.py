@@ -25,8 +25,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
-from photosite.errors import InputError
 from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread, Spread
+from photosite.reach import check_reach, kernel_size
 
 Array = NDArray[np.float64]
 
@@ -42,9 +42,6 @@ _BLOCK = 8192
 """Frequencies whose transfers are held at a time."""
 _STRIDE = 7
 """Every how manieth frequency is looked at first; odd, for real and imaginary parts lie in turn."""
-_SMALLEST_KERNEL = 65
-_LARGEST_KERNEL = 2049
-"""Cells on an axis; a spread of 31 wavelengths then takes a gigabyte."""
 _DIRECTIONS = 16
 _CONE_SAMPLES = 12
 _CONE_RADIUS = 0.05
@@ -153,9 +150,10 @@ def field_scale(spread: FieldSpread) -> Array:
 def _of_radial(
     spread: RadialSpread, couplings: Sequence[Array], wavelength_nm: Array, sampling: Sampling, tolerance: float
 ) -> tuple[Reduced, ...]:
+    middle = float(wavelength_nm[wavelength_nm.size // 2])
+    check_reach(spread.reach_m(middle), sampling)
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
     otfs = np.stack([spread.otf(frequencies, w) for w in wavelength_nm])
-    middle = float(wavelength_nm[wavelength_nm.size // 2])
     padding_m = spread.reach_m(middle) + max(sampling.split_m) / 2
 
     def reduced(coupling: Array) -> Reduced:
@@ -190,7 +188,7 @@ def _of_modes(
     tolerance: float,
 ) -> tuple[Reduced, ...]:
     hats, grid = _nodes_of(modes[0], wavelength_nm)
-    size = _kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
+    size = kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
     step_per_m = max(mode.cutoff_per_m(w) for mode in modes for w in grid) / (_NODES - 1)
     frequencies = step_per_m * np.arange(_NODES, dtype=np.float64)
     cones = np.zeros((len(modes), grid.size, _NODES))
@@ -288,21 +286,6 @@ def _nodes_of(mode: PlaneSpread, wavelength_nm: Array) -> tuple[Array, Array]:
     hats = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
     used = hats.any(axis=0)
     return hats[:, used], grid[used]
-
-
-def _kernel_size(reach_m: float, sampling: Sampling) -> int:
-    """Cells on an axis of a kernel that holds four spots of this reach and the pixel; odd, and well transformed."""
-    across_m = 2 * reach_m + max(sampling.split_m)
-    cells = (across_m / min(sampling.pitch_m) + 2) * sampling.cells_per_pixel
-    if not cells <= _LARGEST_KERNEL:
-        raise InputError(
-            f"the lens spreads a point over {across_m * 1e3:g} mm, {cells:.0f} cells of the sensor, and a mosaic "
-            f"takes {_LARGEST_KERNEL} at most; check the units of its optics and its focus, or take fewer cells"
-        )
-    size = max(math.ceil(cells), _SMALLEST_KERNEL)
-    while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
-        size += 1
-    return size
 
 
 def circular_pupil(r: Array) -> Array:

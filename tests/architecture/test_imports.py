@@ -31,7 +31,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "optics": COMMON | {"spectra", "engine"},
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
-    "transfers": COMMON | {"optics", "engine"},  # what a lens's spread is to the engine; no scene, no sensor
+    "reach": COMMON | {"engine"},
+    "transfers": COMMON | {"optics", "engine", "reach"},  # what a lens's spread is to the engine; no scene, no sensor
     "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers", "glare", "door", "warps"},
     "door": COMMON | {"optics", "sensor", "engine"},
     "glare": COMMON | {"optics", "engine"},
