@@ -33,6 +33,12 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
     """What may be said of a file: the fields of `photosite.scene.options.ReadOptions`."""
     for option in (
         click.option("--variable", metavar="NAME", help="The data set that is the cube, where a file has several."),
+        click.option(
+            "--interleave",
+            type=click.Choice(["bip", "bsq", "bil"]),
+            help="Axes of an HDF5 cube, where it does not say: rows, columns, bands (bip), bands first (bsq) or second "
+            "(bil).",
+        ),
         click.option("--sort-bands", is_flag=True, help="Put the bands in order of wavelength."),
         click.option(
             "--negative",

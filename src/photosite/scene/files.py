@@ -83,8 +83,8 @@ def read_scene(
         Told (done, total, what) while a cube is reduced.
     **options
         Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
-        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, variable, patch_cols. What the file
-        says itself need not be said.
+        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, interleave, variable, patch_cols.
+        What the file says itself need not be said.
 
     Returns
     -------
@@ -120,7 +120,10 @@ def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
     FileError
         As for `read_scene`.
     """
-    module = format_of(path).load()
+    kind = format_of(path)
+    if said.interleave is not None and kind.module != "hdf5":
+        raise FileError(path, f"is {kind.name}, which has its own order of axes; leave interleave out")
+    module = kind.load()
     found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, said)
     return found
 

@@ -43,6 +43,9 @@ class ReadOptions:
         What becomes of values below 0: "refuse" the file, or make them "zero".
     sort_bands
         Put bands in order of wavelength where the file has them in another; False refuses that.
+    interleave
+        Which axes of an HDF5 cube are rows, columns and bands, where the file does not say: "bip" (rows, columns,
+        bands), "bsq" (bands, rows, columns) or "bil" (rows, bands, columns). Other files say it themselves.
     variable
         Name of the data set or variable, where a file has several.
     patch_cols
@@ -64,6 +67,7 @@ class ReadOptions:
     no_data: Amend = "refuse"
     negative: Amend = "refuse"
     sort_bands: bool = False
+    interleave: str | None = None
     variable: str | None = None
     patch_cols: int | None = None
 
@@ -87,6 +91,8 @@ class ReadOptions:
                 raise InputError(f"{name} must be above 0, not {value}")
         if self.patch_cols is not None and self.patch_cols < 1:
             raise InputError(f"a chart is 1 patch across or more, not {self.patch_cols}")
+        if self.interleave not in (None, "bip", "bsq", "bil"):
+            raise InputError(f"interleave is 'bip', 'bsq' or 'bil', not {self.interleave!r:.40}")
         for name in ("no_data", "negative"):
             if getattr(self, name) not in get_args(Amend):
                 raise InputError(f"{name} is 'refuse' or 'zero', not {getattr(self, name)!r}")

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.cube import RawCube
-from photosite.scene.files import open_cube, read_scene
+from photosite.scene.files import open_cube, read_scene, write_scene
 from photosite.scene.formats.hdf5_cube import ChunkedCube
+from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)
 RNG = np.random.default_rng(6)
@@ -42,6 +43,48 @@ def test_any_order_of_axes(tmp_path: Path, interleave: str, how: dict[str, Any])
     wanted = np.where(array == 7, np.nan, array * 0.5)
     assert_allclose(whole(path), wanted)
     assert isinstance(open_cube(path), ChunkedCube if how else RawCube)
+
+
+@pytest.mark.parametrize(("interleave", "which"), [("bsq", "first"), ("bil", "second")])
+def test_bands_on_another_axis_are_asked_for(tmp_path: Path, interleave: str, which: str) -> None:
+    path = saved(tmp_path / "a.h5", CUBE.transpose(ORDERS[interleave]))
+    with pytest.raises(FileError, match=rf"of which the {which} axis fits its 7 wavelengths; .*interleave='bip'"):
+        read_scene(path)
+    assert_allclose(whole(path, interleave=interleave), CUBE)
+    bare = saved(tmp_path / "b.h5", CUBE.transpose(ORDERS[interleave]), {"units": "W/sr/m2/nm"})
+    with pytest.raises(FileError, match=rf"the {which} axis fits its 7 wavelengths"):
+        read_scene(bare, wavelength_nm=GRID)
+    assert_allclose(whole(bare, wavelength_nm=GRID, interleave=interleave), CUBE)
+
+
+def test_a_cube_as_wide_as_it_has_bands_says_which_are_the_bands(tmp_path: Path) -> None:
+    array = RNG.random((GRID.size, GRID.size, GRID.size))
+    path = saved(tmp_path / "a.h5", array)
+    with pytest.raises(FileError, match=r"a cube of \(7, 7, 7\), of which more than one axis fits its 7 wavelengths"):
+        read_scene(path)
+    assert_allclose(whole(path, interleave="bip"), array)
+    assert_allclose(whole(path, interleave="bsq"), array.transpose(1, 2, 0))
+    scene = Scene.from_radiance(array, GRID, tolerance=1e-6)
+    write_scene(scene, path, cube=True)  # says it itself
+    assert_allclose(whole(path), array, atol=1e-5)
+
+
+def test_a_list_of_wavelengths_that_does_not_fit(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.h5", attributes={"wavelength_nm": GRID[1:], "units": "W/sr/m2/nm"})
+    with pytest.raises(FileError, match=r"its 'wavelength_nm' has 6 entries for 7 bands; give the wavelengths in nm"):
+        read_scene(path)
+    with pytest.warns(PhotositeWarning, match="its 'wavelength_nm' has 6 entries for 7 bands, and is left out"):
+        assert open_cube(path, wavelength_nm=GRID).wavelength_nm.tolist() == GRID.tolist()
+    named = {"wavelength_nm": GRID, "bands": "seven of them", "units": "W/sr/m2/nm"}
+    assert_allclose(whole(saved(tmp_path / "b.h5", attributes=named)), CUBE)
+
+
+def test_interleave_is_for_hdf5(tmp_path: Path) -> None:
+    write_scene(Scene.from_radiance(CUBE.astype(float), GRID), tmp_path / "a.tif")
+    with pytest.raises(FileError, match="is TIFF, which has its own order of axes; leave interleave out"):
+        read_scene(tmp_path / "a.tif", interleave="bsq")
+    with pytest.raises(InputError, match="interleave is 'bip', 'bsq' or 'bil', not 'abc'"):
+        read_scene(tmp_path / "a.tif", interleave="abc")
 
 
 def test_what_is_said_above_or_beside(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ or datasets beside it say the rest:
 
     wavelength_nm       (bands,), or wavelength / wavelengths / wave / bands with wavelength_units
     units               of the values; see `photosite.scene.units`
-    interleave          "bip" (rows, cols, bands), the default; "bsq" (bands, rows, cols); "bil" (rows, bands, cols)
+    interleave          "bip" (rows, cols, bands), "bsq" (bands, rows, cols), "bil" (rows, bands, cols); where it is
+                        missing, "bip", unless the number of wavelengths fits another axis: then it must be said
     scale               times a value gives these units
     no_data             the value that stands for none
     distance_m, width_m of the scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.atomic import atomic_path
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, Block, CubeHead, Interleave, RawCube, SpectralCube, cube_of_scene
 from photosite.scene.formats.hdf5_file import check_written, numbers, opened, plain
@@ -89,18 +90,15 @@ def cube_in(path: Path, file: Any, datasets: dict[str, Any], said: ReadOptions) 
     data = datasets[name]
     said_here = _attributes(data)
     beside = {key.rpartition("/")[2].lower(): item for key, item in datasets.items() if item.ndim <= 2}
-    interleave = str(said_here.get("interleave", "bip")).lower()
-    axes = next((axes for kind, axes in _AXES.items() if kind == interleave), None)
-    if axes is None:
-        raise FileError(path, f"says interleave '{interleave[:20]}'; known are bip, bsq, bil")
-    bands = data.shape[axes[2]]
+    lists = _lists(path, said_here, beside)
+    axes = _axes(path, data.shape, said.interleave or said_here.get("interleave"), lists, said)
     return cube_of_dataset(
         path,
         name,
         data,
         axes,
         units=stated_units(path, said, next((said_here[key] for key in UNIT_NAMES if key in said_here), None)),
-        wavelength_nm=_wavelengths(path, said_here, beside, said, bands),
+        wavelength_nm=_wavelengths(path, said_here, beside, lists, said, data.shape[axes[2]]),
         said_here=said_here,
         light=_listed(path, "light", said_here, beside),
     )
@@ -217,16 +215,66 @@ def _listed(path: Path, name: str, said_here: dict[str, Any], beside: dict[str, 
     return numbers(path, beside[name]).ravel() if name in beside else None
 
 
-def _wavelengths(path: Path, said_here: dict[str, Any], beside: dict[str, Any], said: ReadOptions, bands: int) -> Array:
-    unit = next((said_here[key] for key in ("wavelength_units", "wavelength_unit") if key in said_here), None)
+def _lists(path: Path, said_here: dict[str, Any], beside: dict[str, Any]) -> dict[str, Array]:
+    """What may be the wavelengths, by name; a lone number is a count of bands or the wavelength of a single one."""
+    found: dict[str, Array] = {}
     for name in WAVELENGTH_NAMES:
-        values = _listed(path, name, said_here, beside)
-        if values is not None and values.size == bands:
+        try:
+            values = _listed(path, name, said_here, beside)
+        except FileError:
+            if not found:
+                raise
+            continue  # "bands" may name them
+        if values is not None:
+            found[name] = values
+    return found
+
+
+def _axes(
+    path: Path, shape: tuple[int, ...], stated: object, lists: dict[str, Array], said: ReadOptions
+) -> tuple[int, int, int]:
+    """Which axes hold rows, columns and bands: as stated, else these three if the wavelengths do not speak against."""
+    if stated is not None:
+        axes = next((axes for kind, axes in _AXES.items() if kind == str(stated).lower()), None)
+        if axes is None:
+            raise FileError(path, f"says interleave '{stated!s:.20}'; known are bip, bsq, bil")
+        return axes
+    counts = {values.size for values in lists.values()} - {1}
+    if said.wavelength_nm is not None:
+        counts = {np.size(said.wavelength_nm)}
+    fits = [axis for axis, size in enumerate(shape) if size in counts]
+    if fits and fits != [2]:
+        where = "more than one axis fits" if len(fits) > 1 else f"the {('first', 'second')[fits[0]]} axis fits"
+        raise FileError(
+            path,
+            f"has a cube of {shape}, of which {where} its {shape[fits[0]]} wavelengths; say where the bands are: "
+            "interleave='bip' (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil' (rows, bands, columns)",
+        )
+    return _AXES["bip"]
+
+
+def _wavelengths(
+    path: Path,
+    said_here: dict[str, Any],
+    beside: dict[str, Any],
+    lists: dict[str, Array],
+    said: ReadOptions,
+    bands: int,
+) -> Array:
+    unit = next((said_here[key] for key in ("wavelength_units", "wavelength_unit") if key in said_here), None)
+    for name, values in lists.items():
+        if values.size == bands:
             if unit is None and name in beside:
                 own = {key.lower(): plain(value) for key, value in beside[name].attrs.items()}
                 unit = own.get("units", own.get("unit"))
             known = "nm" if name.endswith("_nm") else None if unit is None else str(unit)
             return wavelengths_in_nm(path, values, known, said.wavelength_nm)
+    for name, values in lists.items():
+        if values.size > 1:
+            misfit = f"its '{name}' has {values.size} entries for {bands} bands"
+            if said.wavelength_nm is None:
+                raise FileError(path, f"{misfit}; give the wavelengths in nm (wavelength_nm=[...])")
+            warnings.warn(PhotositeWarning(f"{path}: {misfit}, and is left out"), stacklevel=2)
     return wavelengths_in_nm(path, None, None, said.wavelength_nm)
 
 
@@ -264,6 +312,7 @@ def write_cube(scene: Scene, path: Path) -> None:
         for first, block in cube.blocks(step):
             data[first : first + len(block)] = block.astype(np.float32)
         data.attrs["units"] = np.bytes_("photons/s/sr/m2/nm")
+        data.attrs["interleave"] = np.bytes_("bip")
         data.attrs["wavelength_nm"] = cube.wavelength_nm
         data.attrs["distance_m"] = scene.distance_m
         if scene.width_m is not None:
