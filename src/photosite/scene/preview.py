@@ -41,9 +41,11 @@ def preview(
     scene
         The scene.
     white_cd_m2
-        Luminance that becomes display white; more is white too. None: that of the brightest 1 % of samples.
+        Luminance that becomes display white; more is white too. None: that of the brightest 1 % of samples, or of the
+        brightest one where these are dark.
     white_xy
-        Chromaticity that becomes display white, by von Kries' adaptation in CAT02. None: that of the scene's mean.
+        Chromaticity that becomes display white, by von Kries' adaptation in CAT02. None: that of the scene's light, or
+        of its mean where the light is not known.
 
     Raises
     ------
@@ -63,12 +65,24 @@ def preview(
     """
     colour = colour_science()
     values = tristimulus(scene)
-    white = float(np.quantile(values[..., 1], 0.99)) if white_cd_m2 is None else white_cd_m2
+    luminance = values[..., 1]
+    white = float(np.quantile(luminance, 0.99) or luminance.max()) if white_cd_m2 is None else white_cd_m2
     if not white > 0:
         raise InputError("a scene without light has no picture; give it a luminance, or say which one is white")
-    mean = values.reshape(-1, 3).mean(axis=0, dtype=np.float64) if white_xy is None else colour.xy_to_XYZ(white_xy)
+    adapted = _adapted_to(scene, values) if white_xy is None else colour.xy_to_XYZ(white_xy)
     d65 = colour.xy_to_XYZ(colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"])
-    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(mean / mean[1], d65, transform="CAT02")
+    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(adapted / adapted[1], d65, transform="CAT02")
     to_rgb = (colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ adapt / white).astype(np.float32)
     linear = np.clip(values @ to_rgb.T, 0.0, 1.0)
     return np.asarray(colour.models.eotf_inverse_sRGB(linear), np.float32)
+
+
+def _adapted_to(scene: Scene, values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(3,) tristimulus values of the scene's light, where it is known and to be seen; else of the mean sample."""
+    if scene.reflectance is not None:
+        # 0 at wavelengths that nothing reflects; where those are all that the eye sees, the mean has to do.
+        light = xyz(scene.light(), scene.wavelength_nm)
+        if light.min() > 0:
+            return light
+    mean: NDArray[np.float64] = values.reshape(-1, 3).mean(axis=0, dtype=np.float64)
+    return mean
