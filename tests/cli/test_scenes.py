@@ -131,6 +131,29 @@ def test_wavelengths_of_a_formula_and_of_a_files_bands(photosite: Any, tmp_path:
     assert rough["spectra"] < exact["spectra"] == 31
 
 
+def test_errors_advise_the_commands_own_options(photosite: Any, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "cube.h5", "w") as file:
+        file["cube"] = np.random.default_rng(3).random((20, 30, 31)) - 0.5
+    cube, waves = tmp_path / "cube.h5", ("--wavelengths", "400:700:10")
+    for call in (
+        ("simulate", *SMALL, "-o", tmp_path / "shot.tif", "--scene", cube),
+        ("scenes", "show", cube),
+        ("convert", cube, "-o", tmp_path / "scene.h5"),
+    ):
+        negative = "--negative zero" if call[0] == "convert" else "--scene-option negative=zero"
+        for more, said in (
+            ((), "--units W/sr/m2/nm"),
+            (("--units", "W/sr/m2/nm"), "--wavelengths 400:700:10"),
+            ((*waves, "--units", "reflectance"), "--illuminant D65, --luminance 100"),
+            ((*waves, "--units", "W/sr/m2/nm"), negative),
+        ):
+            done = photosite(*call, *more)
+            assert (done.status, done.out) == (2, "")
+            assert f"({said}" in done.err or f" {said}" in done.err
+            assert "='" not in done.err
+            assert "=[" not in done.err
+
+
 def test_a_picture_is_balanced_by_its_own_light(photosite: Any, tmp_path: Path) -> None:
     Image.new("RGB", (30, 20), (200, 120, 60)).save(tmp_path / "picture.png")
     told = ("--scene", tmp_path / "picture.png", "--luminance", 40)

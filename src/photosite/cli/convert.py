@@ -11,22 +11,9 @@ import click
 
 from photosite.cli import options
 from photosite.cli.output import Stages, print_json
+from photosite.cli.words import told_in_options
 
 _SUFFIXES = (".h5", ".mat", ".tif", ".tiff", ".hdr", ".exr")
-
-
-def wavelengths_of(text: str) -> list[float]:
-    """Numbers in nm: 400,410,420 or first:last:step."""
-    try:
-        if ":" in text:
-            first, last, step = (float(part) for part in text.split(":"))
-            count = round((last - first) / step)
-            if step <= 0 or count < 1 or abs(first + count * step - last) > 1e-6 * step:
-                raise ValueError
-            return [first + k * step for k in range(count + 1)]
-        return [float(part) for part in text.split(",")]
-    except (ValueError, ZeroDivisionError, OverflowError):
-        raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, not '{text}'") from None
 
 
 def _said(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -58,7 +45,7 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--wavelengths",
             "wavelength_nm",
-            type=wavelengths_of,
+            type=options.wavelengths_of,
             metavar="NM",
             help="Of the bands, where the file does not say: 400,410,... or 400:700:10.",
         ),
@@ -98,9 +85,9 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     progress = Stages()
     progress.stage(f"reading {source}")
     begun = time.perf_counter()
-    done = convert(
-        source, output, progress=progress, **{name: value for name, value in said.items() if value is not None}
-    )
+    given = {name: value for name, value in said.items() if value is not None}
+    with told_in_options(own=True):
+        done = convert(source, output, progress=progress, **given)
     seconds = time.perf_counter() - begun
     scene = done.scene
     tolerance = (said["tolerance"] or ReadOptions.tolerance) if done.reduced else None

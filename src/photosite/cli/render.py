@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from photosite.cli import options
-from photosite.cli.convert import wavelengths_of
 from photosite.cli.output import Stages, print_json
 
 _SUFFIXES = (".h5", ".exr", ".mat", ".tif", ".tiff", ".hdr")
@@ -33,7 +32,7 @@ def _value(text: str) -> tuple[str, str]:
 @click.option(
     "--wavelengths",
     "wavelength_nm",
-    type=wavelengths_of,
+    type=options.wavelengths_of,
     metavar="NM",
     default="400:700:10",
     show_default=True,

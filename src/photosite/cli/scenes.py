@@ -10,6 +10,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.output import print_json, table
+from photosite.cli.words import told_in_options
 from photosite.errors import did_you_mean
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ def show(picture: Path | None, as_json: bool, **told: Any) -> None:
     from photosite.scene.preview import preview
     from photosite.scene.request import SceneRequest
 
-    scene = options.request_of(SceneRequest(), told).scene()
+    with told_in_options():
+        scene = options.request_of(SceneRequest(), told).scene()
     if picture is not None:
         save_picture(preview(scene), picture)
     facts = _facts(scene)

@@ -11,6 +11,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.output import print_json, say_if_compiling
+from photosite.cli.words import told_in_options
 from photosite.errors import InputError
 from photosite.exposure import format_exposure
 
@@ -77,7 +78,7 @@ def command(
     as_json = told.pop("as_json")
     set_up = _set_up(camera_file, told)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
-    scene = set_up.scene.scene()
+    scene = _scene(set_up.scene)
     say_if_compiling()
     raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
     _save(raw, output, preview)
@@ -139,6 +140,16 @@ def _request(base: SceneRequest | PlanesRequest, told: dict[str, Any]) -> SceneR
     if options.said_of_scene(told):
         raise InputError("a scene of planes says the light and place of each in its camera file; change them there")
     return base
+
+
+def _scene(request: SceneRequest | PlanesRequest) -> Scene | Planes:
+    """What is seen; where options could mend it, errors name them."""
+    from photosite.scene.request import SceneRequest
+
+    if not isinstance(request, SceneRequest):  # a plane's light and units are said in the camera file alone
+        return request.scene()
+    with told_in_options():
+        return request.scene()
 
 
 def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scene | None:

@@ -1,0 +1,63 @@
+"""Errors in the command line's words: `--units W/sr/m2/nm` where a function's caller is told units='W/sr/m2/nm'."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from photosite.errors import FileError, InputError
+
+_OPTIONS = (
+    (r"\bwavelength_nm=\[\.\.\.\]", "--wavelengths 400:700:10"),
+    (r"\bothers than wavelength_nm\b", "others than --wavelengths"),
+    (r"\b(units|illuminant)='([^']*)'", r"--\1 \2"),
+    (r"\bmean_luminance_cd_m2=([\d.]+)", r"--luminance \1"),
+    (r"\band mean_luminance_cd_m2(?![=\w])", "and --luminance"),
+)
+_READING = (
+    (r"\bsort_bands=True", "--scene-option sort_bands=true"),
+    (r"\b(no_data|negative)='zero'", r"--scene-option \1=zero"),
+    (r"\bvariable='\.\.\.'", "--scene-option variable=NAME"),
+    (r"\bpatches=False", "--scene-option patches=false"),
+)
+_OWN = (
+    (r"\bsort_bands=True", "--sort-bands"),
+    (r"\bno_data='zero'", "--no-data zero"),
+    (r"\bnegative='zero'", "--negative zero"),
+    (r"\bvariable='\.\.\.'", "--variable NAME"),
+)
+
+
+def in_options(message: str, *, own: bool = False) -> str:
+    """A message whose advice is options of a command.
+
+    Parameters
+    ----------
+    message
+        Of an error, in words of Python.
+    own
+        Whether the command has options of its own for how a file is read, as `convert` has; else they are given as
+        `--scene-option NAME=VALUE`.
+
+    Examples
+    --------
+    >>> in_options("holds reflectances; say the light (illuminant='D65', mean_luminance_cd_m2=100)")
+    'holds reflectances; say the light (--illuminant D65, --luminance 100)'
+    >>> in_options("say that they be sorted (sort_bands=True)"), in_options("(sort_bands=True)", own=True)
+    ('say that they be sorted (--scene-option sort_bands=true)', '(--sort-bands)')
+    """
+    for pattern, said in (*_OPTIONS, *(_OWN if own else _READING)):
+        message = re.sub(pattern, said, message)
+    return message
+
+
+@contextmanager
+def told_in_options(*, own: bool = False) -> Iterator[None]:
+    """Errors from inside advise the command's options (`in_options`)."""
+    try:
+        yield
+    except FileError as error:
+        raise FileError(error.path, in_options(error.message, own=own), error.line) from None
+    except InputError as error:
+        raise InputError(in_options(str(error), own=own)) from None
