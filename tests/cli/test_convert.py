@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -66,6 +67,17 @@ def test_each_missing_word_is_asked_for_until_all_are_said(photosite: Any, bare:
     scene = ps.read_scene(target)
     assert scene.wavelength_nm.tolist() == GRID
     assert scene.mean_luminance_cd_m2() == pytest.approx(100)
+
+
+def test_bands_that_come_first_are_said(photosite: Any, tmp_path: Path) -> None:
+    values = np.random.default_rng(2).uniform(1, 2, (3, 20, 30))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["cube"] = values
+        file["cube"].attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
+    told = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
+    assert "(3, 20, 30), of which the first axis fits its 3 wavelengths" in photosite(*told).err
+    done = photosite(*told, "--interleave", "bsq").json
+    assert (done["rows"], done["cols"], done["bands"]) == (20, 30, 3)
 
 
 def test_bands_are_sorted_where_that_is_said(photosite: Any, bare: Path) -> None:
