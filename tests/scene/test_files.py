@@ -70,7 +70,10 @@ def test_what_reflects_stays_known(tmp_path: Path, name: str, how: dict[str, Any
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     write_scene(chart, tmp_path / name, **how)
     again = read_scene(tmp_path / name, illuminant="D65", mean_luminance_cd_m2=25, tolerance=1e-4)
-    assert difference(again, chart.with_illuminant("D65", 25)) < 2e-3
+    day = chart.with_illuminant("D65")  # only photosite's own file knows that it is a chart of patches
+    expected = day.with_said_luminance(25) if again.patches else day.with_mean_luminance(25)
+    assert again.patches == (name == "scene.h5" and not how)
+    assert difference(again, expected) < 2e-3
     assert again.width_m is None
 
 
@@ -101,7 +104,15 @@ def test_a_scene_file_keeps_everything(tmp_path: Path) -> None:
     assert not again.weights.flags.writeable
     moved = read_scene(tmp_path / "chart.h5", distance_m=3, width_m=0.5, mean_luminance_cd_m2=7)
     assert (moved.distance_m, moved.width_m) == (3, 0.5)
-    assert moved.mean_luminance_cd_m2() == pytest.approx(7)
+    # As for the formula, the luminance of a chart's file is that of its patches, under its own light and another.
+    for light in (None, "D65"):
+        again = read_scene(tmp_path / "chart.h5", mean_luminance_cd_m2=7, illuminant=light)
+        np.testing.assert_allclose(again.basis, ps.charts.macbeth(light or "A", 7).basis, rtol=1e-9)
+    assert moved.said_luminance_cd_m2() == pytest.approx(7)
+    star = ps.charts.siemens_star("A", 40)
+    star.save(tmp_path / "star.h5")
+    again = read_scene(tmp_path / "star.h5", mean_luminance_cd_m2=7)
+    np.testing.assert_allclose(again.basis, ps.charts.siemens_star("A", 7).basis, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "how"), WAYS[1:])

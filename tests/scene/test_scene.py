@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
+from photosite.regions import Region
+from photosite.scene import charts
 from photosite.scene.scene import Scene
+from photosite.spectra import Spectrum, photons_from_energy
 from photosite.spectra import illuminant as relative_energy
-from photosite.spectra import photons_from_energy
 
 GRID = np.arange(400.0, 701.0, 10)
 
@@ -96,6 +98,33 @@ def test_another_light_on_known_reflectance_is_that_reflectance_under_it() -> No
     assert kept.mean_luminance_cd_m2() == pytest.approx(scene.mean_luminance_cd_m2(), rel=1e-12)
     back = day.with_illuminant("A", scene.mean_luminance_cd_m2())
     np.testing.assert_allclose(back.basis, scene.basis, rtol=1e-12)
+
+
+def test_another_light_is_another_name() -> None:
+    for chart in (charts.macbeth("D65"), charts.slanted_edge("D65", rows=20, cols=30)):
+        assert chart.name.endswith(", illuminant D65")
+        even = Spectrum(np.array([300.0, 900.0]), np.ones(2))
+        for light, said in (("A", "A"), (3200, "3200"), (even, "as given")):
+            relit = chart.with_illuminant(light)
+            assert relit.name == chart.name.removesuffix("D65") + said
+            assert relit.with_illuminant("D65").name == chart.name
+    bare = Scene(*reflecting(), GRID, name="illuminant D65, a picture of it", reflectance=reflecting()[1])
+    assert bare.with_illuminant("A").name == "illuminant D65, a picture of it"
+
+
+def test_a_chart_s_luminance_is_its_patches_and_any_other_scene_s_that_of_all_samples() -> None:
+    for chart in (charts.macbeth("A", 30), charts.hdr_patches("A", 30), charts.color_checker_sg("A", 30)):
+        assert chart.said_luminance_cd_m2() == pytest.approx(30, rel=2e-6)
+        assert chart.mean_luminance_cd_m2() < 27
+        day = chart.with_illuminant("D65").with_said_luminance(7)
+        assert day.said_luminance_cd_m2() == pytest.approx(7, rel=1e-9)
+    star = charts.siemens_star("A", 30)
+    assert star.regions
+    assert star.said_luminance_cd_m2() == star.mean_luminance_cd_m2() == pytest.approx(30, rel=1e-6)
+    with pytest.raises(InputError, match="without light"):
+        charts.macbeth("A", 0).with_said_luminance(7)
+    with pytest.raises(InputError, match="patches lie on its 4 x 4 samples"):
+        Scene(np.ones((1, 4, 4)), np.ones((1, 2)), [500, 600], regions=(Region("p", 0, 5, 0, 4),), patches=True)
 
 
 def test_the_light_of_a_scene_is_what_its_perfect_white_sends_out_at_any_luminance() -> None:

@@ -39,7 +39,7 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--width", "width_m", type=options.above(), metavar="M", help="Width of the scene, in m."),
         click.option("--distance", "distance_m", type=options.above(), metavar="M", help="From lens to scene, in m."),
         click.option(
-            "--luminance", "mean_luminance_cd_m2", type=options.above(), metavar="CD/M2", help="Mean luminance wanted."
+            "--luminance", "mean_luminance_cd_m2", type=options.above(), metavar="CD/M2", help=options.LUMINANCE_HELP
         ),
         click.option("--illuminant", metavar="NAME", help="Light on reflectances: D65, A, 3200K, ..."),
         click.option(
@@ -100,6 +100,7 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
         "tolerance": tolerance,
         "relative_error": scene.relative_error,
         "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
+        "patches_luminance_cd_m2": options.patches_luminance(scene),
         "no_data_values": done.no_data_values,
         "negative_values": done.negative_values,
         "distance_m": scene.distance_m,
@@ -115,7 +116,7 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
         f"wrote {output}: {scene.shape[0]} x {scene.shape[1]} samples, {done.bands} bands as {done.components} "
         f"spectra; {how}"
     )
-    click.echo(f"mean luminance {facts['mean_luminance_cd_m2']:.4g} cd/m2; {seconds:.1f} s")
+    click.echo(f"{options.luminance_line(scene)}; {seconds:.1f} s")
     for count, what in ((done.no_data_values, "missing"), (done.negative_values, "negative")):
         if count:
             click.echo(f"{count} {what} values were taken as 0")

@@ -17,6 +17,7 @@ from photosite.exposure import parse_exposure
 if TYPE_CHECKING:
     from photosite.optics.lens import DiffractionLimited
     from photosite.scene.request import SceneRequest
+    from photosite.scene.scene import Scene
     from photosite.sensor.model import Sensor
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -129,6 +130,26 @@ def lens_options(function: F) -> F:
     return click.option("--f-number", type=above(), default=8.0, metavar="N", help="f-number.")(function)
 
 
+LUMINANCE_HELP = (
+    "Mean luminance wanted, in cd/m2: of a chart's patches (macbeth, color-checker-sg, hdr-patches, measured charts, "
+    "and these saved as .h5), of all samples of any other scene."
+)
+
+
+def patches_luminance(scene: Scene) -> float | None:
+    """Mean luminance of a chart's patches; None of a scene that is no chart of patches."""
+    return scene.said_luminance_cd_m2() if scene.patches and scene.regions else None
+
+
+def luminance_line(scene: Scene) -> str:
+    """A scene's mean luminance, and what it is the mean of."""
+    over_all = f"{scene.mean_luminance_cd_m2():.4g} cd/m2"
+    patches = patches_luminance(scene)
+    if patches is None:
+        return f"mean luminance {over_all}"
+    return f"mean luminance {patches:.4g} cd/m2 of the patches, {over_all} of all samples"
+
+
 def scene_options(function: F) -> F:
     """--scene and what is said of it; None where nothing is."""
     source = click.option(
@@ -163,7 +184,7 @@ def _said_of_scene(function: F) -> F:
         click.option("--width", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."),
         click.option("--distance", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"),
         click.option(
-            "--luminance", type=above(), metavar="CD/M2", help="Mean luminance in cd/m2.  [default: 40; a file's own]"
+            "--luminance", type=above(), metavar="CD/M2", help=f"{LUMINANCE_HELP}  [default: 40; a file's own]"
         ),
         click.option(
             "--illuminant",

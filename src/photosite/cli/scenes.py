@@ -111,7 +111,7 @@ def show(picture: Path | None, as_json: bool, **told: Any) -> None:
     click.echo(
         f"{scene.name}: {facts['rows']} x {facts['cols']} samples, {facts['spectra']} spectra over "
         f"{facts['first_nm']:g} to {facts['last_nm']:g} nm ({facts['wavelengths']} wavelengths)\n"
-        f"mean luminance {facts['mean_luminance_cd_m2']:.4g} cd/m2, darkest to brightest sample "
+        f"{options.luminance_line(scene)}, darkest to brightest sample "
         f"{facts['darkest_cd_m2']:.3g} to {facts['brightest_cd_m2']:.3g} cd/m2\n"
         f"{scene.distance_m:g} m from the lens, "
         + ("as wide as the frame" if scene.width_m is None else f"{scene.width_m:g} m wide")
@@ -133,6 +133,7 @@ def _facts(scene: Scene) -> dict[str, Any]:
         "first_nm": float(scene.wavelength_nm[0]),
         "last_nm": float(scene.wavelength_nm[-1]),
         "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
+        "patches_luminance_cd_m2": options.patches_luminance(scene),
         "darkest_cd_m2": float(luminance.min()),
         "brightest_cd_m2": float(luminance.max()),
         "distance_m": scene.distance_m,

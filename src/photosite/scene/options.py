@@ -32,7 +32,9 @@ class ReadOptions:
     illuminant
         Light on reflectances, as `photosite.spectra.illuminant` has it.
     mean_luminance_cd_m2
-        To scale the scene to. Needed where the file's values are relative, or its light has no absolute scale.
+        To scale the scene to: the mean of a chart's patches (`Scene.patches`: measured charts, and charts in
+        photosite's own file), of all samples of anything else. Needed where the file's values are relative, or its
+        light has no absolute scale.
     units
         Of the values: see `photosite.scene.units.parse_units`.
     wavelength_nm
@@ -110,5 +112,5 @@ class ReadOptions:
                 scene, distance_m=self.distance_m or scene.distance_m, width_m=self.width_m or scene.width_m
             )
         if self.illuminant is not None:
-            return scene.with_illuminant(self.illuminant, self.mean_luminance_cd_m2)
-        return scene if self.mean_luminance_cd_m2 is None else scene.with_mean_luminance(self.mean_luminance_cd_m2)
+            scene = scene.with_illuminant(self.illuminant)
+        return scene if self.mean_luminance_cd_m2 is None else scene.with_said_luminance(self.mean_luminance_cd_m2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
 from dataclasses import dataclass, replace
 from os import PathLike
 
@@ -54,6 +54,8 @@ class Scene:
         from a perfect white. It lets the light be changed (`with_illuminant`). None where that is not known.
     relative_error
         RMS error of the radiance relative to its RMS, where it was reduced from more spectra; 0 where it is exact.
+    patches
+        Whether it is a chart whose luminance is said of its patches, the regions, and not of the black between them.
 
     Raises
     ------
@@ -77,6 +79,7 @@ class Scene:
     name: str = "scene"
     reflectance: NDArray[np.float64] | None = None
     relative_error: float = 0.0
+    patches: bool = False
 
     def __post_init__(self) -> None:
         weights, finite = checked_weights(self.weights)
@@ -93,6 +96,9 @@ class Scene:
             raise InputError(f"a scene's distance must be above 0 m, not {self.distance_m}")
         if self.width_m is not None and not (np.isfinite(self.width_m) and self.width_m > 0):
             raise InputError(f"a scene's width must be above 0 m, not {self.width_m}")
+        rows, cols = weights.shape[1:]
+        if self.patches and any(part.r1 > rows or part.c1 > cols for part in self.regions):
+            raise InputError(f"a chart's patches lie on its {rows} x {cols} samples, and one of these does not")
         for name, value in (("weights", weights), ("basis", basis), ("wavelength_nm", grid)):
             object.__setattr__(self, name, value)
         if self.reflectance is not None:
@@ -202,6 +208,31 @@ class Scene:
         """Mean luminance over all samples, in cd/m2; a chart's black gaps count too."""
         return float(luminance_cd_m2(component_means(self.weights) @ self.basis, self.wavelength_nm, rule))
 
+    def said_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
+        """Luminance as one says it of such a scene: the mean of a chart's patches, of another scene's samples.
+
+        Examples
+        --------
+        >>> from photosite.scene.charts import macbeth
+        >>> chart = macbeth("A", 40)
+        >>> round(chart.said_luminance_cd_m2(), 4), round(chart.mean_luminance_cd_m2(), 4)
+        (40.0, 29.0909)
+        """
+        if not (self.patches and self.regions):
+            return self.mean_luminance_cd_m2(rule)
+        means = [component_means(self.weights[:, part.r0 : part.r1, part.c0 : part.c1]) for part in self.regions]
+        return float(luminance_cd_m2(np.mean(means, axis=0) @ self.basis, self.wavelength_nm, rule))
+
+    def with_said_luminance(self, luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
+        """The same scene, brighter or darker, so that its `said_luminance_cd_m2` is the one given.
+
+        Raises
+        ------
+        InputError
+            As `with_mean_luminance`.
+        """
+        return self._brighter(self.said_luminance_cd_m2(rule), luminance_cd_m2)
+
     def with_mean_luminance(self, mean_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
         """The same scene, brighter or darker, so that its mean luminance is the one given.
 
@@ -210,12 +241,14 @@ class Scene:
         InputError
             If the luminance is negative, or the scene is dark.
         """
-        if not (np.isfinite(mean_luminance_cd_m2) and mean_luminance_cd_m2 >= 0):
-            raise InputError(f"a mean luminance is 0 cd/m2 or more, not {mean_luminance_cd_m2}")
-        now = self.mean_luminance_cd_m2(rule)
-        if now <= 0:
+        return self._brighter(self.mean_luminance_cd_m2(rule), mean_luminance_cd_m2)
+
+    def _brighter(self, now_cd_m2: float, wanted_cd_m2: float) -> Scene:
+        if not (np.isfinite(wanted_cd_m2) and wanted_cd_m2 >= 0):
+            raise InputError(f"a mean luminance is 0 cd/m2 or more, not {wanted_cd_m2}")
+        if now_cd_m2 <= 0:
             raise InputError("a scene without light cannot be given a luminance; give it a radiance first")
-        return self.scaled(mean_luminance_cd_m2 / now)
+        return self.scaled(wanted_cd_m2 / now_cd_m2)
 
     def scaled(self, factor: float) -> Scene:
         """The same scene with its radiance multiplied by a factor; what it reflects stays."""
@@ -272,7 +305,8 @@ class Scene:
             raise InputError(_no_reflectance(self.name))
         wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
         light = photons_from_energy(relative_energy(illuminant, self.wavelength_nm), self.wavelength_nm)
-        return replace(self, basis=self.reflectance * light).with_mean_luminance(wanted, rule)
+        relit = replace(self, basis=self.reflectance * light, name=_relit_name(self.name, illuminant))
+        return relit.with_mean_luminance(wanted, rule)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a file, which appears whole or not at all; `.h5` keeps everything of it.
@@ -314,6 +348,16 @@ class Scene:
         return 1.0 - seen / total if total > 0 else 0.0
 
 
+def light_title(light: str | float | Spectrum) -> str:
+    """What a scene's name says of its light."""
+    return "as given" if isinstance(light, Spectrum) else f"{light}"
+
+
+def _relit_name(name: str, light: str | float | Spectrum) -> str:
+    """The name with another light in it, where it names one."""
+    return re.sub(r"(, illuminant )[^,]*$", lambda found: found[1] + light_title(light), name)
+
+
 def _radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     radiance = np.asarray(photon_radiance, dtype=np.float64)
     if radiance.ndim != ndim or radiance.size == 0:
@@ -352,19 +396,3 @@ def _light(basis: NDArray[np.float64], reflectance: NDArray[np.float64]) -> NDAr
         (basis * reflectance).sum(axis=0), power, out=np.zeros_like(power), where=power > 0
     )
     return light
-
-
-def labelled(
-    labels: NDArray[np.intp],
-    spectra: NDArray[np.float64],
-    wavelength_nm: NDArray[np.float64],
-    *,
-    distance_m: float,
-    width_m: float | None,
-    regions: Sequence[Region],
-    name: str,
-    reflectance: NDArray[np.float64] | None = None,
-) -> Scene:
-    """A scene of few colours: (rows, cols) indices into (K, wavelengths) spectra, -1 for black. Exact."""
-    weights = (labels[None] == np.arange(len(spectra))[:, None, None]).astype(np.float32)
-    return Scene(weights, spectra, wavelength_nm, distance_m, width_m, tuple(regions), name, reflectance)

@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from photosite.cie import colour_science
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.charts.grey import light_title
 from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions
 from photosite.scene.placement import place
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, labelled
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
@@ -141,18 +140,19 @@ def macbeth(
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
     reflectance = macbeth_reflectance(grid)
     spectra = reflectance * light
-    labels = np.full(_SHAPE, -1, dtype=np.intp)
+    weights = np.zeros((len(spectra), *_SHAPE), np.float32)
     for patch, (r, c) in enumerate(_CORNERS):
-        labels[r : r + PATCH, c : c + PATCH] = patch
-    chart = labelled(
-        labels,
+        weights[patch, r : r + PATCH, c : c + PATCH] = 1.0
+    chart = Scene(
+        weights,
         spectra,
         grid,
-        distance_m=distance_m,
-        width_m=width_m,
-        regions=_regions(),
-        name=f"ColorChecker, illuminant {light_title(illuminant)}",
-        reflectance=reflectance,
+        distance_m,
+        width_m,
+        _regions(),
+        f"ColorChecker, illuminant {light_title(illuminant)}",
+        reflectance,
+        patches=True,
     )
     # The patches have equal areas, so their mean luminance is that of the mean spectrum.
     patches = Scene.uniform(spectra.mean(axis=0), grid).mean_luminance_cd_m2(rule)

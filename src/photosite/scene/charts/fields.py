@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
-from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene, light_title
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
 from photosite.scene.values import check_flag
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,

@@ -10,16 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.scene import Scene
+from photosite.scene.scene import Scene, light_title
 from photosite.spectra import Rule, Spectrum, photons_from_energy, wavelength_grid
 from photosite.spectra import illuminant as relative_energy
 
 _MOST_SAMPLES = 1 << 28
-
-
-def light_title(light: str | float | Spectrum) -> str:
-    """What a scene's name says of its light."""
-    return "as given" if isinstance(light, Spectrum) else f"{light}"
 
 
 def grey_scene(

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
 from photosite.regions import Region
-from photosite.scene.charts.grey import check_range, grey_scene, light_title
+from photosite.scene.charts.grey import check_range, grey_scene
 from photosite.scene.reduction import few_spectra
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
 from photosite.spectra import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
@@ -122,6 +123,7 @@ def reflectance_chart(
         f"{name}, illuminant {light_title(illuminant)}",
         basis,
         float(np.linalg.norm(values - weights @ basis) / np.linalg.norm(values)) if values.any() else 0.0,
+        patches=True,
     )
     # The patches have equal areas, so their mean luminance is that of the mean spectrum.
     mean = float(luminance_cd_m2(values.mean(axis=0) * light, grid, rule))
@@ -220,7 +222,7 @@ def hdr_patches(
         pattern[r : r + PATCH, c : c + PATCH] = level
     names = [f"density {step:.{_digits(decades, patches)}f}" for step in density]
     lit = float(pattern.mean() / levels.mean())  # the share of the chart that its patches are
-    return grey_scene(
+    chart = grey_scene(
         pattern,
         illuminant,
         mean_luminance_cd_m2 * lit,
@@ -231,6 +233,7 @@ def hdr_patches(
         name=f"{patches} greys over {decades:g} decades",
         regions=patch_regions(names, snake),
     )
+    return replace(chart, patches=True)
 
 
 def _digits(decades: float, patches: int) -> int:

@@ -2,7 +2,8 @@
 
 Layout, version 1; text is of fixed length, in UTF-8:
 
-    /                 attributes photosite_scene = 1, name, distance_m, width_m (where known), relative_error, units
+    /                 attributes photosite_scene = 1, name, distance_m, width_m (where known), relative_error, units,
+                      patches = 1 (a chart whose luminance is that of its regions)
     /weights          (K, rows, cols) float32, little endian, contiguous
     /basis            (K, wavelengths) photons/s/sr/m2/nm
     /wavelength_nm    (wavelengths,)
@@ -108,6 +109,8 @@ def _write_rest(file: Any, scene: Scene) -> None:
     file.attrs["units"] = np.bytes_(UNITS)
     file.attrs["distance_m"] = scene.distance_m
     file.attrs["relative_error"] = scene.relative_error
+    if scene.patches:
+        file.attrs["patches"] = 1
     if scene.name:
         file.attrs["name"] = np.bytes_(scene.name.encode("utf-8"))
     if scene.width_m is not None:
@@ -152,6 +155,7 @@ def read_native(path: Path, file: Any, datasets: dict[str, Any], said: ReadOptio
             regions=_regions(path, datasets.get("regions")),
             name=str(attributes.get("name", "")),
             relative_error=_number(path, attributes, "relative_error"),
+            patches="patches" in attributes,
             **spectra,
         )
     except InputError as error:
