@@ -172,7 +172,8 @@ class RawCube(CubeHead):
                 count = min(rows, total - first)
                 raw = self._read(file, room, first, count)
                 block = values[:, :count] if by_band else values[:count]
-                np.multiply(raw, scale[:, None, None] if by_band else scale, out=block)
+                with np.errstate(over="ignore"):  # what becomes infinite is refused where it is looked at
+                    np.multiply(raw, scale[:, None, None] if by_band else scale, out=block)
                 if self.no_data is not None:
                     block[raw == self.no_data] = np.nan
                 yield first, (np.moveaxis(block, 0, 2) if by_band else block)

@@ -79,6 +79,15 @@ def test_a_list_of_wavelengths_that_does_not_fit(tmp_path: Path) -> None:
     assert_allclose(whole(saved(tmp_path / "b.h5", attributes=named)), CUBE)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4)}])
+def test_values_beyond_double_precision_are_a_line(tmp_path: Path, how: dict[str, Any]) -> None:
+    told = {"wavelength_nm": GRID, "units": "kW/sr/m2/nm"}
+    path = saved(tmp_path / "a.h5", np.full(CUBE.shape, 1e308), told, **how)
+    with pytest.raises(FileError, match="has an infinite value at row 0, column 0, band 1"):
+        read_scene(path)
+
+
 def test_interleave_is_for_hdf5(tmp_path: Path) -> None:
     write_scene(Scene.from_radiance(CUBE.astype(float), GRID), tmp_path / "a.tif")
     with pytest.raises(FileError, match="is TIFF, which has its own order of axes; leave interleave out"):

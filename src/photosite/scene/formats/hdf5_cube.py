@@ -64,7 +64,8 @@ class ChunkedCube(CubeHead):
             data = datasets[self.variable]
             for first in range(0, self.shape[0], self.slab_rows):
                 raw = _slab(data, self.axes, slice(first, first + self.slab_rows), slice(None))
-                slab = np.multiply(raw, np.asarray(self.scale, np.float64), dtype=np.float64)
+                with np.errstate(over="ignore"):  # what becomes infinite is refused where it is looked at
+                    slab = np.multiply(raw, np.asarray(self.scale, np.float64), dtype=np.float64)
                 if self.no_data is not None:
                     slab[raw == self.no_data] = np.nan
                 for start in range(0, len(slab), rows):
