@@ -38,6 +38,7 @@ class Entry:
 COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "Close the loop on a virtual D200: shoot, calibrate, simulate, compare, report."),
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
+    "optics": Entry("optics", "Check optics files: what they hold, and the lens's contrast."),
     "scenes": Entry("scenes", "List the scenes by formula, look at scenes and their files."),
     "convert": Entry("convert", "Reduce a spectral image to a scene of few spectra, in a file."),
     "render": Entry("render", "Render a scene of Mitsuba 3, with units."),

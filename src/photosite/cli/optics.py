@@ -1,0 +1,143 @@
+"""`photosite optics`: what an optics file says, and whether it can be."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from photosite.cli.options import json_option
+from photosite.cli.output import print_json, table
+from photosite.errors import did_you_mean
+
+if TYPE_CHECKING:
+    from photosite.optics.compound import Lens
+    from photosite.optics.lens import DiffractionLimited
+
+_FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
+
+
+class _Subcommands(click.Group):
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but an unknown subcommand is told which was probably meant, as at the top."""
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            raise click.UsageError(f"no command 'optics {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+@click.group("optics", cls=_Subcommands)
+def command() -> None:
+    """Look at optics files.
+
+    Example: photosite optics check mine.optics.yaml
+    """
+
+
+@command.command("check")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--distance", "distance_m", type=float, help="Of the object, m.  [default: where it is focused, else infinity]"
+)
+@click.option("--wavelength", "wavelength_nm", type=float, default=550.0, help="Of the MTF, nm.")
+@json_option
+def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: bool) -> None:
+    """Check an optics file: exit status 0 if it describes a lens, 2 with the line and the reason if not.
+
+    Prints what it holds, and the contrast (MTF) on the axis at a few frequencies on the sensor, along rows and columns.
+
+    Example: photosite optics check mine.optics.yaml --distance 2
+    """
+    from photosite.optics.compound import Lens
+    from photosite.optics.file import load_optics
+    from photosite.optics.lens import camera_wavelengths
+
+    camera_wavelengths([wavelength_nm])
+    lens = load_optics(file)
+    if distance_m is None:
+        focus = lens.focus_distance_m if isinstance(lens, Lens) else None
+        distance_m = math.inf if focus is None else focus
+    facts = {"file": str(file), **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
+    mtf = _mtf(lens, distance_m, wavelength_nm)
+    if as_json:
+        names = ("frequency_per_mm", "along_rows", "along_columns")
+        columns = {name: list(column) for name, column in zip(names, zip(*mtf, strict=True), strict=True)}
+        print_json({**facts, "mtf": {"wavelength_nm": wavelength_nm, **columns}})
+        return
+    click.echo(
+        f"{file}: describes {facts['name'] or 'a lens'}: f/{facts['f_number']:g}, {facts['focal_length_mm']:g} mm; "
+        f"blur: {facts['blur']}; holds: {', '.join(facts['holds']) or 'nothing else'}"
+    )
+    where = f"an object at {distance_m:g} m" if math.isfinite(distance_m) else "an object at infinity"
+    click.echo(f"\nMTF on the axis at {wavelength_nm:g} nm, {where}:\n")
+    heading = ("cycles/mm", "along rows", "along columns")
+    click.echo(table([heading, *((f"{f:g}", f"{x:.3f}", f"{y:.3f}") for f, x, y in mtf)], ">>>"))
+
+
+def _facts(lens: Lens | DiffractionLimited) -> dict[str, Any]:
+    from photosite.optics.compound import Lens
+    from photosite.spectra import Spectrum
+
+    whole = lens if isinstance(lens, Lens) else None
+    base = lens.base if isinstance(lens, Lens) else lens
+    holds = {
+        "a transmittance": isinstance(base.transmittance, Spectrum) or base.transmittance != 1,
+        "cos4 fall-off": base.falloff == "cos4",
+        "a fixed focus": whole is not None and whole.focus_distance_m is not None,
+        "relative illumination": whole is not None and whole.illumination is not None,
+        "distortion": whole is not None and whole.distortion is not None,
+        "lateral colour": whole is not None and whole.lateral_color is not None,
+        "veiling glare": lens.veiling_glare is not None,
+    }
+    blur = None if whole is None else whole.blur
+    return {
+        "name": None if whole is None else whole.name,
+        "f_number": base.f_number,
+        "focal_length_mm": base.focal_length_mm,
+        "blur": "diffraction" if blur is None else _KINDS.get(type(blur).__name__, type(blur).__name__),
+        "holds": [name for name, there in holds.items() if there],
+    }
+
+
+_KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensDesign": "lens_design"}
+"""As the files call them."""
+
+
+def _mtf(lens: Lens | DiffractionLimited, distance_m: float, wavelength_nm: float) -> list[tuple[float, float, float]]:
+    """Frequency per mm, contrast along rows and along columns; on the axis."""
+    import numpy as np
+
+    from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread
+
+    spread = lens.spread(distance_m)
+    f = np.array(_FREQUENCIES_PER_MM) * 1e3
+    none = np.zeros(f.size)
+
+    def plane(of: PlaneSpread) -> Any:
+        """(2, frequencies)"""
+        # Between the wavelengths of a table its spread is linear.
+        grid = np.array([wavelength_nm]) if of.wavelength_nm is None else np.asarray(of.wavelength_nm)
+        shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
+        used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
+        return sum(share * np.stack([of.otf(none, f, w), of.otf(f, none, w)]) for share, w in used)
+
+    if isinstance(spread, RadialSpread):
+        both = np.stack([spread.otf(f, wavelength_nm)] * 2)
+    elif isinstance(spread, FieldSpread):
+        both = sum(
+            _on_axis(spread, weights) * plane(mode) for weights, mode in zip(spread.weights, spread.modes, strict=True)
+        )
+    else:
+        both = plane(spread)
+    return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, *np.abs(both), strict=True)]
+
+
+def _on_axis(spread: Any, weights: Any) -> float:
+    """A mode's weight at the middle of the field, linear between nodes."""
+    import numpy as np
+
+    along = [np.interp(0.0, spread.x_m, row) for row in weights]
+    return float(np.interp(0.0, spread.y_m, along))

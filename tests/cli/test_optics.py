@@ -1,0 +1,101 @@
+"""`photosite optics`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.cli.optics import _mtf
+from photosite.optics.lens_design import LensDesign
+
+FILE = """photosite_optics: 1
+name: made up 50 mm
+f_number: 2.8
+focal_length_mm: 50
+focus_distance_m: 2
+blur: {kind: wavefront, zernike: {8: 60}}
+veiling_glare: {fraction: 0.02}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.optics.yaml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+def test_check_says_what_is_in_the_file(photosite: Any, file: Path) -> None:
+    said = photosite("optics", "check", file).out
+    assert "made up 50 mm: f/2.8, 50 mm; blur: wavefront; holds: a fixed focus, veiling glare" in said
+    assert "550 nm, an object at 2 m" in said
+
+
+def test_contrast_is_the_lenses(photosite: Any, file: Path) -> None:
+    found = photosite("optics", "check", file, "--wavelength", "500", "--distance", "2.1", "--json").json
+    assert (found["name"], found["blur"], found["holds"]) == (
+        "made up 50 mm",
+        "wavefront",
+        ["a fixed focus", "veiling glare"],
+    )
+    mtf = found["mtf"]
+    f = np.array(mtf["frequency_per_mm"]) * 1e3
+    otf = ps.load_optics(file).spread(2.1).otf
+    np.testing.assert_allclose(mtf["along_rows"], np.abs(otf(0 * f, f, 500.0)), rtol=1e-9)
+    np.testing.assert_allclose(mtf["along_columns"], np.abs(otf(f, 0 * f, 500.0)), rtol=1e-9)
+    assert np.ptp([mtf["along_rows"][2], mtf["along_columns"][2]]) > 0.01  # coma differs along the two
+
+
+def test_a_perfect_lens_is_diffraction_at_infinity(photosite: Any, tmp_path: Path) -> None:
+    path = tmp_path / "perfect.optics.yaml"
+    path.write_text("photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\n", encoding="utf-8")
+    found = photosite("optics", "check", path, "--json").json
+    assert (found["name"], found["blur"], found["holds"], found["distance_m"]) == (None, "diffraction", [], None)
+    r = np.array([10, 20, 40, 80, 160]) * 550e-6 * 8
+    expected = 2 / np.pi * (np.arccos(r) - r * np.sqrt(1 - r * r))
+    np.testing.assert_allclose(found["mtf"]["along_rows"], expected, rtol=1e-9)
+    assert "describes a lens: f/8" in photosite("optics", "check", path).out
+
+
+def test_a_psf_table_is_linear_between_its_wavelengths(photosite: Any, tmp_path: Path) -> None:
+    x = np.arange(-12, 13) * 0.5
+    psf = np.stack([np.exp(-(x[:, None] ** 2 + x**2) / 2 / s**2) for s in (0.7, 1.2)])
+    psf /= psf.sum(axis=(1, 2), keepdims=True)
+    np.savez(tmp_path / "psf.npz", psf=psf, spacing_um=0.5, wavelength_nm=[450.0, 650.0])
+    path = tmp_path / "psf.optics.yaml"
+    path.write_text(
+        "photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\nblur: {kind: psf, file: psf.npz}\n", encoding="utf-8"
+    )
+
+    def at(wavelength_nm: float) -> Any:
+        args = ("optics", "check", path, "--wavelength", str(wavelength_nm), "--json")
+        return np.array(photosite(*args).json["mtf"]["along_rows"])
+
+    np.testing.assert_allclose(at(500), 0.75 * at(450) + 0.25 * at(650), atol=1e-12)
+    np.testing.assert_allclose(at(450), np.exp(-2 * (np.pi * 0.7e-3 * np.array([10, 20, 40, 80, 160])) ** 2), atol=1e-4)
+
+
+def test_a_lens_that_differs_over_the_field_is_looked_at_on_its_axis() -> None:
+    x = np.arange(-12, 13) * 0.5
+    psf = np.stack([np.exp(-(x[:, None] ** 2 + x**2) / 2 / s**2) for s in (1.0, 1.4)])[:, None]
+    design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]), rank=2)
+    f, along_rows, along_columns = zip(*_mtf(ps.Lens(ps.DiffractionLimited(2.8, 50), design), 2.0, 550.0), strict=True)
+    expected = np.exp(-2 * (np.pi * 1e-3 * np.array(f)) ** 2)
+    np.testing.assert_allclose([along_rows, along_columns], [expected, expected], atol=1e-4)
+
+
+def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
+    file.write_text(FILE.replace("zernike", "zernikes"), encoding="utf-8")
+    refused = photosite("optics", "check", file)
+    assert (refused.status, refused.err.count("\n")) == (2, 1)
+    assert "mine.optics.yaml:6: blur: unknown field 'zernikes'; did you mean 'zernike'?" in refused.err
+    for option in ("--wavelength", "--distance"):
+        for value in ("nan", "0.5" if option == "--wavelength" else "0"):
+            file.write_text(FILE, encoding="utf-8")
+            refused = photosite("optics", "check", file, option, value)
+            assert (refused.status, refused.out, refused.err.count("\n")) == (2, "", 1)
+    assert "did you mean 'check'" in photosite("optics", "chek", file).err
