@@ -54,19 +54,6 @@ def test_the_luminance_of_a_chart_s_file_is_that_of_the_chart(photosite: Any, tm
         assert "of a chart's patches" in " ".join(photosite(*command, "--help").out.split())
 
 
-def test_the_luminance_of_a_chart_s_file_is_that_of_the_chart(photosite: Any, tmp_path: Path) -> None:
-    said = ("--luminance", 50)
-    made = photosite("scenes", "show", "macbeth", *said)
-    assert "mean luminance 50 cd/m2 of the patches, 36.36 cd/m2 of all samples" in made.out
-    ps.charts.macbeth("A", 40).save(tmp_path / "chart.h5")
-    assert photosite("scenes", "show", tmp_path / "chart.h5", *said).out == made.out
-    done = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "again.h5", *said, "--json").json
-    assert done["patches_luminance_cd_m2"] == pytest.approx(50)
-    assert "mean luminance 50 cd/m2, darkest" in photosite("scenes", "show", "siemens-star", *said).out
-    for command in (("simulate",), ("scenes", "show"), ("convert",)):
-        assert "of a chart's patches" in " ".join(photosite(*command, "--help").out.split())
-
-
 def test_a_scenes_file_is_simulated_as_the_scene(photosite: Any, tmp_path: Path) -> None:
     scene = ps.charts.zone_plate("D65", 60, rows=66, cols=98)
     scene.save(tmp_path / "plate.h5")
@@ -193,6 +180,9 @@ def test_the_helps_example_fits_the_frame(photosite: Any, tmp_path: Path) -> Non
         (("--scene", "macbet"), "no scene 'macbet': it is no file, and no formula; did you mean 'macbeth'?"),
         (("--scene", "gone.hdr"), "gone.hdr: cannot be read"),
         (("--scene-option", "contrast"), "expected NAME=VALUE"),
+        (("--wavelengths", "700:400:10"), "expected 400,410,420 or first:last:step such as 400:700:10"),
+        (("--wavelengths", "1:1e12:1"), "expected 400,410,420 or first:last:step such as 400:700:10"),
+        (("--tolerance", 0.1), "tolerance is said of a scene's file; 'macbeth' is a formula"),
         (("--scene-option", "contrast=3"), "the scene 'macbeth' has no option 'contrast'; it has none"),
         (("--optics", "gone.yaml"), "gone.yaml: there is no such file"),
         (("--camera", "gone.yaml"), "gone.yaml: there is no such file"),

@@ -56,7 +56,7 @@ def wavelengths_of(text: str) -> list[float]:
         if ":" in text:
             first, last, step = (float(part) for part in text.split(":"))
             count = round((last - first) / step)
-            if step <= 0 or count < 1 or abs(first + count * step - last) > 1e-6 * step:
+            if step <= 0 or not 1 <= count <= 100_000 or abs(first + count * step - last) > 1e-6 * step:
                 raise ValueError
             return [first + k * step for k in range(count + 1)]
         return [float(part) for part in text.split(",")]
