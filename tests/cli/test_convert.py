@@ -75,7 +75,8 @@ def test_bands_that_come_first_are_said(photosite: Any, tmp_path: Path) -> None:
         file["cube"] = values
         file["cube"].attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
     told = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
-    assert "(3, 20, 30), of which the first axis fits its 3 wavelengths" in photosite(*told).err
+    asked = photosite(*told).err
+    assert "(3, 20, 30), of which the first axis fits its 3 wavelengths; say where the bands are: --interleave" in asked
     done = photosite(*told, "--interleave", "bsq").json
     assert (done["rows"], done["cols"], done["bands"]) == (20, 30, 3)
 

@@ -18,6 +18,7 @@ _OPTIONS = (
 _READING = (
     (r"\bsort_bands=True", "--scene-option sort_bands=true"),
     (r"\b(no_data|negative)='zero'", r"--scene-option \1=zero"),
+    (r"\binterleave='(\w+)'", r"--scene-option interleave=\1"),
     (r"\bvariable='\.\.\.'", "--scene-option variable=NAME"),
     (r"\bpatches=False", "--scene-option patches=false"),
 )
@@ -25,6 +26,7 @@ _OWN = (
     (r"\bsort_bands=True", "--sort-bands"),
     (r"\bno_data='zero'", "--no-data zero"),
     (r"\bnegative='zero'", "--negative zero"),
+    (r"\binterleave='(\w+)'", r"--interleave \1"),
     (r"\bvariable='\.\.\.'", "--variable NAME"),
 )
 
