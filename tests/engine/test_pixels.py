@@ -49,7 +49,7 @@ def test_light_of_any_strength_is_white(mean: float, well: float) -> None:
     """Counts and digital numbers beyond 2^63, where whole numbers would turn negative, and the frame black."""
     zero, dark = np.zeros((1, 1), np.int16), np.zeros((1, 1), np.float32)
     light = np.full((2, 3000), mean, np.float32)
-    scalars = (1.0, well, READ, GAIN, BLACK, 5000.0)
+    scalars = (1.0, well, READ, 40.0, BLACK, 5000.0)
     got = expose(light, zero, 0.0, zero, 0.0, dark, *scalars, (0, 0), 3000, FRAME, *KEY)
     assert (got == 5000).all()
     one = (light[0, 0], zero[0, 0], 0.0, zero[0, 0], 0.0, dark[0, 0], *scalars)
