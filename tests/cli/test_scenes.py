@@ -117,9 +117,9 @@ def test_another_file_keeps_its_own_light() -> None:
 def test_wavelengths_of_a_formula_and_of_a_files_bands(photosite: Any, tmp_path: Path) -> None:
     said = photosite("scenes", "show", "macbeth", "--wavelengths", "420:680:20", "--json").json
     assert (said["first_nm"], said["last_nm"], said["wavelengths"]) == (420, 680, 14)
-    photosite("simulate", *SMALL, "--scene", "ramp", "--wavelengths", "400:700:50", "-o", tmp_path / "shot.tif")
+    photosite("simulate", *SMALL, "--scene", "macbeth", "--wavelengths", "400:700:50", "-o", tmp_path / "shot.tif")
     camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
-    expected = camera.capture(ps.charts.ramp("A", 40, wavelength_nm=np.arange(400, 701, 50)), 1 / 3)
+    expected = camera.capture(ps.charts.macbeth("A", 40, wavelength_nm=np.arange(400, 701, 50)), 1 / 3)
     np.testing.assert_array_equal(ps.read_raw(tmp_path / "shot.tif").dn, expected.dn)
     rng = np.random.default_rng(3)
     with h5py.File(tmp_path / "cube.h5", "w") as file:
@@ -169,7 +169,8 @@ def test_a_picture_is_balanced_by_its_own_light(photosite: Any, tmp_path: Path) 
 def test_the_helps_example_fits_the_frame(photosite: Any, tmp_path: Path) -> None:
     said = photosite("simulate", "--help").out
     example = " ".join(said[said.index("Example: photosite simulate") :].split("\n\n")[0].split()).split()[3:]
-    done = photosite("simulate", *SMALL, *example[: example.index("-o")], "-o", tmp_path / "shot.dng", "--json").json
+    told = ("--rows", 132, "--cols", 196, *example[: example.index("-o")], "-o", tmp_path / "shot.dng", "--json")
+    done = photosite("simulate", *told).json
     assert done["saturated_fraction"] == 0
     assert done["max_dn"] > 0.4 * done["white_level_dn"]
 
