@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -245,6 +246,51 @@ class TestSceneRequest:
             chart.with_illuminant(None)  # type: ignore[arg-type]
         with pytest.raises(InputError, match=r"a light is \(illuminant, luminance in cd/m2, spread or None\)"):
             mixed(chart, [("A", 10)])  # type: ignore[list-item]
+
+
+class TestDrawnForTheCamera:
+    @pytest.mark.parametrize("name", ["slanted-edge", "edge-star", "siemens-star", "ramp"])
+    def test_edges_have_a_sample_for_each_cell(self, tmp_path: Path, name: str) -> None:
+        """A scene of 400 samples on a larger frame would be a staircase, whatever the cells."""
+        file = written(tmp_path, f"scene: {name}\ncells_per_pixel: 3\n")
+        told = load_camera(file)
+        small = replace(told, sensor=told.sensor.with_(rows=200, cols=300))
+        assert small.seen.scene().shape == (600, 900)
+
+    def test_a_size_that_is_said_is_kept(self, tmp_path: Path) -> None:
+        told = load_camera(written(tmp_path, "scene: {source: slanted-edge, options: {rows: 20, cols: 30}}\n"))
+        assert told.seen.scene().shape == (20, 30)
+
+    def test_an_edge_is_measured_as_sharp_as_lens_and_pixel_are(self, tmp_path: Path) -> None:
+        """docs/cameras.md's set-up on a small chip: modulation within 0.01 of optics times aperture times cells."""
+        from photosite.metrics.sharpness import slanted_edge_mtf
+
+        file = written(
+            tmp_path,
+            "optics: {f_number: 4, focal_length_mm: 50}\ncells_per_pixel: 3\n"
+            "scene: {source: slanted-edge, illuminant: D65, luminance_cd_m2: 100, distance_m: 2, width_m: 0.9}\n",
+        )
+        told = load_camera(file)
+        small = replace(told, sensor=told.sensor.with_(rows=120, cols=120))
+        mean = small.camera.mean_electrons(small.seen.scene(), 0.01)
+        found = slanted_edge_mtf(mean, channel="G", cfa=small.sensor.array.cfa)
+        f = np.array([0.1, 0.25, 0.4, 0.5])
+        pitch_m = 6.05e-6
+        lens = told.optics.otf(f / pitch_m, 540.0, 2.0)
+        expected = lens * np.sinc(f * np.sqrt(0.9)) * np.sinc(f / 3) ** 2
+        assert found.at(f) == pytest.approx(expected, abs=0.01)
+
+    def test_planes_too_but_for_those_with_a_picture_of_opacity(self, tmp_path: Path) -> None:
+        Image.new("L", (400, 400), 255).save(tmp_path / "mask.png")
+        file = written(
+            tmp_path,
+            "scene:\n"
+            "  - {source: slanted-edge, alpha: mask.png, distance_m: 1}\n"
+            "  - {source: edge-star, distance_m: 2}\n",
+        )
+        told = load_camera(file)
+        planes = replace(told, sensor=told.sensor.with_(rows=450, cols=500)).seen.scene().planes
+        assert [plane.scene.shape for plane in planes] == [(400, 400), (450, 500)]
 
 
 class TestPlanes:

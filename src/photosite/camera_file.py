@@ -26,6 +26,7 @@ from photosite.exposure import parse_exposure
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import Optics
 from photosite.scene.request import PlanesRequest, SceneRequest
+from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.scene.section import parse_scene
 from photosite.sensor.file import load_sensor
 from photosite.sensor.model import Sensor
@@ -82,6 +83,27 @@ class SetUp:
             If cells_per_pixel is not odd and positive.
         """
         return Camera(self.optics, self.sensor, self.integration, self.cells_per_pixel)
+
+    @property
+    def seen(self) -> SceneRequest | PlanesRequest:
+        """The scene, edges by formula drawn as finely as the camera's cells: they would be staircases otherwise.
+
+        Raises
+        ------
+        InputError
+            If the scene lies within the focal length.
+        """
+        array, cells = self.sensor.array, self.cells_per_pixel
+        frame = array.rows * cells, array.cols * cells
+        cell_m = self.sensor.pixel.width_um.value * 1e-6 / cells
+
+        def samples_per_m(request: SceneRequest) -> float:
+            distance_m = DEFAULT_DISTANCE_M if request.distance_m is None else request.distance_m
+            return self.optics.magnification(distance_m) / cell_m
+
+        if isinstance(self.scene, PlanesRequest):
+            return self.scene.drawn_for(frame, samples_per_m)
+        return self.scene.drawn_for(frame, samples_per_m(self.scene)) if not self.scene.is_file else self.scene
 
 
 def load_camera(path: str | PathLike[str]) -> SetUp:

@@ -67,7 +67,8 @@ def test_options_of_a_formula(photosite: Any, tmp_path: Path) -> None:
     told = ("--scene", "slanted-edge", "--scene-option", "contrast=10", "--scene-option", "angle-deg=-7", "--cells", 3)
     photosite("simulate", *SMALL, *told, "--width", 0.05, "-o", tmp_path / "shot.tif")
     sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98)
-    edge = ps.charts.slanted_edge("A", 40, contrast=10, angle_deg=-7, width_m=0.05)
+    # Drawn with a sample for each of the three cells across a pixel: 0.05 m at 1.2 m is 2.17 mm, 359.3 pixels.
+    edge = ps.charts.slanted_edge("A", 40, contrast=10, angle_deg=-7, width_m=0.05, rows=198, cols=1078)
     camera = ps.Camera(ps.DiffractionLimited(8, 50), sensor, cells_per_pixel=3)
     np.testing.assert_array_equal(ps.read_raw(tmp_path / "shot.tif").dn, camera.capture(edge, 1 / 3).dn)
 

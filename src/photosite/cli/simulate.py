@@ -78,7 +78,7 @@ def command(
     as_json = told.pop("as_json")
     set_up = _set_up(camera_file, told)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
-    scene = _scene(set_up.scene)
+    scene = _scene(set_up.seen)
     say_if_compiling()
     raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
     _save(raw, output, preview)

@@ -6,9 +6,10 @@ The command line and the camera file both speak of scenes this way.
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
 from types import MappingProxyType
@@ -40,6 +41,12 @@ FORMULAS = (
     "hdr-patches",
 )
 """Scenes by formula, as one asks for them; each is the function of `photosite.scene.charts` of that name."""
+
+OF_ANY_SIZE = ("slanted-edge", "edge-star", "siemens-star", "ramp")
+"""Formulas that look the same whatever their samples, and the finer the more there are."""
+
+MOST_SAMPLES = 100_000_000
+"""Of a formula drawn as finely as a camera sees it."""
 
 DEFAULT_SCENE = "macbeth"
 DEFAULT_ILLUMINANT = "A"
@@ -123,6 +130,38 @@ class SceneRequest:
         if source not in FORMULAS:
             return SceneRequest(source, distance_m=self.distance_m)
         return SceneRequest(source, self.illuminant, self.mean_luminance_cd_m2, self.distance_m)
+
+    def drawn_for(self, frame: tuple[int, int], samples_per_m: float) -> SceneRequest:
+        """The same scene; a formula of any size, whose size is not said, has a sample for each cell at least.
+
+        Parameters
+        ----------
+        frame
+            (rows, cols) of cells that a scene without a width fills.
+        samples_per_m
+            Cells across one metre of the scene.
+
+        Examples
+        --------
+        >>> SceneRequest("slanted-edge").drawn_for((2592, 3872), 7186.0).options
+        {'rows': 2592, 'cols': 3872}
+        >>> SceneRequest("zone-plate").drawn_for((2592, 3872), 7186.0).options
+        {}
+        """
+        if self.source not in OF_ANY_SIZE or {"rows", "cols"} & set(self.options):
+            return replace(self, options=dict(self.options))
+        rows, cols = frame
+        default = formula_options(self.source)
+        if self.width_m is not None:
+            cols = max(math.ceil(self.width_m * samples_per_m), 1)
+            rows = max(math.ceil(cols * default["rows"] / default["cols"]), 1)
+            if self.source == "slanted-edge":  # the same above and below; the camera sees no more than its frame
+                rows = min(rows, frame[0])
+        if rows <= default["rows"] and cols <= default["cols"]:  # fine enough as it is
+            return replace(self, options=dict(self.options))
+        coarser = math.ceil(math.sqrt(max(rows * cols / MOST_SAMPLES, 1.0)))
+        size = {"rows": -(-rows // coarser), "cols": -(-cols // coarser)}
+        return replace(self, options={**self.options, **size})
 
     def scene(self) -> Scene:
         """The scene itself.
@@ -208,6 +247,12 @@ class PlaneRequest:
     request: SceneRequest
     alpha: Path | None = None
 
+    def drawn_for(self, frame: tuple[int, int], samples_per_m: Callable[[SceneRequest], float]) -> PlaneRequest:
+        """The same plane drawn for the camera, unless a picture of opacity has its size."""
+        if self.alpha is not None:
+            return self
+        return replace(self, request=self.request.drawn_for(frame, samples_per_m(self.request)))
+
     def plane(self) -> Plane:
         """The plane itself.
 
@@ -236,6 +281,10 @@ class PlanesRequest:
 
     planes: tuple[PlaneRequest, ...]
     place: Place | None = None
+
+    def drawn_for(self, frame: tuple[int, int], samples_per_m: Callable[[SceneRequest], float]) -> PlanesRequest:
+        """The same planes, each drawn for the camera."""
+        return replace(self, planes=tuple(part.drawn_for(frame, samples_per_m) for part in self.planes))
 
     def scene(self) -> Planes:
         """The planes themselves.

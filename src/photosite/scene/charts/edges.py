@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
@@ -13,6 +13,8 @@ from photosite.scene.charts.grey import between, check_size, grey_scene
 from photosite.scene.charts.sectors import sector_share
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
+
+_STRIP = 256
 
 
 def slanted_edge(
@@ -60,10 +62,12 @@ def slanted_edge(
     slope = math.tan(math.radians(angle_deg))
     # Signed distance (along the row, in samples) of the edge from each sample's left border, at its centre row.
     edge_at = cols / 2 - slope * (np.arange(rows, dtype=np.float64) + 0.5 - rows / 2)
-    offset = edge_at[:, None] - np.arange(cols)[None, :]
-    bright: NDArray[np.float64] = 1.0 - coverage.left_of_line(offset, abs(slope))
+    bright = np.empty((rows, cols), np.float32)
+    for first in range(0, rows, _STRIP):  # in double precision a whole frame of cells would be large
+        offset = edge_at[first : first + _STRIP, None] - np.arange(cols)[None, :]
+        bright[first : first + _STRIP] = between(1.0 - coverage.left_of_line(offset, abs(slope)), contrast)
     return grey_scene(
-        between(bright, contrast),
+        bright,
         illuminant,
         mean_luminance_cd_m2,
         wavelength_nm=wavelength_nm,

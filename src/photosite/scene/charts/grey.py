@@ -18,7 +18,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def grey_scene(
-    pattern: NDArray[np.float64],
+    pattern: NDArray[np.floating],
     illuminant: str | float | Spectrum,
     mean_luminance_cd_m2: float,
     *,
@@ -33,7 +33,7 @@ def grey_scene(
     grid = wavelength_grid(wavelength_nm)
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
     scene = Scene(
-        pattern[None].astype(np.float32),
+        pattern[None].astype(np.float32, copy=False),
         light[None],
         grid,
         distance_m,
