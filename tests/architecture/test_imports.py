@@ -39,7 +39,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "warps": COMMON | {"scene", "optics", "engine"},
     "layers": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "mosaic"},
     "profile": COMMON | {"scene", "sensor", "spectra", "door"},
-    "camera": COMMON | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile", "door"},
+    "camera": COMMON
+    | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile", "door"},
     "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
     "calibration": COMMON | {"frames", "sensor", "engine", "spectra", "spectrum_file"},
     "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
