@@ -48,7 +48,7 @@ def crosstalk() -> Figure:
     for label, chip in (("no crosstalk", sensor), ("with crosstalk", sensor.with_(crosstalk={"optical": kernels}))):
         camera = Camera(lens, chip)
         ratio = red_over_green(camera, chart)
-        panels.append((f"{label}: the red patch reads R : G = {ratio:.2f}", shot(chart, camera, "D65")))
+        panels.append((f"{label}: the red patch reads R : G = {ratio:.2f}", shot(chart, camera, "D65", sensor)))
     # The corner where blue, green, orange and purplish blue meet.
     corners = [("its edges, 4 times", enlarged(picture[130:168, 46:157], 4)) for _, picture in panels]
     return pictures([panels, corners])

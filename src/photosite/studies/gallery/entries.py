@@ -155,7 +155,7 @@ _SENSORS = (
         "Crosstalk",
         "A ColorChecker by a D200 at f/8. Each of a pixel's four neighbours collects 4 % of a red pixel's light, "
         "2 % of a green one's and 1 % of a blue one's: colours lose chroma and edges sharpness. Gains make gray "
-        "gray; the colour matrix is the same.",
+        "gray; both are developed by the matrix of the sensor without crosstalk.",
         "door:crosstalk",
         noisy=True,
     ),

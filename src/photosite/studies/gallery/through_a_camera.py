@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from photosite.camera import Camera
 from photosite.cfa import channel_mask
 from photosite.develop.develop import develop
 from photosite.optics.lens import DiffractionLimited
+from photosite.profile import color_matrix
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.planes import Planes
@@ -52,9 +55,16 @@ def taken(
 
 
 def _developed(
-    camera: Camera, electrons: NDArray[np.float32], exposure_s: float, light: str | None, display: float | str
+    camera: Camera,
+    electrons: NDArray[np.float32],
+    exposure_s: float,
+    light: str | None,
+    display: float | str,
+    colors_of: Sensor | None = None,
 ) -> NDArray[np.float32]:
     raw = camera.expose(electrons, exposure_s, seed=SEED)
+    if colors_of is not None:
+        raw = replace(raw, color_matrix=color_matrix(colors_of))
     return develop(raw, "none" if light is None else gray_gains(camera.sensor, light), exposure=display)
 
 
@@ -66,11 +76,13 @@ def gray_gains(sensor: Sensor, light: str) -> list[float]:
     return [float(even.max() / even[channel_mask(sensor.array.cfa, name, even.shape)].mean()) for name in "RGB"]
 
 
-def shot(scene: Scene | Planes, camera: Camera, light: str | None = None) -> NDArray[np.float32]:
-    """(rows, cols, 3) picture of a scene, exposed for its brightest parts."""
+def shot(
+    scene: Scene | Planes, camera: Camera, light: str | None = None, colors_of: Sensor | None = None
+) -> NDArray[np.float32]:
+    """(rows, cols, 3) picture of a scene, exposed for its brightest parts; through another sensor's matrix if named."""
     rate = camera.mean_electrons(scene, 1.0)
     exposure_s = _exposure_of(camera, rate, _FULL)
-    return _developed(camera, rate * np.float32(exposure_s), exposure_s, light, "auto")
+    return _developed(camera, rate * np.float32(exposure_s), exposure_s, light, "auto", colors_of)
 
 
 @styled()
