@@ -70,12 +70,22 @@ def test_folder_with_something_in_it_is_left_alone(photosite: Any, tmp_path: Pat
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
+def _heed_interrupts() -> None:
+    """A shell that runs the tests in the background has its children ignore SIGINT, and they theirs."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
     code = "from photosite.cli.main import main; main()"
     arguments = ["shoot", "--rows", "1296", "--cols", "1936", "--black-level", "64", "-o", str(tmp_path / "stack")]
-    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=_heed_interrupts,
+    )
     try:
         deadline = time.monotonic() + 120
         while not list(tmp_path.glob(".stack-*/dark/*.tif")):

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import random
-import sys
 import tempfile
 import time
 from pathlib import Path
 
+import fuzzing
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-_SPEC = importlib.util.spec_from_file_location("fuzzing", Path(__file__).with_name("fuzzing.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-fuzzing = importlib.util.module_from_spec(_SPEC)
-sys.modules["fuzzing"] = fuzzing  # dataclasses look their module up
-_SPEC.loader.exec_module(fuzzing)
 
 _PLACE = tempfile.TemporaryDirectory()
 FOLDER = Path(_PLACE.name)

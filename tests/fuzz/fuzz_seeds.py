@@ -1,0 +1,248 @@
+"""Valid files of every format, from which the damaged ones are made."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from photosite.frames.raw_frame import RawFrame
+from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip
+
+
+def _frame(seed: int = 0, shape: tuple[int, int] = (12, 16), **changes: object) -> RawFrame:
+    dn = np.random.default_rng(seed).integers(40, 900, shape).astype(np.uint16)
+    cfa = (("R", "G"), ("G", "B"))
+    return RawFrame(dn, **({"bits": 12, "cfa": cfa, "black_level_dn": 64, "exposure_s": 0.01} | changes))
+
+
+def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
+    import photosite as ps
+
+    plain = _frame(shape=(22, 22), color_matrix=np.eye(3), noise_profile=np.full((3, 2), 1e-4))
+    made: dict[str, tuple[bytes, ...]] = {}
+    with tempfile.TemporaryDirectory() as temporary:
+        place = Path(temporary)
+        for suffix in ("tif", "dng", "png"):
+            plain.save(place / f"a.{suffix}")
+        made["dng"] = ((place / "a.dng").read_bytes(),)
+        made["png"] = ((place / "a.png").read_bytes(), _gray_png(place))
+        made["tiff"] = ((place / "a.tif").read_bytes(), *_other_tiffs(place))
+        made["hdf5"] = _hdf5(place)
+        made["fits"] = _fits(place)
+        made["maps"] = _maps(place)
+        made |= _scenes(place)
+        made |= _charts_and_renders(place)
+    for number in range(2):
+        _frame(number).save(folder / f"dark_{number}.tif")
+        _frame(number + 5).save(folder / f"light_{number}.tif")
+    sensor = ps.load_sensor("nikon-d200").with_(rows=12, cols=16, black_level_dn=64)
+    spectrum = {"wavelength_nm": (400.0, 700.0), "quantum_efficiency": (0.1, 0.3)}
+    sensor = sensor.with_(channels=dict.fromkeys("RGB", spectrum))
+    sensor.save(folder / "a.sensor.yaml")
+    _frame(9, (33, 49)).save(folder / "chart.tif")
+    sensor.with_(rows=33, cols=49).save(folder / "chart.sensor.yaml")
+    (folder / "diode.csv").write_text("nm,r,u\n400,0.2,0.001\n700,0.4,0.001\n")
+    made["sensor"] = ((folder / "a.sensor.yaml").read_bytes(),)
+    made["spectrum"] = ((folder / "diode.csv").read_bytes(),)
+    made |= {name: tuple(text.encode() for text in texts) for name, texts in _TEXTS.items()}
+    return made
+
+
+def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
+    import OpenEXR
+
+    from photosite.scene.charts import reflectance_chart
+    from photosite.scene.files import write_scene
+
+    grid = np.arange(400.0, 701.0, 100.0)
+    chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3)
+    for name in ("a.cgats", "a.csv", "a.exr"):
+        write_scene(chart, place / name)
+    write_scene(chart, place / "half.exr", half=True)
+    light = np.random.default_rng(2).random((12, 16)).astype(np.float32)
+    picture = {"whiteLuminance": 100.0, "chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)}
+    OpenEXR.File(picture, dict.fromkeys("RGB", light)).write(str(place / "rgb.exr"))
+    units = {"emissiveUnits": "W.m^-2.sr^-1.nm^-1", "name": "spectra"}
+    bands = dict.fromkeys(("S0.500,0nm", "S0.600,0nm"), light)
+    OpenEXR.File([OpenEXR.Part({"name": "depth"}, {"Z": light}), OpenEXR.Part(units, bands)]).write(
+        str(place / "b.exr")
+    )
+    across = b"# units: percent\nwavelength_nm;white;grey\n400;90,5;20\n500;91;20,5\n"
+    return {
+        "exr": tuple((place / name).read_bytes() for name in ("a.exr", "half.exr", "rgb.exr", "b.exr")),
+        "cgats": ((place / "a.cgats").read_bytes(),),
+        "patches": ((place / "a.csv").read_bytes(), across),
+    }
+
+
+def _gray_png(place: Path) -> bytes:
+    from PIL import Image
+
+    Image.fromarray(_frame().dn.astype(np.uint8)).save(place / "gray.png")
+    return (place / "gray.png").read_bytes()
+
+
+def _other_tiffs(place: Path) -> list[bytes]:
+    import tifffile
+
+    dn = _frame().dn
+    found = []
+    for options in (
+        {"compression": "zlib", "predictor": True},
+        {"tile": (16, 16)},
+        {"bigtiff": True},
+        {"byteorder": ">"},
+    ):
+        tifffile.imwrite(place / "b.tif", np.stack([dn, dn]), photometric="minisblack", **options)
+        found.append((place / "b.tif").read_bytes())
+    return found
+
+
+def _hdf5(place: Path) -> tuple[bytes, ...]:
+    import h5py
+
+    dn = _frame().dn
+    with h5py.File(place / "a.h5", "w") as file:
+        data = file.create_dataset("frames", data=np.stack([dn, dn]))
+        data.attrs.update({"exposure_s": [0.1, 0.2], "kind": "dark", "bits": 12, "cfa": "RG/GB", "iso": 100})
+    with h5py.File(place / "b.h5", "w") as file:
+        group = file.create_group("run")
+        group.attrs["exposure_ms"] = 5.0
+        group.create_dataset("one", data=dn, chunks=(6, 8), compression="gzip", shuffle=True)
+    return (place / "a.h5").read_bytes(), (place / "b.h5").read_bytes()
+
+
+def _fits(place: Path) -> tuple[bytes, ...]:
+    from astropy.io import fits
+
+    dn = _frame().dn
+    header = fits.Header({"EXPTIME": 0.5, "IMAGETYP": "Dark Frame", "BAYERPAT": "RGGB", "CCD-TEMP": -5.0, "GAIN": 100})
+    fits.HDUList([fits.PrimaryHDU(dn, header)]).writeto(place / "a.fits")
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.stack([dn, dn]), header)]).writeto(place / "b.fits")
+    return (place / "a.fits").read_bytes(), (place / "b.fits").read_bytes()
+
+
+def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
+    """Scene files and cubes, each as photosite writes them and as others do."""
+    import tifffile
+
+    from photosite.regions import Region
+    from photosite.scene.files import write_scene
+    from photosite.scene.scene import Scene
+
+    rng = np.random.default_rng(3)
+    grid = np.arange(450.0, 651, 50)
+    radiance = 1e15 * rng.random((6, 5, 2)) @ rng.random((2, grid.size))
+    scene = dataclasses.replace(
+        Scene.from_radiance(radiance, grid, width_m=0.3), regions=(Region("a", 0, 2, 0, 3), Region("b", 2, 4, 1, 3))
+    )
+    scene.save(place / "scene.h5")
+    write_scene(scene, place / "cube.h5", cube=True)
+    write_scene(scene, place / "scene.mat", version="7.3")
+    for interleave in ("bip", "bsq"):
+        write_scene(scene, place / f"{interleave}.hdr", interleave=interleave)
+    scene.save(place / "stack.tif")
+    told = json.dumps({"wavelength_nm": grid.tolist(), "units": "W/sr/m2/nm"})
+    tifffile.imwrite(
+        place / "samples.tif",
+        (radiance / 1e13).astype(np.uint16),
+        photometric="minisblack",
+        planarconfig="contig",
+        compression="zlib",
+        description=told,
+        metadata=None,
+    )
+    return {
+        "scene": ((place / "scene.h5").read_bytes(),),
+        "cube": ((place / "cube.h5").read_bytes(),),
+        "mat73": ((place / "scene.mat").read_bytes(),),
+        "stack": ((place / "stack.tif").read_bytes(), (place / "samples.tif").read_bytes()),
+        "envi": tuple((place / f"{interleave}.hdr").read_bytes() for interleave in ("bip", "bsq")),
+        "envi numbers": ((place / "bsq.img").read_bytes(),),
+    }
+
+
+def _maps(place: Path) -> tuple[bytes, ...]:
+    from photosite.sensor.maps_file import write_maps
+
+    write_maps(_chip(), place / "a.maps.h5")
+    return ((place / "a.maps.h5").read_bytes(),)
+
+
+def _chip() -> MeasuredChip:
+    rng = np.random.default_rng(1)
+    names = ("offset_dn", "offset_uncertainty_dn", "read_noise_dn", "prnu", "prnu_uncertainty")
+    maps = {name: np.abs(rng.normal(0, 1, (6, 8))).astype(np.float32) for name in names}
+    where = np.array([1, 5]), np.array([7, 0])
+    return MeasuredChip(
+        **maps,
+        read_noise_freedom=15,
+        black_level_dn=64.0,
+        system_gain_dn_per_e=0.25,
+        reference_exposure_s=0.01,
+        defects=Defects(*where, np.array([DefectKind.HOT] * 2, np.uint8), np.array([9.0, 8.0]), np.ones(2)),
+        blinking=Blinking(*where, np.array([20.0, 8.0]), np.array([0.5, 0.2]), np.array([2.0, 3.0])),
+    )
+
+
+_DESCRIPTOR = r"""# a note
+v 4.0
+n 12 16 12
+b 10000000 2500.5
+i .\light_0.tif
+i .\light_1.tif
+d 10000000
+i .\dark_0.tif
+i .\dark_1.tif
+"""
+_PROTOCOL = """photosite_protocol: 1
+name: darks and flats
+bits: 12
+cfa: rggb
+black_level_dn: 64.5
+sensor: a.sensor.yaml
+frames:
+- {kind: dark, exposure: 1/100, files: dark_*.tif, temperature_c: 20}
+- {kind: light, exposure: 0.01, files: [light_0.tif, light_1.tif], photons_per_pixel: 1200.0, gain_setting: 100}
+"""
+_SPECTRAL = """photosite_spectral: 1
+sensor: a.sensor.yaml
+bits: 12
+cfa: rggb
+region: [0, 12, 0, 16]
+photodiode: {area_mm2: {value: 100, standard_uncertainty: 0.2}, responsivity: diode.csv}
+scale_uncertainty_percent: 0.5
+darks:
+- {exposure: 1/100, files: dark_*.tif}
+bands:
+- {centre_nm: 500, bandwidth_nm: 10, exposure: 1/100, files: light_0.tif, irradiance_w_m2: 0.012}
+- {passband: diode.csv, exposure: 0.01, files: light_1.tif, photocurrent_a: {value: 1e-8, standard_uncertainty: 1e-11}}
+"""
+_CHART = """photosite_spectral: 1
+sensor: chart.sensor.yaml
+lens: {f_number: 8, focal_length_mm: 50, distance_m: 1.2}
+wavelength_nm: [400, 700, 100]
+light_uncertainty_percent: 1
+lights:
+- {illuminant: A, mean_luminance_cd_m2: 40, exposure: 1/3, files: chart.tif}
+"""
+_DARKTABLE = """{"version": 0, "noiseprofiles": [{"maker": "M", "models": [{"model": "X", "profiles": [
+{"name": "X iso 100", "iso": 100, "a": [1e-5, 1e-5, 1e-5], "b": [1e-8, 1e-8, 1e-8]},
+{"name": "X iso 200", "iso": 200, "a": [2e-5, 2e-5, 2e-5], "b": [2e-8, 2e-8, 2e-8]}]}]}]}
+"""
+_LIBCAMERA = """{"version": 2.0, "target": "bcm2835", "algorithms": [
+{"rpi.black_level": {"black_level": 4096}},
+{"rpi.noise": {"reference_constant": 10, "reference_slope": 2.5}}]}
+"""
+_TEXTS = {
+    "descriptor": (_DESCRIPTOR,),
+    "protocol": (_PROTOCOL,),
+    "spectral": (_SPECTRAL,),
+    "chart": (_CHART,),
+    "darktable": (_DARKTABLE,),
+    "libcamera": (_LIBCAMERA,),
+}
