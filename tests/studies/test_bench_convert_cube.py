@@ -15,13 +15,14 @@ from photosite.studies.bench.timing import peak_mb
 def test_memory_does_not_grow_with_the_cube(tmp_path: Path) -> None:
     source, target = tmp_path / "cube.hdr", tmp_path / "scene.h5"
     write(source, 40, cols=1000)
-    megabytes = 40 * 1000 * BANDS * 2 / 1e6
-    two, six = (peak_mb(work_convert, path=str(source), output=str(target), times=times) for times in (2, 6))
-    assert six - two < megabytes  # as 2-byte integers the cube grew by 4 times that, in double precision by 16
+    # The linear algebra's threads take a buffer of 30 MB each, or do not: the cube must grow by much more than that.
+    grown_mb = 14 * 40 * 1000 * BANDS * 2 / 1e6  # as 2-byte integers; in double precision 4 times as much
+    few, many = (peak_mb(work_convert, path=str(source), output=str(target), times=times) for times in (2, 16))
+    assert many - few < grown_mb / 3
     scene = read_scene(target)
-    assert scene.shape == (240, 1000)
+    assert scene.shape == (640, 1000)
     assert scene.relative_error < 1e-3
-    assert np.array_equal(scene.weights[:, :40], scene.weights[:, 200:])
+    assert np.array_equal(scene.weights[:, :40], scene.weights[:, 600:])
 
 
 def test_a_cube_repeated(tmp_path: Path) -> None:
