@@ -9,7 +9,19 @@ import pytest
 
 SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 
-COMMON = {"errors", "measured", "cfa", "regions", "exposure", "atomic", "cie", "yaml_file", "mat_file", "hdf5_heap"}
+COMMON = {
+    "errors",
+    "measured",
+    "cfa",
+    "regions",
+    "exposure",
+    "atomic",
+    "cie",
+    "yaml_file",
+    "mat_file",
+    "hdf5_heap",
+    "png_file",
+}
 """Leaves at the top that say nothing of scenes, lenses, sensors or frames."""
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -23,6 +35,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "yaml_file": {"errors"},
     "mat_file": {"errors"},
     "hdf5_heap": {"errors"},
+    "png_file": {"errors"},
     "spectra": {"errors", "cie", "lamps"},
     "spectrum_file": {"errors", "spectra"},
     "lamps": {"errors", "cie", "spectra", "spectrum_file"},

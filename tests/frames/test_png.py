@@ -10,9 +10,11 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.frames.png import _ADAM7, _stored_bytes
 from photosite.frames.raw_frame import RawFrame
 from photosite.frames.read import read_raw
+from photosite.png_file import PngHeader
+
+ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
 
 
 def chunk(kind, body):
@@ -46,18 +48,20 @@ def test_interlaced_sizes_beside_counting_pixels():
     for rows, cols in ((1, 1), (5, 3), (8, 8), (9, 17)):
         seen = np.zeros((rows, cols), int)
         filters = 0
-        for r, c, down, right in _ADAM7:
-            part = seen[r::down, c::right]
+        head = PngHeader(rows, cols, 16, color_type=0, interlaced=True)
+        for one in head.passes:
+            part = seen[one.row :: one.down, one.col :: one.right]
             part += 1
-            filters += part.shape[0] if part.size else 0
+            assert part.shape == (one.rows, one.cols)
+            filters += one.rows
         assert (seen == 1).all()
-        assert _stored_bytes(rows, cols, 16, interlaced=True) == 2 * rows * cols + filters
+        assert head.stored_bytes == 2 * rows * cols + filters
 
 
 def test_an_interlaced_picture_is_read(tmp_path):
     """Passes by hand, without filters."""
     dn = np.random.default_rng(1).integers(0, 256, (9, 11)).astype(np.uint8)
-    passes = [dn[r::down, c::right] for r, c, down, right in _ADAM7]
+    passes = [dn[r::down, c::right] for r, c, down, right in ADAM7]
     data = b"".join(b"\0" + row.tobytes() for part in passes if part.size for row in part)
     (tmp_path / "a.png").write_bytes(png(9, 11, zlib.compress(data), interlaced=1))
     assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)

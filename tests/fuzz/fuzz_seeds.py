@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import struct
 import tempfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,7 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
         made["maps"] = _maps(place)
         made |= _scenes(place)
         made |= _charts_and_renders(place)
+        made["picture"] = _pictures(place)
     for number in range(2):
         _frame(number).save(folder / f"dark_{number}.tif")
         _frame(number + 5).save(folder / f"light_{number}.tif")
@@ -84,6 +87,31 @@ def _gray_png(place: Path) -> bytes:
 
     Image.fromarray(_frame().dn.astype(np.uint8)).save(place / "gray.png")
     return (place / "gray.png").read_bytes()
+
+
+def _pictures(place: Path) -> tuple[bytes, ...]:
+    """Pictures in colour: PNG of 8 bits, JPEG, and PNG of 16, plain and interlaced, rows by all filters."""
+    from PIL import Image
+
+    codes = np.random.default_rng(4).integers(1, 256, (8, 8, 3)).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for name in ("c.png", "c.jpg"):
+        Image.fromarray(codes).save(place / name, exif=exif)
+    made = [(place / name).read_bytes() for name in ("c.png", "c.jpg")]
+    passes = [(1, 1), (1, 1), (1, 2), (2, 2), (2, 4), (4, 4), (4, 8)]
+    for interlaced, parts in ((0, [(8, 8)]), (1, passes)):
+        lines = [bytes([r % 5]) + codes.tobytes()[: 6 * wide] for high, wide in parts for r in range(high)]
+        body = b""
+        for name, content in (
+            (b"IHDR", struct.pack(">IIBBBBB", 8, 8, 16, 2, 0, 0, interlaced)),
+            (b"gAMA", struct.pack(">I", 45455)),
+            (b"IDAT", zlib.compress(b"".join(lines))),
+            (b"IEND", b""),
+        ):
+            body += struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        made.append(b"\x89PNG\r\n\x1a\n" + body)
+    return tuple(made)
 
 
 def _other_tiffs(place: Path) -> list[bytes]:

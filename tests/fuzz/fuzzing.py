@@ -233,6 +233,7 @@ def targets(folder: Path) -> dict[str, Target]:
         "dng": Target(".dng", seeds["dng"], frame),
         "libraw": Target(".nef", seeds["dng"], frame),
         "png": Target(".png", seeds["png"], frame),
+        "picture": Target(".png", seeds["picture"], chart),
         "hdf5": Target(".h5", seeds["hdf5"], frame),
         "fits": Target(".fits", seeds["fits"], frame),
         "maps": Target(".h5", seeds["maps"], read_maps),

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite import png_file
 from photosite.cfa import Cfa, cfa_from
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames import camera_raw, fits, hdf5, png
@@ -185,7 +186,7 @@ def format_of(path: Path) -> Format:
     if not head:
         raise FileError(path, "is empty")
     suffix = path.suffix.lower()
-    if head.startswith(png.SIGNATURE):
+    if head.startswith(png_file.SIGNATURE):
         return "png"
     if head.startswith(hdf5.SIGNATURE):
         return "hdf5"
@@ -199,7 +200,7 @@ def format_of(path: Path) -> Format:
         return "dng" if DNG_VERSION in read_directories(path)[0].tags else "tiff"
     if head.startswith(b"\xff\xd8\xff"):
         raise FileError(path, f"is a JPEG: a developed picture; a raw frame is {FORMATS}")
-    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png.SIGNATURE, hdf5.SIGNATURE, fits.SIGNATURE)):
+    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png_file.SIGNATURE, hdf5.SIGNATURE, fits.SIGNATURE)):
         raise FileError(path, f"is truncated: {len(head)} bytes")
     if suffix in camera_raw.SUFFIXES:
         return "camera raw"

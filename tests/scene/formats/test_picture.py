@@ -113,15 +113,6 @@ def png_with_chunk(path: Path, name: bytes, content: bytes) -> Path:
     return path
 
 
-def png_of_16_bits(path: Path) -> Path:
-    header = struct.pack(">IIBBBBB", 2, 1, 16, 2, 0, 0, 0)
-    pixels = zlib.compress(b"\0" + bytes(12))
-    chunks = [(b"IHDR", header), (b"IDAT", pixels), (b"IEND", b"")]
-    body = b"".join(struct.pack(">I", len(c)) + n + c + struct.pack(">I", zlib.crc32(n + c)) for n, c in chunks)
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
-    return path
-
-
 def uncalibrated(path: Path) -> Path:
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA001] = 0xFFFF
@@ -138,7 +129,6 @@ def uncalibrated(path: Path) -> Path:
         (lambda p: saved(p / "a.png", CODES, icc_profile=b"nothing"), "ICC profile that cannot be read"),
         (lambda p: png_with_chunk(p / "a.png", b"gAMA", struct.pack(">I", 100_000)), "to the power of 1; save"),
         (lambda p: png_with_chunk(p / "a.png", b"cICP", b"\x09\x10\0\x01"), "cICP"),
-        (lambda p: png_of_16_bits(p / "a.png"), "only 8 would be read"),
         (lambda p: uncalibrated(p / "a.jpg"), "not sRGB, and not what they are"),
         (lambda p: saved(p / "a.png", np.dstack([CODES, CODES[:, :, :1]])), "transparent in places"),
         (lambda p: saved(p / "a.png", np.zeros((4, 4, 3), np.uint8)), "black picture"),
@@ -171,6 +161,15 @@ def test_damaged_pictures_are_one_line(tmp_path: Path, name: str) -> None:
         with pytest.raises(FileError) as caught:
             read_scene(tmp_path / name, mean_luminance_cd_m2=1)
         assert "\n" not in str(caught.value)
+
+
+def test_rows_that_are_not_there_are_not_made_up(tmp_path: Path) -> None:
+    """Pillow reads them as black."""
+    whole = saved(tmp_path / "a.png", CODES).read_bytes()
+    head = b"IHDR" + struct.pack(">II", 13, 10) + whole[24:29]
+    (tmp_path / "a.png").write_bytes(whole[:12] + head + struct.pack(">I", zlib.crc32(head)) + whole[33:])
+    with pytest.raises(FileError, match="360 bytes of image data, 400 expected"):
+        read_scene(tmp_path / "a.png", mean_luminance_cd_m2=1)
 
 
 def encoded(values: np.ndarray) -> np.ndarray:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.png_file import PngFile
+from photosite.scene.formats.png16 import read_deep_png
 
 
 def read_alpha(path: Path) -> NDArray[np.float32]:
@@ -32,8 +35,9 @@ def read_alpha(path: Path) -> NDArray[np.float32]:
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as picture:
                 mode = picture.mode
-                gray = picture.getchannel("A") if "A" in mode else picture
-                codes = np.asarray(gray)
+                codes = _codes(path, picture)
+    except FileError:
+        raise
     except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(path, f"cannot be read as a picture of opacity ({reason[:200]})") from None
@@ -45,3 +49,16 @@ def read_alpha(path: Path) -> NDArray[np.float32]:
     if codes.min() < 0 or codes.max() > white:
         raise FileError(path, f"holds values up to {codes.max()}; opacity is gray of 8 or 16 bits")
     return (codes / np.float32(white)).astype(np.float32)
+
+
+def _codes(path: Path, picture: Any) -> NDArray[Any]:
+    """Of transparency, where the picture has it; else of all that it has."""
+    png = PngFile.read(path) if picture.format == "PNG" else None
+    if png is None or png.header.bits != 16:
+        if png is not None:
+            png.check_whole()
+        return np.asarray(picture.getchannel("A") if "A" in picture.mode else picture)
+    found = read_deep_png(png)
+    if found.has_alpha:
+        return found.codes[:, :, -1]
+    return found.codes[:, :, 0] if found.codes.shape[2] == 1 else found.codes

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeError
+from photosite.png_file import PngFile
+from photosite.scene.formats.png16 import read_deep_png
 from photosite.scene.options import ReadOptions
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
@@ -32,6 +35,21 @@ _ICC_TAG = 34675
 _EXIF_IFD, _COLOR_SPACE, _INTEROP_IFD, _INTEROP_INDEX = 0x8769, 0xA001, 0xA005, 1
 _UNCALIBRATED = 0xFFFF
 _DISPLAY_GAMMA = 1 / 2.2
+_PRIMARIES = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
+"""Chromaticities of sRGB's white, red, green and blue (IEC 61966-2-1)."""
+_ORIENTATION = 0x0112
+_TRANSPARENT = "is transparent in places; flatten the picture to red, green and blue"
+
+_TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
+    2: lambda a: a[:, ::-1],
+    3: lambda a: a[::-1, ::-1],
+    4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+    8: lambda a: np.rot90(a),
+}
+"""By EXIF's orientation: how (rows, cols, ...) of the file become those of the picture."""
 
 
 def read(path: Path, said: ReadOptions) -> Scene:
@@ -48,8 +66,12 @@ def read(path: Path, said: ReadOptions) -> Scene:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as picture:
+                png = _checked_png(path) if picture.format == "PNG" else None
                 space = _space(path, picture)
-                values = _values(path, ImageOps.exif_transpose(picture))
+                if png is not None and png.header.bits == 16:
+                    values = _deep_values(png, picture.getexif().get(_ORIENTATION))
+                else:
+                    values = _values(path, ImageOps.exif_transpose(picture))
     except PhotositeError:
         raise
     except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
@@ -112,34 +134,38 @@ def _scene(path: Path, values: NDArray[Any], space: str, said: ReadOptions) -> S
 
 
 def _values(path: Path, picture: Any) -> NDArray[Any]:
-    """(rows, cols, 3) codes of 8 or 16 bits."""
-    if picture.format == "PNG" or path.suffix.lower() == ".png":
-        _check_png(path)
+    """(rows, cols, 3) codes of 8 bits."""
     if picture.mode == "P":
         picture = picture.convert("RGBA" if "transparency" in picture.info else "RGB")
     if "A" in picture.mode or "transparency" in picture.info:
         if picture.convert("RGBA").getchannel("A").getextrema()[0] < 255:
-            raise FileError(path, "is transparent in places; flatten the picture to red, green and blue")
+            raise FileError(path, _TRANSPARENT)
         picture = picture.convert("RGB")
     if picture.mode in ("L", "1"):
         picture = picture.convert("RGB")
-    if picture.mode == "I;16":
-        grey = np.asarray(picture, dtype=np.uint16)
-        return np.repeat(grey[:, :, None], 3, axis=2)
     if picture.mode != "RGB":
         raise FileError(path, f"has colours in the form {picture.mode}; save the picture as red, green and blue")
     return np.asarray(picture)
 
 
-def _check_png(path: Path) -> None:
-    """Refuse what Pillow would take away from a PNG without a word."""
-    with path.open("rb") as file:
-        head = file.read(1 << 16)
-    depth, kind = head[24], head[25]
-    if depth == 16 and kind in (2, 6):
-        raise FileError(path, "has 16 bits a colour, of which only 8 would be read; save it as 16-bit TIFF")
-    if b"cICP" in head.split(b"IDAT", 1)[0]:
+def _deep_values(png: PngFile, orientation: Any) -> NDArray[np.uint16]:
+    """(rows, cols, 3) codes of a PNG of 16 bits."""
+    found = read_deep_png(png)
+    if not found.is_opaque:
+        raise FileError(png.path, _TRANSPARENT)
+    turn = _TURNED.get(orientation)
+    turned = found.colors if turn is None else turn(found.colors)
+    return np.broadcast_to(turned, (*turned.shape[:2], 3))
+
+
+def _checked_png(path: Path) -> PngFile:
+    """The file, with all its rows, and its colours said in a way that Pillow hands on."""
+    png = PngFile.read(path)
+    if b"cICP" in png.chunks:
         raise FileError(path, "says its colours by code points (cICP), an HDR picture perhaps; save it as sRGB")
+    if png.header.bits != 16:  # else they are counted when they are unpacked
+        png.check_whole()
+    return png
 
 
 def _space(path: Path, picture: Any) -> str:
@@ -149,6 +175,9 @@ def _space(path: Path, picture: Any) -> str:
     gamma = picture.info.get("gamma")
     if gamma is not None and "srgb" not in picture.info and abs(gamma / _DISPLAY_GAMMA - 1) > 0.02:
         raise FileError(path, f"says that its values are light to the power of {gamma:g}; save the picture as sRGB")
+    primaries = picture.info.get("chromaticity")
+    if primaries is not None and "srgb" not in picture.info and not np.allclose(primaries, _PRIMARIES, atol=0.005):
+        raise FileError(path, f"says that its colours are of other primaries than sRGB's, {primaries}; save it as sRGB")
     exif = picture.getexif()
     details = exif.get_ifd(_EXIF_IFD)
     if details.get(_COLOR_SPACE) == _UNCALIBRATED:
