@@ -159,7 +159,7 @@ class PsfSection(Section):
 
 
 class LensDesignSection(Section):
-    """Point spreads over the field, see `photosite.optics.design_files.read_lens_design`."""
+    """Point spreads over the field, see `photosite.optics.listings.design_files.read_lens_design`."""
 
     kind: Literal["lens_design"]
     source: str
@@ -168,10 +168,11 @@ class LensDesignSection(Section):
     detail_um: PositiveNumber | None = None
     nodes: Annotated[int, Field(strict=True, ge=3)] | None = None
     symmetric: Annotated[bool, Field(strict=True)] | None = None
+    first_row: Literal["top", "bottom"] | None = None
 
     def build(self, folder: Path) -> Blur:
         """The design."""
-        from photosite.optics.design_files import read_lens_design
+        from photosite.optics.listings.design_files import read_lens_design
 
         return read_lens_design(folder / self.source, **self.model_dump(exclude={"kind", "source"}, exclude_none=True))
 

@@ -46,7 +46,8 @@ def load_optics(path: str | PathLike[str]) -> Lens | DiffractionLimited:
     Parameters
     ----------
     path
-        A YAML file with the fields that this module's text shows.
+        A YAML file with the fields that this module's text shows; or the ISETPARMS.txt of a set that ISET's macros
+        wrote with Zemax or CODE V (`photosite.optics.listings.ray_trace`), or its folder.
 
     Returns
     -------
@@ -68,7 +69,11 @@ def load_optics(path: str | PathLike[str]) -> Lens | DiffractionLimited:
     Traceback (most recent call last):
     photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'; did you mean 'focal_length_mm'?
     """
+    from photosite.optics.listings.ray_trace import read_ray_trace, set_of
+
     file = Path(path)
+    if (parameters := set_of(file)) is not None:
+        return read_ray_trace(parameters).lens()
     data = read_yaml(file, "an optics file")
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
         line = line_of(data, VERSION_KEY)

@@ -30,7 +30,7 @@ Number = Annotated[float, Field(strict=True), AfterValidator(_finite)]
 PositiveNumber = Annotated[float, Field(strict=True, gt=0), AfterValidator(_finite)]
 Distance = Annotated[float, Field(strict=True, gt=0)]
 """May be .inf."""
-Program = Literal["zemax", "codev"]
+Program = Literal["zemax", "codev", "iset"]
 
 
 class Section(BaseModel):
@@ -106,9 +106,11 @@ class RelativeIllumination(_OverField):
         """The table."""
         if self.file is None:
             return IlluminationTable(self.points(), np.array(self.relative))
-        from photosite.optics import zemax
+        from photosite.optics.listings import ray_trace, zemax
 
-        if self.program != "zemax":
+        if self.program == "iset":
+            return ray_trace.read_ray_trace(folder / self.file).relative_illumination()
+        if self.program == "codev":
             raise ValueError("relative illumination of codev is not read; give field_deg and relative")
         return zemax.read_relative_illumination(folder / self.file)
 
@@ -144,8 +146,10 @@ class DistortionSection(_OverField):
         if self.k1 is not None:
             return Distortion.polynomial(self.k1, self.k2, self.k3, max_field_deg=self.max_field_deg), None
         if self.file is not None:
-            from photosite.optics import codev, zemax
+            from photosite.optics.listings import codev, ray_trace, zemax
 
+            if self.program == "iset":
+                return ray_trace.read_ray_trace(folder / self.file).distortion(self.wavelength_nm)
             if self.program == "codev":
                 return codev.read_distortion(folder / self.file), None
             return zemax.read_distortion(folder / self.file, wavelength_nm=self.wavelength_nm)

@@ -1,7 +1,7 @@
 """Point spreads of a lens over its field and over wavelength, as lens-design programs compute them.
 
 They become a few modes with weights over the sensor (`photosite.optics.low_rank`): what the engine can apply to whole
-frames. `photosite.optics.zemax` and `photosite.optics.codev` read them from those programs' text files.
+frames. `photosite.optics.listings` reads them from those programs' text files.
 """
 
 from __future__ import annotations
@@ -261,5 +261,6 @@ class LensDesign:
         if waves > _SAME_FOCUS_WAVES:
             raise InputError(
                 f"lens-design point spreads hold in focus, {focus_distance_m:g} m, and this object at {distance_m:g} m "
-                f"is {waves:.2g} waves out of it; use a wavefront for defocus, or leave out focus_distance_m"
+                f"is {waves:.2g} waves out of it; place it there (--distance), use a wavefront for defocus, or leave "
+                "out focus_distance_m"
             )

@@ -1,6 +1,7 @@
 """Text that lens-design programs write: its encoding, its numbers, and what a listing of a point spread says.
 
-The programs' own layouts are read in `zemax` and `codev`; from listings to a `LensDesign` goes `design_files`.
+The programs' own layouts are read in `zemax` and `codev`; from listings to a `LensDesign` goes `design_files`, and
+from the files that ISET's macros write with either program to a whole lens `ray_trace`.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class PsfListing:
     field_unit
         "deg" or "mm" as the file says.
     center_mm
-        (x, y) on the image surface where the origin lies.
+        (x, y) on the image surface where the origin lies; the lens's unit is taken for mm where the file names none.
     """
 
     path: Path
@@ -124,7 +125,7 @@ def micrometers(value: str, unit: str, path: Path, line: int) -> float:
     return number(value) * _LENGTHS_UM[name]
 
 
-def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
+def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
     """(rows, cols) from lines of numbers with blanks, tabs, semicolons or commas and blanks between; empty lines skip.
 
     Parameters
@@ -139,7 +140,7 @@ def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
     Raises
     ------
     FileError
-        If a line holds something else, rows differ in length, or there are fewer than 3 x 3 numbers; with the line.
+        If a line holds something else, or rows differ in length; with the line.
     """
     rows: list[list[float]] = []
     commas = _separates_by_comma(lines, first)
@@ -152,13 +153,25 @@ def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
             row = [number(part.rstrip(",")) for part in parts]
         except ValueError:
             bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
-            raise FileError(path, f"'{bad[:40]}' stands among the point spread's numbers", index + 1) from None
+            raise FileError(path, f"'{bad[:40]}' stands among its numbers", index + 1) from None
         if rows and len(row) != len(rows[0]):
             raise FileError(path, f"this row has {len(row)} numbers, those before it {len(rows[0])}", index + 1)
         rows.append(row)
-    if len(rows) < 3 or len(rows[0]) < 3:
+    return np.array(rows).reshape(len(rows), -1 if rows else 0)
+
+
+def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
+    """`rows_of_numbers` of a point spread.
+
+    Raises
+    ------
+    FileError
+        As there, and if there are fewer than 3 x 3 numbers.
+    """
+    grid = rows_of_numbers(lines, first, path)
+    if min(grid.shape) < 3:
         raise FileError(path, "holds no point spread: 3 x 3 numbers at least are expected")
-    return np.array(rows)
+    return grid
 
 
 def _separates_by_comma(lines: list[str], first: int) -> bool:

@@ -2,8 +2,8 @@
 
 A point spread is a grid of numbers, as the program exports its worksheet buffers, with any lines of text above and
 between. Of such text the lines with an equals sign or colon are looked at for the wavelength, the distance of samples
-and the field; what they do not say must come from the index (`photosite.optics.design_files`). docs/optics.md says
-what these layouts were written after.
+and the field; what they do not say must come from the index (`photosite.optics.listings.design_files`). docs/optics.md
+says what these layouts were written after.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from photosite.errors import FileError
 from photosite.optics.distortion import Distortion
-from photosite.optics.listing import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.listings.text import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
 from photosite.optics.radial_table import FieldPoints
 
 _N = f"({NUMBER})"

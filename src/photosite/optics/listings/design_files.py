@@ -5,7 +5,7 @@ index, a YAML file beside them, lists files and says what they do not:
 
 photosite_lens_design: 1
 program: zemax              # or codev
-axes: image                 # of the samples and of fields in mm: image, as computed (inverted); upright, as the frame
+axes: image                 # of samples and fields: image, as computed (inverted); upright, as the frame
 first_row: top              # of the samples: top (y up) or bottom
 symmetric: true             # rotationally; the fields lie along one radius
 files:
@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.optics import codev, zemax
 from photosite.optics.lens_design import TOLERANCE, LensDesign
-from photosite.optics.listing import PsfListing, read_text
+from photosite.optics.listings import codev, zemax
+from photosite.optics.listings.text import PsfListing, read_text
 from photosite.optics.sampled import light_radius, normalised, resampled
 from photosite.yaml_file import check_keys, line_of, read_yaml
 
@@ -85,11 +85,10 @@ class Layout:
         return samples, (row, col)
 
     def place(self, listing: PsfListing) -> tuple[float, float]:
-        """(y, x) of the field point, y down, upright: angles are those in front of the lens, mm those of the axes."""
+        """(y, x) of the field point, y down, upright; on image axes a positive angle's image lies at +y."""
         assert listing.field is not None
         x, y = listing.field
-        turned = listing.field_unit == "mm" and self.axes == "image"
-        down, right = (y, -x) if turned else (-y, x)
+        down, right = (y, -x) if self.axes == "image" else (-y, x)
         return round(down, _PLACES) + 0.0, round(right, _PLACES) + 0.0
 
 
@@ -99,16 +98,22 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     Parameters
     ----------
     path
-        A folder of Zemax listings (.txt, .dat, .psf), or a YAML file as this module's text shows.
+        A folder of Zemax listings (.txt, .dat, .psf), a YAML file as this module's text shows, or the ISETPARMS.txt of
+        a set that ISET's macros wrote (`photosite.optics.listings.ray_trace`).
     options
-        `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`; before those of an index.
+        `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`, and `first_row` of `Layout`; before
+        those of an index.
 
     Raises
     ------
     FileError
         If a file is missing or wrong, says too little, or some wavelength of some field point is missing.
     """
+    from photosite.optics.listings.ray_trace import read_ray_trace, set_of
+
     source = Path(path)
+    if (parameters := set_of(source)) is not None:
+        return read_ray_trace(parameters).point_spreads(**options)
     if source.is_dir():
         files = sorted(f for f in source.iterdir() if f.suffix.lower() in _SUFFIXES)
         listings = [zemax.read_psf(f) for f in files if zemax.is_psf_listing(read_text(f, "a listing")[:12])]
@@ -116,18 +121,20 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
             raise FileError(
                 source, "holds no listing of a PSF (.txt, .dat or .psf); name an index, a YAML file, instead"
             )
-        return _design(source, listings, Layout(), options)
+        layout = Layout(first_row=options.pop("first_row", "top"))
+        return design_of(source, listings, layout, options)
     data = read_yaml(source, "an index of lens-design files")
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
         raise FileError(source, f"is no index of lens-design files: expected '{VERSION_KEY}: 1' and 'files'")
     check_keys(source, data, _KEYS, "an index of lens-design files")
-    layout = Layout(_word(source, data, "axes", get_args(Axes)), _word(source, data, "first_row", get_args(FirstRow)))
+    first_row = options.pop("first_row", _word(source, data, "first_row", get_args(FirstRow)))
+    layout = Layout(_word(source, data, "axes", get_args(Axes)), first_row)
     program = _word(source, data, "program", tuple(_PROGRAMS))
     entries = data.get("files")
     if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
         raise FileError(source, "'files' is a list of {file: ..., wavelength_nm: ..., ...}", line_of(data, "files"))
     listings = [_entry(source, entries, index, program) for index in range(len(entries))]
-    return _design(source, listings, layout, {**_said(source, data), **options})
+    return design_of(source, listings, layout, {**_said(source, data), **options})
 
 
 def _said(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -187,7 +194,25 @@ def _pair(path: Path, value: Any, key: str, line: int | None) -> tuple[float, fl
     return float(value[0]), float(value[1])
 
 
-def _design(source: Path, listings: Sequence[PsfListing], layout: Layout, options: Mapping[str, Any]) -> LensDesign:
+def design_of(source: Path, listings: Sequence[PsfListing], layout: Layout, options: Mapping[str, Any]) -> LensDesign:
+    """The design of many listings.
+
+    Parameters
+    ----------
+    source
+        The folder or file that names them, for messages.
+    listings
+        Of every field point and wavelength, in any order.
+    layout
+        How their grids lie.
+    options
+        Of `LensDesign`.
+
+    Raises
+    ------
+    FileError
+        As `read_lens_design`.
+    """
     for listing in listings:
         for name, value in (
             ("wavelength_nm", listing.wavelength_nm),
@@ -196,8 +221,8 @@ def _design(source: Path, listings: Sequence[PsfListing], layout: Layout, option
         ):
             if value is None:
                 raise FileError(listing.path, f"does not say its {name}; give it in an index, a YAML file")
-    units = {str(listing.field_unit) for listing in listings}
-    if len(units) > 1:
+    unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
+    if any(listing.field_unit != unit for listing in listings):
         raise FileError(source, "has fields in degrees and in mm; give all in the same unit, in an index")
     places = sorted({layout.place(listing) for listing in listings}, key=lambda p: (np.hypot(*p), p))
     waves = sorted({round(_known(listing.wavelength_nm), 3) for listing in listings})
@@ -210,8 +235,8 @@ def _design(source: Path, listings: Sequence[PsfListing], layout: Layout, option
     for place in places:
         for wave in waves:
             if (place, wave) not in table:
-                where = f"({-place[0]:g} up, {place[1]:g} right) {units.copy().pop()}"
-                raise FileError(source, f"has no point spread at {wave:g} nm for the field {where}")
+                x, y = next(known.field or (0, 0) for (at, _), known in table.items() if at == place)
+                raise FileError(source, f"has no point spread at {wave:g} nm for the field ({x:g}, {y:g}) {unit}")
     psf, spacing = _on_one_grid([[table[place, wave] for wave in waves] for place in places], layout)
     try:
         return LensDesign(
@@ -220,7 +245,7 @@ def _design(source: Path, listings: Sequence[PsfListing], layout: Layout, option
             spacing,
             np.array([y for y, _ in places]),
             np.array([x for _, x in places]),
-            unit="deg" if units == {"deg"} else "mm",
+            unit=unit,
             **{"tolerance": TOLERANCE, **options},
         )
     except (InputError, TypeError) as error:

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.optics.compound import Lens
-from photosite.optics.design_files import Layout, read_lens_design
 from photosite.optics.file import load_optics
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.listing import PsfListing
+from photosite.optics.listings.design_files import Layout, read_lens_design
+from photosite.optics.listings.text import PsfListing
+from photosite.optics.listings.zemax import read_distortion, read_psf, read_relative_illumination
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
 from photosite.optics.spread import RadialMapping
-from photosite.optics.zemax import read_distortion, read_psf, read_relative_illumination
 
 Array = NDArray[np.float64]
 FFT_HEAD = """Listing of FFT PSF Data
@@ -160,14 +160,14 @@ def folder_of(path: Path, *, skip: tuple[float, float] | None = None) -> Path:
 def test_a_folder_becomes_a_design_upright_and_on_one_grid(tmp_path: Path) -> None:
     design = read_lens_design(folder_of(tmp_path), rank=3)
     np.testing.assert_allclose(design.wavelength_nm, [450, 650])
-    np.testing.assert_allclose(design.field_y, [0, -5, -10])  # the field above the axis is at the frame's top
+    np.testing.assert_allclose(design.field_y, [0, 5, 10])  # a positive angle's image is at +y: the frame's lower half
     np.testing.assert_array_equal(design.field_x, 0)
     assert (design.unit, design.spacing_um, design.rank) == ("deg", 0.4, 3)
     count = design.psf.shape[-1]
     y = offsets(count, 0.4)
     for f, field in enumerate((0.0, 5.0, 10.0)):
         tail = 0.3 * field
-        # In the file the tail is towards +y of the image surface; the frame is turned by 180 degrees: downwards.
+        # In the file the tail is towards +y of the image surface, outwards; in the frame too: downwards.
         rows = sum(np.exp(-((y[:, None] - tail * t) ** 2 + y**2) / (2 * 0.8**2)) for t in (0.0, 0.5, 1.0))
         for w in (0, 1):
             np.testing.assert_allclose(design.psf[f, w], rows / np.sum(rows), atol=1e-4 * np.max(rows / np.sum(rows)))
@@ -175,7 +175,7 @@ def test_a_folder_becomes_a_design_upright_and_on_one_grid(tmp_path: Path) -> No
 
 def test_a_missing_or_doubled_spread_is_said(tmp_path: Path) -> None:
     folder_of(tmp_path, skip=(5.0, 0.65))
-    with pytest.raises(FileError, match=r"has no point spread at 650 nm for the field \(5 up, 0 right\) deg"):
+    with pytest.raises(FileError, match=r"has no point spread at 650 nm for the field \(0, 5\) deg"):
         read_lens_design(tmp_path)
     (tmp_path / "again.txt").write_text(listing(spot(0.0, 41, 41), wave=0.45, y=0.0), encoding="utf-8")
     with pytest.raises(FileError, match=r"has the same field and wavelength as again\.txt"):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.listing import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.listings.text import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
 from photosite.optics.radial_table import FieldPoints
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ _SPACING = re.compile(rf"^\s*Data spacing is\s*:?\s*{_N}\s*(\S+)", re.IGNORECASE
 _GRID = re.compile(r"^\s*Image grid size\s*:\s*(\d+)\s*by\s*(\d+)", re.IGNORECASE)
 _CENTER_ROW = re.compile(r"^\s*Center point is\s*:\s*row\s*(\d+),\s*column\s*(\d+)", re.IGNORECASE)
 _CENTER = re.compile(r"^\s*Center point is\s*:\s*(\d+),\s*(\d+)", re.IGNORECASE)
-_CENTER_COORDINATES = re.compile(rf"^\s*Center coordinates\s*:\s*{_N},\s+{_N}\s*([A-Za-z]+)", re.IGNORECASE)
+_CENTER_COORDINATES = re.compile(rf"^\s*Center coordinates\s*:\s*{_N},\s+{_N}\s*([A-Za-z]*)", re.IGNORECASE)
 _VALUES = re.compile(r"^\s*Values are (.*)$", re.IGNORECASE)
 _FIELD_UNITS = {"deg": "deg", "degrees": "deg", "degree": "deg", "mm": "mm", "millimeters": "mm", "millimeter": "mm"}
 _WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
@@ -112,7 +112,7 @@ class _Header:
         elif (match := _CENTER.match(line)) is not None:
             self.origin = int(match[2]) - 1, int(match[1]) - 1
         elif (match := _CENTER_COORDINATES.match(line)) is not None:
-            scale = micrometers("1", match[3], self.path, at) * 1e-3
+            scale = micrometers("1", match[3] or "mm", self.path, at) * 1e-3
             self.center_mm = number(match[1]) * scale, number(match[2]) * scale
 
 
