@@ -126,6 +126,7 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, text: str, said: str)
     [
         ("tolerance: 3", "mine.camera.yaml:4: the tolerance is a fraction of the RMS radiance"),
         ("options: {foo: 1}", "mine.camera.yaml:4: reading a scene knows no option 'foo'"),
+        ("options: {method: smooth}", "mine.camera.yaml:4: no method 'smooth'"),
         ("options: {sort_bands: no}", "mine.camera.yaml:4: sort_bands is true or false, not 'no'"),
     ],
 )
@@ -134,6 +135,14 @@ def test_how_a_file_is_read_is_checked_on_load(tmp_path: Path, text: str, said: 
     with pytest.raises(FileError) as error:
         load_camera(written(tmp_path, f"scene:\n  source: field.h5\n  {text}\n"))
     assert said in str(error.value)
+
+
+def test_a_pictures_method_is_said_among_its_options(tmp_path: Path) -> None:
+    codes = np.random.default_rng(1).integers(30, 220, (4, 6, 3)).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "a.png")
+    text = "scene: {source: a.png, luminance_cd_m2: 40, options: {method: jakob-hanika}}\n"
+    told = load_camera(written(tmp_path, text)).scene.scene()
+    np.testing.assert_array_equal(told.weights, ps.pictures.from_srgb(codes, method="jakob-hanika").weights)
 
 
 def test_what_comes_up_when_the_scene_is_made_has_the_camera_files_line(tmp_path: Path) -> None:

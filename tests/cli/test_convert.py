@@ -95,3 +95,18 @@ def test_wavelengths_that_are_none(photosite: Any, bare: Path, text: str) -> Non
     done = photosite("convert", bare, "-o", bare.with_name("out.h5"), "--wavelengths", text)
     assert done.status == 2
     assert "expected 400,410,420 or first:last:step" in done.err
+
+
+def test_a_picture_is_raised_by_the_method_that_is_said(photosite: Any, tmp_path: Path) -> None:
+    codes = np.random.default_rng(6).integers(30, 220, (5, 7, 3)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb")
+    told = ("--luminance", "40", "--json")
+    plain = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *told).json
+    smooth = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *told, "--method", "jakob-hanika").json
+    assert plain["components"] == 3 < smooth["components"]
+    option = ("--scene-option", "method=jakob-hanika", *told)
+    assert photosite("scenes", "show", tmp_path / "a.tif", *option).json["spectra"] == smooth["components"]
+    cube = photosite("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--method", "jakob-hanika")
+    assert cube.status == 2
+    assert "method says how the colours of a display picture" in cube.err
+    assert sum("method" in line for line in cube.err.splitlines()) == 1

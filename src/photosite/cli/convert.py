@@ -21,6 +21,12 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--variable", metavar="NAME", help="The data set that is the cube, where a file has several."),
         click.option(
+            "--method",
+            type=click.Choice(["mallett-yuksel", "jakob-hanika"]),
+            help="How a display picture's colours become spectra: weights of three reflectances, or a smooth "
+            "reflectance for each colour.  [default: mallett-yuksel]",
+        ),
+        click.option(
             "--interleave",
             type=click.Choice(["bip", "bsq", "bil"]),
             help="Axes of an HDF5 cube, where it does not say: rows, columns, bands (bip), bands first (bsq) or second "
@@ -74,8 +80,8 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
 def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     """Reduce a spectral image to a scene of few spectra, and write it.
 
-    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files. A cube is read twice and never held: with .h5 as output,
-    memory does not grow with it.
+    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files, and pictures. A cube is read twice and never held:
+    with .h5 as output, memory does not grow with it.
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """

@@ -199,7 +199,8 @@ def _said_of_scene(function: F) -> F:
             multiple=True,
             metavar="NAME=VALUE",
             help="An option of the scene's formula (contrast=10; photosite scenes lists them), or of how a file is "
-            "read (no_data=zero, sort_bands=true, variable=NAME; docs/scenes.md); may be repeated.",
+            "read (no_data=zero, sort_bands=true, variable=NAME, a picture's method=jakob-hanika; docs/scenes.md); "
+            "may be repeated.",
         ),
     ):
         function = option(function)

@@ -21,6 +21,7 @@ _READING = (
     (r"\binterleave='(\w+)'", r"--scene-option interleave=\1"),
     (r"\bvariable='\.\.\.'", "--scene-option variable=NAME"),
     (r"\bpatches=False", "--scene-option patches=false"),
+    (r"\bmethod='([\w-]+)'", r"--scene-option method=\1"),
 )
 _OWN = (
     (r"\bsort_bands=True", "--sort-bands"),
@@ -28,6 +29,7 @@ _OWN = (
     (r"\bnegative='zero'", "--negative zero"),
     (r"\binterleave='(\w+)'", r"--interleave \1"),
     (r"\bvariable='\.\.\.'", "--variable NAME"),
+    (r"\bmethod='([\w-]+)'", r"--method \1"),
 )
 
 

@@ -22,6 +22,9 @@ from photosite.scene.reduce import Progress, reduced
 from photosite.scene.scene import Scene
 
 _HEAD_BYTES = 1 << 10
+_PICTURES = ("picture", "tiff")
+"""Modules of files that may hold a display picture."""
+_NO_METHOD = "method says how the colours of a display picture (PNG, JPEG, TIFF) become spectra; leave it out"
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ def read_scene(
         Told (done, total, what) while a cube is reduced.
     **options
         Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
-        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, interleave, variable, patch_cols.
+        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, interleave, variable, patch_cols,
+        method.
         What the file says itself need not be said.
 
     Returns
@@ -123,8 +127,12 @@ def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
     kind = format_of(path)
     if said.interleave is not None and kind.module != "hdf5":
         raise FileError(path, f"is {kind.name}, which has its own order of axes; leave interleave out")
+    if said.method is not None and kind.module not in _PICTURES:
+        raise FileError(path, f"is {kind.name}, and {_NO_METHOD}")
     module = kind.load()
     found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, said)
+    if said.method is not None and not isinstance(found, Scene):
+        raise FileError(path, f"holds spectra, and {_NO_METHOD}")
     return found
 
 

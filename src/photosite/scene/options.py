@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from numpy.typing import ArrayLike
 
 from photosite.errors import InputError
+from photosite.scene.pictures import Method, check_method
 from photosite.scene.scene import Scene
 from photosite.scene.values import check_flag, check_number, check_numbers
 from photosite.spectra import Spectrum
@@ -52,6 +53,9 @@ class ReadOptions:
         Name of the data set or variable, where a file has several.
     patch_cols
         Patches across a measured chart, whose file lists them in order.
+    method
+        How the colours of a display picture (PNG, JPEG, TIFF) become spectra, as for `photosite.pictures.from_rgb`;
+        None: "mallett-yuksel". With "jakob-hanika" the tolerance is that of its reduction.
 
     Raises
     ------
@@ -72,6 +76,7 @@ class ReadOptions:
     interleave: str | None = None
     variable: str | None = None
     patch_cols: int | None = None
+    method: Method | None = None
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "distance_m", "width_m", "mean_luminance_cd_m2", "patch_cols"):
@@ -95,6 +100,8 @@ class ReadOptions:
             raise InputError(f"a chart is 1 patch across or more, not {self.patch_cols}")
         if self.interleave not in (None, "bip", "bsq", "bil"):
             raise InputError(f"interleave is 'bip', 'bsq' or 'bil', not {self.interleave!r:.40}")
+        if self.method is not None:
+            check_method(self.method)
         for name in ("no_data", "negative"):
             if getattr(self, name) not in get_args(Amend):
                 raise InputError(f"{name} is 'refuse' or 'zero', not {getattr(self, name)!r}")

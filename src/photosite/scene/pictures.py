@@ -68,6 +68,24 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
     return np.stack([np.interp(grid, table, row) for row in values])
 
 
+def check_method(method: object) -> None:
+    """Refuse what is no `Method`.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+
+    Examples
+    --------
+    >>> check_method("jakob-hannika")
+    Traceback (most recent call last):
+    photosite.errors.InputError: no method 'jakob-hannika'; did you mean 'jakob-hanika'?
+    """
+    if method not in get_args(Method):
+        raise InputError(f"no method '{method!s:.40}'; {did_you_mean(str(method), get_args(Method))}")
+
+
 def from_rgb(
     picture: ArrayLike,
     illuminant: str | float | Spectrum = "D65",
@@ -138,8 +156,7 @@ def from_rgb(
     ((3, 4, 6), 0.25)
     """
     grid = wavelength_grid(wavelength_nm)
-    if method not in get_args(Method):
-        raise InputError(f"no method '{method}'; {did_you_mean(str(method), get_args(Method))}")
+    check_method(method)
     values = linear_srgb_of(display_values(picture), space, linear=linear)
     if not values.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")

@@ -125,6 +125,8 @@ def _scene(path: Path, values: NDArray[Any], space: str, said: ReadOptions) -> S
             "D65" if said.illuminant is None else said.illuminant,
             said.mean_luminance_cd_m2,
             space=space,
+            method=said.method or "mallett-yuksel",
+            tolerance=said.tolerance,
             distance_m=said.distance_m or DEFAULT_DISTANCE_M,
             width_m=said.width_m,
             name=path.stem,

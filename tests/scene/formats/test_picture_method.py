@@ -1,0 +1,78 @@
+"""How a picture's file is raised to spectra: by one name wherever a file is read, refused where it means nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from photosite.errors import FileError, InputError
+from photosite.scene.charts import macbeth
+from photosite.scene.convert import convert
+from photosite.scene.files import read_scene, write_scene
+from photosite.scene.pictures import from_srgb
+from photosite.scene.request import SceneRequest
+from photosite.scene.scene import Scene
+
+CODES = np.random.default_rng(6).integers(30, 220, (5, 7, 3)).astype(np.uint8)
+SMOOTH: dict[str, Any] = {"method": "jakob-hanika", "mean_luminance_cd_m2": 40.0}
+
+
+def picture(folder: Path, name: str = "a.png") -> Path:
+    if name.endswith("tif"):
+        tifffile.imwrite(folder / name, CODES, photometric="rgb")
+    else:
+        Image.fromarray(CODES).save(folder / name)
+    return folder / name
+
+
+def assert_same(one: Scene, other: Scene) -> None:
+    np.testing.assert_array_equal(one.weights, other.weights)
+    np.testing.assert_allclose(one.basis, other.basis, rtol=1e-12)
+    assert one.relative_error == other.relative_error
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_a_picture_is_raised_as_is_said(tmp_path: Path, name: str) -> None:
+    file = picture(tmp_path, name)
+    assert_same(read_scene(file, **SMOOTH), from_srgb(CODES, method="jakob-hanika"))
+    plain = read_scene(file, method="mallett-yuksel", mean_luminance_cd_m2=40.0)
+    assert_same(plain, from_srgb(CODES))
+    assert len(plain.basis) == 3
+
+
+def test_the_tolerance_is_that_of_the_smooth_spectra(tmp_path: Path) -> None:
+    fine, coarse = (read_scene(picture(tmp_path), tolerance=share, **SMOOTH) for share in (1e-4, 1e-2))
+    assert len(fine.basis) > len(coarse.basis)
+    assert fine.relative_error < 1e-4 < coarse.relative_error < 1e-2
+
+
+def test_a_request_and_a_conversion_hand_it_on(tmp_path: Path) -> None:
+    file = picture(tmp_path)
+    wanted = read_scene(file, **SMOOTH)
+    asked = SceneRequest(str(file), mean_luminance_cd_m2=40.0, options={"method": "jakob-hanika"})
+    assert_same(asked.scene(), wanted)
+    coarse = convert(file, tmp_path / "a.h5", tolerance=0.01, **SMOOTH)
+    assert coarse.components < len(wanted.basis)
+    assert len(read_scene(tmp_path / "a.h5").basis) == coarse.components
+    with pytest.raises(FileError, match="leave the tolerance out"):
+        convert(file, tmp_path / "a.h5", tolerance=0.01, mean_luminance_cd_m2=40.0)
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.mat", "a.tif", "a.hdr", "a.csv", "a.exr"])
+def test_what_is_no_display_picture_refuses_it(tmp_path: Path, name: str) -> None:
+    write_scene(macbeth(), tmp_path / name)
+    with pytest.raises(FileError, match=r"method says how the colours of a display picture .* leave it out") as caught:
+        read_scene(tmp_path / name, **SMOOTH)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_method_that_is_none_and_a_formula(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no method 'jakob'; known are: mallett-yuksel"):
+        read_scene(picture(tmp_path), method="jakob")
+    with pytest.raises(InputError, match="no option 'method'"):
+        SceneRequest("ramp", options={"method": "jakob-hanika"}).scene()
