@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from photosite.cfa import channel_sites
+from photosite.door import channel_mixing
 from photosite.optics.spread import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -120,7 +121,7 @@ def full_well_reading_dn(sensor: Sensor) -> float:
 
 
 def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[float]:
-    """Electrons per photon on the pixel's whole area, of each channel, under a uniform field.
+    """Electrons per photon on the pixel's whole area, of each channel, under a uniform field; crosstalk included.
 
     Parameters
     ----------
@@ -134,7 +135,9 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
     grid = light.wavelength_nm
     spectrum = light.basis[0] * optics.irradiance_per_radiance(grid, light.distance_m) * integration_weights(grid)
     share = sensor.pixel.fill_factor.value / float(spectrum.sum())
-    return [share * float(sensor.response_at(name, grid) @ spectrum) for name in sensor.channel_names]
+    alone = [share * float(sensor.response_at(name, grid) @ spectrum) for name in sensor.channel_names]
+    efficiencies: list[float] = (channel_mixing(sensor) @ alone).tolist()
+    return efficiencies
 
 
 def variance_peak_e(sensor: Sensor) -> float:

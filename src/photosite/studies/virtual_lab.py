@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -106,6 +106,9 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
 @dataclass(frozen=True)
 class VirtualLab:
     """A virtual sensor, its light, and what to shoot.
+
+    Light falls straight on every pixel, as from EMVA 1288's source, a disc as far away as eight times its diameter: the
+    sensor's angular response changes nothing. Its filters and crosstalk do what they do behind a lens.
 
     Parameters
     ----------
@@ -238,7 +241,15 @@ class VirtualLab:
         if step.kind == "dark":
             array = self.camera.sensor.array
             return np.zeros((array.rows, array.cols), np.float32)
-        return self.camera.mean_electrons(self.light, step.exposure_s)
+        return self._upright.mean_electrons(self.light, step.exposure_s)
+
+    @cached_property
+    def _upright(self) -> Camera:
+        """The camera as it sees light that falls straight on every pixel."""
+        sensor = self.camera.sensor
+        if sensor.optical_stack is None or sensor.optical_stack.angular_response is None:
+            return self.camera
+        return replace(self.camera, sensor=sensor.with_(angular_response=None))
 
     def _expose(self, step: Step, mean: NDArray[np.float32], frame: int) -> RawFrame:
         raw = self.camera.expose(mean, step.exposure_s, seed=self.seed, frame=frame)

@@ -22,6 +22,7 @@ from photosite.calibration.passband import Passband, triangular_passband
 from photosite.calibration.spectral_frames import Band, Photodiode, SpectralFrames
 from photosite.camera import Camera
 from photosite.cfa import channel_mask
+from photosite.door import channel_mixing
 from photosite.errors import InputError
 from photosite.exposure import format_exposure
 from photosite.frames.frame_set import FrameSource
@@ -109,14 +110,16 @@ class MonochromatorRun:
         return 5e-3 * float(illuminant("A", [centre])[0]) / 100.0
 
     def electron_rate(self, number: int) -> dict[str, float]:
-        """Mean electrons per second and pixel of each channel, by a plain sum over the band."""
+        """Mean electrons per second and pixel of each channel, by a plain sum over the band; crosstalk included."""
         band = self.passband(number).energy
         sensor = self.sensor
         grid = np.arange(band.wavelength_nm[0], band.wavelength_nm[-1] + _STEP_NM / 2, _STEP_NM)
         shape = band.at(grid) if grid.size > 1 else np.ones(1)
         photons = photons_from_energy(self.irradiance_w_m2(number) * shape / shape.sum(), grid)
         area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
-        return {name: float(photons @ sensor.response_at(name, grid)) * area_m2 for name in sensor.channel_names}
+        names = sensor.channel_names
+        alone = [float(photons @ sensor.response_at(name, grid)) * area_m2 for name in names]
+        return dict(zip(names, (channel_mixing(sensor) @ alone).tolist(), strict=True))
 
     def photodiode(self) -> Photodiode:
         """The photodiode as its certificate has it: q lambda / (h c) times its yield."""
@@ -270,6 +273,8 @@ class MonochromatorRun:
 def without_spectra(sensor: Sensor) -> Sensor:
     """The sensor before its quantum efficiency is measured: 50 % everywhere, and said to be a placeholder.
 
+    What is measured holds the filters and the crosstalk of even light; the sensor's own are left out.
+
     Examples
     --------
     >>> import photosite as ps
@@ -282,4 +287,5 @@ def without_spectra(sensor: Sensor) -> Sensor:
         "source": "placeholder: to be measured",
         "assumed": True,
     }
-    return sensor.with_(channels=dict.fromkeys(sensor.channels, placeholder))
+    parts = dict.fromkeys(("infrared_filter", "cover_glass", "crosstalk"))
+    return sensor.with_(channels=dict.fromkeys(sensor.channels, placeholder), **parts)
