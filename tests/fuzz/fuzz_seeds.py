@@ -49,10 +49,32 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
     _frame(9, (33, 49)).save(folder / "chart.tif")
     sensor.with_(rows=33, cols=49).save(folder / "chart.sensor.yaml")
     (folder / "diode.csv").write_text("nm,r,u\n400,0.2,0.001\n700,0.4,0.001\n")
+    made |= _lens_listings(folder)
     made["sensor"] = ((folder / "a.sensor.yaml").read_bytes(),)
     made["spectrum"] = ((folder / "diode.csv").read_bytes(),)
     made |= {name: tuple(text.encode() for text in texts) for name, texts in _TEXTS.items()}
     return made
+
+
+def _lens_listings(folder: Path) -> dict[str, tuple[bytes, ...]]:
+    """A ray trace by ISET's macros, its data beside it, and listings of Zemax."""
+    for f in (1, 2):
+        for w in (1, 2):
+            field = f"{0.4 + 0.1 * w:.4f} µm at 0.0000, {1.0 - f:.4f} (mm)."
+            numbers = "\n".join(
+                "\t".join(f"{np.exp(-(x * x + y * y)):.3E}" for x in range(-3, 4)) for y in range(-3, 4)
+            )
+            text = _PSF.replace("FIELD", field) + numbers
+            (folder / f"A_2D_PSF_Fld{f}_Wave{w}.dat").write_text(text, "utf-8")
+    for kind, table in (("DI", _HEIGHTS), ("RI", "1 1\n0.9 0.9\n")):
+        (folder / f"A_{kind}_.dat").write_text(table)
+    parameters, listing = _RAY_TRACE.encode(), (folder / "A_2D_PSF_Fld2_Wave1.dat").read_bytes()
+    return {
+        "ray trace": (parameters, parameters.decode().encode("utf-16")),
+        "heights": (_HEIGHTS.encode(), b"0\n0\n0.97\n0.98\n"),
+        "psf": (listing, listing.decode().encode("utf-16")),
+        "distortion": (_FIELD_CURVATURE.encode(), _GRID_DISTORTION.encode()),
+    }
 
 
 def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
@@ -257,6 +279,55 @@ wavelength_nm: [400, 700, 100]
 light_uncertainty_percent: 1
 lights:
 - {illuminant: A, mean_luminance_cd_m2: 40, exposure: 1/3, files: chart.tif}
+"""
+_RAY_TRACE = """%   C:\\A.ZMX
+lensFile='A.ZMX';     %Lens file name
+psfSize=7;                 % PSF ROW AND COL SIZE
+psfSpacing=0.0005000;   % PSF GRID SPACING IN MM
+wave=500:100:600;            % WAVELENGTH SAMPLES (NM)
+imgHeightNum=2;                % Number of IMAGE HEIGHTS
+imgHeightMax=1.0000000;                % Maximum IMAGE HEIGHT (mm)
+objDist=250.000;                 % OBJECT DISTANCE (MM)
+mag=-0.023954;          % OPTICAL SYSTEM MAGNIFICATION
+baseLensFileName='C:\\A\\A'
+refWave=587.562;          % REFERENCE WAVELENGTH (NM)
+efl=5.999968;          % EFFECTIVE FOCAL LENGTH
+fnumber=1.774644;          % F-NUMBER
+"""
+_HEIGHTS = "0.000000E+000 0.000000E+000\n9.700000E-001 9.800000E-001\n"
+_PSF = """Listing of Huygens PSF Data
+
+HUYGENS PSF
+FIELD
+Data spacing is 0.5 µm.
+Image grid size: 7 by 7
+Center point is: 4, 4
+Values are relative intensity.
+
+"""
+_FIELD_CURVATURE = """Results for:\t
+0 message(s) in output.
+
+Table series: Data for wavelength : 0.486133 µm.
+   Y Angle (deg)       Tan Shift       Sag Shift     Real Height     Ref. Height      Distortion
+      0.00000000     0.061287407     0.061287407      0.00000000      0.00000000      0.00000000
+       2.0000000  1.5161449E-003     0.033852291      0.95186714      0.95190002 -3.4546014E-003
+
+Table series: Data for wavelength : 0.587562 µm.
+   Y Angle (deg)       Tan Shift       Sag Shift     Real Height     Ref. Height      Distortion
+      0.00000000    -0.020734977    -0.020734977      0.00000000      0.00000000      0.00000000
+       2.0000000    -0.079997892    -0.047949897      0.95133976      0.95137397 -3.5962686E-003
+"""
+_GRID_DISTORTION = """Listing of Grid Distortion Data
+
+Units are Millimeters.
+Wavelength: 0.55000 µm
+Reference Coordinates: Xref = 0.00000E+000, Yref = 0.00000E+000
+
+ i j X-Field Y-Field R-Field Predicted X Predicted Y Real X Real Y Distortion
+ 1 1 6.31213E-001 4.73418E-001 7.88998E-001 2.17504E-002 1.63128E-002 2.17493E-002 1.63120E-002 -0.004794%
+ 15 15 9.38376E+000 7.06540E+000 1.16715E+001 3.26255E-001 2.44691E-001 3.22789E-001 2.42092E-001 -1.062312%
+ 32 32 1.94201E+001 1.48108E+001 2.37825E+001 6.96011E-001 5.22008E-001 6.64084E-001 4.98063E-001 -4.587114%
 """
 _DARKTABLE = """{"version": 0, "noiseprofiles": [{"maker": "M", "models": [{"model": "X", "profiles": [
 {"name": "X iso 100", "iso": 100, "a": [1e-5, 1e-5, 1e-5], "b": [1e-8, 1e-8, 1e-8]},

@@ -215,6 +215,30 @@ def targets(folder: Path) -> dict[str, Target]:
             path.with_suffix(".img").write_bytes(seeds["envi numbers"][0])
         return read_scene(path)
 
+    def lens(path: Path) -> object:
+        from photosite.optics.file import load_optics
+
+        return load_optics(path)
+
+    def psf(path: Path) -> object:
+        from photosite.optics.listings.zemax import read_psf
+
+        return read_psf(path)
+
+    def distortion(path: Path) -> object:
+        from photosite.optics.listings.zemax import read_distortion
+
+        return read_distortion(path)
+
+    def heights(path: Path) -> object:  # the table of real heights beside the parameters
+        from photosite.optics.listings.ray_trace import read_ray_trace
+
+        folder = path.parent / "heights"
+        folder.mkdir(exist_ok=True)
+        (folder / "ISETPARMS.txt").write_bytes(seeds["ray trace"][0])
+        (folder / "A_DI_.dat").write_bytes(path.read_bytes())
+        return read_ray_trace(folder).distortion()
+
     def chart(path: Path) -> object:
         from photosite.scene.files import read_scene
 
@@ -229,6 +253,10 @@ def targets(folder: Path) -> dict[str, Target]:
         "exr": Target(".exr", seeds["exr"], scene),
         "cgats": Target(".cgats", seeds["cgats"], chart, text=True),
         "patches": Target(".csv", seeds["patches"], chart, text=True),
+        "ray trace": Target(".txt", seeds["ray trace"], lens, text=True),
+        "heights": Target(".dat", seeds["heights"], heights, text=True),
+        "psf": Target(".txt", seeds["psf"], psf, text=True),
+        "distortion": Target(".txt", seeds["distortion"], distortion, text=True),
         "tiff": Target(".tif", seeds["tiff"], frame),
         "dng": Target(".dng", seeds["dng"], frame),
         "libraw": Target(".nef", seeds["dng"], frame),

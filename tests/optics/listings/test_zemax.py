@@ -55,7 +55,7 @@ Strehl ratio: 0.812
 Pupil grid size: 64 by 64
 Image grid size: {cols} by {rows}
 Center point is: {col}, {row}
-Center coordinates : 0.00000000E+000, -1.75880000E+001 Millimeters
+Center coordinates  :   0.00000000E+00,  -1.75880000E+01 Millimeters
 Values are relative intensity.
 
 """

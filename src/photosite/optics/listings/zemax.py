@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.illumination import IlluminationTable
+from photosite.optics.listings.grid_distortion import is_grid_distortion, read_grid_distortion
 from photosite.optics.listings.text import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
 from photosite.optics.radial_table import FieldPoints
 
@@ -27,6 +28,7 @@ _WAVE_AND_FIELD = re.compile(
     rf"^\s*{_N}(?:\s+to\s+{_N})?\s*(\S*m\S*)\s+at\s+{_N}(?:,\s+{_N})?\s*\(?([A-Za-z]+)\)?\.?\s*$"
 )
 _SPACING = re.compile(rf"^\s*Data spacing is\s*:?\s*{_N}\s*(\S+)", re.IGNORECASE)
+_AREA = re.compile(rf"^\s*Data area is\s*:?\s*{_N}(?:\s*by\s*{NUMBER})?\s*(\S+)", re.IGNORECASE)
 _GRID = re.compile(r"^\s*Image grid size\s*:\s*(\d+)\s*by\s*(\d+)", re.IGNORECASE)
 _CENTER_ROW = re.compile(r"^\s*Center point is\s*:\s*row\s*(\d+),\s*column\s*(\d+)", re.IGNORECASE)
 _CENTER = re.compile(r"^\s*Center point is\s*:\s*(\d+),\s*(\d+)", re.IGNORECASE)
@@ -35,6 +37,8 @@ _VALUES = re.compile(r"^\s*Values are (.*)$", re.IGNORECASE)
 _FIELD_UNITS = {"deg": "deg", "degrees": "deg", "degree": "deg", "mm": "mm", "millimeters": "mm", "millimeter": "mm"}
 _WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
 _SAME_NM = 0.05
+_SAME_FOCAL = 2e-4
+"""Below 1.4 degrees a tangent and an angle do not differ by more."""
 
 
 def is_psf_listing(lines: list[str]) -> bool:
@@ -60,7 +64,7 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
         if (match := _VALUES.match(line)) is not None:
             if re.search("log|phase|real|imag", match[1], re.IGNORECASE):
                 raise FileError(file, f"values are {match[1].strip()}: export linear intensity", index + 1)
-            start = index + 1
+            start = _first_row(lines, index + 1)
             break
         header.take(line, index + 1)
     if start is None:
@@ -75,8 +79,23 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
     if not (0 <= origin[0] < samples.shape[0] and 0 <= origin[1] < samples.shape[1]):
         raise FileError(file, f"its center point, row {origin[0] + 1} column {origin[1] + 1}, is not in its grid")
     return PsfListing(
-        file, samples, origin, header.spacing_um, header.wavelength_nm, header.field, header.unit, header.center_mm
+        file,
+        samples,
+        origin,
+        header.finest_spacing_um(samples.shape[1]),
+        header.wavelength_nm,
+        header.field,
+        header.unit,
+        header.center_mm,
     )
+
+
+def _first_row(lines: list[str], first: int) -> int:
+    """Where numbers begin: versions differ in what stands between "Values are ..." and them."""
+    for index in range(first, len(lines)):
+        if sum(re.fullmatch(NUMBER, part) is not None for part in lines[index].split()) >= 3:
+            return index
+    return first
 
 
 @dataclass
@@ -85,6 +104,8 @@ class _Header:
 
     path: Path
     spacing_um: float | None = None
+    rounding_um: float = 0.0
+    area_um: float | None = None
     wavelength_nm: float | None = None
     field: tuple[float, float] | None = None
     unit: str | None = None
@@ -105,6 +126,10 @@ class _Header:
             self.unit = _FIELD_UNITS[field_unit.lower()]
         elif (match := _SPACING.match(line)) is not None:
             self.spacing_um = micrometers(match[1], match[2], self.path, at)
+            digits = len(re.split("[.,]", match[1], maxsplit=1)[1]) if re.search("[.,]", match[1]) else 0
+            self.rounding_um = micrometers("0.5", match[2], self.path, at) * 10.0**-digits
+        elif (match := _AREA.match(line)) is not None:
+            self.area_um = micrometers(match[1], match[2], self.path, at)
         elif (match := _GRID.match(line)) is not None:
             self.grid = int(match[2]), int(match[1])
         elif (match := _CENTER_ROW.match(line)) is not None:
@@ -114,6 +139,13 @@ class _Header:
         elif (match := _CENTER_COORDINATES.match(line)) is not None:
             scale = micrometers("1", match[3] or "mm", self.path, at) * 1e-3
             self.center_mm = number(match[1]) * scale, number(match[2]) * scale
+
+    def finest_spacing_um(self, samples: int) -> float | None:
+        """The spacing, from the area where that has more digits and is the same within rounding."""
+        if self.spacing_um is None or self.area_um is None:
+            return self.spacing_um
+        finer = self.area_um / samples
+        return finer if abs(finer - self.spacing_um) <= self.rounding_um * (1 + 1e-9) else self.spacing_um
 
 
 def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
@@ -184,7 +216,7 @@ _COLUMNS = {
 def read_distortion(
     path: str | PathLike[str], *, wavelength_nm: float | None = None
 ) -> tuple[Distortion, LateralColor | None]:
-    """A listing of field curvature and distortion over field angle, of one or several wavelengths.
+    """A listing of field curvature and distortion over field angle, of one or more wavelengths, or of grid distortion.
 
     Parameters
     ----------
@@ -207,6 +239,8 @@ def read_distortion(
     """
     file = Path(path)
     lines = read_text(file, "a listing of distortion")
+    if is_grid_distortion(lines):
+        return read_grid_distortion(lines, file, wavelength_nm), None
     head = " ".join(lines[:20]).lower()
     if "distortion" not in head:
         raise FileError(file, "is not a listing of distortion: its first lines do not name it")
@@ -218,11 +252,13 @@ def read_distortion(
     chosen = _chosen(file, blocks, wavelength_nm)
     angle = chosen.column("angle")
     assert angle is not None
-    if not re.search(r"f-tan\s*\(theta\)", head):
+    real, reference = chosen.column("real"), chosen.column("reference")
+    if not re.search(r"f-tan\s*\(theta\)", head) and ("distortion type" in head or not _is_tangent(angle, reference)):
         raise FileError(file, "its distortion is not of the type F-Tan(Theta); set that in the analysis and save again")
+    if (unit := re.search(r"(?:height|shift) units are\s*:?\s*([a-z]+)", head)) and "millimet" not in unit[1]:
+        raise FileError(file, f"its heights are in {unit[1]}; set the lens to mm and save again")
     try:
         points = FieldPoints(angle_deg=np.abs(angle))
-        real, reference = chosen.column("real"), chosen.column("reference")
         if real is not None and reference is not None:
             ratio = np.ones(angle.size)
             np.divide(real, reference, out=ratio, where=reference != 0)
@@ -232,6 +268,14 @@ def read_distortion(
         return Distortion.from_percent(points, percent), None
     except ValueError as error:
         raise FileError(file, str(error)) from None
+
+
+def _is_tangent(angle_deg: Array, reference: Array | None) -> bool:
+    """Whether reference heights are those of a tangent: listings that a program's interface saved name no type."""
+    if reference is None or not (off_axis := angle_deg != 0).any():
+        return False
+    focal = reference[off_axis] / np.tan(np.radians(angle_deg[off_axis]))
+    return bool(np.ptp(focal) <= _SAME_FOCAL * np.abs(focal).max())
 
 
 def _blocks(lines: list[str]) -> list[_Block]:

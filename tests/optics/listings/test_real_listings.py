@@ -1,0 +1,201 @@
+"""Excerpts of files that programs wrote, found in public repositories, against what else is known of the same lens."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photosite.errors import FileError
+from photosite.optics.listings.zemax import read_distortion, read_psf, read_relative_illumination
+
+# github.com/ruthshiferaw/2.156-Lens-Project, Prime Lenses + Data/AnalysisExports: OpticStudio 2025, saved through its
+# programming interface; every 25th row of Cox1-01_FieldCurvature.txt.
+FIELD_CURVATURE = """Results for:\t
+File:\tC:\\Lens Project\\Prime Lenses\\Cox1-01.zmx
+Title:\t
+Date:\t11/7/2025 5:22:16 PM
+
+0 message(s) in output.
+2 series table(s) in output.
+
+Table series: Data for wavelength : 0.486133 µm.
+   Y Angle (deg)       Tan Shift       Sag Shift     Real Height     Ref. Height      Distortion
+  --------------  --------------  --------------  --------------  --------------  --------------
+      0.00000000     0.061287407     0.061287407      0.00000000      0.00000000      0.00000000
+       2.0000000  1.5161449E-003     0.033852291      0.95186714      0.95190002 -3.4546014E-003
+       4.0000000     -0.17699412    -0.048314413       1.9058607       1.9061245    -0.013836768
+
+Table series: Data for wavelength : 0.587562 µm.
+   Y Angle (deg)       Tan Shift       Sag Shift     Real Height     Ref. Height      Distortion
+  --------------  --------------  --------------  --------------  --------------  --------------
+      0.00000000    -0.020734977    -0.020734977      0.00000000      0.00000000      0.00000000
+       2.0000000    -0.079997892    -0.047949897      0.95133976      0.95137397 -3.5962686E-003
+       4.0000000     -0.25700297     -0.12945805       1.9047967       1.9050711    -0.014405017
+"""
+# CN207216120_Example01P_FieldCurvature.txt of the same folder: 29 degrees, 2.8 % of barrel.
+WIDE = """      0.00000000      0.20824802      0.20824802      0.00000000      0.00000000      0.00000000
+       10.134638     0.097936196      0.10482271       7.1532342       7.1811564     -0.38882673
+       20.269276     0.092324818    -0.045773302       14.618319       14.836363      -1.4696597
+       28.956108    -0.088084567     0.020589054       21.602390       22.228649      -2.8173509
+"""
+# Its _Vignetting.txt, and that of Cox1-01 in degrees.
+ILLUMINATION = """Results for:\tRelative Illumination Data
+
+
+File:\tC:\\Lens Project\\Prime Lenses\\CN207216120_Example01P.zmx
+Title:\tCN 207216120 U Example 1 (Yongnuo YN40mm F2.8N)
+Date:\t11/7/2025 4:06:22 PM
+
+0 message(s) in output.
+Wavelength: 0.587562 µm
+Field values are in {unit}
+Relative Illumination values are dimensionless.
+1 series table(s) in output.
+
+Table series: See program documentation for a discussion of Effective F/#.
+         Y Field        Rel. Ill   Effective F/#
+  --------------  --------------  --------------
+      0.00000000       1.0000000       2.9704239
+       10.800000      0.67809031       3.6072369
+       21.600000      0.14798199       7.7217192
+"""
+# ISETCam, opticalimage/raytrace/zemax/20050902 db/AsphereF=2mm_GridDistortion_3.dat: some rows, blanks narrowed.
+GRID_HEAD = """Listing of Grid Distortion Data
+
+File : C:\\ZEMAX\\ISET\\AsphereF=2mm\\AsphereF=2mm.ZMX
+Title: AsphereF=2mm
+Date : TUE AUG 30 2005
+
+
+Units are Millimeters.
+Field units are degrees
+Wavelength: 0.55000 µm
+Reference Coordinates: Xref = 0.00000E+000, Yref = 0.00000E+000
+
+ i j X-Field Y-Field R-Field Predicted X Predicted Y Real X Real Y Distortion
+"""
+GRID = """\
+ -16 -32 -9.99711E+000 -1.48108E+001 1.76294E+001 -3.48006E-001 -5.22008E-001 -3.39435E-001 -5.09152E-001 -2.462861%
+ -16 0 -9.99711E+000 0.00000E+000 9.99711E+000 -3.48006E-001 0.00000E+000 -3.45302E-001 0.00000E+000 -0.776763%
+ 0 0 0.00000E+000 0.00000E+000 0.00000E+000 0.00000E+000 0.00000E+000 0.00000E+000 0.00000E+000 0.000000%
+ 0 32 0.00000E+000 1.48108E+001 1.48108E+001 0.00000E+000 5.22008E-001 0.00000E+000 5.13010E-001 -1.723756%
+ 1 1 6.31213E-001 4.73418E-001 7.88998E-001 2.17504E-002 1.63128E-002 2.17493E-002 1.63120E-002 -0.004794%
+ 15 15 9.38376E+000 7.06540E+000 1.16715E+001 3.26255E-001 2.44691E-001 3.22789E-001 2.42092E-001 -1.062312%
+ 16 16 9.99711E+000 7.53118E+000 1.24262E+001 3.48006E-001 2.61004E-001 3.43808E-001 2.57856E-001 -1.206148%
+ 31 31 1.88567E+001 1.43674E+001 2.31184E+001 6.74261E-001 5.05696E-001 6.45117E-001 4.83838E-001 -4.322334%
+ 32 32 1.94201E+001 1.48108E+001 2.37825E+001 6.96011E-001 5.22008E-001 6.64084E-001 4.98063E-001 -4.587114%
+
+Maximum distortion: -4.5871%
+"""
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    file = folder / "a.txt"
+    file.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    return file
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_field_curvature_saved_through_the_programming_interface(encoding: str, tmp_path: Path) -> None:
+    distortion, color = read_distortion(written(tmp_path, FIELD_CURVATURE, encoding), wavelength_nm=587.562)
+    np.testing.assert_allclose((distortion.ratio - 1) * 100, [0, -3.5962686e-3, -1.4405017e-2], rtol=1e-3)
+    assert color is not None
+    np.testing.assert_allclose(color.wavelength_nm, [486.133, 587.562])
+    np.testing.assert_allclose(color.shift_um[:, -1], [1.0640, 0], atol=1e-4)
+    focal = 22.228649 / math.tan(math.radians(28.956108))
+    wide = FIELD_CURVATURE.split("      0.0000")[0] + WIDE
+    distortion, _ = read_distortion(written(tmp_path, wide))
+    np.testing.assert_allclose(distortion.heights_m(focal * 1e-3)[1] * 1e3, [0, 7.1532342, 14.618319, 21.602390], 1e-6)
+
+
+# Lines that readers of the program's files quote: PyEchelle's RIMAS spectrograph, UTF-16, tabs and blanks between.
+HUYGENS = """Listing of Huygens PSF Data
+
+Huygens PSF
+0.9194 µm at 0.0000, 0.0000 (deg).
+Data spacing is 0.422 µm.
+Data area is 13.517 by 13.517 µm.
+Pupil grid size: 32 by 32
+Image grid size: 32 by 32
+Center point is: 17, 17
+Center coordinates  :   6.20652974E+00,  -4.18352207E-01 Millimeters
+Values are relative intensity.
+
+"""
+
+
+def test_the_spacing_is_taken_from_the_area_where_that_says_more(tmp_path: Path) -> None:
+    samples = np.random.default_rng(4).random((32, 32))
+    numbers = "\n".join("\t  ".join(f"{v:.8E}" for v in row) for row in samples)
+    got = read_psf(written(tmp_path, HUYGENS + numbers, "utf-16"))
+    assert got.spacing_um == pytest.approx(13.517 / 32, rel=1e-12)
+    assert got.center_mm == pytest.approx((6.20652974, -0.418352207))
+    assert got.wavelength_nm == pytest.approx(919.4)
+    np.testing.assert_allclose(got.samples, samples, rtol=1e-8)
+    between = HUYGENS.replace("intensity.", "intensity.\nSome version says 1, 2") + numbers
+    np.testing.assert_array_equal(read_psf(written(tmp_path, between)).samples, got.samples)
+    other = written(tmp_path, HUYGENS.replace("13.517 by 13.517", "13.60 by 13.60") + numbers)
+    assert read_psf(other).spacing_um == 0.422
+
+
+def test_references_that_are_no_tangents_are_refused(tmp_path: Path) -> None:
+    rows = "".join(f" {a:.6f} 0.1 0.1 {a * 0.47:.6f} {a * 0.475:.6f} {-1.0:.4f}\n" for a in (0.0, 1.0, 2.0, 4.0))
+    with pytest.raises(FileError, match=r"not of the type F-Tan\(Theta\)"):
+        read_distortion(written(tmp_path, FIELD_CURVATURE.split("      0.0000")[0] + rows))
+    inches = "Height units are Inches.\nDistortion Type: F-Tan(Theta).\n" + FIELD_CURVATURE
+    with pytest.raises(FileError, match="its heights are in inches; set the lens to mm"):
+        read_distortion(written(tmp_path, inches))
+
+
+def test_relative_illumination_saved_through_the_programming_interface(tmp_path: Path) -> None:
+    table = read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="Millimeters"), "utf-16"))
+    np.testing.assert_array_equal(table.field.height_mm, [0, 10.8, 21.6])
+    np.testing.assert_array_equal(table.relative, [1, 0.67809031, 0.14798199])
+    table = read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="degrees")))
+    np.testing.assert_array_equal(table.field.angle_deg, [0, 10.8, 21.6])
+
+
+def test_grid_distortion_is_the_curve_of_its_diagonal(tmp_path: Path) -> None:
+    file = written(tmp_path, GRID_HEAD + GRID, "latin-1")
+    distortion, color = read_distortion(file, wavelength_nm=550)
+    assert color is None
+    # Ten thousandths of percent: numbers have six digits.
+    np.testing.assert_allclose(
+        (distortion.ratio - 1) * 100, [-0.004794, -1.062312, -1.206148, -4.322334, -4.587114], atol=5e-4
+    )
+    assert distortion.field.height_mm is not None
+    assert distortion.field.height_mm[-1] == pytest.approx(math.hypot(0.696011, 0.522008))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("Units are Millimeters", "Units are Inches", r"txt:8: its units are Inches; set the lens to mm"),
+        ("Yref = 0.0", "Yref = 0.1", r"txt:11: its reference is not the axis"),
+        ("0.55000 µm", "0.65000 µm", r"txt:10: has no distortion at 550 nm; it is of 650 nm"),
+        ("Real X", "", "has no table of predicted and real X and Y"),
+        (" 1 1 ", " 1 2 ", None),
+        ("5.13010E-001", "5.18010E-001", r"not the same all around the axis: a point lies 0.00\d+ of"),
+        ("-3.45302E-001 0.00000E+000", "-3.45302E-001 5.00000E-003", "not the same all around the axis"),
+        ("6.64084E-001", "4.64084E-001", "folds back"),
+        (" 31 31 ", " 31 30 ", None),
+    ],
+)
+def test_wrong_grids_give_one_line(old: str, new: str, message: str | None, tmp_path: Path) -> None:
+    text = GRID_HEAD + GRID
+    assert old in text
+    file = written(tmp_path, text.replace(old, new))
+    if message is None:  # a point less
+        assert read_distortion(file)[0].ratio.size == 4
+        return
+    with pytest.raises(FileError, match=message) as caught:
+        read_distortion(file, wavelength_nm=550)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_grid_without_points_is_said(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="holds no grid of points"):
+        read_distortion(written(tmp_path, GRID_HEAD))
