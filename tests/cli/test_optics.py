@@ -50,6 +50,34 @@ def test_contrast_is_the_lenses(photosite: Any, file: Path) -> None:
     assert np.ptp([mtf["along_rows"][2], mtf["along_columns"][2]]) > 0.01  # coma differs along the two
 
 
+def test_a_ray_trace_by_isets_macros_is_a_lens(photosite: Any, tmp_path: Path) -> None:
+    """Of Zemax, two heights at one wavelength; every point spread the same round spot of 1 um (1 sigma)."""
+    axis = np.arange(-16, 16) * 0.5
+    spot = np.exp(-(axis[:, None] ** 2 + axis**2) / 2)
+    numbers = "\n".join("\t".join(f"{v:.6E}" for v in row) for row in spot)
+    (tmp_path / "ISETPARMS.TXT").write_text(
+        "lensFile='Round.ZMX';\npsfSize=32;\npsfSpacing=0.0005;\nwave=550;\nimgHeightNum=2;\nimgHeightMax=3.0;\n"
+        "objDist=10000000000.0;\nmag=0;\nbaseLensFileName='C:\\R\\Round'\nrefWave=550;\nefl=6;\nfnumber=2;\n"
+    )
+    (tmp_path / "Round_DI_.dat").write_text("0\n2.9\n")
+    (tmp_path / "Round_RI_.dat").write_text("1\n0.8\n")
+    for number in (1, 2):
+        head = (
+            f"Listing of Huygens PSF Data\n\n0.5500 µm at 0.0000, {3 - 3 * number:.4f} (mm).\n"
+            "Data spacing is 0.5 µm.\nCenter point is: 17, 17\nValues are relative intensity.\n\n"
+        )
+        (tmp_path / f"Round_2D_PSF_Fld{number}_Wave1.dat").write_text(head + numbers, "utf-16")
+    found = photosite("optics", "check", tmp_path / "ISETPARMS.TXT", "--json").json
+    assert (found["name"], found["f_number"], found["focal_length_mm"], found["blur"]) == ("Round", 2, 6, "lens_design")
+    assert found["holds"] == ["a fixed focus", "relative illumination", "distortion"]
+    f = np.array(found["mtf"]["frequency_per_mm"])
+    np.testing.assert_allclose(found["mtf"]["along_rows"], np.exp(-2 * (np.pi * f * 1e-3) ** 2), atol=3e-4)
+    (tmp_path / "Round_RI_.dat").unlink()
+    done = photosite("optics", "check", tmp_path)
+    assert done.status == 2
+    assert "ISETPARMS.TXT: there is no Round_RI_.dat beside it" in done.err
+
+
 def test_a_perfect_lens_is_diffraction_at_infinity(photosite: Any, tmp_path: Path) -> None:
     path = tmp_path / "perfect.optics.yaml"
     path.write_text("photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\n", encoding="utf-8")

@@ -47,6 +47,8 @@ def command() -> None:
 def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: bool) -> None:
     """Check an optics file: exit status 0 if it describes a lens, 2 with the line and the reason if not.
 
+    FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/optics.md).
+
     Prints what it holds, and the contrast (MTF) on the axis at a few frequencies on the sensor, along rows and columns.
 
     Example: photosite optics check mine.optics.yaml --distance 2

@@ -14,6 +14,7 @@ from photosite.errors import InputError
 from photosite.optics.compound import Blur
 from photosite.optics.file_model import Number, PositiveNumber, Section
 from photosite.optics.lens import camera_wavelengths
+from photosite.optics.pupil import Pupil
 from photosite.spectra import Spectrum
 
 
@@ -54,6 +55,14 @@ class PupilSection(Section):
     vanes: Annotated[int, Field(strict=True)] = 0
     vane_width: Number = 0.0
     vane_rotation_deg: Number = 0.0
+    amplitude: str | None = None
+
+    def build(self, folder: Path) -> Pupil:
+        """The opening; an array of its own from an .npz file."""
+        from photosite.optics.npz import read_amplitude
+
+        array = None if self.amplitude is None else read_amplitude(folder / self.amplitude)
+        return Pupil(**self.model_dump(exclude={"amplitude"}), amplitude=array)
 
 
 class ChromaticFocus(Section):
@@ -82,7 +91,6 @@ class WavefrontSection(Section):
 
     def build(self, folder: Path) -> Blur:
         """The wavefront."""
-        from photosite.optics.pupil import Pupil
         from photosite.optics.wavefront import Wavefront
         from photosite.optics.zernike import zernike_terms
 
@@ -93,7 +101,7 @@ class WavefrontSection(Section):
                 zernike_terms({term: value}, self.index, self.norm)
                 coefficients[term] = value
         with _at("pupil"):
-            pupil = Pupil(**self.pupil.model_dump())
+            pupil = self.pupil.build(folder)
         with _at("chromatic_focus"):
             focus = self.chromatic_focus
             shifts = None if focus is None else focus.build()
@@ -159,7 +167,7 @@ class PsfSection(Section):
 
 
 class LensDesignSection(Section):
-    """Point spreads over the field, see `photosite.optics.listings.design_files.read_lens_design`."""
+    """Point spreads over the field: `photosite.optics.listings.design_files.read_lens_design`, or arrays as written."""
 
     kind: Literal["lens_design"]
     source: str
@@ -173,8 +181,12 @@ class LensDesignSection(Section):
     def build(self, folder: Path) -> Blur:
         """The design."""
         from photosite.optics.listings.design_files import read_lens_design
+        from photosite.optics.npz import read_design
 
-        return read_lens_design(folder / self.source, **self.model_dump(exclude={"kind", "source"}, exclude_none=True))
+        options = self.model_dump(exclude={"kind", "source"}, exclude_none=True)
+        if self.source.lower().endswith(".npz"):
+            return read_design(folder / self.source, **options)
+        return read_lens_design(folder / self.source, **options)
 
 
 KINDS: dict[str, type[Section]] = {

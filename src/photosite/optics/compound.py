@@ -7,7 +7,9 @@ blurs is a `Blur`: a wavefront, tables of transfer functions or point spreads, o
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from threading import Lock
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -161,6 +163,25 @@ class Lens:
     def mapping(self, distance_m: float) -> RadialMapping | None:
         """Where points fall, by distortion and lateral colour; None where there is neither."""
         return combined_mapping(self.distortion, self.lateral_color, self.image_distance_m(distance_m))
+
+    def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
+        """Write the optics file (YAML) and the tables it names, all or nothing; `photosite.load_optics` reads it.
+
+        Parameters
+        ----------
+        path, provenance
+            As for `photosite.optics.write.write_optics`.
+
+        Raises
+        ------
+        InputError
+            If something of the lens has no place in such a file.
+        FileError
+            If it cannot be written.
+        """
+        from photosite.optics.write import write_optics
+
+        write_optics(self, path, provenance)
 
 
 _MOST_KEPT = 8

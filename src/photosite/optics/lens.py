@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from typing import Literal
 
 import numpy as np
@@ -157,3 +159,22 @@ class DiffractionLimited:
     def veiling_glare(self) -> VeilingGlare | None:
         """None: it scatters nothing."""
         return None
+
+    def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
+        """Write the optics file (YAML) and the tables it names, all or nothing; `photosite.load_optics` reads it.
+
+        Parameters
+        ----------
+        path, provenance
+            As for `photosite.optics.write.write_optics`.
+
+        Raises
+        ------
+        InputError
+            If something of the lens has no place in such a file.
+        FileError
+            If it cannot be written.
+        """
+        from photosite.optics.write import write_optics
+
+        write_optics(self, path, provenance)

@@ -20,8 +20,9 @@ from photosite.optics.tables import OtfTable, PsfTable
 
 Array = NDArray[np.float64]
 
-_RADIAL = "frequency_per_mm"
-_PLANE = ("wavelength_nm", "fy_per_mm", "fx_per_mm", "real", "imag")
+RADIAL = "frequency_per_mm"
+PLANE = ("wavelength_nm", "fy_per_mm", "fx_per_mm", "real", "imag")
+"""First column of a radial table, and columns of a 2-D one."""
 _HDF5 = (".h5", ".hdf5")
 _TIFF = (".tif", ".tiff")
 _TEXT = (".txt", ".csv", ".dat")
@@ -59,18 +60,18 @@ def read_otf_table(path: str | PathLike[str], beyond: Literal["zero", "diffracti
     number, header = lines[0]
     names = [name.strip() for name in header]
     try:
-        if names[0] == _RADIAL:
+        if names[0] == RADIAL:
             wavelengths = np.array([_wavelength(path, number, name) for name in names[1:]])
             rows = np.array([_numbers(path, line, row, names) for line, row in lines[1:]]).reshape(-1, len(names))
             return OtfTable(wavelengths, rows[:, 0], rows[:, 1:].T, beyond=beyond)
-        if sorted(names) == sorted(_PLANE):
+        if sorted(names) == sorted(PLANE):
             rows = np.array([_numbers(path, line, row, names) for line, row in lines[1:]]).reshape(-1, len(names))
             return _plane_table(path, {name: rows[:, k] for k, name in enumerate(names)}, beyond)
     except InputError as error:
         raise FileError(path, str(error)) from None
     raise FileError(
         path,
-        f"the first line names the columns: '{_RADIAL}' and wavelengths in nm, or '{', '.join(_PLANE)}'; "
+        f"the first line names the columns: '{RADIAL}' and wavelengths in nm, or '{', '.join(PLANE)}'; "
         f"here it is '{', '.join(names)[:80]}'",
         number,
     )
@@ -243,7 +244,7 @@ def _wavelength(path: str | PathLike[str], line: int, name: str) -> float:
 def _plane_table(
     path: str | PathLike[str], columns: Mapping[str, Array], beyond: Literal["zero", "diffraction"]
 ) -> OtfTable:
-    axes, places = zip(*(np.unique(columns[name], return_inverse=True) for name in _PLANE[:3]), strict=True)
+    axes, places = zip(*(np.unique(columns[name], return_inverse=True) for name in PLANE[:3]), strict=True)
     shape = tuple(axis.size for axis in axes)
     values = np.full(shape, np.nan, np.complex128)
     if columns["real"].size != math.prod(shape):

@@ -7,6 +7,7 @@ from the files that ISET's macros write with either program to a whole lens `ray
 from __future__ import annotations
 
 import codecs
+import math
 import re
 from dataclasses import dataclass
 from os import PathLike
@@ -111,18 +112,32 @@ def number(text: str) -> float:
     return float(text.replace(",", ".").replace("D", "E").replace("d", "e"))
 
 
+def finite(text: str, path: Path, line: int) -> float:
+    """A finite number.
+
+    Raises
+    ------
+    FileError
+        If it is beyond what a number can be.
+    """
+    value = number(text)
+    if not math.isfinite(value):
+        raise FileError(path, f"'{text[:40]}' is too large a number", line)
+    return value
+
+
 def micrometers(value: str, unit: str, path: Path, line: int) -> float:
     """A length with its unit, in um.
 
     Raises
     ------
     FileError
-        If the unit is not one of length.
+        If the unit is not one of length, or the number not finite.
     """
     name = unit.strip(" .").lower()
     if name not in _LENGTHS_UM:
         raise FileError(path, f"'{unit.strip(' .')}' is no unit of length that is known here: µm, mm or nm", line)
-    return number(value) * _LENGTHS_UM[name]
+    return finite(value, path, line) * _LENGTHS_UM[name]
 
 
 def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
@@ -140,7 +155,7 @@ def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
     Raises
     ------
     FileError
-        If a line holds something else, or rows differ in length; with the line.
+        If a line holds something else or what is not finite, or rows differ in length; with the line.
     """
     rows: list[list[float]] = []
     commas = _separates_by_comma(lines, first)
@@ -154,6 +169,8 @@ def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
         except ValueError:
             bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
             raise FileError(path, f"'{bad[:40]}' stands among its numbers", index + 1) from None
+        if not all(map(math.isfinite, row)):
+            raise FileError(path, "holds a number that is not finite", index + 1)
         if rows and len(row) != len(rows[0]):
             raise FileError(path, f"this row has {len(row)} numbers, those before it {len(rows[0])}", index + 1)
         rows.append(row)

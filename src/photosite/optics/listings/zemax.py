@@ -18,7 +18,7 @@ from photosite.errors import FileError
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.illumination import IlluminationTable
 from photosite.optics.listings.grid_distortion import is_grid_distortion, read_grid_distortion
-from photosite.optics.listings.text import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.listings.text import NUMBER, PsfListing, finite, grid_of_numbers, micrometers, number, read_text
 from photosite.optics.radial_table import FieldPoints
 
 Array = NDArray[np.float64]
@@ -37,6 +37,7 @@ _VALUES = re.compile(r"^\s*Values are (.*)$", re.IGNORECASE)
 _FIELD_UNITS = {"deg": "deg", "degrees": "deg", "degree": "deg", "mm": "mm", "millimeters": "mm", "millimeter": "mm"}
 _WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
 _SAME_NM = 0.05
+_MOST_DIGITS = 9
 _SAME_FOCAL = 2e-4
 """Below 1.4 degrees a tangent and an angle do not differ by more."""
 
@@ -122,7 +123,8 @@ class _Header:
             if field_unit.lower() not in _FIELD_UNITS:
                 raise FileError(self.path, f"its field is in '{field_unit}', neither deg nor mm", at)
             # One number is the field along y.
-            self.field = (0.0, number(x)) if y is None else (number(x), number(y))
+            along = [finite(part, self.path, at) for part in (x, y) if part is not None]
+            self.field = (0.0, along[0]) if y is None else (along[0], along[1])
             self.unit = _FIELD_UNITS[field_unit.lower()]
         elif (match := _SPACING.match(line)) is not None:
             self.spacing_um = micrometers(match[1], match[2], self.path, at)
@@ -131,14 +133,19 @@ class _Header:
         elif (match := _AREA.match(line)) is not None:
             self.area_um = micrometers(match[1], match[2], self.path, at)
         elif (match := _GRID.match(line)) is not None:
-            self.grid = int(match[2]), int(match[1])
+            self.grid = self._count(match[2], at), self._count(match[1], at)
         elif (match := _CENTER_ROW.match(line)) is not None:
-            self.origin = int(match[1]) - 1, int(match[2]) - 1
+            self.origin = self._count(match[1], at) - 1, self._count(match[2], at) - 1
         elif (match := _CENTER.match(line)) is not None:
-            self.origin = int(match[2]) - 1, int(match[1]) - 1
+            self.origin = self._count(match[2], at) - 1, self._count(match[1], at) - 1
         elif (match := _CENTER_COORDINATES.match(line)) is not None:
             scale = micrometers("1", match[3] or "mm", self.path, at) * 1e-3
-            self.center_mm = number(match[1]) * scale, number(match[2]) * scale
+            self.center_mm = finite(match[1], self.path, at) * scale, finite(match[2], self.path, at) * scale
+
+    def _count(self, digits: str, at: int) -> int:
+        if len(digits) > _MOST_DIGITS:
+            raise FileError(self.path, f"'{digits[:40]}' is too large a number of samples", at)
+        return int(digits)
 
     def finest_spacing_um(self, samples: int) -> float | None:
         """The spacing, from the area where that has more digits and is the same within rounding."""
