@@ -37,7 +37,13 @@ if TYPE_CHECKING:
 @options.size_options
 @options.black_level_option("Black level in DN, instead of the sensor's.")
 @options.scene_options
-@click.option("--optics", "optics_file", type=click.Path(path_type=Path), metavar="FILE", help="Optics file (YAML).")
+@click.option(
+    "--optics",
+    "optics_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Optics file (YAML, or ISETPARMS.txt).",
+)
 @click.option("--f-number", type=options.above(), metavar="N", help="f-number of a perfect lens.  [default: 8]")
 @click.option("--focal-length", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]")
 @click.option("--exposure", type=options.exposure_time, metavar="SECONDS", help="Exposure time in s.  [default: 1/3]")
