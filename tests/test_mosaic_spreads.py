@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 import photosite as ps
-from photosite import transfers
+from photosite import lens_tables, transfers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited
@@ -135,9 +135,9 @@ def test_the_cone_of_diffraction_is_found_whatever_smooth_blur_comes_with_it() -
         radial.cutoff_per_m,
         radial.reach_m,
     )
-    assert transfers._cone(exact, 550.0) == pytest.approx(1, abs=1e-6)
-    assert transfers._cone(blurred, 550.0) == pytest.approx(1, abs=2e-2)
-    assert transfers._cone(plane(*COMA), 550.0) == pytest.approx(0, abs=2e-2)
+    assert lens_tables._cone(exact, 550.0) == pytest.approx(1, abs=1e-6)
+    assert lens_tables._cone(blurred, 550.0) == pytest.approx(1, abs=2e-2)
+    assert lens_tables._cone(plane(*COMA), 550.0) == pytest.approx(0, abs=2e-2)
 
 
 def comatic(scale: float) -> Any:
@@ -214,7 +214,7 @@ def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: i
     spread = PlaneSpread(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
     sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells)
     coupling = np.random.default_rng(1).random((3, 2, 4))
-    (reduced,) = reduced_transfers(spread, [coupling], np.array([450.0, 500, 550, 600]), sampling)
+    (reduced,) = reduced_transfers(spread, coupling, np.array([450.0, 500, 550, 600]), sampling)
     assert reduced.transfer.radial is not None
     assert reduced.transfer.kernels is not None
     light = reduced.transfer.kernels.sum(axis=(2, 3)) + reduced.transfer.radial.table[:, :, 0]
@@ -265,7 +265,7 @@ def test_a_low_pass_filter_splits_a_point_into_four(cells: int) -> None:
     """The kernel is the mean of four, each shifted by half the split, on both axes."""
     split = (4.1e-6, 5.3e-6)
     sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells, split)
-    (reduced,) = reduced_transfers(plane(Spot(1, 3e-6)), [np.ones((1, 1, 1))], LINE, sampling)
+    (reduced,) = reduced_transfers(plane(Spot(1, 3e-6)), np.ones((1, 1, 1)), LINE, sampling)
     assert reduced.transfer.kernels is not None
     kernel = reduced.transfer.kernels[0, 0] * reduced.mixing[0, 0, 0]
     shift = (np.arange(len(kernel)) - len(kernel) // 2) * PITCH_M / cells

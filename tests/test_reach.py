@@ -29,7 +29,7 @@ def untouchable(*_: object) -> np.ndarray:
 def test_what_covers_too_many_cells_is_refused_first(make: type, reach_m: float, cells: int) -> None:
     spread = make(untouchable, lambda _: 1e5, lambda _: reach_m)
     with pytest.raises(InputError, match=rf"over {2e3 * reach_m:g} mm, {cells} cells .* check the units"):
-        reduced_transfers(spread, [np.ones((1, 1, 2))], WAVELENGTHS, CELLS)
+        reduced_transfers(spread, np.ones((1, 1, 2)), WAVELENGTHS, CELLS)
 
 
 def test_what_takes_long_is_said_first() -> None:
@@ -38,7 +38,7 @@ def test_what_takes_long_is_said_first() -> None:
         pytest.warns(PhotositeWarning, match="over 1002 cells .* may take minutes; check the units"),
         pytest.raises(AssertionError, match="was computed"),
     ):
-        reduced_transfers(spread, [np.ones((1, 1, 2))], WAVELENGTHS, CELLS)
+        reduced_transfers(spread, np.ones((1, 1, 2)), WAVELENGTHS, CELLS)
 
 
 def test_usual_sizes_pass_unsaid() -> None:

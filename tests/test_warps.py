@@ -187,7 +187,7 @@ def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
     weights = np.kron(rng.random((3, 30, 40)), np.ones((2, 2))).astype(np.float32)
     scene = Scene(weights, 1e14 * smooth, grid)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
-    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))) == 5
+    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
     want = by_wavelength(scene, curves, sensor)
     without = ps.Camera(lens(third_order(-0.02, corner_m(sensor))), sensor).mean_electrons(scene, 0.01)
@@ -254,4 +254,4 @@ def test_no_mapping_takes_the_plain_way(monkeypatch: pytest.MonkeyPatch) -> None
     plain = mosaic.mosaic_of_layers
     monkeypatch.setattr(mosaic, "mosaic_of_layers", lambda layers, *rest: seen.extend(layers) or plain(layers, *rest))
     ps.Camera(lens(), mono(30, 40)).mean_electrons(random_scene(60, 80, 1), 0.01)
-    assert [layer.warp for layer in seen] == [None]
+    assert [view.warp for layer in seen for view in layer.views] == [None]

@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 from photosite.cfa import channel_sites
 from photosite.door import low_pass_split_m, through_door
 from photosite.engine.jit import threads_for
-from photosite.engine.laying import Field, Grid, Layer, Sheet
+from photosite.engine.laying import Field, Grid, Layer, Sheet, View
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
 from photosite.glare import add_glare
+from photosite.lens_tables import field_scale
 from photosite.optics.spread import FieldSpread, Optics
 from photosite.regions import Region
 from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.spectra import Rule, integration_weights
-from photosite.transfers import field_scale, reduced_transfers
+from photosite.transfers import Reduced, reduced_transfers
 from photosite.warps import color_nodes, warp, warped_regions
 
 _STRIP = 256
@@ -151,33 +152,37 @@ def _blurred_mosaic(
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.spread(scene.distance_m), optics.mapping(scene.distance_m)
     where = placement(scene, optics, sensor)
-    nodes = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
-    found = reduced_transfers(spread, [coupling * share for _, share in nodes], scene.wavelength_nm, sampling)
-    parts = [(node_nm, reduced) for (node_nm, _), reduced in zip(nodes, found, strict=True)]
+    colors_nm, shares = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
+    parts = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
     grid = Grid(
         shape=(array.rows, array.cols),
-        padding=math.ceil(max(reduced.padding_m for _, reduced in parts) / min(pitch)),
+        padding=math.ceil(max(reduced.padding_m for reduced in parts) / min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
         cells_per_pixel=cells,
     )
     reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
-    layers = [
-        Layer(
+    views = tuple(
+        View(
             weights=scene.weights,
             start=(where.row_start, where.col_start),
             step=(where.row_step, where.col_step),
-            mixing=reduced.mixing.astype(np.float32),
-            transfer=reduced.transfer,
-            field=_field(spread, sensor) if isinstance(spread, FieldSpread) else None,
-            warp=warp(mapping, node_nm, reach_m, pitch),
-            before=tuple(_sheet(cover, optics, sensor, node_nm, reach_m) for cover in before),
+            warp=warp(mapping, color_nm, reach_m, pitch),
+            before=tuple(_sheet(cover, optics, sensor, color_nm, reach_m) for cover in before),
         )
-        for node_nm, reduced in parts
-    ]
+        for color_nm in colors_nm
+    )
+    field = _field(spread, sensor) if isinstance(spread, FieldSpread) else None
+    layers = [_layer(reduced, views, field) for reduced in parts]
     with threads_for(array.rows * array.cols * cells**2):
         return mosaic_of_layers(
             layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
         )
+
+
+def _layer(reduced: Reduced, views: tuple[View, ...], field: Field | None) -> Layer:
+    """In the engine's single precision."""
+    pictures = None if reduced.pictures is None else tuple(few.astype(np.float32) for few in reduced.pictures)
+    return Layer(views, reduced.mixing.astype(np.float32), reduced.transfer, pictures, field, reduced.channel)
 
 
 def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, reach_m: float) -> Sheet:

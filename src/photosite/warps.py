@@ -29,8 +29,8 @@ Pitch = tuple[float, float]
 
 def color_nodes(
     mapping: RadialMapping | None, wavelength_nm: NDArray[np.float64], shape: tuple[int, int], pitch_m: Pitch
-) -> list[tuple[float, NDArray[np.float64]]]:
-    """Wavelengths that stand for all, each with its share (wavelengths,) of the light; one of them without a mapping.
+) -> tuple[list[float], NDArray[np.float64]]:
+    """Wavelengths that stand for all, and their shares (N, wavelengths) of the light; one of them without a mapping.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def color_nodes(
         If the frame's corner lies beyond the mapping's last height.
     """
     if mapping is None:
-        return [(float(wavelength_nm[wavelength_nm.size // 2]), np.ones(wavelength_nm.size))]
+        return [float(wavelength_nm[wavelength_nm.size // 2])], np.ones((1, wavelength_nm.size))
     corner_m = math.hypot(shape[0] * pitch_m[0], shape[1] * pitch_m[1]) / 2
     known_m = float(mapping.real_m[:, -1].min())
     if corner_m > known_m * (1 + 1e-6):
@@ -60,7 +60,8 @@ def color_nodes(
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     ideal_m = corner_m * float(inverse_scale(mapping, middle, corner_m)[0][-1])
     nodes, shares = wavelength_nodes(mapping, wavelength_nm, ideal_m, _STEP_PIXELS * min(pitch_m))
-    return [(float(node), share) for node, share in zip(nodes, shares, strict=True) if share.any()]
+    used = shares.any(axis=1)
+    return [float(node) for node in nodes[used]], shares[used]
 
 
 def warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: float, pitch_m: Pitch) -> Warp | None:

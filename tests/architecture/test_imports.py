@@ -45,8 +45,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sensor": COMMON | {"spectra", "engine"},
     "frames": COMMON | {"sensor"},
     "reach": COMMON | {"engine"},
-    "transfers": COMMON | {"optics", "engine", "reach"},  # what a lens's spread is to the engine; no scene, no sensor
-    "mosaic": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "transfers", "glare", "door", "warps"},
+    "lens_tables": COMMON | {"optics", "engine", "reach"},  # what a lens's spread is to the engine; no scene, no sensor
+    "transfers": COMMON | {"optics", "engine", "lens_tables"},
+    "mosaic": COMMON
+    | {"scene", "optics", "sensor", "engine", "spectra", "lens_tables", "transfers", "glare", "door", "warps"},
     "door": COMMON | {"optics", "sensor", "engine"},
     "glare": COMMON | {"optics", "engine"},
     "warps": COMMON | {"scene", "optics", "engine"},

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from photosite.engine.laying import Field, Grid, Layer, laid_spectra
+from photosite.engine.laying import Field, Grid, Layer, View, laid_spectra
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 
@@ -23,14 +23,8 @@ SITES = [[(0, 0)], [(0, 1), (1, 0)], [(1, 1)]]
 
 def layer(rows: int = 12, cols: int = 15) -> Layer:
     step = (rows / 12, cols / 15)
-    return Layer(
-        RNG.random((4, rows, cols)).astype(np.float32),
-        (0.0, 0.0),
-        step,
-        RNG.random((2, 2, 4)).astype(np.float32),
-        ANYTHING,
-        FIELD,
-    )
+    view = View(RNG.random((4, rows, cols)).astype(np.float32), (0.0, 0.0), step)
+    return Layer((view,), RNG.random((2, 2, 4)).astype(np.float32), ANYTHING, field=FIELD)
 
 
 def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -58,7 +52,7 @@ def test_a_term_is_its_maps_each_weighted_over_the_field(rows: int, cols: int) -
     fields = [RegularGridInterpolator((FIELD.row, FIELD.col), w)(points) for w in FIELD.weights]
     out = np.empty((GRID.cells(0), GRID.cells(1) // 2 + 1), np.complex64)
     for mix, spectrum in zip(one.mixing, laid_spectra(one, GRID, out), strict=True):
-        maps = np.tensordot(mix, one.weights, axes=1)
+        maps = np.tensordot(mix, one.views[0].weights, axes=1)
         expected = sum(on_cells(m) * f for m, f in zip(maps, fields, strict=True))
         assert np.fft.irfft(spectrum, GRID.cells(1), axis=1) == pytest.approx(expected, abs=1e-5)
 
@@ -96,9 +90,32 @@ def test_a_kernel_is_a_convolution_whatever_the_tile(tile: tuple[int, int]) -> N
     sites = [[(r, c)] for r in range(tile[0]) for c in range(tile[1])]
     kernels = RNG.random((len(sites), 1, 7, 7))
     weights = RNG.random((1, 24, 36)).astype(np.float32)
-    one = Layer(weights, (0.0, 0.0), (1.0, 1.0), np.ones((1, 1, 1), np.float32), Transfer(None, kernels))
+    one = Layer((View(weights, (0.0, 0.0), (1.0, 1.0)),), np.ones((1, 1, 1), np.float32), Transfer(None, kernels))
     got = mosaic_of_layers([one], Sampling((5e-6, 5e-6), (5e-6, 5e-6)), grid, sites)
     padded = np.pad(weights[0].astype(np.float64), 3, mode="edge")
     for kernel, [(r, c)] in zip(kernels[:, 0], sites, strict=True):
         expected = convolve2d(padded, kernel, mode="valid")[r :: tile[0], c :: tile[1]]
         assert np.abs(got[r :: tile[0], c :: tile[1]] - expected).max() < 1e-6 * expected.max()
+
+
+def test_a_channels_pictures_from_several_views_are_as_many_layers() -> None:
+    """Two views of the same maps, three pictures, two terms, the second channel: against a layer for each picture."""
+    view = layer().views[0]
+    views = view, replace(view, start=(0.4, -0.7)), replace(view, start=(0.1, 0.2))
+    pictures = tuple(RNG.random((n, 4)).astype(np.float32) for n in (2, 0, 1))
+    mixing = RNG.random((2, 2, 3)).astype(np.float32)
+    transfer = Transfer(RadialTransfer(RNG.random((1, 2, 9)), 4e4))
+    got = mosaic_of_layers([Layer(views, mixing, transfer, pictures, FIELD, 1)], SAMPLING, GRID, SITES)
+    table = np.zeros((3, 2, 9))
+    assert transfer.radial is not None
+    table[1] = transfer.radial.table[0]
+    alone = [
+        Layer((views[n],), mixing[:, :, s, None] * pictures[n][k], Transfer(RadialTransfer(table, 4e4)), field=FIELD)
+        for s, (n, k) in enumerate([(0, 0), (0, 1), (2, 0)])
+    ]
+    expected = mosaic_of_layers(alone, SAMPLING, GRID, SITES)
+    assert expected[0::2, 1::2].any()
+    assert expected[1::2, 0::2].any()
+    assert np.abs(got - expected).max() < 1e-6 * expected.max()
+    assert not got[0::2, 0::2].any()
+    assert not got[1::2, 1::2].any()

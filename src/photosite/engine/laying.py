@@ -3,6 +3,9 @@
 A layer's term is a map, mixed from the layer's weights, on the padded grid of cells. Where a lens spreads light
 differently from place to place a term is several maps, each times a weight over the field. Where it distorts, cells
 look at the maps through a warp. Where sheets stand before the layer, cells get what these let pass.
+
+Where colours fall in different places a few pictures of the maps are laid, through the colours' warps, and kept: all
+terms are sums of these.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled, prange
 from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
 from photosite.engine.transfer import Transfer
-from photosite.engine.warp import CellWeights, Corners, Warp, warped_means
+from photosite.engine.warp import Corners, Warp, warped_means
 
 STRIP = 256
 """Rows of cells that are laid at a time."""
@@ -125,8 +128,8 @@ class Sheet:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
-    """Weight maps, where they lie, and what a lens and a sensor do to them.
+class View:
+    """Weight maps, and where they are seen.
 
     Parameters
     ----------
@@ -134,69 +137,119 @@ class Layer:
         (K, rows, cols) maps.
     start, step
         (row, col) map coordinate of the frame's corner, and map samples per pixel.
-    mixing
-        (terms, R, K): a term is the sum over r of `mixing[term, r] @ weights`, each times `field.weights[r]`. What is
-        all 0 for an r costs nothing.
-    transfer
-        From each term to each channel.
-    field
-        None: R is 1, and the weight 1 everywhere.
     warp
         Where cells look instead; None: where `start` and `step` have them.
     before
-        What hides parts of the layer, on the cells.
+        What hides parts of the maps, on the cells.
     """
 
     weights: NDArray[np.float32]
     start: tuple[float, float]
     step: tuple[float, float]
-    mixing: NDArray[np.float32]
-    transfer: Transfer
-    field: Field | None = None
     warp: Warp | None = None
     before: tuple[Sheet, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Maps in view, and what a lens and a sensor do to them.
+
+    Parameters
+    ----------
+    views
+        The maps; more than once where colours show them in different places.
+    mixing
+        (terms, R, S): a term is the sum over r of `mixing[term, r] @ pictures`, each times `field.weights[r]`. What is
+        all 0 for an r costs nothing.
+    transfer
+        From each term to each channel, or to one.
+    pictures
+        Of each view (S_n, K): its pictures are these times its weights; the S of all views stand one after another.
+        They are laid once and kept. None: the only view's weights themselves, laid for each term; S is K.
+    field
+        None: R is 1, and the weight 1 everywhere.
+    channel
+        The only one that the layer reaches; None: all.
+    """
+
+    views: tuple[View, ...]
+    mixing: NDArray[np.float32]
+    transfer: Transfer
+    pictures: tuple[NDArray[np.float32], ...] | None = None
+    field: Field | None = None
+    channel: int | None = None
+
+
 def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
     """Each term of a layer laid on the cells and transformed along its rows; `out` holds one after another."""
-    if layer.field is None and layer.warp is None and not layer.before:
-        lines = _lines(layer.weights, layer.start, layer.step, grid)
+    view = layer.views[0]
+    if layer.pictures is None and layer.field is None and view.warp is None and not view.before:
+        lines = _lines(view, grid)
         for mix in layer.mixing[:, 0]:
-            _plain_spectrum(layer.weights, mix, lines, out)
+            _plain_spectrum(view.weights, mix, lines, out)
             yield out
         return
-    rows = _laid_rows(layer, grid)
-    passing = _passing(layer.before, grid) if layer.before else None
+    pictures_of = (
+        _laid_for_each(view, grid) if layer.pictures is None else _laid_once(layer.views, layer.pictures, grid)
+    )
+    weigh = None if layer.field is None else _Weighing.of(layer.field, grid)
     for mix in layer.mixing:
+        used = mix.any(axis=1)
         for begin in range(0, out.shape[0], STRIP):
             end = min(begin + STRIP, out.shape[0])
-            laid = rows(mix, begin, end)
-            if passing is not None:
-                laid *= passing[begin:end]
-            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
+            laid = pictures_of(mix[used], begin, end)
+            rows = laid[0] if weigh is None else weigh(laid, used, begin, end)
+            out[begin:end] = scipy.fft.rfft(rows, axis=1, workers=WORKERS)
         yield out
 
 
-Rows = Callable[[NDArray[np.float32], int, int], NDArray[np.float32]]
-"""(mix (R, K), begin, end) -> (end - begin, cols): rows of cells."""
+Pictures = Callable[[NDArray[np.float32], int, int], NDArray[np.float32]]
+"""(mixes (R, S), begin, end) -> (R, end - begin, cols): rows of cells of sums of pictures."""
 
 
-def _laid_rows(layer: Layer | Sheet, grid: Grid) -> Rows:
-    """How rows of a layer's cells are come by: through a warp or not, weighted over a field or not."""
-    weights = layer.opacity[None] if isinstance(layer, Sheet) else layer.weights
-    field = None if isinstance(layer, Sheet) else layer.field
-    if layer.warp is not None:
-        return _warped_rows(weights, _corners(layer.warp, layer.start, layer.step, weights, grid), field, grid)
-    lines = _lines(weights, layer.start, layer.step, grid)
-    if field is None:
-        return lambda mix, begin, end: _plain_rows(weights, mix[0], lines, begin, end)
-    across, down = field.on_columns(grid), field.on_rows(grid)
+def _laid_once(views: Sequence[View], pictures: Sequence[NDArray[np.float32]], grid: Grid) -> Pictures:
+    """The pictures of all views, which are laid here."""
+    shape = grid.cells(0), grid.cells(1)
+    laid = np.empty((sum(map(len, pictures)), *shape), np.float32)
+    first = 0
+    for view, few in zip(views, pictures, strict=True):
+        if not len(few):
+            continue
+        rows_of = _laid_for_each(view, grid)
+        for begin in range(0, shape[0], STRIP):
+            end = min(begin + STRIP, shape[0])
+            laid[first : first + len(few), begin:end] = rows_of(few, begin, end)
+        first += len(few)
 
-    def weighed(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        used = mix.any(axis=1)
-        return _weighed_rows(weights, mix[used], lines, across[used], down, begin, end)
+    def mixed(mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        out = np.empty((len(mixes), end - begin, shape[1]), np.float32)
+        _mix_rows(laid[:, begin:end], mixes, out)
+        return out
 
-    return weighed
+    return mixed
+
+
+def _laid_for_each(view: View, grid: Grid) -> Pictures:
+    """How sums of a view's weights are laid, what stands before it taken off."""
+    pictures = _open_pictures(view, grid)
+    if not view.before:
+        return pictures
+    passing = _passing(view.before, grid)
+    return lambda few, begin, end: pictures(few, begin, end) * passing[begin:end]
+
+
+def _open_pictures(view: View, grid: Grid) -> Pictures:
+    """The same with nothing before it: through a warp or not."""
+    if view.warp is None:
+        lines = _lines(view, grid)
+        return lambda few, begin, end: np.stack([_plain_rows(view.weights, mix, lines, begin, end) for mix in few])
+    corners = _corners(view.warp, view, grid)
+
+    def warped(few: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        first, last = corners.span(begin, end)
+        return warped_means(np.tensordot(few, view.weights[:, first:last], axes=1), first, corners, begin, end)
+
+    return warped
 
 
 def _passing(sheets: Sequence[Sheet], grid: Grid) -> NDArray[np.float32]:
@@ -204,25 +257,21 @@ def _passing(sheets: Sequence[Sheet], grid: Grid) -> NDArray[np.float32]:
     passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
     alone = np.ones((1, 1), np.float32)
     for sheet in sheets:
-        rows = _laid_rows(sheet, grid)
+        opacity = _open_pictures(View(sheet.opacity[None], sheet.start, sheet.step, sheet.warp), grid)
         for begin in range(0, passing.shape[0], STRIP):
             end = min(begin + STRIP, passing.shape[0])
-            passing[begin:end] *= np.float32(1) - rows(alone, begin, end)
+            passing[begin:end] *= np.float32(1) - opacity(alone, begin, end)[0]
     return passing
 
 
-def _lines(
-    weights: NDArray[np.float32], start: tuple[float, float], step: tuple[float, float], grid: Grid
-) -> list[Overlap]:
+def _lines(view: View, grid: Grid) -> list[Overlap]:
     """Which samples each row and each column of cells covers."""
-    return [grid.overlap(axis, start[axis], step[axis], weights.shape[axis + 1]) for axis in (0, 1)]
+    return [grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)]
 
 
-def _corners(
-    warp: Warp, start: tuple[float, float], step: tuple[float, float], weights: NDArray[np.float32], grid: Grid
-) -> Corners:
+def _corners(warp: Warp, view: View, grid: Grid) -> Corners:
     """The corners of the cells, and what of a map they look at."""
-    pitch = warp.pitch_m
+    pitch, start, step = warp.pitch_m, view.start, view.step
     y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
     return Corners(
         warp,
@@ -230,7 +279,7 @@ def _corners(
         x_m,
         axis=(start[0] + step[0] * grid.shape[0] / 2, start[1] + step[1] * grid.shape[1] / 2),
         per_m=(step[0] / pitch[0], step[1] / pitch[1]),
-        shape=(weights.shape[1], weights.shape[2]),
+        shape=(view.weights.shape[1], view.weights.shape[2]),
     )
 
 
@@ -261,118 +310,68 @@ def _plain_spectrum(
 def _plain_rows(
     weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], begin: int, end: int
 ) -> NDArray[np.float32]:
-    """(end - begin, cols): rows of cells of the map `mix @ weights`."""
+    """(end - begin, cols): rows of cells of the map `mix @ weights`; the axis that has fewer samples comes last."""
     down, across = lines
     first, last = down.span(begin, end)
-    short = np.empty((end - begin, weights.shape[2]), np.float32)
     strip = np.tensordot(mix, weights[:, first:last], axes=1)
-    mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
-    laid: NDArray[np.float32] = mean_along_rows(short, across.first, across.sample, across.share)
-    return laid
-
-
-def _weighed_rows(
-    weights: NDArray[np.float32],
-    mix: NDArray[np.float32],
-    lines: Sequence[Overlap],
-    field_across: NDArray[np.float32],
-    field_down: tuple[NDArray[np.int64], NDArray[np.float32]],
-    begin: int,
-    end: int,
-) -> NDArray[np.float32]:
-    """(end - begin, cols): rows of cells of the maps `mix @ weights`, each times its weight over the field, summed.
-
-    The axis that has fewer samples comes last, and is weighted as it is laid.
-    """
-    down, across = lines
-    index, share = field_down[0][begin:end], field_down[1][begin:end]
-    first, last = down.span(begin, end)
-    strip = np.tensordot(mix, weights[:, first:last], axes=1)
-    out = np.empty((end - begin, field_across.shape[2]), np.float32)
     if last - first <= end - begin:
-        flat = mean_along_rows(strip.reshape(-1, strip.shape[2]), across.first, across.sample, across.share)
-        wide = flat.reshape(len(mix), last - first, -1)
-        _weigh_rows(wide, down.first, down.sample, down.share, begin, first, field_across, index, share, out)
+        wide = mean_along_rows(strip, across.first, across.sample, across.share)
+        laid = np.empty((end - begin, wide.shape[1]), np.float32)
+        mean_of_rows(wide, down.first, down.sample, down.share, begin, first, laid)
+        return laid
+    short = np.empty((end - begin, weights.shape[2]), np.float32)
+    mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
+    along: NDArray[np.float32] = mean_along_rows(short, across.first, across.sample, across.share)
+    return along
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighing:
+    """Pictures times the field's weights, summed."""
+
+    across: NDArray[np.float32]
+    index: NDArray[np.int64]
+    share: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, field: Field, grid: Grid) -> _Weighing:
+        return cls(field.on_columns(grid), *field.on_rows(grid))
+
+    def __call__(self, laid: NDArray[np.float32], used: NDArray[np.bool_], begin: int, end: int) -> NDArray[np.float32]:
+        out = np.empty(laid.shape[1:], np.float32)
+        _weigh_rows(laid, self.across[used], self.index[begin:end], self.share[begin:end], out)
         return out
-    short = np.empty((len(mix), end - begin, strip.shape[2]), np.float32)
-    for values, rows in zip(strip, short, strict=True):
-        mean_of_rows(values, down.first, down.sample, down.share, begin, first, rows)
-    _weigh_along(short, across.first, across.sample, across.share, field_across, index, share, out)
-    return out
 
 
-def _warped_rows(weights: NDArray[np.float32], corners: Corners, field: Field | None, grid: Grid) -> Rows:
-    """As `_laid_rows`, through a warp. The field's weights are those of the place where light arrives."""
-    across = index = share = None
-    if field is not None:
-        across = np.ascontiguousarray(np.moveaxis(field.on_columns(grid), 0, 2))
-        index, share = field.on_rows(grid)
-
-    def rows(mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        first, last = corners.span(begin, end)
-        used = mix.any(axis=1)
-        strip = np.tensordot(mix[used], weights[:, first:last], axes=1)
-        of_cells = None
-        if across is not None and index is not None and share is not None:
-            of_cells = CellWeights(np.ascontiguousarray(across[:, :, used]), index[begin:end], share[begin:end])
-        return warped_means(strip, first, corners, begin, end, of_cells)
-
-    return rows
+@compiled(parallel=True)
+def _mix_rows(laid: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """out = mixes @ laid, (S, rows, cols)."""
+    for i in prange(out.shape[1]):
+        for r in range(out.shape[0]):
+            line = out[r, i]
+            line[:] = 0.0
+            for s in range(laid.shape[0]):
+                factor, values = mixes[r, s], laid[s, i]
+                for c in range(line.size):
+                    line[c] += factor * values[c]
 
 
 @compiled(parallel=True)
 def _weigh_rows(
-    wide: NDArray[np.float32],
-    first: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    overlap_share: NDArray[np.float32],
-    begin: int,
-    offset: int,
+    laid: NDArray[np.float32],
     across: NDArray[np.float32],
     index: NDArray[np.int64],
     share: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """out = sum over r of the means of whole rows of wide[r], times the field's weight (see `mean_of_rows`).
-
-    The weight is between rows index and index + 1 of across, (R, P, cols).
-    """
-    count, rows, cols = wide.shape[0], out.shape[0], out.shape[1]
+    """out = sum over r of laid[r] times the field's weight: between rows index and index + 1 of (R, P, cols)."""
+    rows, cols = out.shape
     last = across.shape[1] - 1
     for i in prange(rows):
         low, part = index[i], share[i]
         line = np.zeros(cols, np.float32)
-        for r in range(count):
-            above, below = across[r, low], across[r, min(low + 1, last)]
-            for entry in range(first[begin + i], first[begin + i + 1]):
-                values, weight = wide[r, sample[entry] - offset], overlap_share[entry]
-                for c in range(cols):
-                    line[c] += values[c] * weight * (above[c] + part * (below[c] - above[c]))
-        out[i] = line
-
-
-@compiled(parallel=True)
-def _weigh_along(
-    short: NDArray[np.float32],
-    first: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    overlap_share: NDArray[np.float32],
-    across: NDArray[np.float32],
-    index: NDArray[np.int64],
-    share: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
-    """out = sum over r of short[r] brought to the cells along its rows, times the field's weight."""
-    count, rows, cols = short.shape[0], out.shape[0], out.shape[1]
-    last = across.shape[1] - 1
-    for i in prange(rows):
-        low, part = index[i], share[i]
-        line = np.zeros(cols, np.float32)
-        for r in range(count):
-            values, above, below = short[r, i], across[r, low], across[r, min(low + 1, last)]
+        for r in range(laid.shape[0]):
+            values, above, below = laid[r, i], across[r, low], across[r, min(low + 1, last)]
             for c in range(cols):
-                mean = np.float32(0.0)
-                for entry in range(first[c], first[c + 1]):
-                    mean += values[sample[entry]] * overlap_share[entry]
-                line[c] += mean * (above[c] + part * (below[c] - above[c]))
+                line[c] += values[c] * (above[c] + part * (below[c] - above[c]))
         out[i] = line

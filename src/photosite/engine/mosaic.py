@@ -51,8 +51,9 @@ def _add_layers(layers: Sequence[Layer], sampling: Sampling, grid: Grid, folds: 
     spectrum = np.empty((grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
     for layer in layers:
         response = _Response(layer.transfer, sampling, grid)
+        reached = folds if layer.channel is None else folds.of_channel(layer.channel)
         for term, laid in enumerate(laid_spectra(layer, grid, spectrum)):
-            response.add(scipy.fft.fft(laid, axis=0, overwrite_x=True, workers=WORKERS), term, folds)
+            response.add(scipy.fft.fft(laid, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,14 @@ class _Folds:
         ]
         small = grid.cells(0) // stride[0], grid.cells(1) // stride[1] // 2 + 1
         return cls(np.zeros((len(places), *small), np.complex64), np.array([p[2] for p in places]), *turns)
+
+    def of_channel(self, channel: int) -> _Folds:
+        """The same spectra, of a channel's sites only, which lie together; it is the only one."""
+        first, last = np.searchsorted(self.channel_of, [channel, channel + 1])
+        own = slice(int(first), int(last))
+        only = np.zeros(own.stop - own.start, self.channel_of.dtype)
+        turn_y, turn_x = (np.ascontiguousarray(turn[:, own]) for turn in (self.turn_y, self.turn_x))
+        return _Folds(self.values[own], only, turn_y, turn_x)
 
 
 class _Response:

@@ -82,32 +82,10 @@ class Corners:
         return scale
 
 
-@dataclass(frozen=True, eq=False)
-class CellWeights:
-    """What maps are weighted by in each cell: linear between two of the field's rows.
-
-    Parameters
-    ----------
-    across
-        (P, cols, R) in the field's rows.
-    index, share
-        (rows,) of each row of cells the field's row above it, and the share of that below.
-    """
-
-    across: NDArray[np.float32]
-    index: NDArray[np.int64]
-    share: NDArray[np.float32]
-
-
 def warped_means(
-    values: NDArray[np.float32],
-    offset: int,
-    corners: Corners,
-    begin: int,
-    end: int,
-    weights: CellWeights | None = None,
+    values: NDArray[np.float32], offset: int, corners: Corners, begin: int, end: int
 ) -> NDArray[np.float32]:
-    """(end - begin, cols): means of maps over the places that rows begin to end of the cells look at, summed.
+    """(R, end - begin, cols): means of maps over the places that rows begin to end of the cells look at.
 
     Parameters
     ----------
@@ -115,18 +93,12 @@ def warped_means(
         (R, n, map cols): rows `offset`, `offset + 1`, ... of the maps, at least those of `corners.span(begin, end)`.
     corners
         The cells.
-    weights
-        Of each map in each of these rows' cells; None: 1.
     """
     # The maps of a place lie together: they share the way there.
     maps = np.ascontiguousarray(np.moveaxis(values, 0, 2))
     before = np.zeros((maps.shape[0], maps.shape[1] + 1, maps.shape[2]))
     np.cumsum(maps, axis=1, dtype=np.float64, out=before[:, 1:])
-    rows, cols = end - begin, corners.x_m.size - 1
-    if weights is None:
-        ones = np.ones((1, cols, maps.shape[2]), np.float32)
-        weights = CellWeights(ones, np.zeros(rows, np.int64), np.zeros(rows, np.float32))
-    out = np.empty((rows, cols), np.float32)
+    out = np.empty((len(values), end - begin, corners.x_m.size - 1), np.float32)
     _warped_means(
         maps,
         before,
@@ -136,13 +108,8 @@ def warped_means(
         corners.warp.step_m2,
         corners.y_m[begin : end + 1],
         corners.x_m,
-        corners.axis[0],
-        corners.axis[1],
-        corners.per_m[0],
-        corners.per_m[1],
-        weights.across,
-        weights.index,
-        weights.share,
+        corners.axis,
+        corners.per_m,
         out,
     )
     return out
@@ -158,96 +125,94 @@ def _warped_means(
     step_m2: float,
     y_m: NDArray[np.float64],
     x_m: NDArray[np.float64],
-    axis_row: float,
-    axis_col: float,
-    rows_per_m: float,
-    cols_per_m: float,
-    across: NDArray[np.float32],
-    index: NDArray[np.int64],
-    share: NDArray[np.float32],
+    axis: tuple[float, float],
+    per_m: tuple[float, float],
     out: NDArray[np.float32],
 ) -> None:
-    rows, cols = out.shape
-    maps = values.shape[2]
+    rows = out.shape[1]
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
         first, last = chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)
-        # Of the corners above and below a row of cells: where they look, in which sample that is, and the integrals
-        # from each to the next, if somebody asked for them yet.
-        x_above, y_above, along_above = np.empty(cols + 1), np.empty(cols + 1), np.empty((cols + 1, maps))
-        x_below, y_below, along_below = np.empty(cols + 1), np.empty(cols + 1), np.empty((cols + 1, maps))
-        in_above, in_below = np.empty(cols + 1, np.int64), np.empty(cols + 1, np.int64)
-        known_above, known_below = np.zeros(cols + 1, np.bool_), np.zeros(cols + 1, np.bool_)
-        left, right = np.empty(maps), np.empty(maps)
+        # Of the corners above and below a row of cells: where they look, and in which sample that is.
+        above, below = np.empty((2, x_m.size)), np.empty((2, x_m.size))
+        in_above, in_below = np.empty(x_m.size, np.int64), np.empty(x_m.size, np.int64)
+        # The integrals from each to the next, and whether somebody asked for them yet.
+        along_above, along_below = np.empty((x_m.size, out.shape[0])), np.empty((x_m.size, out.shape[0]))
+        known_above, known_below = np.zeros(x_m.size, np.bool_), np.zeros(x_m.size, np.bool_)
         sizes = map_rows, values.shape[1]
-        _look(
-            scale,
-            step_m2,
-            y_m[first],
-            x_m,
-            axis_row,
-            axis_col,
-            rows_per_m,
-            cols_per_m,
-            sizes,
-            x_above,
-            y_above,
-            in_above,
-        )
+        _look(scale, step_m2, y_m[first], x_m, axis, per_m, sizes, above, in_above)
         for r in range(first, last):
-            _look(
-                scale,
-                step_m2,
-                y_m[r + 1],
-                x_m,
-                axis_row,
-                axis_col,
-                rows_per_m,
-                cols_per_m,
-                sizes,
-                x_below,
-                y_below,
-                in_below,
-            )
+            _look(scale, step_m2, y_m[r + 1], x_m, axis, per_m, sizes, below, in_below)
             known_below[:] = False
-            known_left = False
-            part = share[r]
-            upper, lower = across[index[r]], across[min(index[r] + 1, across.shape[0] - 1)]
-            for c in range(cols):
-                d = c + 1
-                total = 0.0
-                if in_above[c] == in_above[d] == in_below[c] == in_below[d]:
-                    row, col = in_above[c] // sizes[1] - offset, in_above[c] % sizes[1]
-                    for k in range(maps):
-                        weight = upper[c, k] + part * (lower[c, k] - upper[c, k])
-                        total += values[row, col, k] * weight
-                    out[r, c] = total
-                    known_left = False
-                    continue
-                if not known_left:
-                    _integral(values, before, offset, map_rows, x_above[c], y_above[c], x_below[c], y_below[c], left)
-                if not known_above[c]:
-                    _integral(
-                        values, before, offset, map_rows, x_above[c], y_above[c], x_above[d], y_above[d], along_above[c]
-                    )
-                _integral(values, before, offset, map_rows, x_above[d], y_above[d], x_below[d], y_below[d], right)
-                _integral(
-                    values, before, offset, map_rows, x_below[c], y_below[c], x_below[d], y_below[d], along_below[c]
-                )
-                known_left = known_below[c] = True
-                # Twice the area: the product of the diagonals.
-                area = (x_below[d] - x_above[c]) * (y_below[c] - y_above[d]) - (y_below[d] - y_above[c]) * (
-                    x_below[c] - x_above[d]
-                )
-                for k in range(maps):
-                    weight = upper[c, k] + part * (lower[c, k] - upper[c, k])
-                    total += weight * (2.0 * (along_above[c, k] + right[k] - along_below[c, k] - left[k]) / area)
-                    left[k] = right[k]
-                out[r, c] = total
-            x_above, x_below = x_below, x_above
-            y_above, y_below = y_below, y_above
+            _row_of_means(
+                values,
+                before,
+                offset,
+                map_rows,
+                above,
+                below,
+                in_above,
+                in_below,
+                along_above,
+                along_below,
+                known_above,
+                known_below,
+                r,
+                out,
+            )
+            above, below = below, above
             in_above, in_below = in_below, in_above
             along_above, along_below = along_below, along_above
             known_above, known_below = known_below, known_above
+
+
+@compiled()
+def _row_of_means(
+    values: NDArray[np.float32],
+    before: NDArray[np.float64],
+    offset: int,
+    map_rows: int,
+    above: NDArray[np.float64],
+    below: NDArray[np.float64],
+    in_above: NDArray[np.int64],
+    in_below: NDArray[np.int64],
+    along_above: NDArray[np.float64],
+    along_below: NDArray[np.float64],
+    known_above: NDArray[np.bool_],
+    known_below: NDArray[np.bool_],
+    r: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Means of the cells between two rows of corners, into out[:, r]."""
+    maps = out.shape[0]
+    samples = values.reshape(-1, maps)
+    sides = np.empty((2, maps))  # of a cell's left and right side, in turn
+    left, known_left = 0, False
+    for c in range(out.shape[2]):
+        d = c + 1
+        if in_above[c] == in_above[d] == in_below[c] == in_below[d]:
+            sample = in_above[c] - offset * values.shape[1]
+            for k in range(maps):
+                out[k, r, c] = samples[sample, k]
+            known_left = False
+            continue
+        upper_left, upper_right = (above[0, c], above[1, c]), (above[0, d], above[1, d])
+        lower_left, lower_right = (below[0, c], below[1, c]), (below[0, d], below[1, d])
+        right = 1 - left
+        if not known_left:
+            _integral(values, before, offset, map_rows, upper_left, lower_left, sides, left)
+        if not known_above[c]:
+            _integral(values, before, offset, map_rows, upper_left, upper_right, along_above, c)
+        _integral(values, before, offset, map_rows, upper_right, lower_right, sides, right)
+        _integral(values, before, offset, map_rows, lower_left, lower_right, along_below, c)
+        known_left = known_below[c] = True
+        # Twice the area: the product of the diagonals.
+        area = (lower_right[0] - upper_left[0]) * (lower_left[1] - upper_right[1]) - (
+            lower_right[1] - upper_left[1]
+        ) * (lower_left[0] - upper_right[0])
+        for k in range(maps):
+            around = along_above[c, k] + sides[right, k] - along_below[c, k] - sides[left, k]
+            out[k, r, c] = 2.0 * around / area
+        left = right
 
 
 @compiled()
@@ -256,24 +221,22 @@ def _look(
     step_m2: float,
     y_m: float,
     x_m: NDArray[np.float64],
-    axis_row: float,
-    axis_col: float,
-    rows_per_m: float,
-    cols_per_m: float,
+    axis: tuple[float, float],
+    per_m: tuple[float, float],
     sizes: tuple[int, int],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    place: NDArray[np.float64],
     sample: NDArray[np.int64],
 ) -> None:
-    """Where in the map a row of corners looks, and the number of the sample there."""
+    """Where in the map, (x, y), a row of corners looks, and the number of the sample there."""
+    x, y = place[0], place[1]
     last, per_m2 = scale.size - 2, 1.0 / step_m2
     for c in range(x_m.size):
         position = (y_m * y_m + x_m[c] * x_m[c]) * per_m2
         node = min(int(position), last)
         share = min(position - node, 1.0)
         factor = scale[node] + share * (scale[node + 1] - scale[node])
-        x[c] = axis_col + factor * (x_m[c] * cols_per_m)
-        y[c] = axis_row + factor * (y_m * rows_per_m)
+        x[c] = axis[1] + factor * (x_m[c] * per_m[1])
+        y[c] = axis[0] + factor * (y_m * per_m[0])
     for c in range(x_m.size):
         # Beyond its border the map repeats its border samples: cells there are within these.
         row, col = min(max(y[c], 0.0), sizes[0] - 1.0), min(max(x[c], 0.0), sizes[1] - 1.0)
@@ -286,33 +249,20 @@ def _integral(
     before: NDArray[np.float64],
     offset: int,
     map_rows: int,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
+    begin: tuple[float, float],
+    end: tuple[float, float],
     out: NDArray[np.float64],
+    place: int,
 ) -> None:
-    """Each map's integral of F dy along a straight line, piece by piece between the map's rows."""
-    out[:] = 0.0
-    if y0 < y1:
-        _integral_down(values, before, offset, map_rows, x0, y0, x1, y1, 1.0, out)
-    elif y0 > y1:
-        _integral_down(values, before, offset, map_rows, x1, y1, x0, y0, -1.0, out)
-
-
-@compiled()
-def _integral_down(
-    values: NDArray[np.float32],
-    before: NDArray[np.float64],
-    offset: int,
-    map_rows: int,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    sign: float,
-    out: NDArray[np.float64],
-) -> None:
+    """out[place] = each map's integral of F dy along a straight line, piece by piece between the map's rows."""
+    for k in range(out.shape[1]):
+        out[place, k] = 0.0
+    sign = 1.0
+    if begin[1] > end[1]:
+        begin, end, sign = end, begin, -1.0
+    (x0, y0), (x1, y1) = begin, end
+    if y0 == y1:
+        return
     slope = (x1 - x0) / (y1 - y0)
     row = int(np.floor(y0))
     x, y = x0, y0
@@ -320,34 +270,36 @@ def _integral_down(
         inside = min(max(row, 0), map_rows - 1) - offset
         border = row + 1.0
         at = x0 + slope * (border - y0)
-        _add_mean_before(values[inside], before[inside], x, at, sign * (border - y), out)
+        _add_mean_before(values, before, inside, x, at, sign * (border - y), out, place)
         x, y, row = at, border, row + 1
     inside = min(max(row, 0), map_rows - 1) - offset
-    _add_mean_before(values[inside], before[inside], x, x1, sign * (y1 - y), out)
+    _add_mean_before(values, before, inside, x, x1, sign * (y1 - y), out, place)
 
 
 @compiled()
 def _add_mean_before(
     values: NDArray[np.float32],
     before: NDArray[np.float64],
+    row: int,
     x0: float,
     x1: float,
     height: float,
     out: NDArray[np.float64],
+    place: int,
 ) -> None:
     """`height` times the mean of F between two places of a row; beyond its ends the row repeats its last samples."""
-    last = values.shape[0] - 1
+    last = values.shape[1] - 1
     low, high = min(x0, x1), max(x0, x1)
     first, final = min(max(int(np.floor(low)), 0), last), min(max(int(np.floor(high)), 0), last)
     if first == final:  # F is straight here
         into = (low + high) * 0.5 - first
-        for k in range(out.size):
-            out[k] += height * (before[first, k] + into * values[first, k])
+        for k in range(out.shape[1]):
+            out[place, k] += height * (before[row, first, k] + into * values[row, first, k])
         return
     x = low
     for sample in range(first, final + 1):
         end = min(high, sample + 1.0) if sample < final else high
         share, into = height * (end - x) / (high - low), (x + end) * 0.5 - sample
-        for k in range(out.size):
-            out[k] += share * (before[sample, k] + into * values[sample, k])
+        for k in range(out.shape[1]):
+            out[place, k] += share * (before[row, sample, k] + into * values[row, sample, k])
         x = end

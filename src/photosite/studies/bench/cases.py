@@ -10,7 +10,7 @@ from photosite.studies.bench.calibrate_protocol import calibrate_protocol
 from photosite.studies.bench.camera import capture_d200, noise_d200, optics_d200
 from photosite.studies.bench.command import cli_simulate
 from photosite.studies.bench.convert_cube import convert_cube
-from photosite.studies.bench.field import field_varying_d200, lens_d200, plane_d200
+from photosite.studies.bench.field import field_varying_d200, lateral_color_d200, lens_d200, plane_d200
 from photosite.studies.bench.timing import Case
 
 CASES: dict[str, Callable[[bool], Case]] = {
@@ -19,6 +19,7 @@ CASES: dict[str, Callable[[bool], Case]] = {
     "plane_d200": plane_d200,
     "field_varying_d200": field_varying_d200,
     "lens_d200": lens_d200,
+    "lateral_color_d200": lateral_color_d200,
     "noise_d200": noise_d200,
     "accumulate_d200": accumulate_d200,
     "accumulate_against_reading": accumulate_against_reading,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photosite.camera import Camera
 from photosite.optics.compound import Lens
+from photosite.optics.distortion import LateralColor
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
@@ -92,8 +93,8 @@ def field_varying_d200(quick: bool = False) -> Case:
 
 
 @lru_cache(maxsize=4)
-def _real_camera(kind: Literal["wavefront", "design"], rows: int, cols: int) -> Camera:
-    """Astigmatism of 40 nm at f/2.8, or lens-design data of growing coma as 8 modes."""
+def _real_camera(kind: Literal["wavefront", "design", "colors"], rows: int, cols: int) -> Camera:
+    """Astigmatism of 40 nm at f/2.8, or lens-design data of growing coma as 8 modes; `colors` 0.9 pixels apart."""
     from photosite.studies.gallery.lens_design import BASE, comatic_design
 
     sensor = camera(rows, cols).sensor
@@ -112,7 +113,11 @@ def _real_camera(kind: Literal["wavefront", "design"], rows: int, cols: int) -> 
         detail_um=pitch_um,
         nodes=17,
     )
-    return Camera(Lens(BASE, design), sensor)
+    if kind == "design":
+        return Camera(Lens(BASE, design), sensor)
+    apart = 0.45 / (np.hypot(rows, cols) / 2)
+    colors = LateralColor.from_magnification(design.wavelength_nm, 1 + apart * np.array([1.0, 0.0, -1.0]))
+    return Camera(Lens(BASE, design, lateral_color=colors), sensor)
 
 
 def work_wavefront(rows: int, cols: int) -> None:
@@ -131,3 +136,16 @@ def lens_d200(quick: bool = False) -> Case:
     work_wavefront(ROWS, COLS)
     ours, theirs = in_turn(lambda: work_lens(ROWS, COLS), lambda: work_wavefront(ROWS, COLS), 1 if quick else 5)
     return Case(ours, theirs, peak_mb(work_lens, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+
+
+def work_colors(rows: int, cols: int) -> None:
+    """Mean electrons behind lens-design data with lateral colour."""
+    _real_camera("colors", rows, cols).mean_electrons(scene(), EXPOSURE_S)
+
+
+def lateral_color_d200(quick: bool = False) -> Case:
+    """The same with red and blue 0.9 pixels apart at the corner, against a wavefront; both after their first frame."""
+    work_colors(ROWS, COLS)
+    work_wavefront(ROWS, COLS)
+    ours, theirs = in_turn(lambda: work_colors(ROWS, COLS), lambda: work_wavefront(ROWS, COLS), 1 if quick else 5)
+    return Case(ours, theirs, peak_mb(work_colors, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
