@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -103,6 +104,33 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
         raise FileError(path, "nests too deep, or holds itself") from None
     if values > _MOST_VALUES:
         raise FileError(path, f"holds more than {_MOST_VALUES} values once its aliases are written out")
+
+
+def dump_yaml(data: Mapping[str, Any]) -> str:
+    """Fields as YAML, lists on one line, as people write them; `parse_yaml` gives them back.
+
+    Examples
+    --------
+    >>> dump_yaml({"name": "lens", "relative": [1.0, 0.5]})
+    'name: lens\\nrelative: [1.0, 0.5]\\n'
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.comments import CommentedSeq
+
+    def in_flow(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: in_flow(value) for key, value in node.items()}
+        if isinstance(node, list | tuple):
+            sequence = CommentedSeq([in_flow(value) for value in node])
+            sequence.fa.set_flow_style()
+            return sequence
+        return node
+
+    yaml = YAML()
+    yaml.width = 120
+    out = io.StringIO()
+    yaml.dump(in_flow(dict(data)), out)
+    return out.getvalue()
 
 
 def line_of(node: Any, key: Any) -> int | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib import resources
@@ -17,7 +16,7 @@ from photosite.errors import FileError, InputError, did_you_mean
 from photosite.sensor.covariance import Covariance
 from photosite.sensor.door import AngularResponse, Crosstalk, LowPassFilter, OpticalStack, Transmittance
 from photosite.sensor.model import Array, Channel, Maps, Noise, Pixel, Provenance, Readout, Sensor
-from photosite.yaml_file import line_of, parse_yaml, read_yaml
+from photosite.yaml_file import dump_yaml, line_of, parse_yaml, read_yaml
 
 _SUFFIX = ".sensor.yaml"
 _SECTIONS: dict[str, type[BaseModel]] = {
@@ -188,22 +187,5 @@ def dump_sensor(sensor: Sensor) -> str:
     >>> parse_sensor(dump_sensor(sensor), "again.yaml") == sensor
     True
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.comments import CommentedSeq
-
-    def in_flow(node: Any) -> Any:
-        """Lists of numbers on one line, as people write them."""
-        if isinstance(node, dict):
-            return {key: in_flow(value) for key, value in node.items()}
-        if isinstance(node, list | tuple):
-            sequence = CommentedSeq([in_flow(value) for value in node])
-            sequence.fa.set_flow_style()
-            return sequence
-        return node
-
     # Provenance's hashes and whatever nobody set stay out: the file says what is known.
-    yaml = YAML()
-    yaml.width = 120
-    out = io.StringIO()
-    yaml.dump(in_flow(sensor.model_dump(mode="json", exclude_none=True)), out)
-    return out.getvalue()
+    return dump_yaml(sensor.model_dump(mode="json", exclude_none=True))

@@ -1,0 +1,285 @@
+"""Lenses written and read again: every part comes back, and what has no place in a file leaves nothing behind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.errors import FileError, InputError
+from photosite.optics.compound import Lens
+from photosite.optics.distortion import Distortion, LateralColor
+from photosite.optics.file import load_optics
+from photosite.optics.illumination import IlluminationTable
+from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens_design import LensDesign
+from photosite.optics.pupil import Pupil
+from photosite.optics.radial_table import FieldPoints
+from photosite.optics.spread import RadialSpread, VeilingGlare
+from photosite.optics.tables import OtfTable, PsfTable
+from photosite.optics.wavefront import Wavefront
+from photosite.optics.write import write_optics
+from photosite.spectra import Spectrum
+from photosite.yaml_file import read_yaml
+
+BASE = DiffractionLimited(2.8, 1 / 3 * 100)
+HEIGHTS, ANGLES = FieldPoints(height_mm=np.array([0, 7.1, 14.3])), FieldPoints(angle_deg=np.array([0, 10 / 3, 22]))
+RNG = np.random.default_rng(3)
+AXIS = np.arange(-10, 11) * 0.5
+R2 = AXIS[:, None] ** 2 + AXIS**2
+
+
+def plane_table(half: bool = False) -> OtfTable:
+    """A blur that is shifted: complex values."""
+    fy, fx = np.linspace(-200, 200, 9), np.linspace(0 if half else -200, 200, 5 if half else 9)
+    f2 = fy[:, None] ** 2 + fx**2
+    one = np.exp(-f2 / 5000) * np.exp(-2j * math.pi * (fy[:, None] * 1e-3 + fx * 7e-4))
+    return OtfTable(np.array([450.0, 1900 / 3]), fy, np.stack([one, one * one.conj() * one]), fx)
+
+
+def amplitude() -> np.ndarray:
+    middle = (np.arange(24) + 0.5) / 12 - 1
+    cells = np.cos(np.hypot(middle[:, None], middle)) * RNG.uniform(0.9, 1, (24, 24))
+    cells[np.hypot(middle[:, None], middle) > 0.9] = 0
+    return cells
+
+
+def spots(count: int) -> np.ndarray:
+    """(count, 2, n, n) point spreads that grow."""
+    psf = np.stack([[np.exp(-R2 / (1 + 0.4 * k + w)) for w in (0.5, 1.0)] for k in range(count)])
+    return psf / psf.sum(axis=(2, 3), keepdims=True)
+
+
+BLURS: dict[str, Any] = {
+    "none": None,
+    "noll": Wavefront({4: 50.1, 8: -1 / 3}),
+    "no aberration": Wavefront(),
+    "fringe in waves": Wavefront({9: 0.1}, index="fringe", unit="waves", reference_nm=632.8, norm="rms"),
+    "pairs": Wavefront({(3, -1): 40.0, (2, 2): -7.25}, index="nm", norm="peak"),
+    "NumPy's numbers": Wavefront({np.int64(5): np.float64(12.5)}, defocus_um=np.float64(-3.5)),
+    "focus": Wavefront(
+        {11: 20.0}, defocus_um=12.5, chromatic_focus=Spectrum(np.array([450.0, 1900 / 3]), np.array([-10.0, 1 / 7]))
+    ),
+    "blades": Wavefront(pupil=Pupil(blades=7, rotation_deg=12.5, roundness=0.3)),
+    "spider": Wavefront(pupil=Pupil(0.35, vanes=3, vane_width=0.02, vane_rotation_deg=-30.0)),
+    "array": Wavefront({8: 20.0}, pupil=Pupil(amplitude=amplitude())),
+    "radial": OtfTable(
+        np.array([450.0, 1900 / 3]), np.array([0, 100 / 3, 90]), np.array([[1, 1 / 3, -0.01], [1, 0.2, 0]])
+    ),
+    "radial, on": OtfTable(np.array([550.0]), np.array([0, 30.0]), np.array([[1, 0.7]]), beyond="diffraction"),
+    "plane": plane_table(),
+    "half plane": plane_table(half=True),
+    "psf": PsfTable(np.array([450.0, 650.0]), spots(1)[0], 0.5),
+    "psf to be normalised": PsfTable(np.array([450.0, 650.0]), 3 * spots(1)[0], 0.5, normalise=True),
+    "design": LensDesign(
+        np.array([450.0, 650.0]), spots(3), 0.5, np.zeros(3), np.array([0, 4.0, 9.0]), detail_um=2.2, nodes=9
+    ),
+    "design on a grid": LensDesign(
+        np.array([450.0, 650.0]), spots(4), 0.5, np.array([-5.0, -5, 5, 5]), np.array([-7.0, 7, -7, 7]), "deg", False,
+        rank=3,
+    ),
+}  # fmt: skip
+
+LENSES: dict[str, DiffractionLimited | Lens] = {
+    "diffraction alone": DiffractionLimited(np.float64(8), 50),
+    "cos4": DiffractionLimited(4, 50.5, 0.92, "cos4"),
+    "glass": DiffractionLimited(4, 50.5, Spectrum(np.array([400.0, 700]), np.array([1 / 3, 0.8]))),
+    "name": Lens(BASE, name="50 mm: 'a' #1, \"é\""),
+    "a name like a number": Lens(BASE, name="50"),
+    "focus": Lens(BASE, focus_distance_m=10 / 3),
+    "focus at infinity": Lens(BASE, focus_distance_m=math.inf),
+    "illumination": Lens(BASE, illumination=IlluminationTable(HEIGHTS, np.array([1, 0.9, 1 / 3]))),
+    "illumination by angle": Lens(BASE, illumination=IlluminationTable(ANGLES, np.array([1, 0.9, 1 / 3]))),
+    "distortion": Lens(BASE, distortion=Distortion.from_percent(HEIGHTS, [0, -1 / 3, -4.7])),
+    "distortion by angle": Lens(BASE, distortion=Distortion.from_percent(ANGLES, [0, 1 / 3, 24.7])),
+    "polynomial": Lens(BASE, distortion=Distortion.polynomial(-0.08, 0.01, max_field_deg=30)),
+    "real heights": Lens(BASE, distortion=Distortion.from_real_heights(ANGLES, [0, 1.94, 13.1], BASE.focal_length_mm)),
+    "magnification": Lens(BASE, lateral_color=LateralColor.from_magnification([450, 550, 650], [1.0004, 1, 0.9997])),
+    "shifts": Lens(BASE, lateral_color=LateralColor(np.array([450.0, 650]), ANGLES, RNG.normal(0, 1, (2, 3)))),
+    "even glare": Lens(BASE, veiling_glare=VeilingGlare(1 / 30)),
+    "glare": Lens(BASE, veiling_glare=VeilingGlare(0.02, 3.7e-3)),
+} | {f"blur: {name}": Lens(BASE, blur, focus_distance_m=2.0, name=name) for name, blur in BLURS.items()}
+
+
+def assert_same(one: object, other: object, place: str = "lens") -> None:
+    """Field by field; numbers within two roundings."""
+    if isinstance(one, int | float | np.ndarray) and not isinstance(one, bool):
+        np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=4e-16, atol=1e-18, err_msg=place)
+        return
+    assert type(one) is type(other), place
+    if is_dataclass(one):
+        for entry in fields(one):
+            assert_same(getattr(one, entry.name), getattr(other, entry.name), f"{place}.{entry.name}")
+    elif hasattr(one, "keys"):
+        assert dict(one) == dict(other), place  # type: ignore[call-overload]
+    else:
+        assert one == other, place
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
+    lens = LENSES[name]
+    lens.save(tmp_path / "mine.optics.yaml")
+    assert_same(lens, load_optics(tmp_path / "mine.optics.yaml"))
+    again = tmp_path / "again"
+    again.mkdir()
+    load_optics(tmp_path / "mine.optics.yaml").save(again / "mine.optics.yaml")
+    assert (again / "mine.optics.yaml").read_text() == (tmp_path / "mine.optics.yaml").read_text()
+
+
+def test_all_parts_at_once(tmp_path: Path) -> None:
+    lens = Lens(
+        DiffractionLimited(2.8, 50, 0.9),
+        BLURS["psf"],
+        2.0,
+        IlluminationTable(HEIGHTS, np.array([1, 0.9, 0.7])),
+        Distortion.from_percent(HEIGHTS, [0, -0.5, -2]),
+        LateralColor.from_magnification([450, 550, 650], [1.0004, 1, 0.9997]),
+        VeilingGlare(0.02, 3e-3),
+        "all",
+    )
+    told = {"source": "nowhere", "license": "CC0", "created": "2026-11-21", "notes": "two\nlines"}
+    lens.save(tmp_path / "all.optics.yaml", told)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["all.optics.psf.npz", "all.optics.yaml"]
+    assert dict(read_yaml(tmp_path / "all.optics.yaml", "a lens")["provenance"]) == told
+    found = load_optics(tmp_path / "all.optics.yaml")
+    assert_same(lens, found)
+    sensor = ps.load_sensor("nikon-d200").with_(rows=22, cols=34)
+    scene = ps.charts.slanted_edge("D65", 40, rows=40, cols=60)
+    means = [ps.Camera(each, sensor).mean_electrons(scene, 0.01) for each in (lens, found)]
+    np.testing.assert_allclose(means[1], means[0], rtol=1e-6)
+
+
+def test_a_lens_without_parts_is_the_same_as_its_base(tmp_path: Path) -> None:
+    Lens(BASE).save(tmp_path / "a.yaml")
+    assert_same(BASE, load_optics(tmp_path / "a.yaml"))
+
+
+def test_magnifications_at_another_height_are_the_same_color(tmp_path: Path) -> None:
+    """A height of 20 mm, where a share of 4e-4 is 8 um."""
+    grid, shift = np.array([450.0, 650.0]), np.array([[8.0], [-6.0]])
+    lens = Lens(BASE, lateral_color=LateralColor(grid, FieldPoints(height_mm=np.array([20.0])), shift, True))
+    lens.save(tmp_path / "a.yaml")
+    found = load_optics(tmp_path / "a.yaml").mapping(math.inf)
+    wanted = lens.mapping(math.inf)
+    assert found is not None
+    assert wanted is not None
+    np.testing.assert_allclose(found.real_m, wanted.real_m, rtol=1e-12)
+
+
+@dataclass(frozen=True)
+class OwnBlur:
+    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> RadialSpread:
+        return base.spread(distance_m)
+
+
+class OwnWavefront(Wavefront):
+    pass
+
+
+class OwnLens(Lens):
+    pass
+
+
+EVERYWHERE = LateralColor(np.array([450.0, 650.0]), HEIGHTS, np.array([[0, 1, 2.0], [0, -1, -2]]), everywhere=True)
+
+
+@pytest.mark.parametrize(
+    ("lens", "message"),
+    [
+        (Lens(BASE, OwnBlur()), "blurred by a OwnBlur cannot be written"),
+        (Lens(BASE, OwnWavefront()), "blurred by a OwnWavefront cannot be written"),
+        (OwnLens(BASE), "this is a OwnLens"),
+        (Lens(BASE, BLURS["psf"], lateral_color=EVERYWHERE), "this one has several places"),
+    ],
+)
+def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        write_optics(lens, tmp_path / "a.yaml")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_larger_than_is_read_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photosite.optics.write.LARGEST_BYTES", 2 << 20)
+    many = FieldPoints(np.linspace(0, 9, 60_000))
+    with pytest.raises(InputError, match="more than 2 MiB: thin them"):
+        Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 60_000))).save(tmp_path / "a.yaml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lens = Lens(BASE, BLURS["psf"])
+    lens.save(tmp_path / "a.yaml")
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(FileError, match="No space left on device"):
+        replace(lens, name="another").save(tmp_path / "a.yaml")
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.txt", r"ends in \.yaml or \.yml"),
+        ("gone/a.yaml", "there is no folder"),
+        ("taken.yaml", "a folder or a device"),
+        ("beside.yaml", r"beside\.psf\.npz: cannot be written: it is a folder"),
+    ],
+)
+def test_places_that_cannot_be_written(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "taken.yaml").mkdir()
+    (tmp_path / "beside.psf.npz").mkdir()
+    with pytest.raises(FileError, match=message):
+        Lens(BASE, BLURS["psf"]).save(tmp_path / name)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["beside.psf.npz", "taken.yaml"]
+
+
+@pytest.mark.parametrize("said", [{"sorce": "x"}, {"source": 3}, "nowhere"])
+def test_a_provenance_that_is_none(tmp_path: Path, said: Any) -> None:
+    with pytest.raises(InputError, match="provenance is texts by name, of source, license, created, notes"):
+        BASE.save(tmp_path / "a.yaml", said)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["array", "design"])
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda file: file.unlink(), "there is no such file"),
+        (lambda file: file.write_bytes(file.read_bytes()[:200]), "cannot be read"),
+        (lambda file: file.write_bytes(b""), "cannot be read"),
+        (lambda file: np.savez(file, other=1), "holds no array '(amplitude|wavelength_nm)', but other"),
+    ],
+)
+def test_damaged_arrays_are_one_line(tmp_path: Path, name: str, spoil: Any, message: str) -> None:
+    Lens(BASE, BLURS[name]).save(tmp_path / "a.yaml")
+    (file,) = tmp_path.glob("*.npz")
+    spoil(file)
+    with pytest.raises(FileError, match=message) as caught:
+        load_optics(tmp_path / "a.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_arrays_that_cannot_be(tmp_path: Path) -> None:
+    Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
+    np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), "x"))
+    with pytest.raises(FileError, match="'amplitude' holds no real numbers"):
+        load_optics(tmp_path / "a.yaml")
+    np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), 2.0))
+    with pytest.raises(FileError, match="between 0 and 1 everywhere"):
+        load_optics(tmp_path / "a.yaml")
+    Lens(BASE, BLURS["design"]).save(tmp_path / "b.yaml")
+    text = (tmp_path / "b.yaml").read_text()
+    (tmp_path / "b.yaml").write_text(text + "  first_row: top\n")
+    with pytest.raises(FileError, match="first_row is for the listings"):
+        load_optics(tmp_path / "b.yaml")
