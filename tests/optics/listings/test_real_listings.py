@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError
+from photosite.optics.listings.parameters import read_parameters
+from photosite.optics.listings.ray_trace import RayTrace
 from photosite.optics.listings.zemax import read_distortion, read_psf, read_relative_illumination
 
 # github.com/ruthshiferaw/2.156-Lens-Project, Prime Lenses + Data/AnalysisExports: OpticStudio 2025, saved through its
@@ -90,6 +92,40 @@ GRID = """\
 
 Maximum distortion: -4.5871%
 """
+
+
+# ISETCam, opticalimage/raytrace/ISETPARMS.TXT; and the first lines that the macro of 2005 writes for the asphere.
+PARAMETERS = r"""%   C:\PROGRAM FILES\ZEMAX\LENSES\EO54852.ZMX
+lensFile='EO54852.ZMX';     %Lens file name
+psfSize=128;                 % PSF ROW AND COL SIZE
+psfSpacing=0.0002500;   % PSF GRID SPACING IN MM
+wave=400:50:700;            % WAVELENGTH SAMPLES (NM)
+imgHeightNum=13;             % Number of IMAGE HEIGHTS
+imgHeightMax=3.0000000;     % Maximum IMAGE HEIGHT (MM)
+objDist=250.000;                 % OBJECT DISTANCE (MM)
+mag=-0.023954;          % OPTICAL SYSTEM MAGNIFICATION
+baseLensFileName='C:\Program Files\ZEMAX\ISET\EO54852\EO54852'
+refWave=587.562;          % REFERENCE WAVELENGTH (NM)
+fov=26.198448;          % MAXIMUM DIAGONAL HALF FOV (DEGREE)
+efl=5.999968;          % EFFECTIVE FOCAL LENGTH
+fnumber_eff=1.780820;          % EFFECTIVE F-NUMBER
+fnumber=1.774644;          % F-NUMBER
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_parameters_of_a_ray_trace(encoding: str, tmp_path: Path) -> None:
+    said = read_parameters(written(tmp_path, PARAMETERS, encoding))
+    assert (said.program, said.lens_file) == ("zemax", "EO54852.ZMX")
+    assert said.base_name == r"C:\Program Files\ZEMAX\ISET\EO54852\EO54852"
+    assert (said.focal_length_mm, said.f_number, said.magnification) == (5.999968, 1.774644, -0.023954)
+    assert (said.object_distance_mm, said.reference_nm, said.wavelengths_nm) == (250, 587.562, (400, 50, 700))
+    assert (said.heights, said.largest_height_mm, said.samples, said.spacing_mm) == (13, 3.0, 128, 0.00025)
+    # The lens's first surface is 6.5 mm from its principal plane: 250 mm before that, the magnification says 256.5.
+    found = RayTrace(tmp_path, said, "", {}, np.zeros(1), np.zeros(1), np.zeros((1, 1)))
+    assert found.focus_distance_m == pytest.approx(0.2565, abs=1e-4)
+    asphere = PARAMETERS.replace("'EO54852.ZMX';     %", "'AsphereF=2mm.ZMX' % ")
+    assert read_parameters(written(tmp_path, asphere)).lens_file == "AsphereF=2mm.ZMX"
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -64,7 +64,7 @@ def set_of(path: str | PathLike[str]) -> Path | None:
     """
     source = Path(path)
     if source.is_dir():
-        found = sorted(file for file in source.iterdir() if file.name.lower().endswith("isetparms.txt"))
+        found = sorted(file for file in _files(source) if file.name.lower().endswith("isetparms.txt"))
         if len(found) > 1:
             raise FileError(source, f"holds several sets, {found[0].name} and {found[1].name}: name the file")
         return found[0] if found else None
@@ -90,7 +90,7 @@ def read_ray_trace(path: str | PathLike[str]) -> RayTrace:
         what = "holds no ISETPARMS.txt" if source.is_dir() else "is no ISETPARMS.txt: it sets no baseLensFileName"
         raise FileError(source, what if source.exists() else "there is no such file")
     said = read_parameters(parameters)
-    names = {file.name.lower(): file for file in parameters.parent.iterdir()}
+    names = {file.name.lower(): file for file in _files(parameters.parent)}
     base = PureWindowsPath(said.base_name).name
     file = _beside(parameters, names, f"{base}_DI_.dat")
     table = _table(file, said)
@@ -323,6 +323,13 @@ class RayTrace:
 
     def _file(self, kind: str) -> Path:
         return _beside(self.path, self.names, f"{self.base}_{kind}_.dat")
+
+
+def _files(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise FileError(folder, f"cannot be read: {error.strerror or error}") from None
 
 
 def _beside(parameters: Path, names: Mapping[str, Path], name: str) -> Path:
