@@ -10,7 +10,9 @@ no cone, nothing is taken.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +40,8 @@ _CONE_RADIUS = 0.05
 _CONE_FALL = 0.1
 _LEAST_CONE = 1e-3
 """A cone below this holds a millionth of the light beyond the kernel: it is left there."""
+_THREADS = 4
+"""Wavelengths that are looked at side by side, at most: each needs some hundred megabytes behind a large pupil."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,14 +174,19 @@ def _of_modes(modes: tuple[PlaneSpread, ...], scale: Array, wavelength_nm: Array
     frequencies = step_per_m * np.arange(_NODES, dtype=np.float64)
     cones = np.zeros((len(modes), grid.size, _NODES))
     spectra = np.empty((len(modes), grid.size, size, size // 2 + 1), np.complex128)
-    for n, w in enumerate(grid):
+
+    def look(n: int) -> None:
         for r, mode in enumerate(modes):
-            cone = _cone(mode, w)
+            cone = _cone(mode, grid[n])
             if abs(cone) * scale[r] < _LEAST_CONE:
                 cone = 0.0
             else:
-                cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(w))
-            spectra[r, n] = scale[r] * _folded_spectrum(mode, w, cone, sampling, size)
+                cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(grid[n]))
+            spectra[r, n] = scale[r] * _folded_spectrum(mode, grid[n], cone, sampling, size)
+
+    look(0)  # by itself: what is the same for all wavelengths is then made once
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS)) as pool:
+        list(pool.map(look, range(1, grid.size)))
     padding_m = (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
     return LensTables(hats, cones if cones.any() else None, step_per_m, spectra, padding_m)
 

@@ -30,7 +30,6 @@ LARGEST_SLOPE = 64.0
 _COUNTS = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 1024))
 """Cells across the pupil for slopes up to some: the transfer function is right within 2e-4, see tests."""
 _MARGIN = 12
-_COARSE = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +74,10 @@ class PupilTransfer:
         image = _transform(field)
         change = rfft2(image.real**2 + image.imag**2 - self._bare, overwrite_x=True)
         change /= size * size * (self.pupil.area * math.pi / 4 * self.count**2)
-        # Columns from 0 on suffice, and a margin for the interpolation: the rest is the conjugate.
-        mirrored = np.conj(np.roll(change[::-1], 1, axis=0)[:, _MARGIN:0:-1])
-        half = np.concatenate([mirrored, change], axis=1)
-        half = np.fft.fftshift(half, axes=0)
-        parts = [spline_filter(part, order=3, mode="mirror") for part in (half.real, half.imag)]
+        parts = [
+            spline_filter(part, order=3, mode="mirror", output=part)
+            for part in (_upright(change.real), _upright(change.imag, sign=-1.0))
+        ]
 
         def transfer(sy: Array, sx: Array) -> NDArray[np.complex128]:
             sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
@@ -101,6 +99,20 @@ def _transform(field: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return result
 
 
+def _upright(change: Array, sign: float = 1.0) -> Array:
+    """(rows, cols) of frequencies: rows in rising order, columns from 0 on, and a margin for the interpolation.
+
+    The rest is the conjugate: of the real part the mirror image, of the imaginary part with the other `sign`.
+    """
+    rows, cols = change.shape
+    whole = np.empty((rows, _MARGIN + cols))
+    whole[: rows // 2, _MARGIN:] = change[rows // 2 :]
+    whole[rows // 2 :, _MARGIN:] = change[: rows // 2]
+    opposite = (rows // 2 - np.arange(rows)) % rows
+    whole[:, :_MARGIN] = sign * change[opposite, _MARGIN:0:-1]
+    return whole
+
+
 def largest_slope(pupil: Pupil, waves: Waves) -> float:
     """Largest slope of a wavefront over the opening, in waves per radius of the pupil.
 
@@ -108,11 +120,11 @@ def largest_slope(pupil: Pupil, waves: Waves) -> float:
     """
     if not waves:
         return 0.0
-    open_ = pupil.cells(_COARSE)[0] > 0
-    middle = (np.arange(_COARSE) + 0.5) * (2 / _COARSE) - 1
+    open_ = pupil.coarsely_open
+    middle = (np.arange(len(open_)) + 0.5) * (2 / len(open_)) - 1
     y, x = np.broadcast_arrays(middle[:, None], middle)
     values = np.tensordot(np.array(list(waves.values())), zernike_values(tuple(waves), x, y), 1)
-    slope = np.hypot(*np.gradient(values, 2 / _COARSE))
+    slope = np.hypot(*np.gradient(values, 2 / len(open_)))
     return float(slope[open_].max())
 
 

@@ -24,6 +24,7 @@ _ROWS = 768
 _RADII = 1025
 _ANGLE_STEP_DEG, _VANES_ANGLE_STEP_DEG = 0.125, 0.5
 _SUBROWS = 16
+_COARSE = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +170,12 @@ class Pupil:
         y = np.where(open_, y_sum / np.where(open_, area, 1.0), middle[:, None])
         x = np.where(open_, x_sum / np.where(open_, area, 1.0), middle)
         return np.where(open_, area, 0.0) * (count / (2 * _SUBROWS)), y, x
+
+    @cached_property
+    def coarsely_open(self) -> NDArray[np.bool_]:
+        """(96, 96) which cells of the square around the circle are not dark, y and x increasing."""
+        open_: NDArray[np.bool_] = self.cells(_COARSE)[0] > 0
+        return open_
 
     def _rows(self, angle_rad: float) -> tuple[Array, Array]:
         """Offsets of chords along an angle, and their weights: corners stand between rows, none within one."""
