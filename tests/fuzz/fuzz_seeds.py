@@ -50,10 +50,38 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
     sensor.with_(rows=33, cols=49).save(folder / "chart.sensor.yaml")
     (folder / "diode.csv").write_text("nm,r,u\n400,0.2,0.001\n700,0.4,0.001\n")
     made |= _lens_listings(folder)
+    made |= _saved_lenses(folder)
     made["sensor"] = ((folder / "a.sensor.yaml").read_bytes(),)
     made["spectrum"] = ((folder / "diode.csv").read_bytes(),)
     made |= {name: tuple(text.encode() for text in texts) for name, texts in _TEXTS.items()}
     return made
+
+
+def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
+    """Optics files as photosite writes them, and the arrays beside them."""
+    import photosite as ps
+    from photosite.optics.distortion import Distortion, LateralColor
+    from photosite.optics.illumination import IlluminationTable
+    from photosite.optics.radial_table import FieldPoints
+
+    base, grid = ps.DiffractionLimited(4, 50), np.array([450.0, 650.0])
+    axis = np.arange(-8, 9) * 0.5
+    spots = np.stack([[np.exp(-(axis[:, None] ** 2 + axis**2) / (1 + k))] * 2 for k in range(2)])
+    field = FieldPoints(height_mm=np.array([0.0, 9.0]))
+    design = ps.LensDesign(grid, spots, 0.5, np.zeros(2), np.array([0.0, 9.0]), nodes=3)
+    array = ps.Wavefront({8: 30.0}, pupil=ps.Pupil(amplitude=np.pad(np.full((8, 8), 0.5), 4)))
+    tables = {
+        "illumination": IlluminationTable(field, np.array([1, 0.8])),
+        "distortion": Distortion.from_percent(field, [0, -2]),
+        "lateral_color": LateralColor.from_magnification(grid, [1.0001, 0.9999]),
+    }
+    for name, lens in (("x", ps.Lens(base, design)), ("y", ps.Lens(base, array, 2.0, **tables))):
+        lens.save(folder / f"{name}.optics.yaml", {"source": "made up"})
+    return {
+        "optics": tuple((folder / f"{name}.optics.yaml").read_bytes() for name in "xy"),
+        "design": ((folder / "x.optics.design.npz").read_bytes(),),
+        "pupil": ((folder / "y.optics.pupil.npz").read_bytes(),),
+    }
 
 
 def _lens_listings(folder: Path) -> dict[str, tuple[bytes, ...]]:

@@ -220,6 +220,22 @@ def targets(folder: Path) -> dict[str, Target]:
 
         return load_optics(path)
 
+    def optics(path: Path) -> object:
+        from photosite.optics.compound import Lens
+
+        found = lens(path)  # its focus may lie at infinity
+        return [getattr(found, f.name) for f in fields(Lens) if f.name != "focus_distance_m" and hasattr(found, f.name)]
+
+    def design(path: Path) -> object:
+        from photosite.optics.npz import read_design
+
+        return read_design(path)
+
+    def pupil(path: Path) -> object:
+        from photosite.optics.npz import read_amplitude
+
+        return read_amplitude(path)
+
     def psf(path: Path) -> object:
         from photosite.optics.listings.zemax import read_psf
 
@@ -253,6 +269,9 @@ def targets(folder: Path) -> dict[str, Target]:
         "exr": Target(".exr", seeds["exr"], scene),
         "cgats": Target(".cgats", seeds["cgats"], chart, text=True),
         "patches": Target(".csv", seeds["patches"], chart, text=True),
+        "optics": Target(".yaml", seeds["optics"], optics, text=True),
+        "design": Target(".npz", seeds["design"], design),
+        "pupil": Target(".npz", seeds["pupil"], pupil),
         "ray trace": Target(".txt", seeds["ray trace"], lens, text=True),
         "heights": Target(".dat", seeds["heights"], heights, text=True),
         "psf": Target(".txt", seeds["psf"], psf, text=True),

@@ -230,6 +230,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("name", "message"),
     [
+        ("x" * 300 + ".yaml", "File name too long"),
         ("a.txt", r"ends in \.yaml or \.yml"),
         ("gone/a.yaml", "there is no folder"),
         ("taken.yaml", "a folder or a device"),
@@ -256,6 +257,10 @@ def test_a_provenance_that_is_none(tmp_path: Path, said: Any) -> None:
     ("spoil", "message"),
     [
         (lambda file: file.unlink(), "there is no such file"),
+        (
+            lambda file: (text := file.parent / "a.yaml").write_text(text.read_text().replace(file.name, "x" * 300)),
+            "there is no such file|File name too long",
+        ),
         (lambda file: file.write_bytes(file.read_bytes()[:200]), "cannot be read"),
         (lambda file: file.write_bytes(b""), "cannot be read"),
         (lambda file: np.savez(file, other=1), "holds no array '(amplitude|wavelength_nm)', but other"),
@@ -279,6 +284,10 @@ def test_arrays_that_cannot_be(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="between 0 and 1 everywhere"):
         load_optics(tmp_path / "a.yaml")
     Lens(BASE, BLURS["design"]).save(tmp_path / "b.yaml")
+    arrays = dict(np.load(tmp_path / "b.design.npz"))
+    np.savez(tmp_path / "b.design.npz", **arrays | {"unit": "inch" * 9999})
+    with pytest.raises(FileError, match="unit is 'mm' or 'deg', not 'inchinchinchinchinch'"):
+        load_optics(tmp_path / "b.yaml")
     text = (tmp_path / "b.yaml").read_text()
     (tmp_path / "b.yaml").write_text(text + "  first_row: top\n")
     with pytest.raises(FileError, match="first_row is for the listings"):

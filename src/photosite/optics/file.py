@@ -19,6 +19,7 @@ Names of files are relative to the optics file. docs/optics.md has all sections.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -177,10 +178,12 @@ class _Reader:
         try:
             return build()
         except FileError as error:
-            if Path(error.path).exists():
+            if os.path.exists(error.path):  # False for a name that no file can have
                 raise
             named = [part for part in ("file", "source") if part in self.data[key]]
             raise self.error(f"there is no such file, {error.path}", (key, *named)) from None
+        except OSError as error:  # a name that no file can have
+            raise self.error(f"cannot be read: {error.strerror or error}", (key,)) from None
         except InputError as error:
             inside = error.location if isinstance(error, MisplacedError) else ()
             raise self.error(str(error), (key, *inside) if key in self.data else ()) from None

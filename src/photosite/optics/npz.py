@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,9 @@ def read_design(path: Path, **options: Any) -> LensDesign:
     fields: dict[str, Any] = {name: _numbers(path, name, found[name]) for name in DESIGN[:-1]}
     if fields["spacing_um"].size != 1:
         raise FileError(path, f"spacing_um is one number, not {fields['spacing_um'].size}")
-    fields |= {"spacing_um": fields["spacing_um"].item(), "unit": str(found["unit"]), **options}
+    if (unit := str(found["unit"])) not in ("mm", "deg"):
+        raise FileError(path, f"unit is 'mm' or 'deg', not '{unit:.20}'")
+    fields |= {"spacing_um": fields["spacing_um"].item(), "unit": unit, **options}
     try:
         return LensDesign(**fields)
     except (InputError, TypeError, ValueError) as error:
@@ -66,7 +69,7 @@ def write_amplitude(amplitude: NDArray[np.float64], path: Path) -> None:
 
 
 def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    if not path.is_file():
+    if not os.path.isfile(path):  # False for a name that no file can have, where pathlib raises
         raise FileError(path, "no such file")
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -79,7 +82,8 @@ def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     except MemoryError:
         raise FileError(path, "cannot be read: it says it is larger than memory") from None
     except Exception as error:  # NumPy and zipfile raise many kinds at a damaged file
-        raise FileError(path, f"cannot be read: {' '.join(str(error).split()) or type(error).__name__}") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be read: {reason[:200]}") from None
 
 
 def _numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -118,7 +119,7 @@ def read_psf_table(
     readers[".npz"] = _npz
     if suffix not in readers:
         raise FileError(path, f"point spreads are read from {', '.join(sorted(readers))}, not from '{suffix}'")
-    if not Path(path).is_file():
+    if not os.path.isfile(path):
         raise FileError(path, "no such file")
     try:
         found = readers[suffix](path)
@@ -127,7 +128,8 @@ def read_psf_table(
     except MemoryError:
         raise FileError(path, "cannot be read: it says it is larger than memory") from None
     except Exception as error:  # libraries raise many kinds at a damaged file
-        raise FileError(path, f"cannot be read: {' '.join(str(error).split()) or type(error).__name__}") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be read: {reason[:200]}") from None
     spacing = _said(path, "spacing_um", found, None if spacing_um is None else np.array([spacing_um], np.float64))
     grid = _said(path, "wavelength_nm", found, None if wavelength_nm is None else np.atleast_1d(wavelength_nm))
     try:

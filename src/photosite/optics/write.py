@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -89,7 +90,8 @@ def write_optics(
     if file.suffix.lower() not in _SUFFIXES:
         raise FileError(file, f"cannot be written: an optics file's name ends in {' or '.join(_SUFFIXES)}")
     for name in (file.name, *sides):
-        if (place := file.with_name(name)).exists() and not place.is_file():
+        place = file.with_name(name)
+        if os.path.exists(place) and not os.path.isfile(place):
             raise FileError(place, "cannot be written: it is a folder or a device, not a file")
     if not file.absolute().parent.is_dir():
         raise FileError(file, f"cannot be written: there is no folder {file.parent}")
