@@ -164,3 +164,22 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
         path.write_text(TEXT.replace(old, new))
         with pytest.raises(FileError, match=said):
             open_chart(path)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"crosstalk": {"optical": dict.fromkeys("RGB", ((0, 0, 0), (0.1, 0.8, 0.1), (0, 0, 0)))}},
+        {"angular_response": {"angle_deg": (0, 40), "relative_response": dict.fromkeys("RGB", (1, 0.5))}},
+    ],
+)
+def test_what_is_not_taken_off_is_refused(sensor, scenes, part):
+    with pytest.raises(
+        InputError, match=r"holds the sensor's optical_stack\.(crosstalk|angular_response).*leave it out"
+    ):
+        unit_electrons(scenes["A"], sensor.with_(**part), LENS, 0.1)
+    even = {"angle_deg": (0, 40), "relative_response": (1, 0.5)}
+    grid = scenes["A"].wavelength_nm[:2]
+    few = ps.charts.macbeth("A", 40.0, wavelength_nm=grid)
+    whole, fallen = (unit_electrons(few, each, LENS, 0.1) for each in (sensor, sensor.with_(angular_response=even)))
+    assert (fallen < whole).all()

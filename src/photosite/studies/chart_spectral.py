@@ -107,7 +107,13 @@ def unit_electrons(scene: Scene, sensor: Sensor, optics: Optics, exposure_s: flo
 
     Each column is a capture without noise, blur and fall-off included, by a sensor of the same pixels whose quantum
     efficiency is 1 at that wavelength and falls to 0 at the neighbouring ones.
+
+    Raises
+    ------
+    InputError
+        If the sensor's optical stack does something to each channel that is not taken off.
     """
+    _check_door(sensor)
     grid = scene.wavelength_nm
     columns = []
     for number, nm in enumerate(grid):
@@ -124,3 +130,18 @@ def unit_electrons(scene: Scene, sensor: Sensor, optics: Optics, exposure_s: flo
             mean = camera.mean_electrons(scene, exposure_s)
         columns.append([float(mean[r.r0 : r.r1, r.c0 : r.c1].mean()) for r in camera.image_regions(scene)])
     return np.array(columns).T
+
+
+def _check_door(sensor: Sensor) -> None:
+    """Refuse what a sensor says of its channels' neighbours and angles: what a chart's patches read holds it."""
+    stack = sensor.optical_stack
+    if stack is None:
+        return
+    fall = stack.angular_response
+    by_channel = fall is not None and isinstance(fall.relative_response, dict)
+    for name, there in (("crosstalk", stack.crosstalk is not None), ("angular_response of each channel", by_channel)):
+        if there:
+            raise InputError(
+                f"what a chart's patches read holds the sensor's optical_stack.{name}, which is not taken off: leave "
+                "it out of the sensor, and the quantum efficiency is that of the channels with it"
+            )
