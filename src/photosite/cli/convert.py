@@ -27,6 +27,11 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
             "reflectance for each colour.  [default: mallett-yuksel]",
         ),
         click.option(
+            "--out-of-gamut",
+            type=click.Choice(["refuse", "clip"]),
+            help="What becomes of its colours that the method cannot raise.  [default: refuse]",
+        ),
+        click.option(
             "--interleave",
             type=click.Choice(["bip", "bsq", "bil"]),
             help="Axes of an HDF5 cube, where it does not say: rows, columns, bands (bip), bands first (bsq) or second "

@@ -21,7 +21,7 @@ _READING = (
     (r"\binterleave='(\w+)'", r"--scene-option interleave=\1"),
     (r"\bvariable='\.\.\.'", "--scene-option variable=NAME"),
     (r"\bpatches=False", "--scene-option patches=false"),
-    (r"\bmethod='([\w-]+)'", r"--scene-option method=\1"),
+    (r"\b(method|out_of_gamut)='([\w-]+)'", r"--scene-option \1=\2"),
 )
 _OWN = (
     (r"\bsort_bands=True", "--sort-bands"),
@@ -30,6 +30,7 @@ _OWN = (
     (r"\binterleave='(\w+)'", r"--interleave \1"),
     (r"\bvariable='\.\.\.'", "--variable NAME"),
     (r"\bmethod='([\w-]+)'", r"--method \1"),
+    (r"\bout_of_gamut='clip'", "--out-of-gamut clip"),
 )
 
 

@@ -24,7 +24,11 @@ from photosite.scene.scene import Scene
 _HEAD_BYTES = 1 << 10
 _PICTURES = ("picture", "tiff")
 """Modules of files that may hold a display picture."""
-_NO_METHOD = "method says how the colours of a display picture (PNG, JPEG, TIFF) become spectra; leave it out"
+_OF_PICTURES = {
+    "method": "method says how the colours of a display picture (PNG, JPEG, TIFF) become spectra; leave it out",
+    "out_of_gamut": "out_of_gamut is about the colours of a display picture (PNG, JPEG, TIFF); leave it out",
+}
+"""What is said of an option where there is no such picture."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ def read_scene(
     **options
         Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
         mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, interleave, variable, patch_cols,
-        method.
+        method, out_of_gamut.
         What the file says itself need not be said.
 
     Returns
@@ -127,12 +131,13 @@ def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
     kind = format_of(path)
     if said.interleave is not None and kind.module != "hdf5":
         raise FileError(path, f"is {kind.name}, which has its own order of axes; leave interleave out")
-    if said.method is not None and kind.module not in _PICTURES:
-        raise FileError(path, f"is {kind.name}, and {_NO_METHOD}")
+    needless = [reason for name, reason in _OF_PICTURES.items() if getattr(said, name) is not None]
+    if needless and kind.module not in _PICTURES:
+        raise FileError(path, f"is {kind.name}, and {needless[0]}")
     module = kind.load()
     found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, said)
-    if said.method is not None and not isinstance(found, Scene):
-        raise FileError(path, f"holds spectra, and {_NO_METHOD}")
+    if needless and not isinstance(found, Scene):
+        raise FileError(path, f"holds spectra, and {needless[0]}")
     return found
 
 

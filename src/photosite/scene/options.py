@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from numpy.typing import ArrayLike
 
 from photosite.errors import InputError
+from photosite.scene.picture_colors import OutOfGamut, check_out_of_gamut
 from photosite.scene.pictures import Method, check_method
 from photosite.scene.scene import Scene
 from photosite.scene.values import check_flag, check_number, check_numbers
@@ -56,6 +57,8 @@ class ReadOptions:
     method
         How the colours of a display picture (PNG, JPEG, TIFF) become spectra, as for `photosite.pictures.from_rgb`;
         None: "mallett-yuksel". With "jakob-hanika" the tolerance is that of its reduction.
+    out_of_gamut
+        What becomes of its colours that the method cannot raise, as for `photosite.pictures.from_rgb`; None: "refuse".
 
     Raises
     ------
@@ -77,6 +80,7 @@ class ReadOptions:
     variable: str | None = None
     patch_cols: int | None = None
     method: Method | None = None
+    out_of_gamut: OutOfGamut | None = None
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "distance_m", "width_m", "mean_luminance_cd_m2", "patch_cols"):
@@ -102,6 +106,8 @@ class ReadOptions:
             raise InputError(f"interleave is 'bip', 'bsq' or 'bil', not {self.interleave!r:.40}")
         if self.method is not None:
             check_method(self.method)
+        if self.out_of_gamut is not None:
+            check_out_of_gamut(self.out_of_gamut)
         for name in ("no_data", "negative"):
             if getattr(self, name) not in get_args(Amend):
                 raise InputError(f"{name} is 'refuse' or 'zero', not {getattr(self, name)!r}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,33 +28,43 @@ SPACES: dict[str, str] = {
 
 _ROUNDING = 1e-6
 """Outside the gamut by this is rounding."""
+_BLOCK = 1 << 20
+"""Values that are held in double precision."""
 
 
-def display_values(picture: ArrayLike) -> Array:
-    """(rows, cols, 3) values from 0 to 1 of a display picture, checked; still encoded.
+def checked_picture(picture: ArrayLike) -> NDArray[Any]:
+    """(rows, cols, 3) codes of a display picture, or values from 0 to 1; still encoded.
 
     Raises
     ------
     InputError
         If it has another shape or type, or values outside 0 to 1.
+    """
+    codes = np.asarray(picture)
+    if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0:
+        raise InputError(f"a picture is (rows, cols, 3), red, green and blue, not an array of shape {codes.shape}")
+    if codes.dtype in (np.uint8, np.uint16):
+        return codes
+    if not np.issubdtype(codes.dtype, np.floating):
+        raise InputError(f"a picture holds unsigned integers of 8 or 16 bits or floats from 0 to 1, not {codes.dtype}")
+    if not (codes.min() >= 0 and codes.max() <= 1):  # false where there are no numbers too
+        raise InputError(
+            "a picture's values lie from 0 to 1; some are outside or no numbers (a picture of light is from_hdr's)"
+        )
+    return codes
+
+
+def display_values(codes: NDArray[Any]) -> Array:
+    """Values from 0 to 1.
 
     Examples
     --------
     >>> display_values(np.array([[[0, 51, 255]]], np.uint8))
     array([[[0. , 0.2, 1. ]]])
     """
-    codes = np.asarray(picture)
-    if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0:
-        raise InputError(f"a picture is (rows, cols, 3), red, green and blue, not an array of shape {codes.shape}")
-    if codes.dtype in (np.uint8, np.uint16):
-        return codes / float(np.iinfo(codes.dtype).max)
-    if not np.issubdtype(codes.dtype, np.floating):
-        raise InputError(f"a picture holds unsigned integers of 8 or 16 bits or floats from 0 to 1, not {codes.dtype}")
-    if not ((codes >= 0) & (codes <= 1)).all():
-        raise InputError(
-            "a picture's values lie from 0 to 1; some are outside or no numbers (a picture of light is from_hdr's)"
-        )
-    return codes.astype(np.float64)
+    if np.issubdtype(codes.dtype, np.floating):
+        return codes.astype(np.float64)
+    return codes / float(np.iinfo(codes.dtype).max)
 
 
 def plain_srgb(values: Array) -> Array:
@@ -74,15 +85,36 @@ def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
     >>> linear_srgb_of(np.array([[[1.0, 1.0, 1.0]]]), "Display P3", linear=False).round(4)
     array([[[1., 1., 1.]]])
     """
+    found = _known(space)
+    return _in_srgb(values if linear else _decoded(values, found), found)
+
+
+def _known(space: str) -> str:
+    """The space's name in colour-science."""
     known = {name.lower(): name for name in SPACES}
     if space.lower() not in known:
         raise InputError(f"unknown RGB space '{space}'; {did_you_mean(space, SPACES)}")
-    found = SPACES[known[space.lower()]]
+    return SPACES[known[space.lower()]]
+
+
+def _decoded(values: Array, found: str) -> Array:
+    """Encoded values, each by itself, proportional to light."""
     if found == "sRGB":
-        return values if linear else plain_srgb(values)
-    source = colour_science().RGB_COLOURSPACES[found]
-    light = values if linear else np.asarray(source.cctf_decoding(values), dtype=np.float64)
-    return light @ _matrix_to_srgb(found).T
+        return plain_srgb(values)
+    return np.asarray(colour_science().RGB_COLOURSPACES[found].cctf_decoding(values), dtype=np.float64)
+
+
+def _in_srgb(light: Array, found: str) -> Array:
+    return light if found == "sRGB" else light @ _matrix_to_srgb(found).T
+
+
+def _linear(codes: NDArray[Any], found: str, linear: bool) -> Callable[[NDArray[Any]], Array]:
+    """From rows of a picture to linear sRGB; codes are few, and looked up."""
+    if np.issubdtype(codes.dtype, np.floating):
+        return lambda rows: _in_srgb(display_values(rows) if linear else _decoded(display_values(rows), found), found)
+    every = display_values(np.arange(np.iinfo(codes.dtype).max + 1, dtype=codes.dtype))
+    table = every if linear else _decoded(every, found)
+    return lambda rows: _in_srgb(table[rows], found)
 
 
 @lru_cache(maxsize=8)
@@ -98,23 +130,59 @@ def _matrix_to_srgb(found: str) -> Array:
     return np.asarray(np.linalg.inv(from_xyz) @ adapt @ to_xyz, dtype=np.float64)
 
 
-def within_gamut(values: Array, out_of_gamut: OutOfGamut, highest: float = 1.0) -> Array:
-    """Linear sRGB between 0 and the highest value, as far as rounding goes; others are refused or clipped.
+def check_out_of_gamut(said: object) -> None:
+    """Refuse what is no `OutOfGamut`.
 
     Raises
     ------
     InputError
-        If colours lie outside and are to be refused; with how many.
+        If it is none.
     """
-    if out_of_gamut not in get_args(OutOfGamut):
-        raise InputError(f"out_of_gamut is 'refuse' or 'clip', not {out_of_gamut!r}")
-    scale = 1.0 if np.isfinite(highest) else max(1.0, float(values.max()))
-    outside = (values < -_ROUNDING * scale) | (values > highest + _ROUNDING)
-    if out_of_gamut == "refuse" and outside.any():
-        count = int(outside.any(axis=2).sum())
-        other = ", or method='jakob-hanika'" if np.isfinite(highest) else ""
+    if said not in get_args(OutOfGamut):
+        raise InputError(f"out_of_gamut is 'refuse' or 'clip', not {said!r:.40}")
+
+
+def srgb_weights(
+    codes: NDArray[Any], space: str, *, linear: bool, out_of_gamut: OutOfGamut, highest: float = 1.0
+) -> NDArray[np.float32]:
+    """(3, rows, cols) linear sRGB between 0 and the highest value, some rows of the picture at a time.
+
+    Parameters
+    ----------
+    codes
+        (rows, cols, 3), as `checked_picture` has it, or floats of any range.
+    space, linear
+        As for `linear_srgb_of`.
+    out_of_gamut
+        What becomes of colours beyond, but for rounding.
+    highest
+        1, or infinity for a picture of light.
+
+    Raises
+    ------
+    InputError
+        If colours lie outside and are to be refused; with how many. If the space is unknown.
+
+    Examples
+    --------
+    >>> codes = np.array([[[0, 128, 255]]], np.uint8)
+    >>> srgb_weights(codes, "sRGB", linear=False, out_of_gamut="refuse").ravel().round(4)
+    array([0.    , 0.2159, 1.    ], dtype=float32)
+    """
+    check_out_of_gamut(out_of_gamut)
+    bounded = bool(np.isfinite(highest))
+    low = _ROUNDING * (1.0 if bounded else max(1.0, float(codes.max())))
+    to_linear = _linear(codes, _known(space), linear)
+    weights = np.empty((3, *codes.shape[:2]), np.float32)
+    step, outside = max(1, _BLOCK // codes[0].size), 0
+    for first in range(0, len(codes), step):
+        values = to_linear(codes[first : first + step])
+        outside += int(((values < -low) | (values > highest + _ROUNDING)).any(axis=2).sum())
+        with np.errstate(over="ignore"):  # the caller's affair
+            weights[:, first : first + step] = np.moveaxis(np.clip(values, 0.0, highest), 2, 0)
+    if out_of_gamut == "refuse" and outside:
+        other = ", or method='jakob-hanika'" if bounded else ""
         raise InputError(
-            f"{count} of {values.shape[0] * values.shape[1]} pixels have colours that sRGB lacks; "
-            f"ask for out_of_gamut='clip'{other}"
+            f"{outside} of {weights[0].size} pixels have colours that sRGB lacks; ask for out_of_gamut='clip'{other}"
         )
-    return np.clip(values, 0.0, highest)
+    return weights

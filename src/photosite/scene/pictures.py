@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.cie import colour_science
 from photosite.errors import InputError, did_you_mean
-from photosite.scene.picture_colors import OutOfGamut, display_values, linear_srgb_of, plain_srgb, within_gamut
+from photosite.scene.picture_colors import (
+    OutOfGamut,
+    check_out_of_gamut,
+    checked_picture,
+    display_values,
+    linear_srgb_of,
+    plain_srgb,
+    srgb_weights,
+)
 from photosite.scene.raised import raised
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.spectra import Rule, Spectrum, luminance_cd_m2, photons_from_energy, wavelength_grid
@@ -157,19 +165,19 @@ def from_rgb(
     """
     grid = wavelength_grid(wavelength_nm)
     check_method(method)
-    values = linear_srgb_of(display_values(picture), space, linear=linear)
-    if not values.any():
+    check_out_of_gamut(out_of_gamut)
+    codes = checked_picture(picture)
+    if not codes.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")
-    # A colour that sRGB lacks may be one that a surface has: the smooth method tells by itself.
-    if method == "mallett-yuksel" or out_of_gamut == "clip":
-        values = within_gamut(values, out_of_gamut)
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
+    reflectance, lost = srgb_reflectance(grid), 0.0
     if method == "mallett-yuksel":
-        reflectance, lost = srgb_reflectance(grid), 0.0
-        weights = np.moveaxis(values, 2, 0).astype(np.float32)
+        weights = srgb_weights(codes, space, linear=linear, out_of_gamut=out_of_gamut)
     else:
-        srgb_reflectance(grid)  # refuses the same wavelengths
-        weights, reflectance, lost = raised(values, grid, tolerance)
+        # A colour that sRGB lacks may be one that a surface has: the smooth method tells by itself.
+        values = linear_srgb_of(display_values(codes), space, linear=linear)
+        clipped = np.clip(values, 0.0, 1.0) if out_of_gamut == "clip" else values
+        weights, reflectance, lost = raised(clipped, grid, tolerance)
     scene = Scene(weights, reflectance * light, grid, distance_m, width_m, (), name, reflectance, lost)
     return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
 
@@ -287,19 +295,11 @@ def from_hdr(
         raise InputError("a picture of light holds values of 0 or more; some are below or no numbers")
     if not codes.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")
-    values = within_gamut(linear_srgb_of(codes.astype(np.float64), space, linear=True), out_of_gamut, highest=math.inf)
-    light = photons_from_energy(relative_energy(white, grid), grid)
-    if values.max() > np.finfo(np.float32).max:
+    weights = srgb_weights(codes, space, linear=True, out_of_gamut=out_of_gamut, highest=math.inf)
+    if not np.isfinite(weights.max()):
         raise InputError("a picture of light holds values beyond 3e38, which single precision does not hold; scale it")
-    scene = Scene(
-        np.moveaxis(values, 2, 0).astype(np.float32),
-        srgb_reflectance(grid) * light,
-        grid,
-        distance_m,
-        width_m,
-        (),
-        name,
-    )
+    light = photons_from_energy(relative_energy(white, grid), grid)
+    scene = Scene(weights, srgb_reflectance(grid) * light, grid, distance_m, width_m, (), name)
     if mean_luminance_cd_m2 is not None:
         return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
     assert white_luminance_cd_m2 is not None
@@ -330,4 +330,4 @@ def linear_srgb(picture: ArrayLike) -> NDArray[np.float64]:
     >>> linear_srgb(np.array([[[0, 128, 255]]], np.uint8)).round(4)
     array([[[0.    , 0.2159, 1.    ]]])
     """
-    return plain_srgb(display_values(picture))
+    return plain_srgb(display_values(checked_picture(picture)))

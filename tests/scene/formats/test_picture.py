@@ -11,7 +11,8 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
+from photosite.scene.charts import macbeth
 from photosite.scene.files import read_scene
 from photosite.scene.pictures import from_hdr, from_rgb, from_srgb
 from photosite.spectra import luminance_cd_m2
@@ -94,6 +95,24 @@ def icc(name: str) -> bytes:
     """The sRGB profile under another name: what counts here is what a file says."""
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     return profile.replace("sRGB built-in".encode("utf-16-be"), name.ljust(13)[:13].encode("utf-16-be"))
+
+
+def test_colours_that_srgb_lacks_are_clipped_if_one_says_so(tmp_path: Path) -> None:
+    """Display P3, whose green is beyond sRGB's."""
+    codes = np.full((5, 7, 3), 120, np.uint8)
+    codes[0, 0] = 0, 255, 0
+    file = saved(tmp_path / "wide.png", codes, icc_profile=icc("Display P3"))
+    with pytest.raises(FileError, match=r"1 of 35 pixels have colours that sRGB lacks; ask for out_of_gamut='clip'"):
+        read_scene(file, mean_luminance_cd_m2=40)
+    clipped = read_scene(file, mean_luminance_cd_m2=40, out_of_gamut="clip")
+    wanted = from_rgb(codes, space="Display P3", out_of_gamut="clip")
+    np.testing.assert_array_equal(clipped.weights, wanted.weights)
+    np.testing.assert_array_equal(clipped.weights[[0, 2], 0, 0], 0)
+    macbeth(mean_luminance_cd_m2=40).save(tmp_path / "chart.h5")
+    with pytest.raises(FileError, match="out_of_gamut is about the colours of a display picture"):
+        read_scene(tmp_path / "chart.h5", out_of_gamut="clip")
+    with pytest.raises(InputError, match="out_of_gamut is 'refuse' or 'clip', not 'cut'"):
+        read_scene(file, out_of_gamut="cut")
 
 
 def test_profiles_that_are_known_are_read_in_their_space(tmp_path: Path) -> None:

@@ -126,6 +126,7 @@ def _scene(path: Path, values: NDArray[Any], space: str, said: ReadOptions) -> S
             said.mean_luminance_cd_m2,
             space=space,
             method=said.method or "mallett-yuksel",
+            out_of_gamut=said.out_of_gamut or "refuse",
             tolerance=said.tolerance,
             distance_m=said.distance_m or DEFAULT_DISTANCE_M,
             width_m=said.width_m,
