@@ -114,3 +114,15 @@ def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> N
         assert layer.pictures is not None
         assert sum(map(len, layer.pictures)) <= 3 * len(layer.views)
         assert 4 <= len(layer.mixing) <= 16
+
+
+@pytest.mark.parametrize("blind", [("R", "G", "B"), ("G",)])
+def test_channels_that_see_no_light_stay_dark(blind: tuple[str, ...]) -> None:
+    channels = {
+        name: {"wavelength_nm": [380.0, 800.0], "quantum_efficiency": [0.0, 0.0] if name in blind else [0.5, 0.5]}
+        for name in ("R", "G", "B")
+    }
+    sensor = SENSOR.with_(channels=channels)
+    got = ps.Camera(Lens(BASE, comet(), lateral_color=COLORS), sensor).mean_electrons(scene(), 0.1)
+    for (r, c), name in np.ndenumerate(np.array(sensor.array.cfa)):
+        assert got[r::2, c::2].any() == (name not in blind)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photosite.cfa import channel_sites
 from photosite.door import low_pass_split_m, through_door
 from photosite.engine.jit import threads_for
-from photosite.engine.laying import Field, Grid, Layer, Sheet, View
+from photosite.engine.laying import Field, Grid, Layer, View
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
@@ -154,6 +154,8 @@ def _blurred_mosaic(
     where = placement(scene, optics, sensor)
     colors_nm, shares = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
     parts = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
+    if not parts:  # no channel sees any light
+        return np.zeros((array.rows, array.cols), np.float32)
     grid = Grid(
         shape=(array.rows, array.cols),
         padding=math.ceil(max(reduced.padding_m for reduced in parts) / min(pitch)),
@@ -185,11 +187,11 @@ def _layer(reduced: Reduced, views: tuple[View, ...], field: Field | None) -> La
     return Layer(views, reduced.mixing.astype(np.float32), reduced.transfer, pictures, field, reduced.channel)
 
 
-def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, reach_m: float) -> Sheet:
+def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, reach_m: float) -> View:
     """A scene of opacities where the light of a wavelength meets it."""
     where = placement(cover, optics, sensor)
-    return Sheet(
-        opacity=cover.weights[0],
+    return View(
+        weights=cover.weights[:1],
         start=(where.row_start, where.col_start),
         step=(where.row_step, where.col_step),
         warp=warp(optics.mapping(cover.distance_m), wavelength_nm, reach_m, pitch_m(sensor)),

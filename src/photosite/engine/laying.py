@@ -110,24 +110,6 @@ class Field:
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
-    """An opacity, and where it lies.
-
-    Parameters
-    ----------
-    opacity
-        (rows, cols) 0 to 1.
-    start, step, warp
-        As for `Layer`.
-    """
-
-    opacity: NDArray[np.float32]
-    start: tuple[float, float]
-    step: tuple[float, float]
-    warp: Warp | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class View:
     """Weight maps, and where they are seen.
 
@@ -140,14 +122,14 @@ class View:
     warp
         Where cells look instead; None: where `start` and `step` have them.
     before
-        What hides parts of the maps, on the cells.
+        What hides parts of the maps, on the cells: each a view of one map, of opacities from 0 to 1.
     """
 
     weights: NDArray[np.float32]
     start: tuple[float, float]
     step: tuple[float, float]
     warp: Warp | None = None
-    before: tuple[Sheet, ...] = ()
+    before: tuple[View, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,12 +234,12 @@ def _open_pictures(view: View, grid: Grid) -> Pictures:
     return warped
 
 
-def _passing(sheets: Sequence[Sheet], grid: Grid) -> NDArray[np.float32]:
-    """(rows, cols) what sheets let through to each cell; parts of a cell that two of them cover are independent."""
+def _passing(sheets: Sequence[View], grid: Grid) -> NDArray[np.float32]:
+    """(rows, cols) what opacities let through to each cell; parts of a cell that two of them cover are independent."""
     passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
     alone = np.ones((1, 1), np.float32)
     for sheet in sheets:
-        opacity = _open_pictures(View(sheet.opacity[None], sheet.start, sheet.step, sheet.warp), grid)
+        opacity = _open_pictures(sheet, grid)
         for begin in range(0, passing.shape[0], STRIP):
             end = min(begin + STRIP, passing.shape[0])
             passing[begin:end] *= np.float32(1) - opacity(alone, begin, end)[0]
