@@ -119,7 +119,7 @@ def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize("blind", [("R", "G", "B"), ("G",)])
 def test_channels_that_see_no_light_stay_dark(blind: tuple[str, ...]) -> None:
     channels = {
-        name: {"wavelength_nm": [380.0, 800.0], "quantum_efficiency": [0.0, 0.0] if name in blind else [0.5, 0.5]}
+        name: {"wavelength_nm": [400.0, 700.0], "quantum_efficiency": [0.0, 0.0] if name in blind else [0.5, 0.5]}
         for name in ("R", "G", "B")
     }
     sensor = SENSOR.with_(channels=channels)
