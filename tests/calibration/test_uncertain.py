@@ -13,13 +13,8 @@ from photosite.calibration.uncertain import (
     combined,
     correlated,
     derive,
-    signed_root,
-    spread,
-    spread_interval_95,
-    upper_limit_95,
     weighted_mean,
 )
-from photosite.measured import COVERAGE_95
 
 
 def test_what_two_results_share_cancels():
@@ -77,39 +72,6 @@ def test_weighted_mean():
     assert mean.standard_uncertainty == pytest.approx(0.1 * math.hypot(0.25, 0.75))
 
 
-@pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 3.0, 10.0])
-def test_spread_covers_near_and_far_from_zero(true):
-    """Intervals of sqrt(v) cover at least 95 % (less 0.5 %, over three standard errors of 20 000 draws)."""
-    rng = np.random.default_rng(7)
-    covered = 0
-    for drawn in rng.normal(true, 1.0, 20_000):
-        s = spread(Uncertain.of(float(drawn), 1.0))
-        covered += abs(s.value - math.sqrt(true)) <= 1.959964 * s.standard_uncertainty
-    assert covered / 20_000 > 0.945
-
-
-def test_spread_is_first_order_far_from_zero():
-    assert spread(Uncertain.of(100.0, 0.1)).standard_uncertainty == pytest.approx(0.1 / 20, rel=2e-3)
-
-
-def test_a_negative_variance_keeps_its_sign_and_gets_a_limit():
-    v = Uncertain.of(-0.3, 0.2)
-    assert spread(v).value == -math.sqrt(0.3) == signed_root(-0.3)
-    limit = upper_limit_95(v)
-    assert 0.0 < limit < math.sqrt(0.2 * 1.96)
-    assert upper_limit_95(Uncertain.of(5.0, 1.0)) is None
-    assert 0.0 < upper_limit_95(Uncertain.of(-16.0, 1.0)) < 0.5
-    assert upper_limit_95(Uncertain.of(-40.0, 1.0)) is None
-
-
-@pytest.mark.parametrize("true", [0.0, 0.5, 1.5])
-def test_the_upper_limit_is_one(true):
-    """It is below the truth in at most 5 % of the cases (0.5 %: three standard errors of 20 000 draws)."""
-    rng = np.random.default_rng(3)
-    limits = [upper_limit_95(Uncertain.of(float(v), 1.0)) for v in rng.normal(true, 1.0, 20_000)]
-    assert sum(limit is not None and limit < math.sqrt(true) for limit in limits) / 20_000 < 0.055
-
-
 def test_what_is_missing_names_the_first_reason():
     missing = derive(lambda a, b: a + b, Uncertain.of(1.0), Missing("no light frames"))
     assert missing == Missing("no light frames")
@@ -158,23 +120,6 @@ def test_the_side_of_an_interval_turns_with_the_sign():
     assert (10.0 + square * -1.0).interval_95 == pytest.approx((1.0, 7.0))
 
 
-@pytest.mark.parametrize("uncertainties", [1.5, 2.0, 3.0, 6.0, 20.0])
-def test_the_root_of_a_noisy_variance_is_not_biased(uncertainties):
-    """By quadrature: less than a tenth of the mean uncertainty from 1.5 uncertainties on; the plain root has 0.15."""
-    z = np.linspace(-8, 8, 4001)
-    density = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    found = [spread(Uncertain.of(float(v), 1.0)) for v in uncertainties + z]
-    bias = density @ [entry.value for entry in found] - math.sqrt(uncertainties)
-    assert abs(bias) < 0.1 * (density @ [entry.standard_uncertainty for entry in found])
-
-
-def test_the_interval_of_a_spread_is_that_of_its_variance():
-    variance = Uncertain.of_variance(4.0, 1.0)
-    low, high = variance.interval_95
-    assert spread_interval_95(variance) == pytest.approx((math.sqrt(low), math.sqrt(high)))
-    assert spread_interval_95(Uncertain.of(0.0, 1.0)) == pytest.approx((-1.4, 1.4), abs=1e-3)
-
-
 def test_joint_covariance_is_that_of_draws():
     """200 000 draws: each entry to five standard errors, 1.6 % of the product of the two uncertainties."""
     rng = np.random.default_rng(6)
@@ -185,14 +130,3 @@ def test_joint_covariance_is_that_of_draws():
     scale = np.sqrt(np.diag(drawn))
     assert np.abs(joint.matrix - drawn).max() < 0.016 * np.outer(scale, scale).max()
     np.testing.assert_allclose(joint.matrix / np.outer(scale, scale), drawn / np.outer(scale, scale), atol=0.016)
-
-
-@pytest.mark.parametrize("variance", [-5.0, -2.04, -0.5, 0.0, 1.0, 4.0])
-def test_the_interval_of_a_spread_is_never_wholly_below_zero(variance):
-    """Of a negative variance it ends at the upper limit; above zero it is the roots of the variance's own ends."""
-    known = Uncertain.of(variance, 1.0)
-    low, high = spread_interval_95(known)
-    assert low == signed_root(variance - COVERAGE_95)
-    assert high > 0.0
-    limit = upper_limit_95(known)
-    assert high == pytest.approx(limit if variance < 0.0 else signed_root(variance + COVERAGE_95))

@@ -9,14 +9,12 @@ from dataclasses import dataclass, field, fields, replace
 from photosite.calibration.linearity import Linearity, linearity_estimates
 from photosite.calibration.result import Estimate, Parameters
 from photosite.calibration.spatial import Parts, pool_parts
+from photosite.calibration.spread import spread, spread_interval_95, upper_limit_95
 from photosite.calibration.uncertain import (
     Missing,
     Uncertain,
     Value,
     derive,
-    spread,
-    spread_interval_95,
-    upper_limit_95,
     weighted_mean,
 )
 

@@ -29,7 +29,8 @@ from photosite.calibration.gain_law import (
 from photosite.calibration.gain_series_result import ConversionGainSwitch, GainMode, GainSeries, GainStep
 from photosite.calibration.reading import Progress
 from photosite.calibration.result import Estimate, Parameters
-from photosite.calibration.uncertain import Uncertain, correlated, spread, spread_interval_95, upper_limit_95
+from photosite.calibration.spread import spread, spread_interval_95, upper_limit_95
+from photosite.calibration.uncertain import Uncertain, correlated
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.measured import COVERAGE_95, Measured

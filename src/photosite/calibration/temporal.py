@@ -16,8 +16,9 @@ from photosite.calibration.groups import GroupStatistics, pooled_level
 from photosite.calibration.line_noise import TemporalParts, temporal_parts
 from photosite.calibration.result import Estimate
 from photosite.calibration.second_look import SecondLook
+from photosite.calibration.spread import spread, spread_interval_95, upper_limit_95
 from photosite.calibration.tail import Tail, measure_tail
-from photosite.calibration.uncertain import Uncertain, spread, spread_interval_95, upper_limit_95, weighted_mean
+from photosite.calibration.uncertain import Uncertain, weighted_mean
 from photosite.engine.accumulate import MeanFrame
 
 

@@ -6,7 +6,9 @@ independent source, so that what two results share, a system gain say, is counte
 A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those:
 to each side the root of the summed squares (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869, and for differences
 by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, a mean square over few lines say,
-whose interval is chi-square's and not symmetric, and the usual one where all sources are normal.
+whose interval is chi-square's and not symmetric, and the usual one where all sources are normal. The sum of many is
+nearly normal, but squares of sides shorter than the normal one stay short: of such a side, what is short counts in the
+share that the source has of the whole.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,9 +128,20 @@ class Uncertain:
     @property
     def interval_95(self) -> tuple[float, float]:
         """The 95 % interval, lower and upper end."""
-        below = math.hypot(*(p * (source.below if p > 0.0 else source.above) for source, p in self.parts.items()))
-        above = math.hypot(*(p * (source.above if p > 0.0 else source.below) for source, p in self.parts.items()))
+        below, above = self._reach(-1.0), self._reach(1.0)
         return self.value - below, self.value + above
+
+    def _reach(self, side: float) -> float:
+        """How far the 95 % interval reaches: above the value for side 1, below it for -1."""
+        whole = self.standard_uncertainty
+        if whole == 0.0:
+            return 0.0
+        squares = 0.0
+        for source, part in self.parts.items():
+            reach = source.above if part * side > 0.0 else source.below
+            short = max(COVERAGE_95 - reach, 0.0)
+            squares += (part * (reach + short * (1.0 - abs(part) / whole))) ** 2
+        return math.sqrt(squares)
 
     def covariance(self, other: Uncertain) -> float:
         """Covariance with another result, from the sources that they share.
@@ -282,87 +294,6 @@ class JointCovariance:
                 raise InputError(f"there is no value of '{name}'; {did_you_mean(name, self.names)}")
         place = [self.names.index(name) for name in names]
         return self.matrix[np.ix_(place, place)]
-
-
-def signed_root(x: float) -> float:
-    """sign(x) sqrt(|x|): a spread whose variance came out negative keeps its sign and its size."""
-    return math.copysign(math.sqrt(abs(x)), x)
-
-
-NOISY = 25.0
-"""Uncertainties of a variance, below which the bias of its root is worth taking off."""
-
-
-def spread(variance: Uncertain) -> Uncertain:
-    """The standard deviation of an estimated variance, signed where that came out negative.
-
-    First order, u(s) = u(v) / (2 s), breaks down where the variance is not far from zero. The uncertainty here is
-    the larger distance from s to the roots of the ends of the variance's 95 % interval, over 1.96: it becomes
-    the first-order one for a variance far from zero and stays finite at zero, where the interval still covers.
-
-    The root of a noisy variance is too small on average, by the share 1 / (8 r^2) for a variance of r uncertainties;
-    1 / (8 r^2 + 4) is put back, which does not run away at zero: from r = 1.5 on the bias left is below a tenth of the
-    uncertainty. Beyond r = 25, where it is below a hundredth, and of a negative variance the root is taken as it is.
-
-    Examples
-    --------
-    >>> s = spread(Uncertain.of(4.0, 0.04))
-    >>> round(s.value, 4), round(s.standard_uncertainty, 4)
-    (2.0, 0.01)
-    >>> spread(Uncertain.of(-0.25, 0.5)).value
-    -0.5
-    """
-    u = variance.standard_uncertainty
-    s = signed_root(variance.value)
-    if u == 0.0:
-        return Uncertain(s)
-    below = s - signed_root(variance.value - COVERAGE_95 * u)
-    above = signed_root(variance.value + COVERAGE_95 * u) - s
-    slope = max(below, above) / (COVERAGE_95 * u)
-    if 0.0 < variance.value < NOISY * u:
-        s *= 1.0 + 0.125 / ((variance.value / u) ** 2 + 0.5)
-    return Uncertain(s, {source: slope * part for source, part in variance.parts.items()})
-
-
-def spread_interval_95(variance: Uncertain) -> tuple[float, float]:
-    """The 95 % interval of `spread`: the signed roots of the ends of the variance's interval.
-
-    Where the variance came out negative, it reaches up to `upper_limit_95`, which such an interval may end below: no
-    standard deviation is negative.
-
-    Examples
-    --------
-    >>> low, high = spread_interval_95(Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)))
-    >>> round(low, 2), round(high, 2)
-    (1.32, 4.07)
-    """
-    low, high = (signed_root(end) for end in variance.interval_95)
-    limit = upper_limit_95(variance) if variance.value < 0.0 else None
-    return low, high if limit is None else max(high, limit)
-
-
-def upper_limit_95(variance: Uncertain) -> float | None:
-    """95 % upper limit of a standard deviation whose variance is not distinguishable from zero, else None.
-
-    The limit is that of a normal variance estimate under the knowledge that the true variance is not negative.
-    None, too, where the estimate is so far below zero (37 uncertainties) that no true variance explains it.
-
-    Examples
-    --------
-    >>> round(upper_limit_95(Uncertain.of(0.0, 1.0)), 3)
-    1.4
-    >>> upper_limit_95(Uncertain.of(9.0, 1.0)) is None
-    True
-    """
-    u = variance.standard_uncertainty
-    normal = NormalDist()
-    if u == 0.0 or variance.value > normal.inv_cdf(0.95) * u:
-        return None
-    # P(true > limit | true > 0) = 0.05, written with the small tail (erfc) so that it holds far below zero.
-    tail = 0.05 * 0.5 * math.erfc(-variance.value / (u * math.sqrt(2.0)))
-    if tail == 0.0:
-        return None
-    return signed_root(variance.value - u * normal.inv_cdf(tail))
 
 
 @dataclass(frozen=True)
