@@ -25,7 +25,7 @@ _HEAD = struct.Struct("<HHIQ")
 
 
 def check_heaps(path: Path, file: Any, datasets: list[Any]) -> None:
-    """Walk every global heap that lies outside the datasets' pixels.
+    """Walk every global heap that lies outside the datasets' pixels, and look at what kind attributes are of.
 
     Parameters
     ----------
@@ -39,8 +39,9 @@ def check_heaps(path: Path, file: Any, datasets: list[Any]) -> None:
     Raises
     ------
     FileError
-        If the sizes in a heap do not add up.
+        If the sizes in a heap do not add up, or an attribute is a list of variable length.
     """
+    _check_kinds(path, file)
     size = path.stat().st_size
     taken = sorted(place for data in datasets for place in _stored(data, file.userblock_size))
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
@@ -52,6 +53,24 @@ def check_heaps(path: Path, file: Any, datasets: list[Any]) -> None:
                 at = content.find(_SIGNATURE, at + 1, min(start, size))
             _check_lengths(path, content[begin : max(begin, min(start, size))], size)
             begin = max(begin, end)
+
+
+def _check_kinds(path: Path, file: Any) -> None:
+    """No attribute is a list of variable length, but of references, as netCDF has them: nobody writes one here.
+
+    Damage makes text to such lists, and libhdf5 then reads from wherever its bytes point.
+    """
+    from h5py import h5t
+
+    items: list[Any] = [file]
+    file.visititems(lambda _, item: items.append(item))
+    for item in items:
+        for name in item.attrs:
+            kind = item.attrs.get_id(name).get_type()
+            if isinstance(kind, h5t.TypeVlenID) and kind.get_super().get_class() != h5t.REFERENCE:
+                raise FileError(
+                    path, f"is damaged, or has a list of variable length as attribute '{name}', which is not read"
+                )
 
 
 def _check_lengths(path: Path, part: bytes, size: int) -> None:

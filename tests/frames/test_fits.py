@@ -104,6 +104,14 @@ def test_what_is_refused(tmp_path, data, keywords, why):
     assert "\n" not in str(caught.value)
 
 
+def test_a_bias_frame_has_no_exposure_and_none_has_less(tmp_path):
+    put(tmp_path / "bias.fits", dn(), EXPTIME=0.0)
+    assert read_raw(tmp_path / "bias.fits").exposure_s == 0.0
+    put(tmp_path / "less.fits", dn(), EXPTIME=-1.0)
+    with pytest.raises(FileError, match="an exposure is 0 s .* or more, not -1 s"):
+        read_raw(tmp_path / "less.fits")
+
+
 def test_truncated_anywhere(tmp_path):
     put(tmp_path / "a.fits", dn(0, (40, 50)), EXPTIME=1.0)
     whole = (tmp_path / "a.fits").read_bytes()

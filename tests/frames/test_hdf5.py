@@ -195,3 +195,20 @@ def test_text_longer_than_the_file_is_refused_before_room_is_made_for_it(tmp_pat
     # The latest format has a checksum that says so first.
     with pytest.raises(FileError, match=r"an attribute's text has 1338648837 bytes|checksum"):
         read_headers(path)
+
+
+def test_lists_of_variable_length_are_not_read(tmp_path):
+    """Damage makes text to lists, and libhdf5 then reads from anywhere; netCDF's lists of references are no damage."""
+    file = tmp_path / "a.h5"
+    made(file, stack()[0], exposure_s=1.0)
+    with h5py.File(file, "a") as opened:
+        references = np.empty(1, object)
+        references[0] = np.array([opened["data"].ref], h5py.ref_dtype)
+        opened["data"].attrs.create("DIMENSION_LIST", references, dtype=h5py.vlen_dtype(h5py.ref_dtype))
+    assert read_raw(file).exposure_s == 1.0
+    with h5py.File(file, "a") as opened:
+        numbers = np.empty(1, object)
+        numbers[0] = np.arange(3)
+        opened["data"].attrs.create("kind", numbers, dtype=h5py.vlen_dtype(np.int64))
+    with pytest.raises(FileError, match="has a list of variable length as attribute 'kind'"):
+        read_raw(file)

@@ -154,7 +154,7 @@ def check(found: object, depth: int = 0) -> None:
         assert found.dn.ndim == 2
         assert found.dn.size > 0
         assert 0 <= found.black_level_dn < found.white_level_dn < 1 << 16
-        assert found.exposure_s is None or 0 < found.exposure_s < math.inf
+        assert found.exposure_s is None or 0 <= found.exposure_s < math.inf
         for table in (found.color_matrix, found.noise_profile):
             assert table is None or np.isfinite(table).all()
         return

@@ -88,6 +88,8 @@ class FrameHeader:
         FileError
             If file and caller contradict each other, or the pixels do not fit what they say.
         """
+        if self.exposure_s is not None and not 0 <= self.exposure_s < math.inf:
+            raise FileError(path, f"an exposure is 0 s (a bias frame's) or more, not {self.exposure_s:g} s")
         try:
             return RawFrame(
                 dn,
