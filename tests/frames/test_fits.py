@@ -108,7 +108,7 @@ def test_a_bias_frame_has_no_exposure_and_none_has_less(tmp_path):
     put(tmp_path / "bias.fits", dn(), EXPTIME=0.0)
     assert read_raw(tmp_path / "bias.fits").exposure_s == 0.0
     put(tmp_path / "less.fits", dn(), EXPTIME=-1.0)
-    with pytest.raises(FileError, match="an exposure is 0 s .* or more, not -1 s"):
+    with pytest.raises(FileError, match=r"an exposure is 0 s .* or more, not -1 s"):
         read_raw(tmp_path / "less.fits")
 
 
