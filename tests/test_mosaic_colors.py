@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import photosite as ps
 from photosite import mosaic, transfers
+from photosite.engine.laying import Layer
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.lens import DiffractionLimited
@@ -101,13 +102,27 @@ def test_colors_together_are_those_one_by_one(lens: Lens, monkeypatch: pytest.Mo
     assert np.abs(closer - expected).max() < 1e-5 * expected.max()
 
 
-def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Per channel hardly more terms than the lens has parts, whatever the number of colours."""
-    seen = []
+def layers_of(lens: Lens, what: Scene, monkeypatch: pytest.MonkeyPatch) -> list[Layer]:
+    seen: list[Layer] = []
     plain = mosaic.mosaic_of_layers
     monkeypatch.setattr(mosaic, "mosaic_of_layers", lambda layers, *rest: seen.extend(layers) or plain(layers, *rest))
-    lens = Lens(BASE, comet(), lateral_color=COLORS)
-    ps.Camera(lens, SENSOR).mean_electrons(ps.charts.macbeth(), 0.1)
+    ps.Camera(lens, SENSOR).mean_electrons(what, 0.1)
+    return seen
+
+
+def test_a_scene_of_one_spectrum_has_one_picture_a_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For all channels together: they see the same map, each more or less of it."""
+    one = Scene(scene().weights[:1], scene().basis[:1], scene().wavelength_nm)
+    (layer,) = layers_of(Lens(BASE, lateral_color=COLORS), one, monkeypatch)
+    assert layer.channel is None
+    assert layer.pictures is not None
+    assert [len(few) for few in layer.pictures] == [1] * len(layer.views)
+    assert len(layer.mixing) <= len(layer.views)
+
+
+def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Per channel hardly more terms than the lens has parts, whatever the number of colours."""
+    seen = layers_of(Lens(BASE, comet(), lateral_color=COLORS), ps.charts.macbeth(), monkeypatch)
     assert [layer.channel for layer in seen] == [0, 1, 2]
     for layer in seen:
         assert len(layer.views) > 3

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite import mosaic, warps
+from photosite import mosaic, transfers, warps
 from photosite.errors import PhotositeWarning
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import FieldSpread, PlaneSpread, RadialMapping, RadialSpread, VeilingGlare
@@ -197,6 +197,7 @@ def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
 
 def test_where_as_many_nodes_are_needed_the_sum_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warps, "_STEP_PIXELS", 1e-3)
+    monkeypatch.setattr(transfers, "_OF_SHARED_COLORS", 5e-6)
     sensor, scene = D200.with_(rows=60, cols=80), random_scene(60, 80)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)

@@ -5,9 +5,9 @@ parts of a lens that differs from place to place resemble each other: maps and p
 matter, by singular values.
 
 Where the images of different wavelengths lie apart a few of these stand for all (`warps.color_nodes`), and each would
-have all terms of its own. There it goes by channels, which alone see nearly one spectrum: for each of these wavelengths
-maps become few pictures, and sums of the pictures of all of them terms. Pictures are cheap beside transforms, and what
-a lens does to one wavelength it nearly does to the next.
+have all terms of its own. There maps become few pictures for each of these wavelengths, and sums of the pictures of all
+of them terms: what a lens does to one wavelength it nearly does to the next. Each channel by itself sees nearly one
+spectrum, so it has fewer pictures and terms; all together share them. What is clearly less work is taken.
 """
 
 from __future__ import annotations
@@ -32,12 +32,17 @@ MAP_TOLERANCE = 5e-6
 """Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
 _OF_FIELD_ERROR = 0.01
 """The same, of what a lens's few modes leave out by themselves, where that is more."""
-_OF_SHARED_COLORS = 1e-4
+_OF_SHARED_COLORS = 2e-4
 """The same where some wavelengths' images stand for all, which errs by more (`mapping.wavelength_nodes`)."""
 _STRIDE = 7
 """Every how manieth frequency is looked at first; odd, for real and imaginary parts lie in turn."""
 _LAYING = 0.2
 """A map times its weight over the field, against the transforms of a term: what they take."""
+_VIEW, _PICTURE, _MIXING, _CHANNEL = 4.0, 0.7, 0.08, 0.4
+"""The same of a wavelength's way through the lens, a picture on it, a picture that is added to a term, and a channel
+that a term reaches (two cores, 10 megapixels)."""
+_SPARING = 1.3
+"""As much more work is worth the memory of fewer pictures."""
 _MOST_KEPT = 4
 _KEPT_BYTES = 1 << 28
 """Of the transfers that are kept with a spread."""
@@ -102,8 +107,8 @@ def reduced_transfers(
     Returns
     -------
     tuple of Reduced
-        One for all channels where N is 1; else one for each channel that gets light. Nobody may change them: they are
-        kept with the spread.
+        One for all channels, or, if N is more and that is less work, one for each that gets light. Nobody may change
+        them: they are kept with the spread.
 
     Raises
     ------
@@ -137,31 +142,51 @@ def _largest(lens: LensTables, coupling: Array) -> float:
     return max(float(np.abs(block).max()) for block in lens.blocks(coupling)(_STRIDE))
 
 
-def _reduced(lens: LensTables, coupling: Array, shares: Array, tolerance: float) -> Iterator[Reduced]:
+def _reduced(lens: LensTables, coupling: Array, shares: Array, tolerance: float) -> Sequence[Reduced]:
     limit = tolerance * _largest(lens, coupling @ lens.hats)
     if len(shares) == 1:
-        yield Reduced(*_combined(lens, coupling @ lens.hats, limit), lens.padding_m)
-        return
-    for channel, of_channel in enumerate(coupling):
-        # Half of what may be lost is lost as maps become few pictures, half as these become terms.
-        pictures, seen = [], []
-        for share in shares:
-            own = (of_channel * share) @ lens.hats
-            few = _pictures(lens, own, limit / (2 * len(shares)))
-            pictures.append(few)
-            seen.append(few @ own)
-        if most := sum(math.sqrt(len(few)) for few in pictures):  # times what a picture lacks is what a map may lack
-            terms = _combined(lens, np.concatenate(seen)[None], limit / (2 * most))
-            yield Reduced(*terms, lens.padding_m, tuple(pictures), channel)
+        return [Reduced(*_combined(lens, coupling @ lens.hats, limit), lens.padding_m)]
+    apart = [
+        found
+        for channel in range(len(coupling))
+        for found in _of_pictures(lens, coupling[channel : channel + 1], shares, limit, channel)
+    ]
+    together = _of_pictures(lens, coupling, shares, limit, None)
+    return apart if _work(apart) <= _SPARING * _work(together) else together
+
+
+def _of_pictures(
+    lens: LensTables, coupling: Array, shares: Array, limit: float, channel: int | None
+) -> Sequence[Reduced]:
+    """The terms of some channels, of pictures in all the wavelengths that stand for others; none without light.
+
+    Half of what may be lost is lost as maps become few pictures, half as these become terms; what different pictures
+    lack adds up as squares do.
+    """
+    pictures, seen = [], []
+    for share in shares:
+        own = (coupling * share) @ lens.hats
+        few = _pictures(lens, own, limit / (2 * math.sqrt(len(shares))))
+        pictures.append(few)
+        seen.append(np.einsum("sk,ckn->csn", few, own))
+    if not (count := sum(map(len, pictures))):
+        return []
+    terms = _combined(lens, np.concatenate(seen, axis=1), limit / (2 * math.sqrt(count)))
+    return [Reduced(*terms, lens.padding_m, tuple(pictures), channel)]
 
 
 def _pictures(lens: LensTables, coupling: Array, limit: float) -> Array:
-    """(S, K): as few combinations of maps as stand for all of them in (K, nodes) of a channel; none of too little."""
+    """(S, K): as few combinations of maps as stand for all of them in (channels, K, nodes); none of too little."""
     limit /= lens.parts
-    blocks = lens.blocks(coupling[None])
+    blocks = lens.blocks(coupling)
     if max(float(np.abs(block).max()) for block in blocks(1)) <= limit:
-        return np.empty((0, len(coupling)))
-    return _mixing(lambda every: (block[0] for block in blocks(every)), limit)
+        return np.empty((0, coupling.shape[1]))
+
+    def flat(every: int) -> Iterator[Array]:
+        """(channels * modes, K, frequencies)."""
+        return (block.reshape(-1, *block.shape[2:]) for block in blocks(every))
+
+    return _mixing(flat, limit)
 
 
 def _combined(lens: LensTables, coupling: Array, limit: float) -> tuple[Transfer, Array]:
@@ -199,6 +224,18 @@ def _one_by_one(mixings: Sequence[Array]) -> Array:
         mixing[first : first + len(of_mode), r] = of_mode
         first += len(of_mode)
     return mixing
+
+
+def _work(parts: Sequence[Reduced]) -> float:
+    """Of pictures and the terms that are made of them, in transforms of the frame."""
+    total = 0.0
+    for part in parts:
+        assert part.pictures is not None
+        views, pictures = sum(len(few) > 0 for few in part.pictures), sum(map(len, part.pictures))
+        channels = part.transfer.channels
+        total += _VIEW * views + _PICTURE * pictures + _cost(part.mixing)
+        total += len(part.mixing) * (_CHANNEL * channels + _MIXING * pictures)
+    return total
 
 
 def _cost(mixing: Array) -> float:

@@ -334,6 +334,8 @@ def _mix_rows(laid: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArra
             line[:] = 0.0
             for s in range(laid.shape[0]):
                 factor, values = mixes[r, s], laid[s, i]
+                if factor == 0.0:
+                    continue
                 for c in range(line.size):
                     line[c] += factor * values[c]
 

@@ -118,6 +118,13 @@ class Transfer:
     radial: RadialTransfer | None
     kernels: NDArray[np.float64] | None = None
 
+    @property
+    def channels(self) -> int:
+        """How many."""
+        if self.kernels is not None:
+            return len(self.kernels)
+        return 0 if self.radial is None else len(self.radial.table)
+
 
 @dataclass(frozen=True, eq=False)
 class FoldedTerms:
