@@ -134,6 +134,26 @@ def test_colours_that_srgb_lacks() -> None:
         from_rgb(picture, space="BT.2020", method="jakob-hanika")
 
 
+def test_values_outside_by_rounding_are_within() -> None:
+    """By 1e-6; by more if they are to be clipped, linear or encoded."""
+    picture = np.full((2, 3, 3), 0.5)
+    picture[0, 0], picture[1, 1] = 1.0000001, -0.0000001
+    assert from_rgb(picture).weights[:, 0, 0] == pytest.approx(1.0)
+    picture[0, 0], picture[1, 1] = 1.3, -0.2
+    for linear in (False, True):
+        scene = from_rgb(picture, linear=linear, out_of_gamut="clip")
+        np.testing.assert_array_equal(scene.weights, from_rgb(np.clip(picture, 0, 1), linear=linear).weights)
+
+
+def test_light_outside_srgb_is_clipped_if_one_says_so() -> None:
+    picture = np.full((2, 3, 3), 7.0)
+    picture[1, 2] = 5.0, -0.5, 2.0
+    with pytest.raises(InputError, match=r"1 of 6 pixels have colours that sRGB lacks; ask for out_of_gamut='clip'$"):
+        from_hdr(picture, 1.0)
+    clipped = from_hdr(picture, 1.0, out_of_gamut="clip")
+    np.testing.assert_array_equal(clipped.weights, np.moveaxis(np.clip(picture, 0, None), 2, 0))
+
+
 def test_light_keeps_its_range_and_white_its_luminance() -> None:
     """Six decades and more, to float32's rounding."""
     levels = 10.0 ** np.linspace(-4, 6, 41)
@@ -157,13 +177,17 @@ def test_light_has_its_colours() -> None:
         (lambda: from_hdr(np.ones((2, 2, 3))), "one of them"),
         (lambda: from_hdr(np.ones((2, 2, 3)), 1.0, mean_luminance_cd_m2=2.0), "one of them"),
         (lambda: from_hdr(np.ones((2, 2, 3), np.uint8), 1.0), "of uint8"),
-        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "0 or more"),
-        (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "0 or more"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "4 of 4 pixels have colours that sRGB lacks"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0, out_of_gamut="clip"), "black picture"),
+        (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "infinite or no numbers"),
         (lambda: from_hdr(np.zeros((2, 2, 3)), 1.0), "black picture"),
         (lambda: from_hdr(np.full((2, 2, 3), 1e39), 1.0), "3e38"),
         (lambda: from_hdr(np.ones((2, 2, 3)), -1.0), "luminance of white is above 0"),
         (lambda: from_hdr(np.eye(3)[None], 1.0, space="Display P3"), "sRGB lacks; ask for out_of_gamut='clip'$"),
         (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "did you mean 'sRGB'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), space=None), "name of one, not None; known are sRGB, Display P3"),  # type: ignore[arg-type]
+        (lambda: from_rgb(np.full((2, 2, 3), np.inf), out_of_gamut="clip"), "infinite or no numbers"),
+        (lambda: from_rgb(np.full((2, 2, 3), 1.5)), "not from 1.5 to 1.5; ask for out_of_gamut='clip'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "did you mean 'jakob-hanika'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), out_of_gamut="cut"), "'refuse' or 'clip'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", tolerance=0), "between 0 and 1"),
@@ -234,7 +258,7 @@ def test_integers_of_8_and_16_bits_and_floats_are_one_picture() -> None:
         (np.zeros((0, 5, 3), np.uint8), r"\(rows, cols, 3\)"),
         (np.zeros((4, 5, 3), np.int64), "unsigned integers"),
         (np.full((4, 5, 3), 1.01), "from 0 to 1"),
-        (np.full((4, 5, 3), np.nan), "from 0 to 1"),
+        (np.full((4, 5, 3), np.nan), "no numbers"),
         (np.zeros((4, 5, 3), np.uint8), "black picture"),
     ],
 )

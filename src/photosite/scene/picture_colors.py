@@ -28,12 +28,33 @@ SPACES: dict[str, str] = {
 
 _ROUNDING = 1e-6
 """Outside the gamut by this is rounding."""
+_LIGHT_ROUNDING = 1e-3, 1e-7
+"""Of light, below 0 by this part of the pixel's own brightest value, or of the picture's, is rounding: of 16-bit floats
+that a change of primaries multiplies, and of single precision."""
 _BLOCK = 1 << 20
 """Values that are held in double precision."""
 
 
-def checked_picture(picture: ArrayLike) -> NDArray[Any]:
+class OutsideSrgbError(InputError):
+    """Colours that sRGB lacks, and nobody said what becomes of them.
+
+    Parameters
+    ----------
+    pixels, of
+        How many have such colours, and how many there are.
+    advice
+        What may be asked for.
+    """
+
+    def __init__(self, pixels: int, of: int, advice: str) -> None:
+        self.counted = f"{pixels} of {of} pixels have colours that sRGB lacks"
+        super().__init__(f"{self.counted}; {advice}")
+
+
+def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> NDArray[Any]:
     """(rows, cols, 3) codes of a display picture, or values from 0 to 1; still encoded.
+
+    Floats outside by rounding, or by anything if they are to be clipped, are clipped.
 
     Raises
     ------
@@ -47,11 +68,15 @@ def checked_picture(picture: ArrayLike) -> NDArray[Any]:
         return codes
     if not np.issubdtype(codes.dtype, np.floating):
         raise InputError(f"a picture holds unsigned integers of 8 or 16 bits or floats from 0 to 1, not {codes.dtype}")
-    if not (codes.min() >= 0 and codes.max() <= 1):  # false where there are no numbers too
+    low, high = codes.min(), codes.max()
+    if not (np.isfinite(low) and np.isfinite(high)):  # a minimum is no number where one value is none
+        raise InputError("a picture's values lie from 0 to 1; some are infinite or no numbers")
+    if out_of_gamut != "clip" and not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
         raise InputError(
-            "a picture's values lie from 0 to 1; some are outside or no numbers (a picture of light is from_hdr's)"
+            f"a picture's values lie from 0 to 1, not from {low:.6g} to {high:.6g}; ask for out_of_gamut='clip', or "
+            "give light of any range to from_hdr"
         )
-    return codes
+    return codes if low >= 0 and high <= 1 else np.clip(codes, 0.0, 1.0)
 
 
 def display_values(codes: NDArray[Any]) -> Array:
@@ -91,6 +116,8 @@ def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
 
 def _known(space: str) -> str:
     """The space's name in colour-science."""
+    if not isinstance(space, str):
+        raise InputError(f"a space is the name of one, not {space!r:.40}; known are {', '.join(SPACES)}")
     known = {name.lower(): name for name in SPACES}
     if space.lower() not in known:
         raise InputError(f"unknown RGB space '{space}'; {did_you_mean(space, SPACES)}")
@@ -120,14 +147,67 @@ def _linear(codes: NDArray[Any], found: str, linear: bool) -> Callable[[NDArray[
 @lru_cache(maxsize=8)
 def _matrix_to_srgb(found: str) -> Array:
     """(3, 3) from the primaries themselves, so that white stays white: published matrices have four digits."""
+    space = colour_science().RGB_COLOURSPACES[found]
+    return primaries_to_srgb(space.primaries, space.whitepoint)
+
+
+def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
+    """(3, 3) to linear sRGB from light of other primaries, whites matched by Bradford's transform.
+
+    Parameters
+    ----------
+    primaries
+        x, y of red, of green and of blue: six numbers.
+    white
+        x, y of red = green = blue.
+
+    Raises
+    ------
+    InputError
+        If these make no colours.
+
+    Examples
+    --------
+    >>> primaries_to_srgb([0.64, 0.33, 0.3, 0.6, 0.15, 0.06], [0.3127, 0.329]).round(6) + 0.0
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    srgb = colour_science().RGB_COLOURSPACES["sRGB"]
+    d65 = np.asarray(colour_science().xy_to_XYZ(srgb.whitepoint), dtype=np.float64)
+    from_xyz = np.linalg.inv(primaries_to_xyz(srgb.primaries, srgb.whitepoint, d65))
+    return np.asarray(from_xyz @ primaries_to_xyz(primaries, white, d65), dtype=np.float64)
+
+
+def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) -> Array:
+    """(3, 3) to XYZ from light of primaries, by Bradford's transform to another white, `onto` in XYZ.
+
+    Raises
+    ------
+    InputError
+        As for `primaries_to_srgb`.
+
+    Examples
+    --------
+    >>> primaries_to_xyz([0.64, 0.33, 0.3, 0.6, 0.15, 0.06], [0.3127, 0.329], [0.9642, 1, 0.8249])[:, 0].round(3)
+    array([0.436, 0.222, 0.014])
+    """
     colour = colour_science()
-    source, target = colour.RGB_COLOURSPACES[found], colour.RGB_COLOURSPACES["sRGB"]
-    to_xyz, from_xyz = (
-        colour.models.normalised_primary_matrix(space.primaries, space.whitepoint) for space in (source, target)
+    corners, whites = np.asarray(primaries, np.float64).reshape(3, 2), np.asarray(white, np.float64)
+    if (
+        not np.isfinite(corners).all()
+        or (corners[:, 1] == 0).any()
+        or not (np.isfinite(whites).all() and whites[1] > 0)
+    ):
+        raise InputError(f"no colours have the primaries {corners.ravel().round(4)} and the white {whites.round(4)}")
+    try:
+        to_xyz = colour.models.normalised_primary_matrix(corners, whites)
+    except np.linalg.LinAlgError:
+        raise InputError("primaries on one line make no colours") from None
+    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(
+        colour.xy_to_XYZ(whites), np.asarray(onto, np.float64), transform="Bradford"
     )
-    whites = (colour.xy_to_XYZ(space.whitepoint) for space in (source, target))
-    adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(*whites, transform="Bradford")
-    return np.asarray(np.linalg.inv(from_xyz) @ adapt @ to_xyz, dtype=np.float64)
+    return np.asarray(adapt @ to_xyz, dtype=np.float64)
 
 
 def check_out_of_gamut(said: object) -> None:
@@ -160,8 +240,10 @@ def srgb_weights(
 
     Raises
     ------
+    OutsideSrgbError
+        If colours lie outside and are to be refused; with how many.
     InputError
-        If colours lie outside and are to be refused; with how many. If the space is unknown.
+        If the space is unknown.
 
     Examples
     --------
@@ -171,18 +253,23 @@ def srgb_weights(
     """
     check_out_of_gamut(out_of_gamut)
     bounded = bool(np.isfinite(highest))
-    low = _ROUNDING * (1.0 if bounded else max(1.0, float(codes.max())))
     to_linear = _linear(codes, _known(space), linear)
     weights = np.empty((3, *codes.shape[:2]), np.float32)
+    brightest = 1.0 if bounded else float(codes.max())
     step, outside = max(1, _BLOCK // codes[0].size), 0
     for first in range(0, len(codes), step):
         values = to_linear(codes[first : first + step])
+        low = _ROUNDING if bounded else _rounding_of_light(values, brightest)
         outside += int(((values < -low) | (values > highest + _ROUNDING)).any(axis=2).sum())
         with np.errstate(over="ignore"):  # the caller's affair
             weights[:, first : first + step] = np.moveaxis(np.clip(values, 0.0, highest), 2, 0)
     if out_of_gamut == "refuse" and outside:
         other = ", or method='jakob-hanika'" if bounded else ""
-        raise InputError(
-            f"{outside} of {weights[0].size} pixels have colours that sRGB lacks; ask for out_of_gamut='clip'{other}"
-        )
+        raise OutsideSrgbError(outside, weights[0].size, f"ask for out_of_gamut='clip'{other}")
     return weights
+
+
+def _rounding_of_light(values: Array, brightest: float) -> Array:
+    """(rows, cols, 1), for light of (rows, cols, 3) in a picture whose brightest value is given."""
+    own, whole = _LIGHT_ROUNDING
+    return np.asarray(np.maximum(own * values.max(axis=2, keepdims=True), whole * max(brightest, 0.0)))

@@ -118,7 +118,7 @@ def from_rgb(
     Parameters
     ----------
     picture
-        (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1.
+        (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1; outside by 1e-6 is rounding.
     illuminant
         As for `photosite.spectra.illuminant`. Under "D65" the scene has the picture's colours.
     mean_luminance_cd_m2
@@ -166,7 +166,7 @@ def from_rgb(
     grid = wavelength_grid(wavelength_nm)
     check_method(method)
     check_out_of_gamut(out_of_gamut)
-    codes = checked_picture(picture)
+    codes = checked_picture(picture, out_of_gamut)
     if not codes.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
@@ -252,7 +252,8 @@ def from_hdr(
     Parameters
     ----------
     picture
-        (rows, cols, 3) floats, 0 or more, proportional to light; above 1 is brighter than white.
+        (rows, cols, 3) floats proportional to light; above 1 is brighter than white. Below 0 by 1e-3 of the pixel's
+        brightest value, or 1e-7 of the picture's, is rounding and taken for 0; by more is a colour outside sRGB.
     white_luminance_cd_m2
         Luminance of red = green = blue = 1. Give this or the mean.
     mean_luminance_cd_m2
@@ -272,8 +273,8 @@ def from_hdr(
     Raises
     ------
     InputError
-        If the picture is not one, is black, has values below 0 or colours outside sRGB; if none or both of the
-        luminances are given, or one cannot be.
+        If the picture is not one, is black, has values that are infinite or no numbers, or colours outside sRGB that
+        are not to be clipped; if none or both of the luminances are given, or one cannot be.
 
     Examples
     --------
@@ -291,11 +292,11 @@ def from_hdr(
             f"a picture of light is (rows, cols, 3) of floats, not {codes.shape} of {codes.dtype}; "
             "a display picture is from_rgb's"
         )
-    if not (np.isfinite(codes) & (codes >= 0)).all():
-        raise InputError("a picture of light holds values of 0 or more; some are below or no numbers")
-    if not codes.any():
-        raise InputError("a black picture cannot be given a luminance: all its values are 0")
+    if not np.isfinite(codes).all():
+        raise InputError("a picture of light holds finite values; some are infinite or no numbers")
     weights = srgb_weights(codes, space, linear=True, out_of_gamut=out_of_gamut, highest=math.inf)
+    if not weights.any():
+        raise InputError("a black picture cannot be given a luminance: all its values are 0")
     if not np.isfinite(weights.max()):
         raise InputError("a picture of light holds values beyond 3e38, which single precision does not hold; scale it")
     light = photons_from_energy(relative_energy(white, grid), grid)

@@ -77,9 +77,39 @@ def test_colours_outside_srgb_are_refused_or_made_zero(tmp_path: Path) -> None:
     rgb = np.full((2, 3, 3), 0.5)
     rgb[1, 1] = 0.5, -0.2, 0.5
     file = picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)
-    with pytest.raises(FileError, match="1 of 6 pixels have colours outside sRGB"):
+    with pytest.raises(FileError, match="1 of 6 pixels have colours that sRGB lacks"):
         read_scene(file)
     assert read_scene(file, negative="zero").weights[:, 1, 1].tolist() == [0.5, 0, 0.5]
 
 
 # What is refused
+
+
+def test_values_that_are_no_numbers_are_refused_or_zero_and_infinite_ones_refused(tmp_path: Path) -> None:
+    rgb = np.full((2, 3, 3), 0.5)
+    rgb[1, 1, 2] = np.nan
+    file = picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)
+    with pytest.raises(FileError, match="no numbers; mend them, or say no_data='zero'"):
+        read_scene(file)
+    assert read_scene(file, no_data="zero").weights[:, 1].T.tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
+    rgb[0, 0] = np.inf
+    for said in ({}, {"no_data": "zero"}, {"negative": "zero"}):
+        with pytest.raises(FileError, match="values that are infinite; mend them, since no light is"):
+            read_scene(picture(tmp_path / "b.exr", rgb, whiteLuminance=1.0), **said)
+
+
+def test_a_little_below_zero_is_rounding_beside_its_own_pixel_s_light_only(tmp_path: Path) -> None:
+    """A sun in the picture makes no colour of a dark pixel rounding."""
+    rgb = np.full((2, 3, 3), 0.5)
+    rgb[1, 1] = 0.5, -4e-4, 0.5
+    assert read_scene(picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)).weights[1, 1, 1] == 0
+    rgb[0, 0], rgb[1, 1] = 1e4, (0.5, -0.01, 0.5)
+    with pytest.raises(FileError, match="1 of 6 pixels"):
+        read_scene(picture(tmp_path / "b.exr", rgb, whiteLuminance=1.0))
+
+
+def test_primaries_that_make_no_colours(tmp_path: Path) -> None:
+    for said in ((0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.3127, 0.329), (0.64, 0.0, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)):
+        file = picture(tmp_path / "a.exr", np.ones((2, 2, 3)), chromaticities=said, whiteLuminance=1.0)
+        with pytest.raises(FileError, match=r"primaries .*mend its head"):
+            read_scene(file)

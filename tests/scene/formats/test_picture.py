@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image, ImageCms
+from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth
 from photosite.scene.files import read_scene
+from photosite.scene.formats.pillow import check_size
 from photosite.scene.pictures import from_hdr, from_rgb, from_srgb
 from photosite.spectra import luminance_cd_m2
 
@@ -50,16 +52,155 @@ def test_tiffs_that_photosite_does_not_know(tmp_path: Path) -> None:
     tifffile.imwrite(file, CODES.astype(np.float32), photometric="rgb")
     with pytest.raises(FileError, match="float32, which may be light or codes"):
         read_scene(file, mean_luminance_cd_m2=1)
-    tifffile.imwrite(file, np.dstack([CODES, CODES[:, :, :1]]), photometric="rgb", extrasamples=["unassalpha"])
-    with pytest.raises(FileError, match="4 samples a pixel"):
-        read_scene(file, mean_luminance_cd_m2=1)
     tifffile.imwrite(file, np.stack([CODES, CODES]), photometric="rgb")
-    with pytest.raises(FileError, match="has 2 pages in red, green and blue"):
+    with pytest.raises(FileError, match="has 2 pages in colours"):
         read_scene(file, mean_luminance_cd_m2=1)
-    profile = icc("My monitor")
-    tifffile.imwrite(file, CODES, photometric="rgb", iccprofile=profile)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_is_turned_as_a_png_is(tmp_path: Path, orientation: int) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    scenes = [
+        read_scene(saved(tmp_path / f"a.{end}", CODES, exif=exif), mean_luminance_cd_m2=40) for end in ("png", "tif")
+    ]
+    np.testing.assert_array_equal(scenes[1].weights, scenes[0].weights)
+    assert scenes[1].shape == ((9, 13) if orientation < 5 else (13, 9))
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "P", "RGB", "RGBA", "I;16"])
+def test_a_tiff_is_what_a_png_is(tmp_path: Path, mode: str) -> None:
+    """Grey, a palette, opacity that hides nothing: one picture, one scene."""
+    deep = Image.fromarray(CODES[:, :, 0].astype(np.uint16) * 257)
+    image = deep if mode == "I;16" else Image.fromarray(CODES).convert(mode)
+    for end in ("png", "tif"):
+        image.save(tmp_path / f"a.{end}")
+    scenes = [read_scene(tmp_path / f"a.{end}", mean_luminance_cd_m2=40) for end in ("png", "tif")]
+    np.testing.assert_allclose(scenes[1].weights, scenes[0].weights, atol=1e-7)
+
+
+def test_a_tiff_one_sees_through(tmp_path: Path) -> None:
+    for codes, kind in ((np.dstack([CODES, CODES[:, :, :1]]), "rgb"), (CODES[:, :, :2], "minisblack")):
+        tifffile.imwrite(tmp_path / "a.tif", codes, photometric=kind, extrasamples=["unassalpha"])
+        with pytest.raises(FileError, match="transparent in places"):
+            read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=1)
+
+
+def test_a_lone_grey_page_of_which_one_says_more_is_a_band(tmp_path: Path) -> None:
+    saved(tmp_path / "a.tif", CODES[:, :, 0])
+    with pytest.raises(FileError, match="wavelength"):
+        read_scene(tmp_path / "a.tif", units="W/sr/m2/nm")
+
+
+@pytest.mark.parametrize(("mode", "form"), [("CMYK", "CMYK"), ("LAB", "Lab"), ("YCbCr", "YCbCr")])
+def test_tiffs_in_other_colours(tmp_path: Path, mode: str, form: str) -> None:
+    image = Image.new("LAB", (6, 5)) if mode == "LAB" else Image.fromarray(CODES).convert(mode)
+    image.save(tmp_path / "a.tif")
+    with pytest.raises(FileError, match=f"colours in the form {form}"):
+        read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=1)
+
+
+def test_a_tiff_packed_as_jpeg_needs_another_package(tmp_path: Path) -> None:
+    Image.fromarray(CODES).save(tmp_path / "a.tif", compression="jpeg")
+    with pytest.raises(FileError, match=r"without compression|form YCbCr"):
+        read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=1)
+
+
+def tags(**said: object) -> list[tuple[int, int, int, tuple[int, ...], bool]]:
+    """TIFF's words about colours: pairs of numerators and denominators."""
+    known = {"white": (318, 5), "primaries": (319, 5), "curve": (301, 3)}
+    parts = []
+    for name, values in said.items():
+        code, kind = known[name]
+        numbers = [int(v) for x in values for v in ((round(1e4 * x), 10_000) if kind == 5 else (x,))]  # type: ignore[attr-defined]
+        parts.append((code, kind, len(values), tuple(numbers), True))  # type: ignore[arg-type]
+    return parts
+
+
+def test_tiffs_that_say_their_colours_by_numbers(tmp_path: Path, profile: Profile) -> None:
+    file = tmp_path / "a.tif"
+    curve = [round(65535 * (x / 12.92 if x < 0.04045 else ((x + 0.055) / 1.055) ** 2.4)) for x in np.arange(256) / 255]
+    srgb = tags(white=(0.3127, 0.329), primaries=(0.64, 0.33, 0.3, 0.6, 0.15, 0.06), curve=curve)
+    for extra in (srgb, tags(curve=curve * 3)):
+        tifffile.imwrite(file, CODES, photometric="rgb", extratags=extra)
+        np.testing.assert_array_equal(read_scene(file, mean_luminance_cd_m2=40).weights, from_srgb(CODES).weights)
+    for extra, message in (
+        (tags(white=(0.3457, 0.3585)), "another white"),
+        (tags(primaries=(0.64, 0.33, 0.21, 0.71, 0.15, 0.06)), "of other primaries"),
+        (tags(curve=[257 * code for code in range(256)]), "TransferFunction"),
+    ):
+        tifffile.imwrite(file, CODES, photometric="rgb", extratags=extra)
+        with pytest.raises(FileError, match=message):
+            read_scene(file, mean_luminance_cd_m2=40)
+    tifffile.imwrite(file, CODES, photometric="rgb", iccprofile=profile("My monitor", curve="gamma 2.2"))
     with pytest.raises(FileError, match="profile 'My monitor'"):
         read_scene(file, mean_luminance_cd_m2=1)
+
+
+@pytest.mark.parametrize("end", ["jpg", "png", "tif"])
+def test_what_cameras_write_for_adobe_rgb(tmp_path: Path, end: str) -> None:
+    codes = np.full((8, 16, 3), 130, np.uint8)
+    codes[:, 8:] = 150, 120, 110
+    plain = saved(tmp_path / f"plain.{end}", codes)
+    if end == "tif":
+        file = tiff_with_color_space(tmp_path / "adobe.tif", codes, 2)
+    else:
+        exif = Image.Exif()
+        exif[0x0112] = 1
+        exif.get_ifd(0x8769)[0xA001] = 2
+        file = saved(tmp_path / f"adobe.{end}", codes, exif=exif)
+    scenes = [read_scene(one, mean_luminance_cd_m2=40) for one in (file, plain)]
+    assert np.abs(scenes[0].weights - scenes[1].weights).max() > 0.01
+    if end != "jpg":
+        np.testing.assert_array_equal(scenes[0].weights, from_rgb(codes, space="Adobe RGB").weights)
+
+
+def test_a_tiff_of_unknown_colours(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="not sRGB, and not what they are"):
+        read_scene(tiff_with_color_space(tmp_path / "a.tif", CODES, 0xFFFF), mean_luminance_cd_m2=1)
+
+
+def tiff_with_color_space(path: Path, codes: np.ndarray, value: int) -> Path:
+    """EXIF's directory of one entry behind all else; the tag that says where is another's until it is renamed."""
+    tifffile.imwrite(path, codes, photometric="rgb", byteorder="<", extratags=[(65000, 4, 1, 77, True)])
+    whole = path.read_bytes()
+    here = whole.replace(struct.pack("<HHII", 65000, 4, 1, 77), struct.pack("<HHII", 34665, 4, 1, len(whole)))
+    path.write_bytes(here + struct.pack("<HHHIII", 1, 0xA001, 3, 1, value, 0))
+    return path
+
+
+def test_a_profile_that_cannot_be_unpacked_is_not_passed_over(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="profile that cannot be decompressed"):
+        read_scene(png_with_chunk(tmp_path / "a.png", b"iCCP", b"P3\0\0" + b"not deflate"), mean_luminance_cd_m2=1)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_large_pictures_are_read(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pillow's own limit, here of 20 pixels, is none."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    assert read_scene(saved(tmp_path / name, CODES), mean_luminance_cd_m2=1).shape == (9, 13)
+
+
+def test_pictures_too_large_for_their_files(tmp_path: Path) -> None:
+    """A JPEG's size, in its head, made 60 000 x 60 000; and sizes alone."""
+    whole = saved(tmp_path / "a.jpg", CODES).read_bytes()
+    at = whole.index(b"\xff\xc0") + 5
+    (tmp_path / "a.jpg").write_bytes(whole[:at] + struct.pack(">HH", 60_000, 60_000) + whole[at + 4 :])
+    with pytest.raises(FileError, match=r"60000 x 60000 pixels, in \d+ bytes; above 100 megapixels"):
+        read_scene(tmp_path / "a.jpg", mean_luminance_cd_m2=1)
+    file = tmp_path / "sparse"
+    with file.open("wb") as stream:
+        stream.truncate(20_000_000)
+    check_size(file, 16_000, 12_000)
+    check_size(file, 60_000, 60_000)
+    with pytest.raises(FileError, match="up to 4 gigapixels"):
+        check_size(file, 70_000, 60_000)
+
+
+def test_an_empty_picture_says_so(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"")
+    with pytest.raises(FileError, match="is empty"):
+        read_scene(tmp_path / "a.png", mean_luminance_cd_m2=1)
 
 
 def test_the_first_bytes_tell_whatever_the_name(tmp_path: Path) -> None:
@@ -91,17 +232,14 @@ def test_greys_palettes_and_opaque_alpha_are_colours(tmp_path: Path) -> None:
         np.testing.assert_allclose(read_scene(file, mean_luminance_cd_m2=40).weights, wanted, atol=1e-7)
 
 
-def icc(name: str) -> bytes:
-    """The sRGB profile under another name: what counts here is what a file says."""
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    return profile.replace("sRGB built-in".encode("utf-16-be"), name.ljust(13)[:13].encode("utf-16-be"))
+Profile = Callable[..., bytes]
 
 
-def test_colours_that_srgb_lacks_are_clipped_if_one_says_so(tmp_path: Path) -> None:
+def test_colours_that_srgb_lacks_are_clipped_if_one_says_so(tmp_path: Path, profile: Profile) -> None:
     """Display P3, whose green is beyond sRGB's."""
     codes = np.full((5, 7, 3), 120, np.uint8)
     codes[0, 0] = 0, 255, 0
-    file = saved(tmp_path / "wide.png", codes, icc_profile=icc("Display P3"))
+    file = saved(tmp_path / "wide.png", codes, icc_profile=profile("", "Display P3"))
     with pytest.raises(FileError, match=r"1 of 35 pixels have colours that sRGB lacks; ask for out_of_gamut='clip'"):
         read_scene(file, mean_luminance_cd_m2=40)
     clipped = read_scene(file, mean_luminance_cd_m2=40, out_of_gamut="clip")
@@ -115,11 +253,13 @@ def test_colours_that_srgb_lacks_are_clipped_if_one_says_so(tmp_path: Path) -> N
         read_scene(file, out_of_gamut="cut")
 
 
-def test_profiles_that_are_known_are_read_in_their_space(tmp_path: Path) -> None:
+def test_profiles_that_are_known_are_read_in_their_space(tmp_path: Path, profile: Profile) -> None:
     codes = np.clip(CODES, 90, 160)
-    plain = read_scene(saved(tmp_path / "s.png", codes, icc_profile=icc("sRGB built-in")), mean_luminance_cd_m2=40)
+    plain = read_scene(
+        saved(tmp_path / "s.png", codes, icc_profile=profile("GIMP built-in sRGB")), mean_luminance_cd_m2=40
+    )
     np.testing.assert_array_equal(plain.weights, from_srgb(codes).weights)
-    wide = read_scene(saved(tmp_path / "p.png", codes, icc_profile=icc("Display P3")), mean_luminance_cd_m2=40)
+    wide = read_scene(saved(tmp_path / "p.png", codes, icc_profile=profile("", "Display P3")), mean_luminance_cd_m2=40)
     np.testing.assert_array_equal(wide.weights, from_rgb(codes, space="Display P3").weights)
     assert np.abs(wide.weights - plain.weights).max() > 1e-3
 
@@ -141,10 +281,6 @@ def uncalibrated(path: Path) -> Path:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda p: saved(p / "a.png", CODES, icc_profile=icc("My monitor")),
-            "ICC profile 'My monitor'; known are sRGB",
-        ),
         (lambda p: saved(p / "a.png", CODES, icc_profile=b"nothing"), "ICC profile that cannot be read"),
         (lambda p: png_with_chunk(p / "a.png", b"gAMA", struct.pack(">I", 100_000)), "to the power of 1; save"),
         (lambda p: png_with_chunk(p / "a.png", b"cICP", b"\x09\x10\0\x01"), "cICP"),
@@ -304,3 +440,19 @@ def test_pictures_in_xyz(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes().replace(b"rgbe\n", b"xyze\n", 1))
     weights = read_scene(file, mean_luminance_cd_m2=1.0).weights[:, 0, 0]
     assert weights / weights.mean() == pytest.approx(np.ones(3), abs=1 / 64)  # the matrix triples a step of 1 / 256
+
+
+def test_xyz_outside_srgb_is_refused_or_made_zero(tmp_path: Path) -> None:
+    """BT.2020's green, which sRGB has not: by colour-science's matrix below 0 in red and blue."""
+    import colour
+
+    values = np.full((2, 8, 3), [0.9505, 1.0, 1.0890])
+    values[1, 3] = 0.1446, 0.6780, 0.0281
+    file = hdr(tmp_path / "a.hdr", values)
+    file.write_bytes(file.read_bytes().replace(b"rgbe\n", b"xyze\n", 1))
+    with pytest.raises(FileError, match=r"1 of 16 pixels have colours that sRGB lacks; .*\(negative='zero'\)$"):
+        read_scene(file, mean_luminance_cd_m2=1)
+    red, green, blue = read_scene(file, mean_luminance_cd_m2=1, negative="zero").weights
+    wanted = colour.XYZ_to_RGB(values[1, 3], "sRGB")[1]
+    assert (red[1, 3], blue[1, 3]) == (0, 0)
+    assert green[1, 3] / green[0, 0] == pytest.approx(wanted, rel=1 / 32)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image, ImageCms
+from PIL import Image
 
 from photosite.errors import FileError
 from photosite.png_file import PngFile
@@ -115,15 +115,9 @@ def test_8_and_16_bits_of_one_picture(tmp_path: Path, orientation: int | None) -
     np.testing.assert_allclose(scenes[1].weights, scenes[0].weights, atol=1e-7)
 
 
-def icc(name: str) -> bytes:
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    profile = profile.replace("sRGB built-in".encode("utf-16-be"), name.ljust(13)[:13].encode("utf-16-be"))
-    return b"name\0\0" + zlib.compress(profile)
-
-
-def test_its_profile_is_followed(tmp_path: Path) -> None:
+def test_its_profile_is_followed(tmp_path: Path, profile: Callable[..., bytes]) -> None:
     codes = np.clip(picture(3), 24000, 40000)
-    file = written(tmp_path / "a.png", codes, extra=[(b"iCCP", icc("Display P3"))])
+    file = written(tmp_path / "a.png", codes, extra=[(b"iCCP", b"any\0\0" + zlib.compress(profile("", "Display P3")))])
     found = read_scene(file, mean_luminance_cd_m2=40).weights
     np.testing.assert_array_equal(found, from_rgb(codes, space="Display P3").weights)
 
@@ -143,7 +137,8 @@ def test_primaries_of_srgb_say_nothing_new(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        ([(b"iCCP", icc("My monitor"))], "ICC profile 'My monitor'"),
+        ([(b"iCCP", b"name\0\0" + zlib.compress(b"nothing"))], "profile that cannot be read"),
+        ([(b"iCCP", b"name\0\0nothing")], "profile that cannot be decompressed"),
         ([(b"gAMA", struct.pack(">I", 100_000))], "to the power of 1; save"),
         ([(b"cHRM", P3_PRIMARIES)], "other primaries than sRGB's"),
         ([(b"cICP", b"\x09\x10\0\x01")], "cICP"),
@@ -222,6 +217,20 @@ def test_damaged_pictures_are_one_line(tmp_path: Path, spoil: Callable[[bytes], 
     with pytest.raises(FileError) as caught:
         read_scene(file, mean_luminance_cd_m2=1)
     assert "\n" not in str(caught.value)
+
+
+def test_a_filter_that_is_none_is_told_by_the_picture_s_row(tmp_path: Path) -> None:
+    """The last pass of an interlaced picture has every second row: its third is the picture's 5, counted from 0."""
+    codes = picture(3)
+    passes = [filtered(codes[r::down, c::right], [0]) for r, c, down, right in ADAM7]
+    last = bytearray(passes[-1])
+    last[2 * (1 + 13 * 6)] = 9
+    body = (
+        header(interlaced=1) + chunk(b"IDAT", zlib.compress(b"".join(passes[:-1]) + bytes(last))) + chunk(b"IEND", b"")
+    )
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    with pytest.raises(FileError, match="row 5 has the filter 9"):
+        decoded(tmp_path / "a.png")
 
 
 def test_a_filter_that_is_none(tmp_path: Path) -> None:

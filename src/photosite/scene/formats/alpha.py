@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.png_file import PngFile
+from photosite.scene.formats.pillow import opened
 from photosite.scene.formats.png16 import read_deep_png
 
 
@@ -28,14 +28,10 @@ def read_alpha(path: Path) -> NDArray[np.float32]:
     FileError
         If it is no picture, damaged, or in colour without transparency.
     """
-    from PIL import Image
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as picture:
-                mode = picture.mode
-                codes = _codes(path, picture)
+        with opened(path) as picture:
+            mode = picture.mode
+            codes = _codes(path, picture)
     except FileError:
         raise
     except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over

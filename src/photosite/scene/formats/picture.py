@@ -1,13 +1,10 @@
 """Pictures of red, green and blue as scenes: PNG, JPEG and TIFF, encoded for a display.
 
-A file without a word about its colours is taken for sRGB; one that names another space, by an ICC profile or in EXIF,
-is read in that, or refused where photosite does not know it. None is ignored.
+What red, green and blue mean there: `photosite.scene.formats.picture_space`.
 """
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,27 +14,19 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeError
 from photosite.png_file import PngFile
+from photosite.scene.formats.icc import RgbSpace
+from photosite.scene.formats.picture_space import space_of_picture, space_of_tiff
+from photosite.scene.formats.pillow import opened
 from photosite.scene.formats.png16 import read_deep_png
 from photosite.scene.options import ReadOptions
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 
-_PROFILES = {
-    "srgb": "sRGB",
-    "display p3": "Display P3",
-    "adobe rgb (1998)": "Adobe RGB",
-    "prophoto rgb": "ProPhoto RGB",
-    "romm rgb": "ProPhoto RGB",
-}
-"""What an ICC profile's description begins with, and the space that it means."""
-
-_ICC_TAG = 34675
-_EXIF_IFD, _COLOR_SPACE, _INTEROP_IFD, _INTEROP_INDEX = 0x8769, 0xA001, 0xA005, 1
-_UNCALIBRATED = 0xFFFF
-_DISPLAY_GAMMA = 1 / 2.2
-_PRIMARIES = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
-"""Chromaticities of sRGB's white, red, green and blue (IEC 61966-2-1)."""
 _ORIENTATION = 0x0112
+_GREY, _RGB, _PALETTE, _APART = 1, 2, 3, 2
+"""Photometric interpretations of TIFF: black is 0, three colours, their numbers; and planes that lie apart."""
+_TIFF_COLORS = {2: "RGB", 3: "of a palette", 5: "CMYK", 6: "YCbCr", 8: "Lab", 9: "Lab (ICC)", 10: "Lab (ITU)"}
+_MOST_SAMPLES = 4
 _TRANSPARENT = "is transparent in places; flatten the picture to red, green and blue"
 
 _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
@@ -60,18 +49,16 @@ def read(path: Path, said: ReadOptions) -> Scene:
     FileError
         If it is damaged, its colours are in a space or a form that is not known, or nobody says how bright it is.
     """
-    from PIL import Image, ImageOps
+    from PIL import ImageOps
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as picture:
-                png = _checked_png(path) if picture.format == "PNG" else None
-                space = _space(path, picture)
-                if png is not None and png.header.bits == 16:
-                    values = _deep_values(png, picture.getexif().get(_ORIENTATION))
-                else:
-                    values = _values(path, ImageOps.exif_transpose(picture))
+        with opened(path) as picture:
+            png = _checked_png(path) if picture.format == "PNG" else None
+            space = space_of_picture(path, picture, png)
+            if png is not None and png.header.bits == 16:
+                values = _deep_values(png, picture.getexif().get(_ORIENTATION))
+            else:
+                values = _values(path, ImageOps.exif_transpose(picture))
     except PhotositeError:
         raise
     except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
@@ -80,26 +67,50 @@ def read(path: Path, said: ReadOptions) -> Scene:
     return _scene(path, values, space, said)
 
 
+def is_tiff_picture(page: Any) -> bool:
+    """Whether a TIFF file's page, as tifffile has it, is in colours, and not a band or many."""
+    return int(page.photometric) in _TIFF_COLORS and page.samplesperpixel <= _MOST_SAMPLES
+
+
 def read_tiff_page(path: Path, page: Any, said: ReadOptions) -> Scene:
-    """The scene of a TIFF file's page of red, green and blue, as tifffile has it.
+    """The scene of a TIFF file's page in colours or in grey, as tifffile has it.
 
     Raises
     ------
     FileError
         As for `read`.
     """
-    if page.samplesperpixel != 3:
-        raise FileError(path, f"has {page.samplesperpixel} samples a pixel; flatten the picture to red, green and blue")
+    form = int(page.photometric)
+    if form not in (_GREY, _RGB, _PALETTE):
+        raise FileError(
+            path, f"has colours in the form {_TIFF_COLORS.get(form, form)}; save the picture as red, green and blue"
+        )
     if page.dtype not in (np.uint8, np.uint16):
         raise FileError(
             path,
             f"is a picture of {page.dtype}, which may be light or codes for a display; save it as 8 or 16 bits, or "
             "give its array to photosite.pictures.from_rgb or from_hdr",
         )
-    tag = page.tags.get(_ICC_TAG)
-    space = "sRGB" if tag is None else _profile_space(path, bytes(tag.value))
+    if int(page.bitspersample) != 8 * page.dtype.itemsize:
+        raise FileError(path, f"has {page.bitspersample} bits a value; save the picture in 8 or 16")
+    space = space_of_tiff(path, page)
     values = page.asarray()
-    return _scene(path, np.moveaxis(values, 0, 2) if int(page.planarconfig) == 2 else values, space, said)
+    values = values.reshape(*values.shape[:2], -1) if int(page.planarconfig) != _APART else np.moveaxis(values, 0, 2)
+    count = 3 if form == _RGB else 1
+    colors, opacity = values[:, :, :count], values[:, :, count:]
+    if (opacity != np.iinfo(values.dtype).max).any():
+        raise FileError(path, _TRANSPARENT)
+    if form == _PALETTE:
+        colors = np.moveaxis(_palette(page)[:, colors[:, :, 0]], 0, 2)
+    turn = _TURNED.get(page.tags[_ORIENTATION].value if _ORIENTATION in page.tags else 1)
+    turned = colors if turn is None else turn(colors)
+    return _scene(path, np.broadcast_to(turned, (*turned.shape[:2], 3)), space, said)
+
+
+def _palette(page: Any) -> NDArray[Any]:
+    """(3, colours) of 16 bits; of 8 where their writer left the lower ones empty, and 255 is white."""
+    colors = np.asarray(page.colormap, np.uint16)
+    return colors if (colors & 0xFF).any() else (colors >> 8).astype(np.uint8)
 
 
 def check_said(path: Path, said: ReadOptions) -> None:
@@ -115,7 +126,7 @@ def check_said(path: Path, said: ReadOptions) -> None:
             raise FileError(path, f"holds red, green and blue, which have no {name}; leave that out")
 
 
-def _scene(path: Path, values: NDArray[Any], space: str, said: ReadOptions) -> Scene:
+def _scene(path: Path, values: NDArray[Any], space: RgbSpace, said: ReadOptions) -> Scene:
     check_said(path, said)
     if said.mean_luminance_cd_m2 is None:
         raise FileError(path, "a picture does not say how bright its scene is; say it (mean_luminance_cd_m2=40)")
@@ -124,7 +135,8 @@ def _scene(path: Path, values: NDArray[Any], space: str, said: ReadOptions) -> S
             values,
             "D65" if said.illuminant is None else said.illuminant,
             said.mean_luminance_cd_m2,
-            space=space,
+            space=space.name,
+            linear=space.linear,
             method=said.method or "mallett-yuksel",
             out_of_gamut=said.out_of_gamut or "refuse",
             tolerance=said.tolerance,
@@ -169,37 +181,3 @@ def _checked_png(path: Path) -> PngFile:
     if png.header.bits != 16:  # else they are counted when they are unpacked
         png.check_whole()
     return png
-
-
-def _space(path: Path, picture: Any) -> str:
-    """Name of the RGB space that a file says its colours are in."""
-    if profile := picture.info.get("icc_profile"):
-        return _profile_space(path, profile)
-    gamma = picture.info.get("gamma")
-    if gamma is not None and "srgb" not in picture.info and abs(gamma / _DISPLAY_GAMMA - 1) > 0.02:
-        raise FileError(path, f"says that its values are light to the power of {gamma:g}; save the picture as sRGB")
-    primaries = picture.info.get("chromaticity")
-    if primaries is not None and "srgb" not in picture.info and not np.allclose(primaries, _PRIMARIES, atol=0.005):
-        raise FileError(path, f"says that its colours are of other primaries than sRGB's, {primaries}; save it as sRGB")
-    exif = picture.getexif()
-    details = exif.get_ifd(_EXIF_IFD)
-    if details.get(_COLOR_SPACE) == _UNCALIBRATED:
-        if exif.get_ifd(_INTEROP_IFD).get(_INTEROP_INDEX) == "R03":
-            return "Adobe RGB"
-        raise FileError(path, "says that its colours are not sRGB, and not what they are; save the picture as sRGB")
-    return "sRGB"
-
-
-def _profile_space(path: Path, profile: bytes) -> str:
-    from PIL import ImageCms
-
-    try:
-        opened = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-        name = ImageCms.getProfileDescription(opened).strip()
-    except (OSError, ImageCms.PyCMSError):
-        raise FileError(path, "has an ICC profile that cannot be read; save the picture as sRGB") from None
-    for start, space in _PROFILES.items():
-        if name.lower().startswith(start):
-            return space
-    known = ", ".join(dict.fromkeys(_PROFILES.values()))
-    raise FileError(path, f"has the ICC profile '{name}'; known are {known}: save the picture in one of them")

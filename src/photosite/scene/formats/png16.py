@@ -71,7 +71,8 @@ def read_deep_png(file: PngFile) -> DeepPng:
         lines = np.frombuffer(plain, np.uint8, part.rows * (1 + size), at).reshape(part.rows, -1)
         values = np.empty((part.rows, size), np.uint8)
         if (bad := _undo_filters(lines, 2 * channels, values)) >= 0:
-            raise FileError(path, f"is damaged: row {bad} has the filter {lines[bad, 0]}, known are 0 to 4")
+            row = part.row + bad * part.down
+            raise FileError(path, f"is damaged: row {row} has the filter {lines[bad, 0]}, known are 0 to 4")
         codes[part.row :: part.down, part.col :: part.right] = values.view(">u2").reshape(part.rows, part.cols, -1)
         at += lines.size
     return DeepPng(codes, None if told is None else np.frombuffer(told, ">u2").astype(np.uint16))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.cie import colour_science
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError
+from photosite.scene.formats.light_picture import scene_of_light
 from photosite.scene.formats.picture import check_said
 from photosite.scene.options import ReadOptions
-from photosite.scene.pictures import from_hdr
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.scene import Scene
 
 _MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _FORMATS = {"32-bit_rle_rgbe": "rgb", "32-bit_rle_xyze": "xyz"}
@@ -46,26 +46,17 @@ def read(path: Path, said: ReadOptions) -> Scene:
     if said.units is not None and not absolute:
         raise FileError(path, f"units are 'radiance' for values in W/sr/m2 as Radiance writes them, not '{said.units}'")
     check_said(path, ReadOptions(wavelength_nm=said.wavelength_nm, variable=said.variable))
-    if (said.mean_luminance_cd_m2 is None) == (not absolute):
+    if absolute and said.mean_luminance_cd_m2 is not None:
+        raise FileError(
+            path, "is said twice how bright: units='radiance' and mean_luminance_cd_m2; leave one of them out"
+        )
+    if said.mean_luminance_cd_m2 is None and not absolute:
         raise FileError(
             path,
             "does not say how bright it is; say the mean (mean_luminance_cd_m2=100), or units='radiance' if its values "
             "are W/sr/m2 as Radiance writes them",
         )
-    values = _values(path)
-    try:
-        return from_hdr(
-            values,
-            _EFFICACY_LM_W if absolute else None,
-            mean_luminance_cd_m2=said.mean_luminance_cd_m2,
-            white="D65" if said.illuminant is None else said.illuminant,
-            out_of_gamut="clip" if said.negative == "zero" else "refuse",
-            distance_m=said.distance_m or DEFAULT_DISTANCE_M,
-            width_m=said.width_m,
-            name=path.stem,
-        )
-    except InputError as error:
-        raise FileError(path, str(error)) from None
+    return scene_of_light(path, _values(path), said, _EFFICACY_LM_W if absolute else None)
 
 
 def _values(path: Path) -> NDArray[np.float64]:

@@ -23,13 +23,15 @@ from photosite.errors import FileError, PhotositeError
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, RawCube, SpectralCube, cube_of_scene
 from photosite.scene.formats.hdf5_cube import stated_units
-from photosite.scene.formats.picture import read_tiff_page
+from photosite.scene.formats.picture import is_tiff_picture, read_tiff_page
 from photosite.scene.formats.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 
-_RGB, _PICTURE_SAMPLES = 2, 4
-"""Photometric interpretation of pictures; red, green, blue and perhaps transparency."""
+_BLACK_IS_ZERO = 1
+"""Photometric interpretation of bands, and of grey pictures."""
+_OPACITY = (1, 2)
+"""Kinds of extra samples."""
 
 _STRIP_BYTES = 4 << 20
 _DENSEST = 2000
@@ -59,6 +61,10 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube | Scene:
         raise
     except Exception as error:  # tifffile hands on whatever a damaged directory makes it stumble over
         reason = " ".join(str(error).split()) or type(error).__name__
+        if "imagecodecs" in reason:
+            raise FileError(
+                path, f"is packed in a way that needs another package ({reason[:100]}); save it without compression"
+            ) from None
         raise FileError(path, f"cannot be read as TIFF ({reason[:200]}); is it truncated?") from None
     finally:
         logging.getLogger("tifffile").setLevel(level)
@@ -73,9 +79,12 @@ def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
         raise FileError(path, f"holds {first.dtype or 'unknown numbers'}; a cube's are integers or floats")
     dtype = np.dtype(first.dtype).newbyteorder(file.byteorder)
     size = path.stat().st_size
-    if int(first.photometric) == _RGB and first.samplesperpixel <= _PICTURE_SAMPLES:
+    if is_tiff_picture(first):
         if len(pages) > 1:
-            raise FileError(path, f"has {len(pages)} pages in red, green and blue; save the one that is meant")
+            raise FileError(path, f"has {len(pages)} pages in colours; save the one that is meant")
+        _check_there(path, first, size)
+        return read_tiff_page(path, first, said)
+    if len(pages) == 1 and _is_grey_picture(path, first, said):
         _check_there(path, first, size)
         return read_tiff_page(path, first, said)
     if len(pages) == 1 and len(first.shape) == 3:
@@ -100,6 +109,16 @@ def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
         no_data=told.get("no_data"),
         **place,
     )
+
+
+def _is_grey_picture(path: Path, page: Any, said: ReadOptions) -> bool:
+    """Whether a lone page of grey is one, and no band: nobody says what a band is to be."""
+    extra = tuple(int(kind) for kind in page.extrasamples)
+    grey = int(page.photometric) == _BLACK_IS_ZERO and page.samplesperpixel == 1 + len(extra) <= 2
+    if not grey or any(kind not in _OPACITY for kind in extra) or page.dtype not in (np.uint8, np.uint16):
+        return False
+    unsaid = said.units is None and said.wavelength_nm is None
+    return unsaid and not _told(path, page, 1 + len(extra)) and _by_page([page]) is None
 
 
 def _stack(
