@@ -12,6 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from photosite.engine.laying import Field, Grid, Layer, View, laid_spectra
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.engine.warp import Warp
 
 RNG = np.random.default_rng(6)
 GRID = Grid((12, 15), 3, (2, 2), 3)
@@ -119,3 +120,22 @@ def test_a_channels_pictures_from_several_views_are_as_many_layers() -> None:
     assert np.abs(got - expected).max() < 1e-6 * expected.max()
     assert not got[0::2, 0::2].any()
     assert not got[1::2, 1::2].any()
+
+
+def test_terms_that_go_through_a_warp_together_are_those_one_by_one() -> None:
+    """Seven terms over a field, of one, two and three parts each, more than go together at once."""
+    radius = np.hypot(20, 20) * 6e-6
+    warp = Warp(np.linspace(1.0, 1.05, 65), radius**2 / 64, (6e-6, 5e-6))
+    view = replace(layer(9, 11).views[0], warp=warp)
+    mixing = RNG.random((7, 2, 4)).astype(np.float32)
+    mixing[[0, 1, 4], 0] = 0.0
+    mixing[[2, 5], 1] = 0.0
+    transfer = Transfer(RadialTransfer(RNG.random((3, 7, 9)), 4e4))
+    got = mosaic_of_layers([Layer((view,), mixing, transfer, field=FIELD)], SAMPLING, GRID, SITES)
+    assert transfer.radial is not None
+    alone = [
+        Layer((view,), mixing[t, None], Transfer(RadialTransfer(transfer.radial.table[:, t, None], 4e4)), field=FIELD)
+        for t in range(7)
+    ]
+    expected = mosaic_of_layers(alone, SAMPLING, GRID, SITES)
+    assert np.abs(got - expected).max() < 1e-6 * np.abs(expected).max()

@@ -11,7 +11,7 @@ terms are sums of these.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -25,6 +25,8 @@ from photosite.engine.warp import Corners, Warp, warped_means
 STRIP = 256
 """Rows of cells that are laid at a time."""
 WORKERS = -1
+_TOGETHER = 4
+"""Maps that go through a warp together: the way is most of the work, and each is kept for a while."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,32 @@ def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterat
         for mix in layer.mixing[:, 0]:
             _plain_spectrum(view.weights, mix, lines, out)
             yield out
-        return
+    elif layer.pictures is None and view.warp is not None:
+        for some in _few_terms(layer):
+            yield from _spectra(some, grid, out)
+    else:
+        yield from _spectra(layer, grid, out)
+
+
+def _few_terms(layer: Layer) -> Iterator[Layer]:
+    """The layer some terms at a time, whose maps go the way through a warp together."""
+    used: NDArray[np.bool_] = np.asarray(layer.mixing.any(axis=2))
+    maps, first = used.sum(axis=1), 0
+    while first < len(maps):
+        count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), _TOGETHER, side="right")))
+        some = slice(first, first + count)
+        first += count
+        if maps[some].sum() > _TOGETHER:
+            yield replace(layer, mixing=layer.mixing[some])
+            continue
+        mixing = np.zeros((*used[some].shape, int(maps[some].sum())), np.float32)
+        mixing[(*np.nonzero(used[some]), np.arange(mixing.shape[2]))] = 1.0
+        yield replace(layer, mixing=mixing, pictures=(layer.mixing[some][used[some]],))
+
+
+def _spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """As `laid_spectra`, of any layer."""
+    view = layer.views[0]
     pictures_of = (
         _laid_for_each(view, grid) if layer.pictures is None else _laid_once(layer.views, layer.pictures, grid)
     )
