@@ -8,14 +8,13 @@ import pytest
 from photosite.develop.display import XYZ_FROM_SRGB, encode_srgb
 from photosite.errors import InputError
 from photosite.metrics.color_difference import delta_e_2000
-from photosite.scene.picture_colors import SPACES, linear_srgb_of
+from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of
 from photosite.scene.pictures import (
     PICTURE_WAVELENGTH_NM,
     Method,
     from_hdr,
     from_rgb,
     from_srgb,
-    linear_srgb,
     srgb_reflectance,
 )
 from photosite.scene.scene import Scene
@@ -44,6 +43,10 @@ def even_grid() -> np.ndarray:
     """(1, 729, 3): nine even steps of each of sRGB's values."""
     steps = np.linspace(0.0, 1.0, 9)
     return np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
+
+
+def linear_srgb(picture: np.ndarray) -> np.ndarray:
+    return linear_srgb_of(display_values(picture), "sRGB", linear=False)
 
 
 def differences(scene: Scene, linear: np.ndarray) -> np.ndarray:
@@ -77,6 +80,46 @@ def test_smooth_reflectances_can_be_and_keep_to_the_tolerance() -> None:
         assert scene.relative_error == pytest.approx(error, rel=1e-2)
         assert len(scene.basis) < len(finest.basis)
         assert differences(scene, linear_srgb(picture)).max() < 0.03  # colours lose nothing by it
+
+
+def some_colours(count: int = 400) -> np.ndarray:
+    """(1, n, 3): random ones, and the corners of sRGB."""
+    drawn = np.random.default_rng(29).integers(0, 256, (count, 3))
+    corners = np.stack(np.meshgrid(*[[0, 255]] * 3), axis=-1).reshape(-1, 3)
+    return np.concatenate([drawn, corners]).astype(np.uint8)[None]
+
+
+def differences_at_1_nm(scene: Scene, picture: np.ndarray) -> np.ndarray:
+    """CIEDE2000 by colour-science's own tables, reflectances in straight lines between the scene's wavelengths."""
+    import colour
+
+    shape = colour.SpectralShape(380, 780, 1)
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape).values
+    light = colour.SDS_ILLUMINANTS["D65"].copy().align(shape).values
+    assert scene.reflectance is not None
+    basis = np.stack([np.interp(shape.range(), scene.wavelength_nm, row) for row in scene.reflectance])
+    seen = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), basis * light @ observer)
+    return delta_e_2000(seen / (light @ observer[:, 1]), linear_srgb(picture) @ XYZ_FROM_SRGB.T)
+
+
+@pytest.mark.parametrize(
+    ("method", "fine", "drawn_out"), [("mallett-yuksel", 0.08, 0.08), ("jakob-hanika", 0.04, 0.17)]
+)
+def test_colours_at_1_nm_are_what_the_docs_say(method: Method, fine: float, drawn_out: float) -> None:
+    picture = some_colours()
+    scene = from_rgb(picture, method=method, wavelength_nm=np.arange(380.0, 781.0))
+    assert 0.5 * fine < differences_at_1_nm(scene, picture).max() < fine
+    assert 0.5 * drawn_out < differences_at_1_nm(from_rgb(picture, method=method), picture).max() < drawn_out
+
+
+def test_reduced_reflectances_leave_0_to_1_by_what_the_docs_say() -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (60, 100, 3)).astype(np.uint8)
+    for tolerance, beyond in ((1e-3, 0.04), (1e-2, 0.14)):
+        scene = from_rgb(picture, method="jakob-hanika", tolerance=tolerance)
+        assert scene.reflectance is not None
+        values = np.einsum("kij,kl->ijl", scene.weights, scene.reflectance)
+        assert -beyond < values.min() < 0
+        assert 1 < values.max() < 1 + beyond
 
 
 def test_colours_count_as_often_as_they_are() -> None:

@@ -43,7 +43,7 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
     for here in blocks:
         spectra = sigmoid_reflectance(coefficients[here], grid)
         gram += spectra.T @ (spectra * count[here, None])
-    vectors = _kept(gram, grid, tolerance)
+    vectors = _kept_spectra(gram, grid, tolerance)
     weights = np.empty((len(colours), len(vectors)), np.float32)
     for here in blocks:
         weights[here] = sigmoid_reflectance(coefficients[here], grid) @ vectors.T
@@ -52,7 +52,7 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
     return weights.T[:, place.ravel()].reshape(shape), vectors, math.sqrt(lost)
 
 
-def _kept(gram: Array, grid: Array, tolerance: float) -> Array:
+def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
     """(K, wavelengths), orthonormal: those that the observer weighs colours under D65 with, and the fewest others.
 
     Spectra brought to these keep their products with the first three: their colours under D65, whatever the tolerance.
