@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError, PhotositeWarning
+from photosite.errors import InputError
+from photosite.optics.arguments import check_kind
 from photosite.optics.radial_table import FieldPoints, check_values, even_curve
+from photosite.optics.warn import warn_user
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,9 @@ class IlluminationTable:
     relative: Array
 
     def __post_init__(self) -> None:
+        check_kind(
+            "IlluminationTable", "field", self.field, FieldPoints, "FieldPoints(height_mm=[...]) or (angle_deg=[...])"
+        )
         relative = check_values("relative illumination", self.relative, (self.field.size,))
         if not self.field.starts_on_axis or abs(relative[0] - 1) > 1e-3:
             raise InputError(
@@ -74,10 +78,8 @@ class IlluminationTable:
         """
         farthest = float(np.max(image_height_m, initial=0.0))
         if farthest > _BEYOND * table_height_m[-1]:
-            warnings.warn(
+            warn_user(
                 f"relative illumination is known up to {table_height_m[-1] * 1e3:.4g} mm from the axis, and the frame "
                 f"reaches {farthest * 1e3:.4g} mm; beyond, the table's last value is used",
-                PhotositeWarning,
-                stacklevel=2,
             )
         return even_curve(table_height_m, self.relative, image_height_m)

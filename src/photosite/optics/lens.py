@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from os import PathLike
 from typing import Literal
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, check_kind, check_numbers
 from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
 from photosite.spectra import Spectrum, wavelength_grid
 
@@ -52,7 +54,8 @@ class DiffractionLimited:
     Raises
     ------
     InputError
-        If a value is not positive, the transmittance is not between 0 and 1, or its wavelengths are below 100 nm.
+        If the f-number is below 0.5 or the focal length below 0.2 mm, as those in m are, the transmittance is not
+        between 0 and 1, or its wavelengths are below 100 nm.
 
     Notes
     -----
@@ -73,10 +76,25 @@ class DiffractionLimited:
     falloff: Literal["none", "cos4"] = "none"
 
     def __post_init__(self) -> None:
+        check_numbers(self, "f_number", "focal_length_mm")
+        check_kind(
+            "DiffractionLimited",
+            "transmittance",
+            self.transmittance,
+            (Real, np.ndarray, Spectrum),
+            "a number or a Spectrum",
+        )
         for name in ("f_number", "focal_length_mm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} must be above 0, not {value}")
+        if self.f_number < LOWEST_F_NUMBER:
+            raise InputError(f"f_number is {LOWEST_F_NUMBER} or more in air, not {self.f_number:g}")
+        if self.focal_length_mm < SHORTEST_FOCAL_MM:
+            raise InputError(
+                f"focal_length_mm is {SHORTEST_FOCAL_MM} or more, not {self.focal_length_mm:g}: if that is in m, "
+                "multiply by 1000"
+            )
         values = self.transmittance.values if isinstance(self.transmittance, Spectrum) else self.transmittance
         if not ((np.asarray(values) >= 0) & (np.asarray(values) <= 1)).all():
             raise InputError(f"transmittance is a fraction, 0 to 1, not {values}")

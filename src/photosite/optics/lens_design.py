@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_height_unit, check_numbers
 from photosite.optics.lens import DiffractionLimited, camera_wavelengths
 from photosite.optics.low_rank import LowRank, low_rank
+from photosite.optics.radial_table import numbers
 from photosite.optics.sampled import Rotated, box_blurred, check_spacing, light_radius, normalised, transfer
 from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
 
@@ -99,16 +101,23 @@ class LensDesign:
     nodes: int | None = None
 
     def __post_init__(self) -> None:
-        grid, psf = camera_wavelengths(self.wavelength_nm), np.asarray(self.psf, np.float64)
-        y, x = (np.atleast_1d(np.asarray(a, np.float64)) for a in (self.field_y, self.field_x))
+        grid, psf = camera_wavelengths(self.wavelength_nm), numbers("psf", self.psf)
+        y, x = numbers("field_y", self.field_y), numbers("field_x", self.field_x)
+        given = [name for name in ("detail_um",) if getattr(self, name) is not None]
+        check_numbers(self, "spacing_um", "tolerance", *given)
+        check_numbers(self, *[name for name in ("rank", "nodes") if getattr(self, name) is not None], whole=True)
         if psf.ndim != 4 or psf.shape[2] != psf.shape[3] or psf.shape[:2] != (y.size, grid.size) or x.shape != y.shape:
             raise InputError(
                 "lens-design point spreads are psf (F, L, n, n) for field_y and field_x (F,) and wavelength_nm (L,): "
                 f"got {psf.shape}, {y.shape}, {x.shape} and {grid.shape}"
             )
         check_spacing(self.spacing_um)
-        if self.unit not in ("mm", "deg") or not (np.isfinite(y).all() and np.isfinite(x).all()):
-            raise InputError(f"field points are finite numbers in 'mm' or 'deg', not in '{self.unit}'")
+        if self.unit not in ("mm", "deg"):
+            raise InputError(f"the unit of field points is 'mm' or 'deg', not {self.unit!r:.40}")
+        if not (np.isfinite(y).all() and np.isfinite(x).all()):
+            raise InputError("field points are finite numbers; some of field_y or field_x are not")
+        if self.unit == "mm":
+            check_height_unit("the field", float(np.hypot(y, x).max()))
         if self.unit == "deg" and max(np.abs(y).max(), np.abs(x).max()) >= 90:
             raise InputError("field angles must stay below 90 degrees; give image heights in mm")
         if self.detail_um is not None and not (math.isfinite(self.detail_um) and self.detail_um > 0):
@@ -256,11 +265,16 @@ class LensDesign:
         if focus_distance_m is None:
             return
         focal_m = base.focal_length_mm * 1e-3
-        vergence = abs(1 / focus_distance_m - (0.0 if math.isinf(distance_m) else 1 / distance_m))
-        waves = vergence * (focal_m / base.f_number) ** 2 / 8 / (self.wavelength_nm.mean() * 1e-9)
-        if waves > _SAME_FOCUS_WAVES:
-            raise InputError(
-                f"lens-design point spreads hold in focus, {focus_distance_m:g} m, and this object at {distance_m:g} m "
-                f"is {waves:.2g} waves out of it; place it there (--distance), use a wavefront for defocus, or leave "
-                "out focus_distance_m"
-            )
+        # Waves of defocus for each 1/m between object and focus.
+        per_dioptre = (focal_m / base.f_number) ** 2 / 8 / (self.wavelength_nm.mean() * 1e-9)
+        focus, here = (0.0 if math.isinf(d) else 1 / d for d in (focus_distance_m, distance_m))
+        if (waves := abs(focus - here) * per_dioptre) <= _SAME_FOCUS_WAVES:
+            return
+        depth = _SAME_FOCUS_WAVES / per_dioptre
+        nearest = f"{1 / (focus + depth):.4g} m"
+        held = f"from {nearest} on" if focus <= depth else f"from {nearest} to {1 / (focus - depth):.4g} m"
+        raise InputError(
+            f"lens-design point spreads hold in focus, here {held}, and this object at {distance_m:g} m is {waves:.2g} "
+            "waves out of it; place it there (--distance), use a wavefront for defocus, or name the point spreads in "
+            "an optics file without focus_distance_m"
+        )

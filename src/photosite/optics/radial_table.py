@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_height_unit
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,8 @@ class FieldPoints:
     Raises
     ------
     InputError
-        If both or none is given, or values do not increase, are negative, or not finite.
+        If both or none is given, values do not increase, are negative or not finite, or heights end below 0.05 mm, as
+        those in m do.
 
     Examples
     --------
@@ -43,11 +45,15 @@ class FieldPoints:
         if (self.height_mm is None) == (self.angle_deg is None):
             raise InputError("places in the field are height_mm or angle_deg: give one of the two")
         name, given = ("height_mm", self.height_mm) if self.angle_deg is None else ("angle_deg", self.angle_deg)
-        values = np.atleast_1d(np.asarray(given, np.float64))
+        values = numbers(name, given)
+        if not values.size:
+            raise InputError(f"{name} is empty; a table has one place in the field or more")
         if values.ndim != 1 or not np.isfinite(values).all() or values[0] < 0 or (np.diff(values) <= 0).any():
             raise InputError(f"{name} must increase from 0 or more; sort the table by it, one side of the axis only")
         if name == "angle_deg" and values[-1] >= _RIGHT_ANGLE_DEG:
             raise InputError(f"angle_deg must stay below 90, not reach {values[-1]:g}; a fisheye needs height_mm")
+        if name == "height_mm":
+            check_height_unit(name, float(values[-1]))
         object.__setattr__(self, name, values)
 
     @property
@@ -81,12 +87,27 @@ def check_values(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     InputError
         If they are not.
     """
-    array = np.asarray(values, np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(
-            f"{name} needs finite numbers of shape {shape}, one for each place in the field: {array.shape}"
-        )
+    array = np.asarray(numbers(name, values))
+    if array.shape != shape:
+        raise InputError(f"{name} needs numbers of shape {shape}, one for each place in the field, not {array.shape}")
+    if (wrong := np.argwhere(~np.isfinite(array))).size:
+        where = ", ".join(str(index + 1) for index in wrong[0])
+        raise InputError(f"{name} needs finite numbers; number {where} is {array[tuple(wrong[0])]}")
     return array
+
+
+def numbers(name: str, values: ArrayLike | None) -> Array:
+    """A list or array of numbers as floats, of one dimension or more.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    array = np.asarray(values) if values is not None else np.array("none")
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} is a list of numbers, not {values!r:.60}")
+    return np.atleast_1d(array.astype(np.float64))
 
 
 def even_curve(height_m: Array, values: Array, at_m: Array) -> Array:

@@ -208,8 +208,9 @@ def test_parameters_become_the_base_and_the_focus(tmp_path: Path) -> None:
         assert read_ray_trace(tmp_path).focus_distance_m == expected
 
 
-def test_listings_about_their_centroid_are_put_back_about_the_chief_ray(tmp_path: Path) -> None:
-    for name, shift in (("chief", 0.0), ("centroid", -1.15)):
+@pytest.mark.parametrize("off_center_um", [-1.15, -0.2, 0.16, 0.25])
+def test_listings_about_their_centroid_are_put_back_about_the_chief_ray(off_center_um: float, tmp_path: Path) -> None:
+    for name, shift in (("chief", 0.0), ("centroid", off_center_um)):
         (tmp_path / name).mkdir()
         zemax(tmp_path / name, old=False, off_center_um=shift)
     chief, centroid = (read_ray_trace(tmp_path / name).point_spreads() for name in ("chief", "centroid"))
@@ -273,6 +274,7 @@ def test_illumination_that_differs_with_wavelength_is_said(tmp_path: Path) -> No
         ("ISETPARMS.TXT", "efl=5.999968", "", r"does not set efl; export the whole set again"),
         ("ISETPARMS.TXT", "efl=5.999968", "efl=-6", r"TXT:13: efl is above 0, not '-6'"),
         ("ISETPARMS.TXT", "efl=5.999968", "efl=six", r"TXT:13: efl is a number, not 'six'"),
+        ("ISETPARMS.TXT", "=580.0", "=0.5800", r"TXT:11: refWave is in nm and one of those in wave, 450 to"),
         ("ISETPARMS.TXT", "wave=450:100:650", "wave=450:650", r"TXT:5: wave is first:step:last"),
         ("ISETPARMS.TXT", "wave=450:100:650", "wave=450:50:650", r"not the 3 wavelengths that 4 heights have"),
         ("ISETPARMS.TXT", "imgHeightNum=4", "imgHeightNum=5", r"DI_.dat: holds 12 numbers, .* 5 heights"),

@@ -236,7 +236,7 @@ def test_an_index_says_what_grids_of_numbers_do_not(tmp_path: Path) -> None:
             "a.dat: does not say its spacing_um; give it in an index",
         ),
         ("wavelength_nm: 550, field_mm: [4", "field_mm: [4", "b.dat: does not say its wavelength_nm"),
-        ("field_mm: [4, 3]", "field_mm: 4", r"yaml:8: field_mm is two numbers, \[x, y\]"),
+        ("field_mm: [4, 3]", "field_mm: 4", r"yaml:8: field_mm is two finite numbers, \[x, y\]"),
         ("field_mm: [4, 3]", "field_deg: [4, 3]", "in degrees and in mm"),
         ("field_mm: [4, 3]", "field_mm: [4, 2]", "full grid"),
         ("spacing_um: 0.5}\n  - {file: b", "spacing_um: 0}\n  - {file: b", r"yaml:7: spacing_um is a number above 0"),

@@ -16,7 +16,15 @@ import numpy as np
 
 from photosite.errors import FileError
 from photosite.optics.distortion import Distortion
-from photosite.optics.listings.text import NUMBER, PsfListing, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.listings.text import (
+    NUMBER,
+    PsfListing,
+    finite,
+    grid_of_numbers,
+    micrometers,
+    read_text,
+    table_row,
+)
 from photosite.optics.radial_table import FieldPoints
 
 _N = f"({NUMBER})"
@@ -48,7 +56,8 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
         if (match := _SPACING.search(line)) is not None:
             spacing = micrometers(match[1], match[2], file, index + 1)
         if (match := _FIELD.search(line)) is not None:
-            field, unit = (number(match[1]), number(match[2])), match[3].lower()
+            field = finite(match[1], file, index + 1), finite(match[2], file, index + 1)
+            unit = match[3].lower()
     samples = grid_of_numbers(lines, start, file)
     return PsfListing(file, samples, (samples.shape[0] // 2, samples.shape[1] // 2), spacing, wavelength, field, unit)
 
@@ -68,7 +77,6 @@ def read_distortion(path: str | PathLike[str]) -> Distortion:
     """
     file = Path(path)
     lines = read_text(file, "a listing of field curves")
-    rows = [[number(part) for part in line.split()] for line in lines if _is_row(line)]
     head = " ".join(line for line in lines if not _is_row(line)).lower()
     if "field" not in head or "distortion" not in head:
         raise FileError(file, "is not a listing of field curves: no heading names field and distortion")
@@ -77,7 +85,9 @@ def read_distortion(path: str | PathLike[str]) -> Distortion:
     in_degrees, in_mm = "(deg" in head or "degrees" in head, re.search(r"field\s+height\s*\(mm|height\s*\(mm", head)
     if in_degrees == bool(in_mm):
         raise FileError(file, "does not say whether its fields are in degrees or mm; give the table in the YAML file")
-    table = [row for row in rows if len(row) == _FIELD_ROW]
+    start = next((i for i, line in enumerate(lines) if "distortion" in line.lower()), 0)
+    rows = [table_row(line, _FIELD_ROW, file, i + 1) for i, line in enumerate(lines) if i > start]
+    table = [row for row in rows if row is not None]
     if len(table) < 2:
         raise FileError(file, f"has no rows of {_FIELD_ROW} numbers: relative field, field, two foci, distortion")
     values = np.array(table)

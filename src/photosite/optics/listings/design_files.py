@@ -14,7 +14,8 @@ files:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -23,11 +24,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.optics.lens import camera_wavelengths
 from photosite.optics.lens_design import TOLERANCE, LensDesign
 from photosite.optics.listings import codev, zemax
 from photosite.optics.listings.text import PsfListing, read_text
-from photosite.optics.sampled import light_radius, normalised, resampled
+from photosite.optics.sampled import check_spacing, light_radius, normalised, resampled
 from photosite.yaml_file import check_keys, line_of, read_yaml
 
 Array = NDArray[np.float64]
@@ -50,6 +52,7 @@ _KEYS = (
     "provenance",
 )
 _FILE_KEYS = ("file", "wavelength_nm", "field_deg", "field_mm", "spacing_um", "origin")
+_OPTIONS = ("tolerance", "rank", "detail_um", "nodes", "symmetric", "first_row")
 _SUFFIXES = (".txt", ".dat", ".psf")
 _KEPT = 0.999
 """Of each point spread's light: the square around it is kept, the faint rest of a large grid is left out."""
@@ -86,8 +89,7 @@ class Layout:
 
     def place(self, listing: PsfListing) -> tuple[float, float]:
         """(y, x) of the field point, y down, upright; on image axes a positive angle's image lies at +y."""
-        assert listing.field is not None
-        x, y = listing.field
+        x, y = _told(listing, "field")
         down, right = (y, -x) if self.axes == "image" else (-y, x)
         return round(down, _PLACES) + 0.0, round(right, _PLACES) + 0.0
 
@@ -108,9 +110,13 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
     ------
     FileError
         If a file is missing or wrong, says too little, or some wavelength of some field point is missing.
+    InputError
+        If there is no such option.
     """
     from photosite.optics.listings.ray_trace import read_ray_trace, set_of
 
+    if unknown := [name for name in options if name not in _OPTIONS]:
+        raise InputError(f"read_lens_design has no option '{unknown[0]}'; {did_you_mean(unknown[0], _OPTIONS)}")
     source = Path(path)
     if (parameters := set_of(source)) is not None:
         return read_ray_trace(parameters).point_spreads(**options)
@@ -149,7 +155,8 @@ def _said(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
     said = {key: data[key] for key in kinds if data.get(key) is not None}
     for key, value in said.items():
         kind, what = kinds[key]
-        if not isinstance(value, (int, kind) if kind is float else kind) or (kind is int and isinstance(value, bool)):
+        fits = isinstance(value, int | float) if kind is float else isinstance(value, kind)
+        if not fits or (isinstance(value, bool) and kind is not bool):
             raise FileError(path, f"{key} is {what}, not {value!r:.40}", line_of(data, key))
     return said
 
@@ -168,30 +175,46 @@ def _entry(path: Path, entries: Sequence[Any], index: int, program: str) -> PsfL
     check_keys(path, entry, _FILE_KEYS, "an entry of 'files'")
     listing = _PROGRAMS[program](path.parent / str(entry["file"]))
     changes: dict[str, Any] = {}
-    for key in ("wavelength_nm", "spacing_um"):
+    for key, check in (("wavelength_nm", camera_wavelengths), ("spacing_um", check_spacing)):
         if entry.get(key) is not None:
-            changes[key] = _positive(path, entry[key], key, line)
+            changes[key] = _checked(path, entry[key], key, line, check)
     for key in ("field_deg", "field_mm"):
         if entry.get(key) is not None:
             changes["field"] = _pair(path, entry[key], key, line)
             changes["field_unit"] = key.removeprefix("field_")
     if entry.get("origin") is not None:
         row, col = _pair(path, entry["origin"], "origin", line)
+        rows, cols = listing.samples.shape
+        if not (1 <= row <= rows and 1 <= col <= cols):
+            raise FileError(path, f"origin [{row:g}, {col:g}] lies outside the {rows} x {cols} samples, from 1", line)
         changes["origin"] = (row - 1, col - 1)
     return replace(listing, **changes)
 
 
-def _positive(path: Path, value: Any, key: str, line: int | None) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+def _checked(path: Path, value: Any, key: str, line: int | None, check: Callable[[Any], Any]) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
         raise FileError(path, f"{key} is a number above 0, not {value!r:.40}", line)
+    try:
+        check([value] if key == "wavelength_nm" else value)
+    except InputError as error:
+        raise FileError(path, str(error), line) from None
     return float(value)
 
 
 def _pair(path: Path, value: Any, key: str, line: int | None) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2 or not all(isinstance(v, int | float) for v in value):
+    numbers = isinstance(value, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+    if not numbers or len(value) != 2 or not all(map(math.isfinite, value)):
         order = "[row, column], from 1" if key == "origin" else "[x, y]"
-        raise FileError(path, f"{key} is two numbers, {order}, not {value!r:.40}", line)
+        raise FileError(path, f"{key} is two finite numbers, {order}, not {value!s:.40}", line)
     return float(value[0]), float(value[1])
+
+
+def _told(listing: PsfListing, name: Literal["wavelength_nm", "spacing_um", "field"]) -> Any:
+    """What the listing, or the index for it, says."""
+    if (value := getattr(listing, name)) is None:
+        key = "field_deg or field_mm" if name == "field" else name
+        raise FileError(listing.path, f"does not say its {key}; give it in an index, a YAML file")
+    return value
 
 
 def design_of(source: Path, listings: Sequence[PsfListing], layout: Layout, options: Mapping[str, Any]) -> LensDesign:
@@ -214,21 +237,20 @@ def design_of(source: Path, listings: Sequence[PsfListing], layout: Layout, opti
         As `read_lens_design`.
     """
     for listing in listings:
-        for name, value in (
-            ("wavelength_nm", listing.wavelength_nm),
-            ("spacing_um", listing.spacing_um),
-            ("field_deg or field_mm", listing.field),
-        ):
-            if value is None:
-                raise FileError(listing.path, f"does not say its {name}; give it in an index, a YAML file")
+        try:
+            camera_wavelengths([_told(listing, "wavelength_nm")])
+            check_spacing(_told(listing, "spacing_um"))
+        except InputError as error:
+            raise FileError(listing.path, str(error)) from None
+        _told(listing, "field")
     unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
     if any(listing.field_unit != unit for listing in listings):
         raise FileError(source, "has fields in degrees and in mm; give all in the same unit, in an index")
     places = sorted({layout.place(listing) for listing in listings}, key=lambda p: (np.hypot(*p), p))
-    waves = sorted({round(_known(listing.wavelength_nm), 3) for listing in listings})
+    waves = sorted({round(_told(listing, "wavelength_nm"), 3) for listing in listings})
     table: dict[tuple[tuple[float, float], float], PsfListing] = {}
     for listing in listings:
-        key = layout.place(listing), round(_known(listing.wavelength_nm), 3)
+        key = layout.place(listing), round(_told(listing, "wavelength_nm"), 3)
         if key in table:
             raise FileError(listing.path, f"has the same field and wavelength as {table[key].path.name}")
         table[key] = listing
@@ -252,41 +274,39 @@ def design_of(source: Path, listings: Sequence[PsfListing], layout: Layout, opti
         raise FileError(source, str(error)) from None
 
 
-def _known(value: float | None) -> float:
-    assert value is not None
-    return value
-
-
 def _on_one_grid(table: list[list[PsfListing]], layout: Layout) -> tuple[Array, float]:
     """(F, L, n, n) of the finest spacing, with room for each one's light, and that spacing in um."""
-    every = [listing for row in table for listing in row]
-    spacing = min(_known(listing.spacing_um) for listing in every)
-    upright = {}
-    reach = 0.0
-    for listing in every:
-        samples, origin = layout.upright(listing)
-        try:
-            samples = normalised(samples, "the point spread")
-        except InputError as error:
-            raise FileError(listing.path, str(error)) from None
-        upright[listing.path] = samples, origin
-        reach = max(reach, _reach(samples, origin) * _known(listing.spacing_um))
-    half = max(int(np.ceil(reach / spacing)), _LEAST_HALF)
+    spacing = min(_told(listing, "spacing_um") for row in table for listing in row)
+    upright = [[_upright(listing, layout) for listing in row] for row in table]
+    half = max(np.ceil(max(reach for row in upright for *_, reach in row) / spacing), _LEAST_HALF)
     if half > _MOST_HALF:
-        raise FileError(every[0].path, f"with the others needs {2 * half + 1} samples across; save fewer, or coarser")
-    psf = np.empty((len(table), len(table[0]), 2 * half + 1, 2 * half + 1))
-    for f, row in enumerate(table):
-        for w, listing in enumerate(row):
-            samples, origin = upright[listing.path]
-            psf[f, w] = resampled(samples, origin, _known(listing.spacing_um), 2 * half + 1, spacing)
+        across = f"{2 * half + 1:.4g}"
+        raise FileError(table[0][0].path, f"with the others needs {across} samples across; save fewer, or coarser")
+    count = 2 * int(half) + 1
+    psf = np.empty((len(table), len(table[0]), count, count))
+    for f, row in enumerate(upright):
+        for w, (samples, origin, own, _) in enumerate(row):
+            psf[f, w] = resampled(samples, origin, own, count, spacing)
     return psf, spacing
+
+
+def _upright(listing: PsfListing, layout: Layout) -> tuple[Array, tuple[float, float], float, float]:
+    """Samples, origin, spacing in um, and how far from the origin the light reaches in um."""
+    samples, origin = layout.upright(listing)
+    spacing = _told(listing, "spacing_um")
+    try:
+        samples = normalised(samples, "the point spread")
+    except InputError as error:
+        raise FileError(listing.path, str(error)) from None
+    return samples, origin, spacing, _reach(samples, origin) * spacing
 
 
 def _reach(samples: Array, origin: tuple[float, float]) -> float:
     """Samples from the origin to where nearly all light lies."""
     rows, cols = samples.shape
-    room = int(max(origin[0], rows - 1 - origin[0], origin[1], cols - 1 - origin[1]))
+    middle = round(origin[0]), round(origin[1])
+    room = max(middle[0], rows - 1 - middle[0], middle[1], cols - 1 - middle[1])
     framed = np.zeros((2 * room + 1, 2 * room + 1))
-    first = room - round(origin[0]), room - round(origin[1])
+    first = room - middle[0], room - middle[1]
     framed[first[0] : first[0] + rows, first[1] : first[1] + cols] = samples
     return light_radius(framed, 1.0, _KEPT)

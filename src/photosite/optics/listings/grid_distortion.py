@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.optics.distortion import Distortion
-from photosite.optics.listings.text import NUMBER, micrometers, number
+from photosite.optics.listings.text import NUMBER, micrometers, number, table_row
 from photosite.optics.radial_table import FieldPoints, even_curve
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ def read_grid_distortion(lines: list[str], file: Path, wavelength_nm: float | No
     if start is None:
         raise FileError(file, "has no table of predicted and real X and Y; save the text of Grid Distortion")
     _check_head(lines[:start], file, wavelength_nm)
-    rows = [_row(line) for line in lines[start + 1 :]]
+    rows = [table_row(line, _COLUMNS, file, index + 1) for index, line in enumerate(lines) if index > start]
     table = np.array([row for row in rows if row is not None]).reshape(-1, _COLUMNS)
     ideal, real = table[:, 5:7], table[:, 7:9]
     diagonal = (table[:, 0] == table[:, 1]) & (table[:, 0] > 0)
@@ -88,13 +88,6 @@ def _check_head(lines: list[str], file: Path, wavelength_nm: float | None) -> No
             own = micrometers(said[1], said[2], file, index + 1) * 1e3
             if abs(own - wavelength_nm) > _SAME_NM:
                 raise FileError(file, f"has no distortion at {wavelength_nm:g} nm; it is of {own:g} nm", index + 1)
-
-
-def _row(line: str) -> list[float] | None:
-    parts = line.replace("%", " ").split()
-    if len(parts) != _COLUMNS or not all(re.fullmatch(NUMBER, part) for part in parts):
-        return None
-    return [number(part) for part in parts]
 
 
 def _check_symmetry(file: Path, found: Distortion, ideal: Array, real: Array) -> None:

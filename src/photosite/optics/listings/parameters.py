@@ -21,6 +21,8 @@ from photosite.optics.listings.text import NUMBER, number, read_text
 
 _ASSIGNMENT = re.compile(r"""^\s*"?\s*([A-Za-z]\w*)\s*(\([^)]*\))?\s*=\s*(?:'([^']*)'?|([^;%"]*))""")
 _OWN = re.compile(r"^\s*\"?\s*(?:baseLensFileName|psfSize|imgHeight(?:Num|Max)?|fnumber_eff)\s*=", re.MULTILINE)
+_SAME_NM = 0.6
+"""The macros round wavelengths to whole nanometres."""
 _MOST_HEIGHTS = 10_000
 
 
@@ -87,6 +89,9 @@ def read_parameters(path: Path) -> Parameters:
     if told.several_distances:
         raise FileError(path, "is of several object distances (the 3D macro); sets of one distance are read (the 2D)")
     heights, largest = told.heights()
+    reference, waves = told.positive("refWave"), told.wavelengths()
+    if not waves[0] - _SAME_NM <= reference <= waves[2] + _SAME_NM:
+        raise told.error("refWave", f"in nm and one of those in wave, {waves[0]:g} to {waves[2]:g}")
     return Parameters(
         program="codev" if "imgHeight" in told.values else "zemax",
         base_name=told.text("baseLensFileName"),
@@ -95,8 +100,8 @@ def read_parameters(path: Path) -> Parameters:
         f_number=told.positive("fnumber"),
         magnification=told.numbers("mag", 1)[0],
         object_distance_mm=told.positive("objDist"),
-        reference_nm=told.positive("refWave"),
-        wavelengths_nm=told.wavelengths(),
+        reference_nm=reference,
+        wavelengths_nm=waves,
         heights=heights,
         largest_height_mm=largest,
         samples=told.count("psfSize"),

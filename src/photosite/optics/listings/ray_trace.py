@@ -16,7 +16,6 @@ layout: the macros ISET_RT_ZEMAX.ZPL (2005 to 2013) and ISET_RT_CODEV.SEQ in ISE
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -26,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
 from photosite.optics.illumination import IlluminationTable
@@ -37,6 +36,7 @@ from photosite.optics.listings.design_files import FirstRow, Layout, design_of
 from photosite.optics.listings.parameters import Parameters, is_parameters, read_parameters
 from photosite.optics.listings.text import PsfListing, read_text, rows_of_numbers
 from photosite.optics.radial_table import FieldPoints
+from photosite.optics.warn import warn_user
 
 Array = NDArray[np.float64]
 
@@ -218,11 +218,9 @@ class RayTrace:
         table = _table(self._file("RI"), self.parameters, self.wavelength_nm.size)
         own = self._at(table)
         if (apart := float(np.abs(table - own[:, None]).max())) > _SAME_ILLUMINATION:
-            warnings.warn(
+            warn_user(
                 f"{self._file('RI').name}: relative illumination differs by up to {apart:.2g} between wavelengths; "
                 f"that at {self.parameters.reference_nm:g} nm is used for all",
-                PhotositeWarning,
-                stacklevel=2,
             )
         try:
             return IlluminationTable(FieldPoints(height_mm=self._at(self.real_mm)), own)

@@ -24,6 +24,10 @@ LARGEST_BYTES = 1 << 27
 NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?"
 """With a decimal point or comma; a comma and a blank separate two numbers."""
 
+_WORD = re.compile(r"[^\W\d_]{2}")
+_NO_NUMBER = re.compile(r"^[-+]?(?:nan|inf(?:inity)?)$|#", re.IGNORECASE)
+"""What programs write for a number that is none: NaN, Infinity, 1.#IND."""
+
 _MICRO = {"µm", "μm", "um", "�m", "microns", "micrometers", "micrometer"}
 _LENGTHS_UM = {**dict.fromkeys(_MICRO, 1.0), "mm": 1e3, "millimeters": 1e3, "nm": 1e-3, "nanometers": 1e-3}
 
@@ -175,6 +179,49 @@ def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
             raise FileError(path, f"this row has {len(row)} numbers, those before it {len(rows[0])}", index + 1)
         rows.append(row)
     return np.array(rows).reshape(len(rows), -1 if rows else 0)
+
+
+def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float] | None:
+    """The numbers of a table's line; None for what stands between its rows: nothing, a rule, a heading, a footer.
+
+    Parameters
+    ----------
+    line
+        The line; signs of percent do not matter.
+    columns
+        How many numbers a row has; None: not known yet, two or more.
+    path, at
+        The file and the line's number, for messages.
+
+    Raises
+    ------
+    FileError
+        If it is a row that cannot be read: other text among its numbers, one that is not finite, too few or too many.
+
+    Examples
+    --------
+    >>> table_row("10.0  -0.5 %", 2, Path("a.txt"), 7), table_row("Maximum distortion = 2 %", 2, Path("a.txt"), 8)
+    ([10.0, -0.5], None)
+    """
+    parts = line.replace("%", " ").split()
+    if _is_text(line, parts):
+        return None
+    for part in parts:
+        if not re.fullmatch(NUMBER, part):
+            raise FileError(path, f"'{part[:40]}' stands where a table has a number; save the listing again", at)
+    expected = "2 or more" if columns is None else columns
+    if len(parts) != columns and (columns is not None or len(parts) < 2):
+        raise FileError(path, f"this row has {len(parts)} numbers where {expected} are expected", at)
+    return [finite(part, path, at) for part in parts]
+
+
+def _is_text(line: str, parts: list[str]) -> bool:
+    """Whether a line is none of a table's: words outweigh what else it holds, or lead it."""
+    words = [bool(_WORD.search(part)) and not _NO_NUMBER.search(part) for part in parts]
+    others = sum(not word and re.search(r"[\w*?#]", part) is not None for word, part in zip(words, parts, strict=True))
+    if not others or "=" in line or ":" in line:
+        return not others or any(words)
+    return sum(words) > others or (words[0] and sum(words) == others)
 
 
 def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:

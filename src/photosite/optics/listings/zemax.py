@@ -18,7 +18,15 @@ from photosite.errors import FileError
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.illumination import IlluminationTable
 from photosite.optics.listings.grid_distortion import is_grid_distortion, read_grid_distortion
-from photosite.optics.listings.text import NUMBER, PsfListing, finite, grid_of_numbers, micrometers, number, read_text
+from photosite.optics.listings.text import (
+    NUMBER,
+    PsfListing,
+    finite,
+    grid_of_numbers,
+    micrometers,
+    read_text,
+    table_row,
+)
 from photosite.optics.radial_table import FieldPoints
 
 Array = NDArray[np.float64]
@@ -167,9 +175,10 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
     lines = read_text(file, "a listing of relative illumination")
     if "relative illumination" not in " ".join(lines[:12]).lower():
         raise FileError(file, "is not a listing of relative illumination: its first lines do not name it")
-    unit, rows = None, []
+    unit: str | None = None
+    rows: list[list[float]] = []
     in_table = False
-    for line in lines:
+    for index, line in enumerate(lines):
         said = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
         if said is not None:
             unit = _FIELD_UNITS.get(said[1].lower())
@@ -177,20 +186,16 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
             in_table = True
             inside = re.search(r"\((deg|mm)", line, re.IGNORECASE)
             unit = unit or (None if inside is None else _FIELD_UNITS[inside[1].lower()])
-        elif in_table and (values := _numbers(line)) is not None and len(values) >= 2:
-            rows.append(values[:2])
+        elif in_table and (values := table_row(line, len(rows[0]) if rows else None, file, index + 1)) is not None:
+            rows.append(values)
     if not rows:
         raise FileError(file, "has no table of field and relative illumination")
     if unit is None:
         raise FileError(file, "does not say whether its field is in degrees or in mm; give the table in the YAML file")
-    return table_or_file_error(file, np.array(rows), unit)
-
-
-def table_or_file_error(file: Path, rows: Array, unit: str) -> IlluminationTable:
-    """Relative illumination from (n, 2) field and value."""
+    table = np.array(rows)
     try:
-        points = FieldPoints(angle_deg=rows[:, 0]) if unit == "deg" else FieldPoints(height_mm=rows[:, 0])
-        return IlluminationTable(points, rows[:, 1])
+        points = FieldPoints(angle_deg=table[:, 0]) if unit == "deg" else FieldPoints(height_mm=table[:, 0])
+        return IlluminationTable(points, table[:, 1])
     except ValueError as error:
         raise FileError(file, str(error)) from None
 
@@ -199,8 +204,9 @@ def table_or_file_error(file: Path, rows: Array, unit: str) -> IlluminationTable
 class _Block:
     """The rows of one wavelength."""
 
+    line: int
     wavelength_nm: float | None
-    columns: list[str] = field(default_factory=list)
+    columns: list[str]
     rows: list[list[float]] = field(default_factory=list)
 
     def column(self, name: str) -> Array | None:
@@ -211,7 +217,7 @@ class _Block:
 
 
 _COLUMNS = {
-    "angle": r"angle|field \(deg\)|field.*deg",
+    "angle": r"angle|field.*deg",
     "tan": r"tan(?:gential)? ?shift",
     "sag": r"sag(?:ittal)? ?shift",
     "real": r"real height",
@@ -251,7 +257,7 @@ def read_distortion(
     head = " ".join(lines[:20]).lower()
     if "distortion" not in head:
         raise FileError(file, "is not a listing of distortion: its first lines do not name it")
-    blocks = _blocks(lines)
+    blocks = _blocks(lines, file)
     if not blocks:
         raise FileError(
             file, "has no table with field angle and distortion; save the text of Field Curvature/Distortion"
@@ -269,7 +275,7 @@ def read_distortion(
         if real is not None and reference is not None:
             ratio = np.ones(angle.size)
             np.divide(real, reference, out=ratio, where=reference != 0)
-            return Distortion(points, ratio), _lateral(points, chosen, blocks)
+            return Distortion(points, ratio), _lateral(file, points, chosen, blocks)
         percent = chosen.column("distortion")
         assert percent is not None
         return Distortion.from_percent(points, percent), None
@@ -285,23 +291,26 @@ def _is_tangent(angle_deg: Array, reference: Array | None) -> bool:
     return bool(np.ptp(focal) <= _SAME_FOCAL * np.abs(focal).max())
 
 
-def _blocks(lines: list[str]) -> list[_Block]:
+def _blocks(lines: list[str], file: Path) -> list[_Block]:
     blocks: list[_Block] = []
     wavelength: float | None = None
-    for line in lines:
+    for index, line in enumerate(lines):
         if (said := _WAVELENGTH.search(line)) is not None and "data for" in line.lower():
-            wavelength = micrometers(said[1], said[2], Path(), 0) * 1e3
+            wavelength = micrometers(said[1], said[2], file, index + 1) * 1e3
             continue
         found = {name: match.start() for name, text in _COLUMNS.items() if (match := re.search(text, line.lower()))}
         if "angle" in found and "distortion" in found:
-            blocks.append(_Block(wavelength, sorted(found, key=lambda name: found[name])))
-        elif (
-            blocks
-            and (values := _numbers(line.replace("%", " "))) is not None
-            and len(values) == len(blocks[-1].columns)
-        ):
-            blocks[-1].rows.append(values)
-    return [block for block in blocks if len(block.rows) >= 2]
+            blocks.append(_Block(index + 1, wavelength, sorted(found, key=lambda name: found[name])))
+        elif blocks and (row := table_row(line, len(blocks[-1].columns), file, index + 1)) is not None:
+            blocks[-1].rows.append(row)
+    full = [block for block in blocks if block.rows]
+    for index, block in enumerate(full):
+        if len(block.rows) < 2:
+            raise FileError(file, "this table has one row, not two or more; save the whole listing", block.line)
+        if any(block.wavelength_nm == before.wavelength_nm for before in full[:index]):
+            which = "no wavelength" if block.wavelength_nm is None else f"{block.wavelength_nm:g} nm"
+            raise FileError(file, f"this is the second table of {which}; save one of each wavelength", block.line)
+    return full
 
 
 def _chosen(file: Path, blocks: list[_Block], wavelength_nm: float | None) -> _Block:
@@ -314,19 +323,17 @@ def _chosen(file: Path, blocks: list[_Block], wavelength_nm: float | None) -> _B
     raise FileError(file, f"has no distortion at {wavelength_nm:g} nm; it has {known} nm")
 
 
-def _lateral(points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
-    own = chosen.column("real")
-    others = [(b.wavelength_nm, b.column("real")) for b in blocks]
-    known = {w: heights for w, heights in others if w is not None and heights is not None}
-    if own is None or len(known) < 2 or any(heights.shape != own.shape for heights in known.values()):
+def _lateral(file: Path, points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
+    own, angle = chosen.column("real"), chosen.column("angle")
+    known: dict[float, Array] = {}
+    for block in blocks:
+        heights = block.column("real")
+        if block.wavelength_nm is None or heights is None:
+            continue
+        if not np.array_equal(block.column("angle"), angle):  # type: ignore[arg-type]
+            raise FileError(file, "this table's angles are not those of the other wavelengths", block.line)
+        known[block.wavelength_nm] = heights
+    if own is None or len(known) < 2:
         return None
     shift = np.stack([(np.abs(known[w]) - np.abs(own)) * 1e3 for w in sorted(known)])
     return LateralColor(np.array(sorted(known)), points, shift)
-
-
-def _numbers(line: str) -> list[float] | None:
-    """The numbers of a line of numbers only."""
-    parts = line.split()
-    if not parts or not all(re.fullmatch(NUMBER, part) for part in parts):
-        return None
-    return [number(part) for part in parts]

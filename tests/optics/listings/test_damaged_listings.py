@@ -1,0 +1,209 @@
+"""Listings and indices with something wrong in them: one line that says where, and nothing left out without a word."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photosite.errors import FileError, InputError
+from photosite.optics.listings import codev, zemax
+from photosite.optics.listings.design_files import Layout, read_lens_design
+from photosite.optics.listings.text import PsfListing, table_row
+from photosite.optics.sampled import offsets
+
+
+def write_grid(path: Path, rows: int, cols: int, at: tuple[float, float], sigma: float = 2.0) -> None:
+    """A round spot in um at a place in samples of 0.5 um, as a bare grid."""
+    y, x = (np.arange(n)[:, None] - c for n, c in zip((rows, cols), at, strict=True))
+    spot = np.exp(-(y**2 + x.T**2) * 0.25 / (2 * sigma**2))
+    path.write_text("PSF\n\n" + "\n".join(" ".join(f"{v:.8e}" for v in row) for row in spot), encoding="utf-8")
+
+
+def index_of(folder: Path, *entries: str, more: str = "") -> Path:
+    file = folder / "index.yaml"
+    lines = "".join(f"  - {{file: a.dat, {entry}}}\n" for entry in entries)
+    file.write_text(f"photosite_lens_design: 1\nprogram: codev\naxes: upright\n{more}files:\n{lines}", encoding="utf-8")
+    return file
+
+
+ENTRY = "wavelength_nm: 550, field_deg: [0, 0], spacing_um: 0.5"
+
+
+@pytest.mark.parametrize("shift", [(-0.64, 0), (0.64, 0), (0.5, -0.5), (-0.5, 0.5), (0, 0.9), (-1.5, 1.2), (0, -0.4)])
+@pytest.mark.parametrize("axes", ["image", "upright"])
+@pytest.mark.parametrize("shape", [(64, 64), (65, 63)])
+def test_an_origin_between_samples_is_the_place_of_the_field_point(
+    shift: tuple[float, float], axes: str, shape: tuple[int, int], tmp_path: Path
+) -> None:
+    origin = 32 + shift[0], 31 + shift[1]
+    write_grid(tmp_path / "a.dat", *shape, origin)
+    index = index_of(tmp_path, f"{ENTRY}, origin: [{origin[0] + 1}, {origin[1] + 1}]")
+    index.write_text(index.read_text().replace("axes: upright", f"axes: {axes}"))
+    psf = read_lens_design(index).psf[0, 0]
+    place = offsets(psf.shape[0], 0.5)
+    assert psf.sum(axis=1) @ place == pytest.approx(0, abs=2e-3)
+    assert psf.sum(axis=0) @ place == pytest.approx(0, abs=2e-3)
+
+
+def test_one_file_with_two_origins_is_two_point_spreads(tmp_path: Path) -> None:
+    write_grid(tmp_path / "a.dat", 65, 65, (32, 32))
+    entries = [
+        f"wavelength_nm: {nm}, field_deg: [0, 0], spacing_um: 0.5, origin: [33, {col}]"
+        for nm, col in ((450, 33), (550, 45))
+    ]
+    psf = read_lens_design(index_of(tmp_path, *entries)).psf[0]
+    place = offsets(psf.shape[-1], 0.5)
+    np.testing.assert_allclose(psf.sum(axis=1) @ place, [0.0, -6.0], atol=2e-2)  # 12 samples of 0.5 um
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (ENTRY.replace("[0, 0]", "[.nan, 0]"), r"field_deg is two finite numbers, \[x, y\], not \[nan, 0\]"),
+        (ENTRY.replace("[0, 0]", "[.inf, 0]"), r"field_deg is two finite numbers"),
+        (ENTRY.replace("[0, 0]", "[true, 0]"), r"field_deg is two finite numbers"),
+        (ENTRY + ", origin: [.nan, 3]", r"origin is two finite numbers, \[row, column\], from 1"),
+        (ENTRY + ", origin: [.inf, 3]", "origin is two finite numbers"),
+        (ENTRY + ", origin: [1000000, 1000000]", r"origin \[1e\+06, 1e\+06\] lies outside the 21 x 21 samples"),
+        (ENTRY + ", origin: [0.5, 3]", r"origin \[0\.5, 3\] lies outside"),
+        (ENTRY.replace("0.5}", "").replace("spacing_um: 0.5", "spacing_um: .inf"), "spacing_um is a number above 0"),
+        (ENTRY.replace("spacing_um: 0.5", "spacing_um: 1e-300"), "samples 1e-300 um apart are finer"),
+        (ENTRY.replace("550", "0.45"), r"0\.45 nm is none of a camera's: if that is in um"),
+        (ENTRY.replace("550", ".nan"), "wavelength_nm is a number above 0, not nan"),
+    ],
+)
+def test_entries_that_cannot_be_give_their_line(entry: str, message: str, tmp_path: Path) -> None:
+    write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
+    with pytest.raises(FileError, match=rf"index\.yaml:5: .*{message}") as caught:
+        read_lens_design(index_of(tmp_path, entry))
+    assert len(str(caught.value)) < 300
+
+
+def test_spacings_far_apart_are_refused_in_few_words(tmp_path: Path) -> None:
+    write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
+    with pytest.raises(FileError, match=r"needs 4\.?\d*e\+30\d samples across|samples across") as caught:
+        read_lens_design(index_of(tmp_path, ENTRY, ENTRY.replace("550", "650").replace("0.5", "1.0e+300")))
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("key", ["detail_um", "tolerance"])
+def test_true_is_no_number(key: str, tmp_path: Path) -> None:
+    write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
+    with pytest.raises(FileError, match=rf"index\.yaml:4: {key} is a number .*, not True"):
+        read_lens_design(index_of(tmp_path, ENTRY, more=f"{key}: true\n"))
+
+
+def test_an_option_that_is_none_is_said(tmp_path: Path) -> None:
+    write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
+    with pytest.raises(InputError, match=r"read_lens_design has no option 'ranks'; did you mean 'rank'\?"):
+        read_lens_design(index_of(tmp_path, ENTRY), ranks=1)
+
+
+def test_a_listing_without_a_field_has_no_place() -> None:
+    with pytest.raises(FileError, match="does not say its field_deg or field_mm"):
+        Layout().place(PsfListing(Path("a.txt"), np.ones((3, 3)), (1, 1)))
+
+
+RELATIVE = """Listing of Relative Illumination Data
+Field units are degrees.
+     Y Field      Rel. Ill.
+    0.000000       1.000000
+   10.000000       0.900000
+   20.000000       0.650000
+"""
+CURVES = """FIELD CURVES
+       RELATIVE   FIELD ANGLE   X-FOCUS   Y-FOCUS   DISTORTION
+        FIELD       (deg)         (mm)      (mm)     (per cent)
+          0.0        0.0          0.0       0.0       0.0
+          0.5        7.0         -0.1      -0.1      -0.5
+          1.0       14.0         -0.2      -0.3      -2.0
+"""
+DISTORTION = """Listing of Field Curvature Distortion Data
+Shift units are Millimeters.
+Distortion Type: F-Tan(Theta).
+Maximum distortion = 1.9 %
+
+Data for wavelength : 0.550000 µm.
+
+  Y Angle (deg)   Tan Shift    Sag Shift   Distortion
+  0.000000  0.001000  0.000500  0.000000 %
+  10.000000  0.001000  0.000500  0.500000 %
+  20.000000  0.001000  0.000500  1.900000 %
+"""
+GRID = """Listing of Grid Distortion Data
+Units are Millimeters.
+   i    j      X-Field       Y-Field      R-Field   Predicted X   Predicted Y        Real X        Real Y   Distortion
+""" + "".join(f"  {i}  {i}  {i}.0  {i}.0  {1.4 * i:.4f}  {i}.0  {i}.0  {i}.0  {i}.0  0.000000 %\n" for i in range(5))
+READERS: dict[str, tuple[str, Any]] = {
+    "relative": (RELATIVE, zemax.read_relative_illumination),
+    "curves": (CURVES, codev.read_distortion),
+    "distortion": (DISTORTION, zemax.read_distortion),
+    "grid": (GRID, zemax.read_distortion),
+}
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("bad", ["*******", "1.#IND", "nan", "1e999", "-", "oh", "", "1 2"])
+def test_a_row_that_cannot_be_read_gives_its_line(kind: str, bad: str, tmp_path: Path) -> None:
+    text, read = READERS[kind]
+    lines = text.splitlines()
+    file = tmp_path / "listing.txt"
+    first = lines[-1].removesuffix("%").rstrip().rpartition(" ")[0]
+    file.write_text("\n".join([*lines[:-1], f"{first} {bad}"]), encoding="utf-8")
+    with pytest.raises(FileError, match=rf"listing\.txt:{len(lines)}: ") as caught:
+        read(file)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_headings_and_footers_are_no_rows(kind: str, tmp_path: Path) -> None:
+    text, read = READERS[kind]
+    file = tmp_path / "listing.txt"
+    file.write_text(text, encoding="utf-8")
+    plain = read(file)
+    file.write_text(f"{text}\n-----------\nMaximum field is 14 Degrees\nfocal length = 50.0\nend\n", encoding="utf-8")
+    again = read(file)
+    of = (plain[0], again[0]) if isinstance(plain, tuple) else (plain, again)
+    name = "relative" if kind == "relative" else "ratio"
+    np.testing.assert_array_equal(getattr(of[0], name), getattr(of[1], name))
+
+
+def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "listing.txt"
+    block = DISTORTION[DISTORTION.index("Data for") :]
+    file.write_text(DISTORTION + "\n" + block, encoding="utf-8")
+    with pytest.raises(FileError, match=r":15: this is the second table of 550 nm"):
+        zemax.read_distortion(file)
+    file.write_text(DISTORTION.rsplit("  10.0", 1)[0], encoding="utf-8")
+    with pytest.raises(FileError, match=r":8: this table has one row"):
+        zemax.read_distortion(file)
+    real = block.replace("Tan Shift    Sag Shift", "Real Height  Ref. Height").replace("0.001000  0.000500", "{h}  {h}")
+    tables = ""
+    for wave in ("0.550000", "0.650000"):
+        one = real.replace("0.550000", wave)
+        for angle in (0, 10, 20):
+            one = one.replace("{h}  {h}", 2 * f"{50 * math.tan(math.radians(angle)):.6f}  ", 1)
+        tables += one + "\n"
+    head = DISTORTION[: DISTORTION.index("Data for")]
+    file.write_text(head + tables, encoding="utf-8")
+    assert zemax.read_distortion(file)[1] is not None
+    cut = "\n".join((head + tables).rstrip().splitlines()[:-1])
+    file.write_text(cut, encoding="utf-8")
+    with pytest.raises(FileError, match=r":15: this table's angles are not those of the other wavelengths"):
+        zemax.read_distortion(file)
+
+
+def test_a_unit_that_is_none_gives_file_and_line(tmp_path: Path) -> None:
+    file = tmp_path / "bad.txt"
+    file.write_text(DISTORTION.replace("µm", "fm"), encoding="utf-8")
+    with pytest.raises(FileError, match=r"bad\.txt:6: 'fm' is no unit of length"):
+        zemax.read_distortion(file)
+
+
+@pytest.mark.parametrize("line", ["", "   ", "-----", "====", "Page 3 of these", "Wavelength: 0.55", "(deg) (mm)"])
+def test_what_is_text(line: str) -> None:
+    assert table_row(line, 4, Path("a.txt"), 1) is None
