@@ -8,15 +8,14 @@ of them, so that a sum of shifted images stands for one (`wavelength_nodes`).
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.warp import Warp
-from photosite.errors import PhotositeWarning
 from photosite.optics.mapping import image_height, inverse_scale, wavelength_nodes
 from photosite.optics.spread import RadialMapping
+from photosite.optics.warn import warn_user
 from photosite.regions import Region
 from photosite.scene.placement import Placement
 
@@ -51,11 +50,9 @@ def color_nodes(
     corner_m = math.hypot(shape[0] * pitch_m[0], shape[1] * pitch_m[1]) / 2
     known_m = float(mapping.real_m[:, -1].min())
     if corner_m > known_m * (1 + 1e-6):
-        warnings.warn(
+        warn_user(
             f"the lens's distortion is known up to an image height of {known_m * 1e3:.4g} mm and the frame's corner "
             f"lies at {corner_m * 1e3:.4g} mm; between these it goes straight on",
-            PhotositeWarning,
-            stacklevel=2,
         )
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     ideal_m = corner_m * float(inverse_scale(mapping, middle, corner_m)[0][-1])

@@ -276,7 +276,15 @@ def test_wrong_files_of_point_spreads(tmp_path: Path) -> None:
     np.savez(tmp_path / "c.npz", image=gaussian(2.0))
     refused("c.npz", "no array 'psf', but image", **said)
     np.savez(tmp_path / "d.npz", psf=np.array([{}], dtype=object), spacing_um=1.0)
-    refused("d.npz", "cannot be read")
+    refused("d.npz", "cannot be read: it is no .npz archive of numbers, or damaged$")
+    for place, psf, spacing in (
+        ("psf", gaussian(2.0) * 1j, 1.0), ("psf", gaussian(2.0) > 0, 1.0), ("spacing_um", gaussian(2.0), "1.0")
+    ):  # fmt: skip
+        np.savez(tmp_path / "d.npz", psf=psf, spacing_um=spacing, wavelength_nm=550)
+        refused("d.npz", f"'{place}' holds no real numbers")
+    np.savez(tmp_path / "d.npz", psf=np.zeros((1, 0, 0)), spacing_um=1.0, wavelength_nm=550)
+    refused("d.npz", "'psf' is empty")
+    refused("a.npz", "spacing_um is a list of numbers, not '1.0'", spacing_um="1.0", wavelength_nm=550)
     np.savez(tmp_path / "e.npz", psf=gaussian(2.0) * 3)
     refused("e.npz", "sums to 3, not to 1", **said)
     (tmp_path / "f.txt").write_text("1 2 3\n4 5\n")

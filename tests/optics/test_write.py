@@ -125,7 +125,8 @@ def assert_same(one: object, other: object, place: str = "lens") -> None:
 def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
     lens = LENSES[name]
     lens.save(tmp_path / "mine.optics.yaml")
-    assert_same(lens, load_optics(tmp_path / "mine.optics.yaml"))
+    whole = lens if isinstance(lens, Lens) else Lens(lens)
+    assert_same(whole, load_optics(tmp_path / "mine.optics.yaml"))
     again = tmp_path / "again"
     again.mkdir()
     load_optics(tmp_path / "mine.optics.yaml").save(again / "mine.optics.yaml")
@@ -155,9 +156,24 @@ def test_all_parts_at_once(tmp_path: Path) -> None:
     np.testing.assert_allclose(means[1], means[0], rtol=1e-6)
 
 
-def test_a_lens_without_parts_is_the_same_as_its_base(tmp_path: Path) -> None:
-    Lens(BASE).save(tmp_path / "a.yaml")
-    assert_same(BASE, load_optics(tmp_path / "a.yaml"))
+@pytest.mark.parametrize("lens", [BASE, Lens(BASE)])
+def test_a_lens_without_parts_is_read_as_a_lens(lens: Lens | DiffractionLimited, tmp_path: Path) -> None:
+    lens.save(tmp_path / "a.yaml")
+    found = load_optics(tmp_path / "a.yaml")
+    assert_same(Lens(BASE), found)
+    assert (found.name, found.blur, found.focus_distance_m) == (None, None, None)
+
+
+def test_another_lens_of_that_name_takes_its_tables_away(tmp_path: Path) -> None:
+    """Those that the former file named; a table of that name that it did not name stays."""
+    Lens(BASE, BLURS["radial"]).save(tmp_path / "a.yaml")
+    (tmp_path / "a.psf.npz").write_bytes(b"someone's own")
+    Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.psf.npz", "a.pupil.npz", "a.yaml"]
+    BASE.save(tmp_path / "a.yaml")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.psf.npz", "a.yaml"]
+    (tmp_path / "b.yaml").write_text("no: [lens")
+    BASE.save(tmp_path / "b.yaml")
 
 
 def test_magnifications_at_another_height_are_the_same_color(tmp_path: Path) -> None:

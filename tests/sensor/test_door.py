@@ -83,6 +83,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"crosstalk": {"optical": {"R": PLUS, "G": PLUS, "X": PLUS}}}, "crosstalk.optical has 'X'; known are: R, G, B"),
     ({"crosstalk": {"electrical": {"R": PLUS}}}, "crosstalk.electrical lacks G, B; give every channel its own"),
     ({"crosstalk": {"optical": {name: [[0.1, 0.9]] for name in "RGB"}}}, "must be square and odd"),
+    ({"crosstalk": {"optical": {"R": [[0] * 801] * 801}}}, r"from 1 x 1 to 9 x 9, not 801 rows of 801"),
+    ({"crosstalk": {"optical": {"R": [[1], [0, 0], [0] * 5]}}}, r"9 x 9, not 3 rows of 1 to 5"),
     ({"crosstalk": {"optical": {name: [[0.99999]] for name in "RGB"}}}, "must sum to 1"),
     ({"crosstalk": {"optical": {name: [[0, 0, 0], [-0.1, 1.1, 0], [0, 0, 0]] for name in "RGB"}}}, "one is -0.1"),
     ({"crosstalk": {"optical": dict.fromkeys("RGB", PLUS)}, "rows": 1}, "one whole tile or more, 2 x 2 pixels"),

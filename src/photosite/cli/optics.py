@@ -14,7 +14,6 @@ from photosite.errors import did_you_mean
 
 if TYPE_CHECKING:
     from photosite.optics.compound import Lens
-    from photosite.optics.lens import DiffractionLimited
 
 _FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
 
@@ -53,15 +52,13 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
 
     Example: photosite optics check mine.optics.yaml --distance 2
     """
-    from photosite.optics.compound import Lens
     from photosite.optics.file import load_optics
     from photosite.optics.lens import camera_wavelengths
 
     camera_wavelengths([wavelength_nm])
     lens = load_optics(file)
     if distance_m is None:
-        focus = lens.focus_distance_m if isinstance(lens, Lens) else None
-        distance_m = math.inf if focus is None else focus
+        distance_m = math.inf if lens.focus_distance_m is None else lens.focus_distance_m
     facts = {"file": str(file), **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
     mtf = _mtf(lens, distance_m, wavelength_nm)
     if as_json:
@@ -79,24 +76,21 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
     click.echo(table([heading, *((f"{f:g}", f"{x:.3f}", f"{y:.3f}") for f, x, y in mtf)], ">>>"))
 
 
-def _facts(lens: Lens | DiffractionLimited) -> dict[str, Any]:
-    from photosite.optics.compound import Lens
+def _facts(lens: Lens) -> dict[str, Any]:
     from photosite.spectra import Spectrum
 
-    whole = lens if isinstance(lens, Lens) else None
-    base = lens.base if isinstance(lens, Lens) else lens
+    base, blur = lens.base, lens.blur
     holds = {
         "a transmittance": isinstance(base.transmittance, Spectrum) or base.transmittance != 1,
         "cos4 fall-off": base.falloff == "cos4",
-        "a fixed focus": whole is not None and whole.focus_distance_m is not None,
-        "relative illumination": whole is not None and whole.illumination is not None,
-        "distortion": whole is not None and whole.distortion is not None,
-        "lateral colour": whole is not None and whole.lateral_color is not None,
+        "a fixed focus": lens.focus_distance_m is not None,
+        "relative illumination": lens.illumination is not None,
+        "distortion": lens.distortion is not None,
+        "lateral colour": lens.lateral_color is not None,
         "veiling glare": lens.veiling_glare is not None,
     }
-    blur = None if whole is None else whole.blur
     return {
-        "name": None if whole is None else whole.name,
+        "name": lens.name,
         "f_number": base.f_number,
         "focal_length_mm": base.focal_length_mm,
         "blur": "diffraction" if blur is None else _KINDS.get(type(blur).__name__, type(blur).__name__),
@@ -108,7 +102,7 @@ _KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensD
 """As the files call them."""
 
 
-def _mtf(lens: Lens | DiffractionLimited, distance_m: float, wavelength_nm: float) -> list[tuple[float, float, float]]:
+def _mtf(lens: Lens, distance_m: float, wavelength_nm: float) -> list[tuple[float, float, float]]:
     """Frequency per mm, contrast along rows and along columns; on the axis."""
     import numpy as np
 

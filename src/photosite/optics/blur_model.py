@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from photosite.errors import InputError
 from photosite.optics.compound import Blur
@@ -80,7 +80,7 @@ class WavefrontSection(Section):
     """Zernike coefficients and pupil, see `photosite.optics.wavefront.Wavefront`."""
 
     kind: Literal["wavefront"]
-    zernike: dict[int | str, Number] = Field(default_factory=dict)
+    zernike: dict[int | str, Number] = Field(default_factory=dict, description="{8: 50, 11: -20}, term: value")
     index: Literal["noll", "fringe", "nm"] = "noll"
     unit: Literal["nm", "waves"] = "nm"
     reference_nm: PositiveNumber | None = None
@@ -88,6 +88,14 @@ class WavefrontSection(Section):
     pupil: PupilSection = PupilSection()
     defocus_um: Number = 0.0
     chromatic_focus: ChromaticFocus | None = None
+
+    @field_validator("zernike", mode="before")
+    @classmethod
+    def _terms(cls, raw: Any) -> Any:
+        for key, value in raw.items() if isinstance(raw, Mapping) else ():
+            if not isinstance(key, int | str) or value is None:
+                raise ValueError(f"{key} is no term with a value; one of index nm is {_PAIR}")
+        return raw
 
     def build(self, folder: Path) -> Blur:
         """The wavefront."""
@@ -117,6 +125,9 @@ class WavefrontSection(Section):
         )
 
 
+_PAIR = 'n and m, written in quotes, "3,-1": 40'
+
+
 def _term(key: int | str, index: str) -> Any:
     """The key of a coefficient: a number, or "n,m"."""
     if index != "nm":
@@ -127,7 +138,7 @@ def _term(key: int | str, index: str) -> Any:
     try:
         n, m = (int(part) for part in parts)
     except ValueError:
-        raise ValueError(f"a Zernike term of index nm is written 'n,m', as in \"3,-1\": 40, not '{key}'") from None
+        raise ValueError(f"a Zernike term of index nm is {_PAIR}, not '{key}'") from None
     return n, m
 
 

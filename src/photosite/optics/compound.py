@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_kind, check_numbers
 from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
 from photosite.optics.illumination import IlluminationTable
 from photosite.optics.lens import DiffractionLimited
@@ -49,6 +50,18 @@ class Blur(Protocol):
         ...
 
 
+_PARTS: dict[str, tuple[type, str]] = {
+    "illumination": (IlluminationTable, "an IlluminationTable"),
+    "distortion": (
+        Distortion,
+        "a Distortion, as Distortion.polynomial(-0.1) or Distortion.from_percent",
+    ),
+    "lateral_color": (LateralColor, "a LateralColor"),
+    "veiling_glare": (VeilingGlare, "a VeilingGlare, as VeilingGlare(0.02)"),
+    "name": (str, "a text"),
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Lens:
     """A lens with any of: its own blur, a fixed focus, tables over the field, glare.
@@ -75,7 +88,8 @@ class Lens:
     Raises
     ------
     InputError
-        If the focus is not beyond the focal length, or both cos4 and a table of illumination are given.
+        If a part is of another kind than is asked for, the focus is not beyond the focal length, or both cos4 and a
+        table of illumination are given.
 
     Notes
     -----
@@ -100,7 +114,16 @@ class Lens:
     name: str | None = None
 
     def __post_init__(self) -> None:
+        check_kind(
+            "Lens", "base", self.base, DiffractionLimited, "a DiffractionLimited, as DiffractionLimited(2.8, 50)"
+        )
+        for name, (kind, expected) in _PARTS.items():
+            if (part := getattr(self, name)) is not None:
+                check_kind("Lens", name, part, kind, expected)
+        if self.blur is not None and (isinstance(self.blur, type) or not callable(getattr(self.blur, "spread", None))):
+            check_kind("Lens", "blur", self.blur, (), "a Wavefront, OtfTable, PsfTable or LensDesign, or has spread()")
         if self.focus_distance_m is not None:
+            check_numbers(self, "focus_distance_m")
             self.base.magnification(self.focus_distance_m)  # refuses what has no image
         if self.illumination is not None and self.base.falloff != "none":
             raise InputError(

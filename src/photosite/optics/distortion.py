@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_kind
 from photosite.optics.lens import camera_wavelengths
 from photosite.optics.mapping import image_height
 from photosite.optics.radial_table import FieldPoints, check_values, even_curve
@@ -59,6 +60,7 @@ class Distortion:
     ratio: Array
 
     def __post_init__(self) -> None:
+        check_kind("Distortion", "field", self.field, FieldPoints, "FieldPoints(height_mm=[...]) or (angle_deg=[...])")
         ratio = check_values("distortion", self.ratio, (self.field.size,))
         object.__setattr__(self, "ratio", ratio)
         if self.field.size == 1 and self.field.starts_on_axis:
@@ -193,6 +195,9 @@ class LateralColor:
     everywhere: bool = False
 
     def __post_init__(self) -> None:
+        check_kind(
+            "LateralColor", "field", self.field, FieldPoints, "FieldPoints(height_mm=[...]) or (angle_deg=[...])"
+        )
         grid = camera_wavelengths(self.wavelength_nm)
         shift = check_values("lateral colour", self.shift_um, (grid.size, self.field.size))
         if self.field.size == 1 and self.field.starts_on_axis:

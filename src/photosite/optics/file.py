@@ -41,7 +41,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 _Built = TypeVar("_Built")
 
 
-def load_optics(path: str | PathLike[str]) -> Lens | DiffractionLimited:
+def load_optics(path: str | PathLike[str]) -> Lens:
     """A lens from an optics file.
 
     Parameters
@@ -52,8 +52,8 @@ def load_optics(path: str | PathLike[str]) -> Lens | DiffractionLimited:
 
     Returns
     -------
-    Lens or DiffractionLimited
-        The second if the file says nothing that it cannot hold.
+    Lens
+        With a base alone if the file says nothing more.
 
     Raises
     ------
@@ -79,7 +79,8 @@ def load_optics(path: str | PathLike[str]) -> Lens | DiffractionLimited:
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
         line = line_of(data, VERSION_KEY)
         raise FileError(file, f"does not describe a lens: expected '{VERSION_KEY}: 1' and the lens's fields", line)
-    return parse_optics(data, file)
+    found = parse_optics(data, file)
+    return found if isinstance(found, Lens) else Lens(found)
 
 
 def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: str = "") -> Lens | DiffractionLimited:
@@ -93,6 +94,11 @@ def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: st
         The file they stand in, for messages; names of other files are relative to it.
     section
         Of that file, where they do not stand at its top.
+
+    Returns
+    -------
+    Lens or DiffractionLimited
+        The second if nothing is said that it cannot hold: options of `photosite simulate` may then change it.
 
     Raises
     ------
@@ -169,6 +175,7 @@ class _Reader:
             expected = _expected(model, first["loc"])
             raise self.error(f"expected {expected}, not {first['input']!r:.40}", (*parents, last))
         message = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "expected", 1)
+        message = message.replace("a valid tuple", "a list, [...]")
         value = first["input"]
         came = f", not {value!r:.40}" if isinstance(value, str | int | float | bool) else ""
         raise self.error(message + came if first["type"] != "value_error" else message, (*parents, last))
@@ -216,6 +223,8 @@ def _expected(model: type[BaseModel], location: Sequence[str | int]) -> str:
     if tuple(location) == ("blur",):
         return f"{{kind: {' | '.join(KINDS)}, ...}}"
     home = _home(model, location)
+    if location and (said := home.model_fields.get(str(location[-1]))) is not None and said.description is not None:
+        return said.description
     number = "a number or " if home is Transmittance else ""
     return f"{number}{{{', '.join(home.model_fields)}}}"
 

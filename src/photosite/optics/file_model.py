@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from photosite.errors import InputError
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.illumination import IlluminationTable
 from photosite.optics.radial_table import FieldPoints
@@ -50,7 +52,7 @@ class Transmittance(Section):
     """Of the glass: one number, or a table over wavelength, outside of which nothing passes."""
 
     wavelength_nm: tuple[PositiveNumber, ...] = ()
-    transmittance: tuple[Annotated[float, Field(strict=True, ge=0, le=1)], ...]
+    transmittance: tuple[Annotated[float, Field(strict=True)], ...]
 
     @model_validator(mode="before")
     @classmethod
@@ -66,6 +68,8 @@ class Transmittance(Section):
                 f"one transmittance per wavelength: {len(self.wavelength_nm)} wavelengths, {len(self.transmittance)} "
                 "transmittances"
             )
+        if outside := [value for value in self.transmittance if not 0 <= value <= 1]:
+            raise ValueError(f"transmittance is a fraction, 0 to 1, not {outside[0]:g}; percent are divided by 100")
         return self
 
     def build(self) -> float | Spectrum:
@@ -75,13 +79,19 @@ class Transmittance(Section):
         return Spectrum(np.array(self.wavelength_nm), np.array(self.transmittance))
 
 
+def _floats(values: tuple[float, ...] | None) -> NDArray[np.float64] | None:
+    return None if values is None else np.array(values, np.float64)
+
+
 class _OverField(Section):
     height_mm: tuple[Number, ...] | None = None
     field_deg: tuple[Number, ...] | None = None
 
     def points(self) -> FieldPoints:
-        heights = None if self.height_mm is None else np.array(self.height_mm)
-        return FieldPoints(heights, None if self.field_deg is None else np.array(self.field_deg))
+        try:
+            return FieldPoints(_floats(self.height_mm), _floats(self.field_deg))
+        except InputError as error:
+            raise InputError(str(error).replace("angle_deg", "field_deg")) from None
 
     def _check_one(self, what: str, **others: bool) -> None:
         places = {"height_mm": self.height_mm is not None, "field_deg": self.field_deg is not None}
@@ -105,7 +115,7 @@ class RelativeIllumination(_OverField):
     def build(self, folder: Path) -> IlluminationTable:
         """The table."""
         if self.file is None:
-            return IlluminationTable(self.points(), np.array(self.relative))
+            return IlluminationTable(self.points(), np.array(self.relative, np.float64))
         from photosite.optics.listings import ray_trace, zemax
 
         if self.program == "iset":

@@ -24,7 +24,7 @@ def read_amplitude(path: Path) -> NDArray[np.float64]:
     FileError
         If the file is missing, damaged, or holds no such array.
     """
-    return _numbers(path, "amplitude", _arrays(path, ("amplitude",))["amplitude"])
+    return real_numbers(path, "amplitude", read_arrays(path, ("amplitude",))["amplitude"])
 
 
 def read_design(path: Path, **options: Any) -> LensDesign:
@@ -42,10 +42,10 @@ def read_design(path: Path, **options: Any) -> LensDesign:
     FileError
         If the file is missing, damaged, or holds what cannot be.
     """
-    found = _arrays(path, DESIGN)
+    found = read_arrays(path, DESIGN)
     if "first_row" in options:
         raise FileError(path, "has its first row on top; first_row is for the listings of a lens-design program")
-    fields: dict[str, Any] = {name: _numbers(path, name, found[name]) for name in DESIGN[:-1]}
+    fields: dict[str, Any] = {name: real_numbers(path, name, found[name]) for name in DESIGN[:-1]}
     if fields["spacing_um"].size != 1:
         raise FileError(path, f"spacing_um is one number, not {fields['spacing_um'].size}")
     if (unit := str(found["unit"])) not in ("mm", "deg"):
@@ -68,7 +68,21 @@ def write_amplitude(amplitude: NDArray[np.float64], path: Path) -> None:
     np.savez(path, amplitude=amplitude)
 
 
-def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
+    """Arrays of an .npz archive by name.
+
+    Parameters
+    ----------
+    path
+        The file.
+    names, optional
+        Those that must be in it, and those that may be.
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged, or lacks one.
+    """
     if not os.path.isfile(path):  # False for a name that no file can have, where pathlib raises
         raise FileError(path, "no such file")
     try:
@@ -76,17 +90,25 @@ def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
             missing = [name for name in names if name not in archive]
             if missing:
                 raise FileError(path, f"holds no array '{missing[0]}', but {', '.join(archive.files) or 'nothing'}")
-            return {name: archive[name] for name in names}
+            return {name: archive[name] for name in (*names, *(name for name in optional if name in archive))}
     except FileError:
         raise
     except MemoryError:
         raise FileError(path, "cannot be read: it says it is larger than memory") from None
-    except Exception as error:  # NumPy and zipfile raise many kinds at a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be read: {reason[:200]}") from None
+    except Exception:  # NumPy and zipfile raise many kinds at a damaged file, and advise to load it unsafely
+        raise FileError(path, "cannot be read: it is no .npz archive of numbers, or damaged") from None
 
 
-def _numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+def real_numbers(path: Path, name: str, values: object) -> NDArray[np.float64]:
+    """An array of a file as floats.
+
+    Raises
+    ------
+    FileError
+        If it holds none, or what is no real number.
+    """
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
         raise FileError(path, f"'{name}' holds no real numbers")
+    if not values.size:
+        raise FileError(path, f"'{name}' is empty")
     return values.astype(np.float64)

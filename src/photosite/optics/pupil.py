@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_numbers
 from photosite.optics.ring import bare_transfer
 
 Array = NDArray[np.float64]
@@ -74,6 +75,8 @@ class Pupil:
     amplitude: Array | None = None
 
     def __post_init__(self) -> None:
+        check_numbers(self, "obscuration", "rotation_deg", "roundness", "vane_width", "vane_rotation_deg")
+        check_numbers(self, "blades", "vanes", whole=True)
         for name in ("obscuration", "rotation_deg", "roundness", "vane_width", "vane_rotation_deg"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError(f"{name} of a pupil must be a finite number, not {getattr(self, name)}")

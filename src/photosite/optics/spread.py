@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_numbers
 
 Array = NDArray[np.float64]
 
@@ -156,6 +157,7 @@ class VeilingGlare:
     spread_m: float | None = None
 
     def __post_init__(self) -> None:
+        check_numbers(self, "fraction", *(["spread_m"] if self.spread_m is not None else []))
         if not 0 <= self.fraction < 1:
             raise InputError(f"veiling glare is a fraction of all light, 0 to below 1, not {self.fraction}")
         if self.spread_m is not None and not (math.isfinite(self.spread_m) and self.spread_m > 0):

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.optics.npz import read_arrays, real_numbers
+from photosite.optics.radial_table import numbers
 from photosite.optics.tables import OtfTable, PsfTable
 
 Array = NDArray[np.float64]
@@ -130,10 +132,10 @@ def read_psf_table(
     except Exception as error:  # libraries raise many kinds at a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(path, f"cannot be read: {reason[:200]}") from None
-    spacing = _said(path, "spacing_um", found, None if spacing_um is None else np.array([spacing_um], np.float64))
-    grid = _said(path, "wavelength_nm", found, None if wavelength_nm is None else np.atleast_1d(wavelength_nm))
+    spacing = _said(path, "spacing_um", found, spacing_um)
+    grid = _said(path, "wavelength_nm", found, wavelength_nm)
     try:
-        samples = np.asarray(found["psf"], np.float64)
+        samples = real_numbers(Path(path), "psf", np.asarray(found["psf"]))
         if spacing.size != 1:
             raise InputError(f"spacing_um is one number, not {spacing.size}")
         return PsfTable(grid, samples[None] if samples.ndim == 2 else samples, float(spacing[0]), normalise)
@@ -147,9 +149,10 @@ def _said(path: str | PathLike[str], name: str, found: Mapping[str, Any], given:
     if inside is None and given is None:
         raise FileError(path, f"the file does not say its {name}; give {name}=...")
     try:
-        ours, own = (None if v is None else np.atleast_1d(np.asarray(v, np.float64)) for v in (given, inside))
-    except (TypeError, ValueError):
-        raise FileError(path, f"{name} is not a number or a list of numbers") from None
+        ours = None if given is None else numbers(name, given)
+        own = None if inside is None else np.atleast_1d(real_numbers(Path(path), name, np.asarray(inside)))
+    except InputError as error:
+        raise FileError(path, str(error)) from None
     if ours is not None and own is not None and not (ours.shape == own.shape and np.allclose(ours, own, rtol=1e-6)):
         raise FileError(path, f"the file says {name} {own.tolist()}, the call {ours.tolist()}: leave out the latter")
     result = ours if own is None else own
@@ -158,10 +161,7 @@ def _said(path: str | PathLike[str], name: str, found: Mapping[str, Any], given:
 
 
 def _npz(path: str | PathLike[str]) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as archive:
-        if "psf" not in archive:
-            raise FileError(path, f"holds no array 'psf', but {', '.join(archive.files) or 'nothing'}")
-        return {name: archive[name] for name in ("psf", "spacing_um", "wavelength_nm") if name in archive}
+    return dict(read_arrays(Path(path), ("psf",), ("spacing_um", "wavelength_nm")))
 
 
 def _hdf5(path: str | PathLike[str]) -> dict[str, Any]:

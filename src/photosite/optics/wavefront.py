@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_kind, check_numbers
 from photosite.optics.autocorrelation import LARGEST_SLOPE, PupilTransfer, Waves, cells_for, largest_slope
 from photosite.optics.lens import AIRY_REACH_PERIODS, DiffractionLimited, camera_wavelengths
 from photosite.optics.pupil import Pupil
@@ -88,6 +89,11 @@ class Wavefront:
     chromatic_focus: Spectrum | None = None
 
     def __post_init__(self) -> None:
+        check_kind("Wavefront", "coefficients", self.coefficients, Mapping, "values by term, as {8: 50.0}")
+        check_kind("Wavefront", "pupil", self.pupil, Pupil, "a Pupil, as Pupil(blades=7)")
+        check_numbers(self, "defocus_um", *(["reference_nm"] if self.reference_nm is not None else []))
+        if self.chromatic_focus is not None:
+            check_kind("Wavefront", "chromatic_focus", self.chromatic_focus, Spectrum, "a Spectrum of shifts in um")
         if self.unit not in ("nm", "waves"):
             raise InputError(f"a wavefront's unit is 'nm' or 'waves', not '{self.unit}'")
         if (self.unit == "waves") != (self.reference_nm is not None):

@@ -27,7 +27,7 @@ from photosite.optics.table_files import PLANE, RADIAL
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
 from photosite.spectra import Spectrum
-from photosite.yaml_file import LARGEST_BYTES, dump_yaml
+from photosite.yaml_file import LARGEST_BYTES, dump_yaml, read_yaml
 
 Fields = dict[str, Any]
 Sides = dict[str, Callable[[Path], None]]
@@ -45,7 +45,7 @@ def write_optics(
     ----------
     lens
         The lens. Tables of its blur get files of their own: of mine.optics.yaml mine.optics.otf.csv, and .psf.npz,
-        .design.npz and .pupil.npz likewise.
+        .design.npz and .pupil.npz likewise. Those of a lens that stood in the file before are removed.
     path
         A name that ends in .yaml or .yml.
     provenance
@@ -95,10 +95,23 @@ def write_optics(
             raise FileError(place, "cannot be written: it is a folder or a device, not a file")
     if not file.absolute().parent.is_dir():
         raise FileError(file, f"cannot be written: there is no folder {file.parent}")
+    before = _sides_of(file)
     with atomic_folder(file.absolute().parent, add=True) as folder:
         for name, write in sides.items():
             write(folder / name)
         (folder / file.name).write_text(text, encoding="utf-8")
+    for name in before - set(sides):
+        file.with_name(name).unlink(missing_ok=True)
+
+
+def _sides_of(file: Path) -> set[str]:
+    """Names, as `write_optics` gives them, of the tables of a lens that was written there before; none of others'."""
+    try:
+        blur = read_yaml(file, "an optics file")["blur"]
+        named = {str(blur.get("file")), str(blur.get("source")), str(blur.get("pupil", {}).get("amplitude"))}
+    except (FileError, LookupError, TypeError, AttributeError):
+        return set()
+    return named & {f"{file.stem}.{kind}" for kind in ("otf.csv", "psf.npz", "design.npz", "pupil.npz")}
 
 
 def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Sides]:

@@ -195,8 +195,10 @@ class Crosstalk(_Section):
         for name, kernel in (kernels or {}).items():
             size = len(kernel)
             if size % 2 == 0 or size > _LARGEST_KERNEL or any(len(row) != size for row in kernel):
-                form = f"{size} rows of {'/'.join(str(len(row)) for row in kernel)}"
-                raise ValueError(f"the kernel of {name} must be square and odd, 3 x 3 or 5 x 5 say, not {form}")
+                lengths = sorted({len(row) for row in kernel} or {0})
+                form = f"{size} rows of {lengths[0]}" + (f" to {lengths[-1]}" if len(lengths) > 1 else "")
+                expected = f"square and odd, from 1 x 1 to {_LARGEST_KERNEL} x {_LARGEST_KERNEL}"
+                raise ValueError(f"the kernel of {name} must be {expected}, not {form}")
             shares = np.array(kernel)
             if not (np.isfinite(shares).all() and (shares >= 0).all()):
                 raise ValueError(f"the kernel of {name} holds shares of electrons, 0 to 1; one is {shares.min():g}")
