@@ -115,3 +115,20 @@ def test_importing_colour_science_leaves_printing_alone() -> None:
 
     colour_science()
     assert np.get_printoptions() == before
+
+
+def test_cie_a_beyond_its_table_is_its_definition() -> None:
+    """A blackbody of 2848 K by a c2 of 1.435e-2 m K is one of 2856 K by today's, 100 at 560 nm (ISO 11664-2)."""
+    c2 = spectra.PLANCK_J_S * spectra.LIGHT_SPEED_M_S / spectra.BOLTZMANN_J_K
+    grid = np.array([250.0, 299, 560, 781, 800, 830, 1000, 2500])
+    glow = spectra.blackbody(2848 * c2 / 1.435e-2, grid)
+    for name in ("A", "tungsten"):
+        np.testing.assert_allclose(spectra.illuminant(name, grid), 100 * glow / glow[2], rtol=1e-9)
+
+
+def test_daylight_reaches_830_nm_as_the_cie_has_it() -> None:
+    """CIE 015:2018, table 1: D65 from 780 to 830 nm in steps of 5 nm."""
+    told = [63.3828, 63.8434, 64.3040, 61.8779, 59.4519, 55.7054, 51.9590, 54.6998, 57.4406, 58.8765, 60.3125]
+    np.testing.assert_allclose(spectra.illuminant("D65", np.arange(780.0, 831, 5)), told, atol=6e-5)
+    with pytest.raises(InputError, match=r"D65 is known from 300 to 830 nm only.*band_range_nm=\(300, 830\)"):
+        spectra.illuminant("D65", [400.0, 1000.0])

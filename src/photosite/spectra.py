@@ -29,6 +29,12 @@ LUMINOUS_EFFICACY_LM_W = 683.0
 _DARK = 1e-100
 """W/sr/m2/nm, of a blackbody below some 75 K in what is visible: no photon in the age of the universe."""
 
+_A_K, _A_C2_M_K = 2848.0, 1.435e-2
+"""Of CIE standard illuminant A, whose definition is Planck's formula with these (ISO 11664-2)."""
+_DAYLIGHTS_K = {"D50": 5000.0, "D55": 5500.0, "D65": 6500.0, "D75": 7500.0}
+_OLDER_C2 = 1.4388 / 1.4380
+"""Times these is their temperature on today's scale (CIE 015:2018)."""
+
 DEFAULT_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 10.0)
 DEFAULT_WAVELENGTH_NM.flags.writeable = False
 
@@ -234,7 +240,8 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
         (`"daylight 5600"` or `"D5600"`, `"led 4000"`: `photosite.lamps`), the name of a CSV file of a light
         (`"lamp.csv"`: `photosite.lamps.read_light`), or a `Spectrum` of relative energy.
     wavelength_nm
-        Where it is wanted; linear between the table's entries.
+        Where it is wanted; linear between the table's entries. Tables end at 780 nm, but those of daylight reach from
+        300 to 830 nm; beyond its table CIE A is its definition, Planck's formula.
 
     Raises
     ------
@@ -265,6 +272,8 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     if (found := lamp(name)) is not None:
         return _within(found.wavelength_nm, found.values, grid, f"the light {name}")
     table, values = _cie_illuminant(name)
+    if name.lower() in ("a", "tungsten"):
+        return np.where((grid >= table[0]) & (grid <= table[-1]), np.interp(grid, table, values), _incandescent(grid))
     return _within(table, values, grid, f"illuminant {name}")
 
 
@@ -279,13 +288,22 @@ def _glow(temperature_k: float, grid: NDArray[np.float64]) -> NDArray[np.float64
     return energy
 
 
+def _incandescent(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """CIE A by its definition, 100 at 560 nm."""
+    exponent = _A_C2_M_K * 1e9 / _A_K
+    with np.errstate(over="ignore"):
+        energy: NDArray[np.float64] = (560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid)
+    return 100 * energy
+
+
 def _within(
     table: NDArray[np.float64], values: NDArray[np.float64], grid: NDArray[np.float64], what: str
 ) -> NDArray[np.float64]:
     if grid[0] < table[0] - 1e-9 or grid[-1] > table[-1] + 1e-9:
         raise InputError(
             f"{what} is known from {table[0]:g} to {table[-1]:g} nm only, and {grid[0]:g} to {grid[-1]:g} nm "
-            "is wanted; ask for fewer wavelengths"
+            "is wanted; ask for wavelengths within that, of a file by its bands "
+            f"(band_range_nm=({table[0]:g}, {table[-1]:g})), or take another light"
         )
     return np.interp(grid, table, values)
 
@@ -304,5 +322,13 @@ def _cie_illuminant(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]
                 "files (lamp.csv); photosite.spectra.illuminant has them all"
             )
         raise InputError(f"unknown illuminant '{name}'; {hint}")
-    table = tables[known[name.lower()]]
-    return np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)
+    found = known[name.lower()]
+    table = tables[found]
+    grid, values = np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)
+    if found not in _DAYLIGHTS_K:
+        return grid, values
+    colour = colour_science()  # its tables end at 780 nm, the CIE's at 830: both are of these basis functions
+    chromaticity = colour.temperature.CCT_to_xy_CIE_D(_DAYLIGHTS_K[found] * _OLDER_C2)
+    whole = colour.sd_CIE_illuminant_D_series(chromaticity)
+    beyond = whole.wavelengths > grid[-1]
+    return np.append(grid, whole.wavelengths[beyond]), np.append(values, whole.values[beyond])
