@@ -17,6 +17,10 @@ __version__ = "0.1.0"
 _HOMES = {
     "Camera": "photosite.camera",
     "DiffractionLimited": "photosite.optics.lens",
+    "Distortion": "photosite.optics.distortion",
+    "FieldPoints": "photosite.optics.radial_table",
+    "IlluminationTable": "photosite.optics.illumination",
+    "LateralColor": "photosite.optics.distortion",
     "Lens": "photosite.optics.compound",
     "LensDesign": "photosite.optics.lens_design",
     "Measured": "photosite.measured",
@@ -29,21 +33,25 @@ _HOMES = {
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.spectra",
+    "VeilingGlare": "photosite.optics.spread",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series",
     "calibrate_chart": "photosite.calibration.spectral_chart",
     "calibrate_spectral": "photosite.calibration.spectral",
+    "convert": "photosite.scene.convert",
     "load_camera": "photosite.camera_file",
     "load_optics": "photosite.optics.file",
     "load_sensor": "photosite.sensor.file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral_protocol",
+    "read_lens_design": "photosite.optics.listings.design_files",
     "read_raw": "photosite.frames.read",
     "read_scene": "photosite.scene.files",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
     "validate": "photosite.validation.validate",
+    "write_scene": "photosite.scene.files",
 }
 _MODULES = {
     "charts": "photosite.scene.charts",
@@ -71,10 +79,16 @@ if TYPE_CHECKING:
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.compound import Lens as Lens
+    from photosite.optics.distortion import Distortion as Distortion
+    from photosite.optics.distortion import LateralColor as LateralColor
     from photosite.optics.file import load_optics as load_optics
+    from photosite.optics.illumination import IlluminationTable as IlluminationTable
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.optics.lens_design import LensDesign as LensDesign
+    from photosite.optics.listings.design_files import read_lens_design as read_lens_design
     from photosite.optics.pupil import Pupil as Pupil
+    from photosite.optics.radial_table import FieldPoints as FieldPoints
+    from photosite.optics.spread import VeilingGlare as VeilingGlare
     from photosite.optics.tables import OtfTable as OtfTable
     from photosite.optics.tables import PsfTable as PsfTable
     from photosite.optics.wavefront import Wavefront as Wavefront
@@ -82,7 +96,9 @@ if TYPE_CHECKING:
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene import render as render
+    from photosite.scene.convert import convert as convert
     from photosite.scene.files import read_scene as read_scene
+    from photosite.scene.files import write_scene as write_scene
     from photosite.scene.planes import Plane as Plane
     from photosite.scene.planes import Planes as Planes
     from photosite.scene.scene import Scene as Scene

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +11,10 @@ import h5py
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 import photosite as ps
+from photosite.errors import FileError
 
 GRID = [400.0, 500.0, 600.0]
 
@@ -110,3 +114,49 @@ def test_a_picture_is_raised_by_the_method_that_is_said(photosite: Any, tmp_path
     assert cube.status == 2
     assert "method says how the colours of a display picture" in cube.err
     assert sum("method" in line for line in cube.err.splitlines()) == 1
+
+
+def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
+    grid = [400.0, 500, 600, 700, 900, 1000]
+    values = np.random.default_rng(3).uniform(0.1, 0.9, (6, 8, 9)).astype(np.float32)
+    said = {"wavelength_nm": grid, "units": "reflectance"}
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", metadata=None, description=json.dumps(said))
+    call = ("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", "--illuminant", "D65", "--luminance", "100")
+    refused = photosite(*call)
+    assert refused.status == 2
+    assert "a.tif: illuminant D65 is known from 300 to 830 nm only" in refused.err
+    assert "(--bands 300:830)" in refused.err
+    assert photosite(*call, "--bands", "400:830", "--json").json["bands"] == 4
+    assert photosite(*call, "--bands", "400-830").status == 2
+    show = ("scenes", "show", tmp_path / "a.tif", "--illuminant", "D65", "--luminance", "100")
+    assert "--scene-option band_range_nm=[300,830]" in photosite(*show).err
+    assert photosite(*show, "--scene-option", "band_range_nm=[300,830]", "--json").json["last_nm"] == 700
+    camera = "photosite_camera: 1\nsensor: nikon-d200\n"
+    (tmp_path / "b.yaml").write_text(f"{camera}scene: {{source: a.tif, illuminant: D65, luminance_cd_m2: 100}}\n")
+    options = "options: {band_range_nm: [300, 830]}"
+    (tmp_path / "c.yaml").write_text(
+        f"{camera}scene: {{source: a.tif, illuminant: D65, luminance_cd_m2: 100, {options}}}\n"
+    )
+    with pytest.raises(FileError, match=re.escape(f"({options})")):
+        ps.load_camera(tmp_path / "b.yaml").scene.scene()
+    assert ps.load_camera(tmp_path / "c.yaml").scene.scene().wavelength_nm[-1] == 700
+
+
+def test_raised_spectra_are_reduced_to_a_tolerance(photosite: Any, tmp_path: Path) -> None:
+    Image.fromarray(np.random.default_rng(5).integers(0, 256, (3, 3, 3), np.uint8)).save(tmp_path / "a.png")
+    call = ("convert", tmp_path / "a.png", "-o", tmp_path / "a.h5", "--luminance", "40")
+    done = photosite(*call, "--method", "jakob-hanika", "--tolerance", "0.05")
+    assert "(tolerance 0.05)" in done.out
+    assert "as it was" not in done.out
+    assert "as it was" in photosite(*call).out
+
+
+def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
+    lines = [f"P{k},{k / 50 + 0.1:g},0.5" for k in range(24)]
+    (tmp_path / "a.csv").write_text("\n".join(["patch,500,600", *lines]))
+    call = ("convert", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--illuminant", "A", "--luminance", "40")
+    told = photosite(*call)
+    assert told.status == 0
+    assert "(--patch-cols 6)" in told.err or "patch_cols=6" in told.err
+    assert photosite(*call, "--patch-cols", "4").status == 0
+    assert len({part.c0 for part in ps.read_scene(tmp_path / "a.h5").regions}) == 4

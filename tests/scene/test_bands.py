@@ -69,3 +69,9 @@ def test_a_wavelength_twice_is_refused_sorted_or_not() -> None:
     for sort in (False, True):
         with pytest.raises(FileError, match=r"not sorted|two bands have 410 nm"):
             band_order("cube.hdr", np.array([400.0, 410, 410]), sort=sort)
+
+
+def test_two_bands_of_one_wavelength_are_said_at_once() -> None:
+    for sort in (False, True):
+        with pytest.raises(FileError, match="two bands have 500 nm; leave one of them out"):
+            band_order("a.h5", np.array([400.0, 500, 500, 600]), sort=sort)

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import gc
+import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import photosite as ps
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.convert import convert
 from photosite.scene.files import format_of, open_cube, read_scene, write_scene
+from photosite.scene.request import Place, SceneRequest
 from photosite.scene.scene import Scene
+from photosite.scene.temporary import TemporaryFolder
 from photosite.scene.weights import MappedWeights
+from photosite.spectra import energy_from_photons, photons_from_energy
 
 GRID = np.arange(400.0, 701, 10)
 
@@ -209,3 +216,123 @@ def test_options_that_are_none(tmp_path: Path) -> None:
         write_scene(some_scene(), tmp_path / "a.hdr", interleav="bsq")
     with pytest.raises(FileError, match="cannot be written"):
         some_scene().save(tmp_path / "no" / "scene.h5")
+
+
+@pytest.mark.parametrize(("name", "how"), [*(way for way in WAYS if way != ("scene.h5", {})), ("a.exr", {})])
+def test_units_against_the_files_own_are_taken_with_a_warning(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+    write_scene(Scene.uniform(np.full(GRID.size, 1e15), GRID), tmp_path / name, **how)
+    with pytest.warns(
+        PhotositeWarning, match=r"the file says '.*', and units='uW/cm2/sr/nm' was said; what was said is"
+    ):
+        scene = read_scene(tmp_path / name, units="uW/cm2/sr/nm")
+    number = energy_from_photons(1e15, GRID) if name.endswith("exr") else 1e15
+    assert scene.radiance(0, 0) == pytest.approx(photons_from_energy(np.full(GRID.size, number * 1e-2), GRID), rel=1e-3)
+
+
+def test_the_files_own_units_may_be_said_too(tmp_path: Path) -> None:
+    some_scene().save(tmp_path / "a.tif")
+    read_scene(tmp_path / "a.tif", units="photons/(s m2 sr nm)")
+
+
+NEEDLESS = [
+    ("scene.h5", {"no_data": "zero"}),
+    ("scene.h5", {"negative": "zero"}),
+    ("scene.h5", {"sort_bands": True}),
+    ("scene.h5", {"patch_cols": 3}),
+    ("cube.hdr", {"patch_cols": 3}),
+    ("cube.hdr", {"variable": "a"}),
+    ("a.tif", {"patch_cols": 3}),
+    ("a.mat", {"patch_cols": 3}),
+    ("a.csv", {"tolerance": 0.1}),
+    ("a.csv", {"variable": "a"}),
+    ("a.png", {"tolerance": 0.1}),
+    ("a.png", {"negative": "zero"}),
+    ("a.png", {"no_data": "zero"}),
+    ("a.png", {"sort_bands": True}),
+    ("a.png", {"patch_cols": 3}),
+    ("a.png", {"band_range_nm": (400, 500)}),
+]
+
+
+@pytest.mark.parametrize(("name", "option"), NEEDLESS)
+def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, option: dict[str, Any]) -> None:
+    path = tmp_path / name
+    light = {"illuminant": "D65", "mean_luminance_cd_m2": 40.0} if path.suffix in (".png", ".csv") else {}
+    if path.suffix == ".png":
+        Image.new("RGB", (4, 3), (10, 200, 30)).save(path)
+    else:
+        write_scene(ps.charts.macbeth("A", 40, wavelength_nm=GRID), path)
+    read_scene(path, **light)
+    with pytest.raises(FileError, match=rf"{next(iter(option))}.*; leave it out|leave the tolerance out") as caught:
+        read_scene(path, **light, **option)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(FileError, match=r"; leave (it|the tolerance) out"):
+        SceneRequest(str(path), **light, options=option).scene()
+
+
+def test_two_luminances_are_refused(tmp_path: Path) -> None:
+    some_scene().save(tmp_path / "a.h5")
+    asked = SceneRequest(str(tmp_path / "a.h5"), mean_luminance_cd_m2=40.0, options={"mean_luminance_cd_m2": 10})
+    with pytest.raises(InputError, match=r"mean_luminance_cd_m2 is said twice, 40\.0 and 10; say it once"):
+        asked.scene()
+    for scene in (asked, SceneRequest("uniform", mean_luminance_cd_m2=1e300)):
+        with pytest.raises(InputError, match=r"at most 1e\+20, not 1e\+300|said twice"):
+            scene.scene()
+
+
+def test_a_place_in_a_camera_file_is_advised_in_its_words(tmp_path: Path) -> None:
+    write_scene(ps.charts.macbeth("A", 40), tmp_path / "a.csv")
+    place = Place(tmp_path / "camera.yaml", 3)
+    with pytest.raises(
+        FileError, match=r"camera\.yaml:3: scene: .*a\.csv: .*\(illuminant: D65, luminance_cd_m2: 100\)"
+    ):
+        SceneRequest(str(tmp_path / "a.csv"), place=place).scene()
+
+
+def test_the_usual_names_of_options_lead_to_photosites() -> None:
+    with pytest.raises(InputError, match=r"no option 'luminance'; did you mean 'mean_luminance_cd_m2'\?"):
+        read_scene("a.h5", luminance=40)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_temporary_folders_go_at_once(tmp_path: Path, version: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    write_scene(some_scene(), tmp_path / "a.mat", version=version)
+    made = []
+    close = TemporaryFolder.close
+    monkeypatch.setattr(TemporaryFolder, "close", lambda self: (made.append(self.path), close(self))[1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        scene = read_scene(tmp_path / "a.mat", tolerance=1e-3)
+        gc.collect()
+    assert scene.shape == some_scene().shape
+    assert len(made) == (version == "5")
+    assert not list((tmp_path / "temporary").glob("photosite-mat-*"))
+
+
+def test_bands_of_a_scenes_own_file(tmp_path: Path) -> None:
+    chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
+    chart.save(tmp_path / "a.h5")
+    part = read_scene(tmp_path / "a.h5", band_range_nm=(450, 600))
+    assert part.wavelength_nm.tolist() == GRID[5:21].tolist()
+    assert radiance(part) == pytest.approx(radiance(chart)[..., 5:21])
+    assert part.light() == pytest.approx(chart.light()[5:21])
+    with pytest.raises(FileError, match=r"a\.h5: there is no band in band_range_nm of those from 400 to 700 nm"):
+        read_scene(tmp_path / "a.h5", band_range_nm=(401, 409))
+    light = ps.Spectrum([450.0, 600.0], [1.0, 1.0])
+    with pytest.raises(FileError, match=r"a\.h5: the illuminant's spectrum is known .*band_range_nm=\(450, 600\)"):
+        read_scene(tmp_path / "a.h5", illuminant=light)
+    assert read_scene(tmp_path / "a.h5", illuminant=light, band_range_nm=(450, 600)).shape == chart.shape
+
+
+def test_the_error_of_some_bands_is_no_less_than_it_is(tmp_path: Path) -> None:
+    fine = some_scene()
+    coarse = Scene.from_radiance(radiance(fine), GRID, tolerance=0.05)
+    coarse.save(tmp_path / "a.h5")
+    for band_range in ((400, 450), (500, 600), (650, 700)):
+        part = read_scene(tmp_path / "a.h5", band_range_nm=band_range)
+        true = radiance(fine)[..., np.isin(GRID, part.wavelength_nm)]
+        error = np.sqrt(((radiance(part) - true) ** 2).mean() / (true**2).mean())
+        assert error <= part.relative_error * (1 + 2 * part.relative_error)
+        assert part.relative_error > coarse.relative_error / 2

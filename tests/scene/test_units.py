@@ -55,3 +55,31 @@ def test_units_that_are_not(text: str, why: str) -> None:
     with pytest.raises(InputError, match=why) as caught:
         parse_units(text)
     assert "known are photons/s/sr/m2/nm" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "scale"),
+    [
+        ("Radiance (W/m^2/sr/um)", "energy radiance", 1e-3),
+        ("spectral radiance [uW/cm^2/nm/sr]", "energy radiance", 1e-2),
+        ("Reflectance (%)", "reflectance", 1e-2),
+        ("reflectance/10000", "reflectance", 1e-4),
+        ("Reflectance / 255", "reflectance", 1 / 255),
+    ],
+)
+def test_a_quantity_with_its_unit(text: str, quantity: str, scale: float) -> None:
+    assert parse_units(text).quantity == quantity
+    assert parse_units(text).scale == pytest.approx(scale)
+
+
+@pytest.mark.parametrize("text", ["radiance (percent)", "reflectance (W/m2/sr/nm)", "reflectance/0", "radiance ()"])
+def test_a_quantity_with_another_ones_unit_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="are not understood"):
+        parse_units(text)
+
+
+def test_what_is_divided_by_is_asked() -> None:
+    with pytest.raises(
+        InputError, match=r"whether 'sr' is divided by is not clear; write W/m2/sr/nm or W/\(m2 sr nm\)"
+    ):
+        parse_units("W/m^2 sr nm")

@@ -19,6 +19,9 @@ _SUFFIXES = (".h5", ".mat", ".tif", ".tiff", ".hdr", ".exr")
 def _said(function: Callable[..., Any]) -> Callable[..., Any]:
     """What may be said of a file: the fields of `photosite.scene.options.ReadOptions`."""
     for option in (
+        click.option(
+            "--patch-cols", type=click.IntRange(1), metavar="N", help="Patches across a measured chart (CGATS, CSV)."
+        ),
         click.option("--variable", metavar="NAME", help="The data set that is the cube, where a file has several."),
         click.option(
             "--method",
@@ -29,13 +32,13 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--out-of-gamut",
             type=click.Choice(["refuse", "clip"]),
-            help="What becomes of its colours that the method cannot raise.  [default: refuse]",
+            help="What becomes of a display picture's colours that the method cannot raise.  [default: refuse]",
         ),
         click.option(
             "--interleave",
             type=click.Choice(["bip", "bsq", "bil"]),
-            help="Axes of an HDF5 cube, where it does not say: rows, columns, bands (bip), bands first (bsq) or second "
-            "(bil).",
+            help="HDF5 only: axes of a cube, where it does not say: rows, columns, bands (bip), bands first (bsq) or "
+            "second (bil). Other files have their own order.",
         ),
         click.option("--sort-bands", is_flag=True, help="Put the bands in order of wavelength."),
         click.option(
@@ -61,10 +64,17 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
             help="Of the bands, where the file does not say: 400,410,... or 400:700:10.",
         ),
         click.option(
+            "--bands",
+            "band_range_nm",
+            type=options.bands_of,
+            metavar="FIRST:LAST",
+            help="Take the bands from FIRST to LAST nm only: 400:780.",
+        ),
+        click.option(
             "--units",
             metavar="UNITS",
-            help="Of the values, where the file does not say: W/sr/m2/nm, photons/s/sr/m2/nm, reflectance, percent, "
-            "relative.",
+            help="Of the values, where the file does not say, or says wrong: W/sr/m2/nm, photons/s/sr/m2/nm, "
+            "reflectance, percent, reflectance/10000, relative; a Radiance picture's: radiance.",
         ),
         click.option(
             "--tolerance",
@@ -85,8 +95,8 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
 def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
     """Reduce a spectral image to a scene of few spectra, and write it.
 
-    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files, and pictures. A cube is read twice and never held:
-    with .h5 as output, memory does not grow with it.
+    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files, measured charts (CGATS, CSV), and pictures (PNG, JPEG,
+    TIFF, Radiance). A cube is read twice and never held: with .h5 as output, memory does not grow with it.
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """

@@ -64,6 +64,15 @@ def wavelengths_of(text: str) -> list[float]:
         raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, not '{text}'") from None
 
 
+def bands_of(text: str) -> tuple[float, float]:
+    """Two wavelengths in nm: 400:780."""
+    first, _, last = text.partition(":")
+    try:
+        return float(first), float(last)
+    except ValueError:
+        raise click.BadParameter(f"expected first:last such as 400:780, not '{text}'") from None
+
+
 def output_file(*suffixes: str) -> Callable[[str], Path]:
     """A file to be written, by the endings it may have; it and its folder are checked before anything is computed."""
 
@@ -180,7 +189,9 @@ def _said_of_scene(function: F) -> F:
             metavar="START:STOP:STEP",
             help="Of a formula's scene, or of a file's bands where it does not say, in nm: 400:700:10 or 400,410,...",
         ),
-        click.option("--units", metavar="UNIT", help="What a scene's file holds, where it does not say."),
+        click.option(
+            "--units", metavar="UNIT", help="What a scene's file holds, where it does not say, or says wrong."
+        ),
         click.option("--width", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."),
         click.option("--distance", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"),
         click.option(
@@ -199,7 +210,8 @@ def _said_of_scene(function: F) -> F:
             multiple=True,
             metavar="NAME=VALUE",
             help="An option of the scene's formula (contrast=10; photosite scenes lists them), or of how a file is "
-            "read (no_data=zero, sort_bands=true, variable=NAME, a picture's method=jakob-hanika; docs/scenes.md); "
+            "read (no_data=zero, band_range_nm=[400,780], sort_bands=true, variable=NAME, "
+            "a picture's method=jakob-hanika; docs/scenes.md); "
             "may be repeated.",
         ),
     ):

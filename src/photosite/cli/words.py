@@ -16,6 +16,8 @@ _OPTIONS = (
     (r"\band mean_luminance_cd_m2(?![=\w])", "and --luminance"),
 )
 _READING = (
+    (r"\bband_range_nm=\(([\d.]+), ([\d.]+)\)", r"--scene-option band_range_nm=[\1,\2]"),
+    (r"\bpatch_cols=(\d+)", r"--scene-option patch_cols=\1"),
     (r"\bsort_bands=True", "--scene-option sort_bands=true"),
     (r"\b(no_data|negative)='zero'", r"--scene-option \1=zero"),
     (r"\binterleave='(\w+)'", r"--scene-option interleave=\1"),
@@ -24,6 +26,8 @@ _READING = (
     (r"\b(method|out_of_gamut)='([\w-]+)'", r"--scene-option \1=\2"),
 )
 _OWN = (
+    (r"\bband_range_nm=\(([\d.]+), ([\d.]+)\)", r"--bands \1:\2"),
+    (r"\bpatch_cols=(\d+)", r"--patch-cols \1"),
     (r"\bsort_bands=True", "--sort-bands"),
     (r"\bno_data='zero'", "--no-data zero"),
     (r"\bnegative='zero'", "--negative zero"),

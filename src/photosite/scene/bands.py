@@ -87,6 +87,18 @@ def _ends(grid: Array) -> str:
     return f"{grid.min():g} to {grid.max():g}" if grid.size and np.isfinite(grid).all() else "some no numbers"
 
 
+def within_range(wavelength_nm: Array, band_range_nm: ArrayLike | None) -> NDArray[np.bool_]:
+    """(bands,) whether each lies in a range, its ends included; all do where none is said.
+
+    Examples
+    --------
+    >>> within_range(np.array([390.0, 400, 780, 790]), (400, 780)).tolist()
+    [False, True, True, False]
+    """
+    first, last = (-np.inf, np.inf) if band_range_nm is None else np.asarray(band_range_nm, np.float64)
+    return (wavelength_nm >= first) & (wavelength_nm <= last)
+
+
 def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.intp]:
     """(bands,) indices that put bands in order of wavelength.
 
@@ -96,6 +108,9 @@ def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.int
         If they are not in order and `sort` is false, or a wavelength stands twice.
     """
     order = np.argsort(wavelength_nm, kind="stable")
+    if (np.diff(wavelength_nm[order]) == 0).any():
+        at = int(order[int(np.argmax(np.diff(wavelength_nm[order]) == 0))])
+        raise FileError(name, f"two bands have {wavelength_nm[at]:g} nm; leave one of them out")
     steps = np.diff(wavelength_nm)
     if (steps <= 0).any() and not sort:
         at = int(np.argmax(steps <= 0)) + 1
@@ -104,7 +119,4 @@ def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.int
             f"its wavelengths are not sorted: band {at + 1} has {wavelength_nm[at]:g} nm after "
             f"{wavelength_nm[at - 1]:g} nm; sort the file's bands, or say that they be sorted (sort_bands=True)",
         )
-    if (np.diff(wavelength_nm[order]) == 0).any():
-        at = int(order[int(np.argmax(np.diff(wavelength_nm[order]) == 0))])
-        raise FileError(name, f"two bands have {wavelength_nm[at]:g} nm; leave one of them out")
     return order

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError
-from photosite.scene.cube import SpectralCube
+from photosite.scene.cube import SpectralCube, release
 from photosite.scene.files import FORMATS, format_of, open_scene, read_options, writer_of
+from photosite.scene.needless import check_tolerance
+from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import Progress, Reduction, reduced
 from photosite.scene.scene import Scene
 
@@ -61,18 +63,24 @@ def convert(
     found = open_scene(Path(path), said)
     _check_apart(Path(path), found, target)
     if isinstance(found, Scene):
-        if "tolerance" in options and said.method != "jakob-hanika":  # by that, spectra are reduced to it
-            raise FileError(
-                path, f"holds a scene of {len(found.basis)} spectra and no cube to be reduced; leave the tolerance out"
-            )
+        if "tolerance" in options:
+            check_tolerance(Path(path), found, said)
         write(found, target)
-        return Reduction(found, found.wavelength_nm.size, reduced=False)
+        # Spectra that were raised one by one are reduced as a cube's are.
+        return Reduction(found, found.wavelength_nm.size, reduced=said.method == "jakob-hanika")
+    try:
+        return _reduced_into(target, found, said, progress)
+    finally:
+        release(found)
+
+
+def _reduced_into(target: Path, cube: SpectralCube, said: ReadOptions, progress: Progress | None) -> Reduction:
     if target.suffix.lower() in FORMATS[0].suffixes:
         from photosite.scene.formats.native import reduce_to_native
 
-        return reduce_to_native(lambda store: reduced(found, said, store=store, progress=progress), target)
-    reduction = reduced(found, said, progress=progress)
-    write(reduction.scene, target)
+        return reduce_to_native(lambda store: reduced(cube, said, store=store, progress=progress), target)
+    reduction = reduced(cube, said, progress=progress)
+    writer_of(target)(reduction.scene, target)
     return reduction
 
 

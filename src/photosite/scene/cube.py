@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.scene.scene import Scene
+from photosite.scene.temporary import TemporaryFolder
 from photosite.scene.units import Quantity
 
 Array = NDArray[np.float64]
@@ -141,7 +142,7 @@ class RawCube(CubeHead):
     no_data
         The number that stands for none.
     keep
-        What must live as long as the cube: the temporary folder that the file is in.
+        The temporary folder that the file is in, which lives as long as the cube.
     """
 
     path: Path
@@ -151,7 +152,7 @@ class RawCube(CubeHead):
     band_offsets: tuple[int, ...] | None = None
     scale: float | Array = 1.0
     no_data: float | None = None
-    keep: object = None
+    keep: TemporaryFolder | None = None
 
     def blocks(self, rows: int) -> Iterator[Block]:
         """See `SpectralCube`.
@@ -207,6 +208,89 @@ class RawCube(CubeHead):
                     self.name, f"is truncated: it ends at byte {begin + got}, within a cube of {self.shape} values"
                 )
             got += more
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PickedBands(CubeHead):
+    """Some bands of a cube.
+
+    Parameters
+    ----------
+    whole
+        The cube.
+    bands
+        (n,) indices of its bands, in their order.
+    """
+
+    whole: SpectralCube
+    bands: NDArray[np.intp]
+
+    @property
+    def path(self) -> Path:
+        """The file that the values are read from."""
+        return Path(getattr(self.whole, "path", self.name))
+
+    def blocks(self, rows: int) -> Iterator[Block]:
+        """See `SpectralCube`."""
+        for first, block in self.whole.blocks(rows):
+            yield first, block[:, :, self.bands]
+
+
+def picked(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
+    """Some bands of a cube.
+
+    Parameters
+    ----------
+    cube
+        The cube.
+    wanted
+        (bands,) whether each is one of them.
+
+    Returns
+    -------
+    SpectralCube
+        The cube itself where all are wanted.
+
+    Raises
+    ------
+    FileError
+        If none is.
+
+    Examples
+    --------
+    >>> whole = ArrayCube(name="pair", shape=(1, 1, 2), wavelength_nm=np.array([500.0, 900.0]),
+    ...                   quantity="relative", values=np.array([[[1.0, 2.0]]]))
+    >>> cube = picked(whole, whole.wavelength_nm < 800)
+    >>> cube.wavelength_nm.tolist(), [block.tolist() for _, block in cube.blocks(8)]
+    ([500.0], [[[[1.0]]]])
+    """
+    if wanted.all():
+        return cube
+    if not wanted.any():
+        grid = cube.wavelength_nm
+        raise FileError(cube.name, f"has no band left of those from {grid.min():g} to {grid.max():g} nm; choose others")
+    rows, cols, _ = cube.shape
+    return PickedBands(
+        name=cube.name,
+        shape=(rows, cols, int(wanted.sum())),
+        wavelength_nm=np.asarray(cube.wavelength_nm, np.float64)[wanted],
+        quantity=cube.quantity,
+        light=None if cube.light is None else np.asarray(cube.light, np.float64)[wanted],
+        distance_m=cube.distance_m,
+        width_m=cube.width_m,
+        title=cube.title,
+        whole=cube,
+        bands=np.flatnonzero(wanted),
+    )
+
+
+def release(cube: SpectralCube) -> None:
+    """Remove what was laid out for a cube in temporary folders; it cannot be read any more."""
+    for inner in ("whole", "coefficients"):
+        if (within := getattr(cube, inner, None)) is not None:
+            release(within)
+    if (folder := getattr(cube, "keep", None)) is not None:
+        folder.close()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

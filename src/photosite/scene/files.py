@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from os import PathLike
@@ -15,20 +16,24 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from photosite.errors import FileError, InputError, did_you_mean
-from photosite.scene.cube import SpectralCube
+from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
+from photosite.scene.bands import within_range
+from photosite.scene.cube import SpectralCube, picked, release
+from photosite.scene.needless import check_after, check_before
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import Progress, reduced
 from photosite.scene.scene import Scene
 
 _HEAD_BYTES = 1 << 10
-_PICTURES = ("picture", "tiff")
-"""Modules of files that may hold a display picture."""
-_OF_PICTURES = {
-    "method": "method says how the colours of a display picture (PNG, JPEG, TIFF) become spectra; leave it out",
-    "out_of_gamut": "out_of_gamut is about the colours of a display picture (PNG, JPEG, TIFF); leave it out",
+_MEANT = {
+    "luminance": "mean_luminance_cd_m2",
+    "luminance_cd_m2": "mean_luminance_cd_m2",
+    "wavelengths": "wavelength_nm",
+    "bands": "band_range_nm",
+    "distance": "distance_m",
+    "width": "width_m",
 }
-"""What is said of an option where there is no such picture."""
+"""Names under which options are known elsewhere, as the command line's."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +95,8 @@ def read_scene(
         Told (done, total, what) while a cube is reduced.
     **options
         Fields of `photosite.scene.options.ReadOptions`: distance_m, width_m, tolerance, illuminant,
-        mean_luminance_cd_m2, units, wavelength_nm, no_data, negative, sort_bands, interleave, variable, patch_cols,
-        method, out_of_gamut.
+        mean_luminance_cd_m2, units, wavelength_nm, band_range_nm, no_data, negative, sort_bands, interleave, variable,
+        patch_cols, method, out_of_gamut.
         What the file says itself need not be said.
 
     Returns
@@ -117,7 +122,16 @@ def read_scene(
     said = read_options(options)
     file = Path(path)
     found = open_scene(file, said)
-    return found if isinstance(found, Scene) else reduced(found, said, progress=progress).scene
+    if isinstance(found, Scene):
+        return found
+    try:
+        done = reduced(found, said, progress=progress)
+    finally:
+        release(found)
+    counts = ((done.no_data_values, "missing"), (done.negative_values, "negative"))
+    if told := " and ".join(f"{count} {what}" for count, what in counts if count):
+        warnings.warn(PhotositeWarning(f"{file}: {told} values were taken as 0"), stacklevel=2)
+    return done.scene
 
 
 def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
@@ -129,16 +143,11 @@ def open_scene(path: Path, said: ReadOptions) -> SpectralCube | Scene:
         As for `read_scene`.
     """
     kind = format_of(path)
-    if said.interleave is not None and kind.module != "hdf5":
-        raise FileError(path, f"is {kind.name}, which has its own order of axes; leave interleave out")
-    needless = [reason for name, reason in _OF_PICTURES.items() if getattr(said, name) is not None]
-    if needless and kind.module not in _PICTURES:
-        raise FileError(path, f"is {kind.name}, and {needless[0]}")
+    check_before(path, kind.name, kind.module, said)
     module = kind.load()
     found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, said)
-    if needless and not isinstance(found, Scene):
-        raise FileError(path, f"holds spectra, and {needless[0]}")
-    return found
+    check_after(path, kind.module, found, said)
+    return found if isinstance(found, Scene) else picked(found, within_range(found.wavelength_nm, said.band_range_nm))
 
 
 def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
@@ -231,8 +240,19 @@ def format_of(path: Path) -> Format:
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
             return kind
+    envi = next(kind for kind in FORMATS if kind.module == "envi")
+    if any(_begins(path.with_name(path.name + ending), envi.signatures) for ending in (".hdr", ".HDR")):
+        return envi  # its numbers, which need no ending
     names = ", ".join(f"{kind.name} ({kind.suffixes[0]})" for kind in FORMATS)
     raise FileError(path, f"is no scene's file that is known: its name ends in '{path.suffix}'; known are {names}")
+
+
+def _begins(path: Path, signatures: tuple[bytes, ...]) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(max(map(len, signatures))).startswith(signatures)
+    except OSError:
+        return False
 
 
 def read_options(options: dict[str, Any]) -> ReadOptions:
@@ -246,5 +266,6 @@ def read_options(options: dict[str, Any]) -> ReadOptions:
     known = [field.name for field in fields(ReadOptions)]
     for name in options:
         if name not in known:
-            raise InputError(f"reading a scene knows no option '{name}'; {did_you_mean(name, known)}")
+            hint = f"did you mean '{_MEANT[name]}'?" if name in _MEANT else did_you_mean(name, known)
+            raise InputError(f"reading a scene knows no option '{name}'; {hint}")
     return ReadOptions(**options)

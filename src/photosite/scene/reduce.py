@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.scene.bands import band_order
 from photosite.scene.cube import Array, SpectralCube
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.store import WeightStore, temporary_store
+from photosite.scene.units import bright_count, check_reflectances
 from photosite.spectra import illuminant as relative_energy
 from photosite.spectra import luminance_cd_m2, photons_from_energy
 
@@ -45,7 +46,8 @@ class Reduction:
     no_data_values, negative_values
         How many values were made 0 because the caller said so.
     reduced
-        False where the file held no cube but a scene, which is kept as it is.
+        False where the file held no cube but a scene, which is kept as it is; a picture raised by "jakob-hanika" was
+        reduced.
     """
 
     scene: Scene
@@ -136,7 +138,10 @@ def reduced(
     )
     if _relit(cube, said):
         assert said.illuminant is not None
-        scene = scene.with_illuminant(said.illuminant, said.mean_luminance_cd_m2)
+        try:
+            scene = scene.with_illuminant(said.illuminant, said.mean_luminance_cd_m2)
+        except InputError as error:
+            raise FileError(cube.name, str(error)) from None
     return Reduction(scene, cube.shape[2], values.no_data, values.negative)
 
 
@@ -163,7 +168,10 @@ def _meaning(
                 )
             if said.mean_luminance_cd_m2 is None:
                 raise FileError(cube.name, "holds reflectances; say how bright they are lit (mean_luminance_cd_m2=100)")
-            light = photons_from_energy(relative_energy(said.illuminant, grid), grid)
+            try:
+                light = photons_from_energy(relative_energy(said.illuminant, grid), grid)
+            except InputError as error:
+                raise FileError(cube.name, str(error)) from None
         return ones, light, light
     if said.illuminant is not None and light is None:
         raise FileError(
@@ -209,11 +217,15 @@ class _Values:
         """Gram matrix (bands, bands) of all samples, and their sum (bands,); bands in order of wavelength."""
         bands = self._cube.shape[2]
         gram, total = np.zeros((bands, bands)), np.zeros(bands)
+        largest, bright = 0.0, 0
         for _, block in self._blocks(count=True):
+            if self._cube.quantity == "reflectance":
+                largest, bright = max(largest, float(block.max())), bright + bright_count(block)
             spectra = _by_band(block)
             with np.errstate(over="ignore"):
                 gram += spectra @ spectra.T  # NumPy sees the transpose and computes one half
                 total += spectra.sum(axis=1)
+        check_reflectances(self._cube.name, largest, bright, self.samples * bands)
         if not np.trace(gram) < _LARGEST_POWER:
             raise FileError(self._cube.name, "has values far larger than any light's; are its units right?")
         return gram[np.ix_(self._order, self._order)], total[self._order]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.scene.scene import Scene
-from photosite.scene.values import check_flag, check_number
+from photosite.scene.values import check_flag, check_luminance, check_number
 
 if TYPE_CHECKING:
     from photosite.scene.planes import Plane, Planes
@@ -65,15 +66,44 @@ class Place:
     line: int | None = None
 
 
+_IN_CAMERA_FILE = (
+    (r"\bwavelength_nm=\[\.\.\.\]", "wavelength_nm: [400, 410, ...]"),
+    (r"\b(units|illuminant)='([^']*)'", r"\1: \2"),
+    (r"\bmean_luminance_cd_m2=([\d.]+)", r"luminance_cd_m2: \1"),
+    (r"\band mean_luminance_cd_m2\b", "and luminance_cd_m2"),
+    (r"\bband_range_nm=\(([^)]*)\)", r"options: {band_range_nm: [\1]}"),
+    (r"\bsort_bands=True", "options: {sort_bands: true}"),
+    (r"\bvariable='\.\.\.'", "options: {variable: NAME}"),
+    (r"\b(no_data|negative|interleave|method|out_of_gamut)='([\w-]+)'", r"options: {\1: \2}"),
+    (r"\bpatch_cols=(\d+)", r"options: {patch_cols: \1}"),
+)
+"""What an error advises in words of Python, and the same in a camera file's section."""
+
+
+def in_camera_file(message: str) -> str:
+    """A message whose advice is fields of a camera file's section `scene`.
+
+    Examples
+    --------
+    >>> in_camera_file("say the light on them (illuminant='D65', mean_luminance_cd_m2=100)")
+    'say the light on them (illuminant: D65, luminance_cd_m2: 100)'
+    >>> in_camera_file("say that they be sorted (sort_bands=True)")
+    'say that they be sorted (options: {sort_bands: true})'
+    """
+    for pattern, said in _IN_CAMERA_FILE:
+        message = re.sub(pattern, said, message)
+    return message
+
+
 @contextmanager
 def _said_at(place: Place | None) -> Iterator[None]:
-    """Errors name the place of the request, where it has one."""
+    """Errors name the place of the request, where it has one, and advise in its words."""
     try:
         yield
     except (InputError, FileError) as error:
         if place is None:
             raise
-        raise FileError(place.file, f"scene: {error}", place.line) from None
+        raise FileError(place.file, f"scene: {in_camera_file(str(error))}", place.line) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +220,8 @@ class SceneRequest:
             if getattr(self, name) is not None:
                 raise InputError(f"{name} is said of a scene's file; '{self.source}' is a formula")
         check_options(self.source, self.options)
+        if self.mean_luminance_cd_m2 is not None:
+            check_luminance("mean_luminance_cd_m2", self.mean_luminance_cd_m2)
         wanted: dict[str, Any] = {
             "illuminant": self.light,
             "mean_luminance_cd_m2": (
@@ -229,7 +261,12 @@ class SceneRequest:
         from photosite.scene.files import read_scene
 
         given = {name: value for name, value in said.items() if value is not None}
-        return read_scene(path, **given, **{name: value for name, value in self.options.items() if name not in given})
+        for name in given:
+            if name in self.options and self.options[name] != given[name]:
+                raise InputError(
+                    f"{name} is said twice, {given[name]!s:.40} and {self.options[name]!s:.40}; say it once"
+                )
+        return read_scene(path, **{**self.options, **given})
 
 
 @dataclass(frozen=True, eq=False)

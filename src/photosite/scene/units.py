@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from os import PathLike
 from typing import Literal
 
-from photosite.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError
 
 Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
 """Photons/s/sr/m2/nm; W/sr/m2/nm; fraction of a light; energy radiance up to an unknown factor."""
@@ -15,6 +19,11 @@ _PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _NANOMETRES = {"nm": 1.0, "um": 1e3, "micron": 1e3, "microns": 1e3, "m": 1e9}
 _PHOTONS = ("photon", "photons", "quanta", "ph", "q")
+_PLAIN = re.compile(r"(?:spectral )?(radiance|reflectance) ?[\[(](.+)[\])]", re.IGNORECASE)
+"""A quantity with its unit behind it in brackets."""
+_SCALED = re.compile(r"reflectance ?/ ?(\d+(?:\.\d+)?(?:e\+?\d+)?)", re.IGNORECASE)
+_BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
+"""Reflectance factors above 2 are sparks and fluorescence, no hundredth of a picture; none is above 10."""
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
 
 
@@ -47,7 +56,8 @@ def parse_units(text: str) -> Units:
     Parameters
     ----------
     text
-        "reflectance", "percent", "relative", "photons", or a radiance: a power or photons per second, per sr, per
+        "reflectance", "percent", "reflectance/10000" (10000 is a perfect white), "relative", "photons", or a radiance,
+        "Radiance (W/m2/sr/um)" too: a power or photons per second, per sr, per
         area and per wavelength, in any order, with / or with negative exponents.
 
     Raises
@@ -65,6 +75,12 @@ def parse_units(text: str) -> Units:
             return Units("reflectance", 0.01)
         case "relative":
             return Units("relative")
+    if (scaled := _SCALED.fullmatch(plain)) and (white := float(scaled[1])) > 0:
+        return Units("reflectance", 1 / white)
+    if (quantity := _PLAIN.fullmatch(plain)) and (units := parse_units(quantity[2])).quantity.endswith(
+        quantity[1].lower()
+    ):
+        return units
     powers = _factors(plain)
     scale, found = 1.0, set()
     for name, power in powers:
@@ -118,8 +134,49 @@ def _meaning(name: str, power: int, text: str) -> tuple[str, float]:
         return "area", _METRES[low] ** -2
     if low in _NANOMETRES and power == -1:
         return "wavelength", 1 / _NANOMETRES[low]
+    below = (*_METRES, *_NANOMETRES, "s", "sec", "second", "sr", "steradian", "str", "ster")
+    if power > 0 and low in below and "/" in text:
+        raise _unknown(text, f"whether '{name}' is divided by is not clear; write W/m2/sr/nm or W/(m2 sr nm)")
     raise _unknown(text, f"'{name}{'' if power == 1 else power}' has no place in it")
 
 
 def _unknown(text: str, why: str) -> InputError:
     return InputError(f"units '{text}' are not understood: {why}; known are {_KNOWN}")
+
+
+def bright_count(values: NDArray[np.float64]) -> int:
+    """How many reflectances are above what surfaces have."""
+    return int(np.count_nonzero(values > _BRIGHT))
+
+
+def check_reflectances(name: str | PathLike[str], largest: float, bright: int, count: int) -> None:
+    """Refuse reflectances that are none: numbers on another scale.
+
+    Parameters
+    ----------
+    name
+        What holds them, for the message.
+    largest
+        Of them.
+    bright, count
+        How many are above 2 (`bright_count`), of how many.
+
+    Raises
+    ------
+    FileError
+        If one is above 10, or more than one in a hundred above 2.
+
+    Examples
+    --------
+    >>> check_reflectances("a.hdr", 9987.0, 5, 5)
+    Traceback (most recent call last):
+    photosite.errors.FileError: a.hdr: holds reflectances up to 9987, and a perfect white's is 1; say what white is \
+(units='percent', units='reflectance/10000'), mend wild values, or say units='relative' if they are no reflectances
+    """
+    if largest <= _BRIGHTEST and bright <= _BRIGHT_SHARE * count:
+        return
+    raise FileError(
+        name,
+        f"holds reflectances up to {largest:g}, and a perfect white's is 1; say what white is (units='percent', "
+        "units='reflectance/10000'), mend wild values, or say units='relative' if they are no reflectances",
+    )

@@ -9,6 +9,8 @@ import numpy as np
 
 from photosite.errors import InputError
 
+_BRIGHTEST_CD_M2 = 1e20
+
 
 def is_number(value: Any) -> bool:
     """Whether a value is a number, not text that looks like one and not true or false."""
@@ -31,6 +33,25 @@ def check_number(name: str, value: Any, *, whole: bool = False) -> None:
     """
     if value is not None and not (is_number(value) and (isinstance(value, Integral) or not whole)):
         raise InputError(f"{name} is a {'whole ' if whole else ''}number, not {value!r:.40}")
+
+
+def check_luminance(name: str, value: float) -> None:
+    """Refuse a luminance that is none, or that no light has: the sun's disc has 1.6e9 cd/m2.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0, or above 1e20.
+
+    Examples
+    --------
+    >>> check_luminance("mean_luminance_cd_m2", 1e300)
+    Traceback (most recent call last):
+    photosite.errors.InputError: mean_luminance_cd_m2 must be above 0 and at most 1e+20, not 1e+300
+    """
+    if not 0 < value <= _BRIGHTEST_CD_M2:
+        most = f" and at most {_BRIGHTEST_CD_M2:g}" if value > _BRIGHTEST_CD_M2 else ""
+        raise InputError(f"{name} must be above 0{most}, not {value:g}")
 
 
 def check_flag(name: str, value: Any) -> None:

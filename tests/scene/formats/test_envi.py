@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from photosite.errors import FileError, PhotositeWarning
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.scene.convert import convert
 from photosite.scene.files import open_cube, read_scene
+from photosite.spectra import photons_from_energy
 
 envi = pytest.importorskip("spectral.io.envi")
 
@@ -58,7 +60,8 @@ def test_reflectance_scale_factor_and_missing_values(tmp_path: Path) -> None:
     said = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
     with pytest.raises(FileError, match=r"no data at row 1, column 2, band 4 \(600 nm\)"):
         read_scene(path, **said)
-    assert read_scene(path, no_data="zero", **said).mean_luminance_cd_m2() == pytest.approx(100)
+    with pytest.warns(PhotositeWarning, match=r"cube\.hdr: 1 missing values were taken as 0"):
+        assert read_scene(path, no_data="zero", **said).mean_luminance_cd_m2() == pytest.approx(100)
 
 
 def test_gains_by_band_and_an_offset(tmp_path: Path) -> None:
@@ -97,7 +100,7 @@ def test_photons_are_made_of_watts(tmp_path: Path) -> None:
         (r"samples *=.*", "samples = -2", r"says \(4, -2, 4\)"),
         (r"bands *=.*\n", "", r"Mandatory parameter \"bands\" missing"),
         (r"bands *=.*", "bands = many", "is no ENVI header that can be read"),
-        (r"data type *=.*", "data type = 6", "of complex64"),
+        (r"data type *=.*", "data type = 6", r"has data of type 6 \(complex64\); .* save magnitudes"),
         (r"data type *=.*", "data type = 77", "'77' is missing or unknown"),
         (r"interleave *=.*", "interleave = bob", "interleave 'bob'"),
         (r"450.0 ,", "505.0 ,", r"not sorted: band 2 has 500 nm after 505 nm.*sort_bands=True"),
@@ -140,3 +143,89 @@ def test_data_that_shrink_while_they_are_read(tmp_path: Path) -> None:
         file.truncate(1000)
     with pytest.raises(FileError, match="is truncated: it ends at byte 1000"):
         list(cube.blocks(10))
+
+
+def test_bands_of_a_range(tmp_path: Path) -> None:
+    array = RNG.uniform(0.1, 0.9, (4, 6, 5)).astype(np.float32)
+    head = {"wavelength": [400, 600, 780, 900, 1000], "wavelength units": "nm", "data units": "reflectance"}
+    path = saved(tmp_path, array, head)
+    with pytest.raises(FileError, match=r"cube\.hdr: illuminant D65 is known from 300 to 830 nm only") as caught:
+        read_scene(path, illuminant="D65", mean_luminance_cd_m2=100)
+    assert "band_range_nm=(300, 830)" in str(caught.value)
+    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100, "band_range_nm": (400, 780), "tolerance": 1e-6}
+    scene = read_scene(path, **said)
+    assert scene.wavelength_nm.tolist() == [400, 600, 780]
+    assert scene.reflectance is not None
+    found = np.tensordot(scene.weights, scene.reflectance, axes=(0, 0))
+    assert_allclose(found, array[:, :, :3], rtol=1e-5)
+    assert read_scene(path, illuminant="A", mean_luminance_cd_m2=100).wavelength_nm[-1] == 1000
+    done = convert(path, tmp_path / "out.h5", **said)
+    assert (done.bands, done.scene.wavelength_nm.size) == (3, 3)
+    with pytest.raises(FileError, match="no band left"):
+        read_scene(path, **said | {"band_range_nm": (410, 420)})
+    for bad in ([400], (780, 400), "400:780", (0, 780)):
+        with pytest.raises(InputError, match="band_range_nm is"):
+            read_scene(path, band_range_nm=bad)
+
+
+@pytest.mark.parametrize("name", ["cube.hdr", "cube.img"])
+def test_what_is_read_is_not_written_over_when_bands_are_picked(tmp_path: Path, name: str) -> None:
+    path = saved(tmp_path, np.ones((2, 2, 5), np.float32))
+    with pytest.raises(FileError, match="would be written over"):
+        convert(tmp_path / name, path, band_range_nm=(450, 500))
+
+
+def test_bad_bands_hold_no_values(tmp_path: Path) -> None:
+    """What stands in a bad band is never looked at: not missing values, not a second 500 nm."""
+    array = np.ones((2, 2, 5), np.float32) * np.arange(1, 6, dtype=np.float32)
+    array[..., 2] = np.nan
+    path = saved(tmp_path, array, PLAIN | {"bbl": [1, 1, 0, 1, 1], "wavelength": [450, 500, 500, 600, 650]})
+    with pytest.warns(PhotositeWarning, match=r"1 of 5 bands are marked as bad \(bbl\) and left out, the first band 3"):
+        scene = read_scene(path)
+    assert scene.wavelength_nm.tolist() == [450, 500, 600, 650]
+    energy = scene.radiance(0, 0) / photons_from_energy(1.0, scene.wavelength_nm)
+    assert_allclose(energy, [1, 2, 4, 5], rtol=1e-4)
+    none = saved(tmp_path, array, PLAIN | {"bbl": [0] * 5})
+    with pytest.raises(FileError, match="marks all its bands as bad"):
+        read_scene(none)
+
+
+@pytest.mark.parametrize(
+    ("units", "scale"), [("percent", 0.01), ("reflectance", 1.0), ("reflectance/20000", 1 / 20_000)]
+)
+def test_a_scale_factor_and_units_that_are_said(tmp_path: Path, units: str, scale: float) -> None:
+    array = RNG.integers(1, 2, (4, 6, 5)).astype(np.int16)
+    path = saved(tmp_path, array, {"wavelength": GRID.tolist(), "reflectance scale factor": 10_000})
+    with pytest.warns(
+        PhotositeWarning,
+        match=rf"the file says 'reflectance scale factor = 10000', and units='{units}' was said; what was said",
+    ):
+        assert_allclose(whole(path, units=units), array * scale)
+    assert_allclose(whole(path), array / 10_000)
+    assert_allclose(whole(path, units="reflectance/10000"), array / 10_000)  # no contradiction, no warning
+
+
+def test_reflectances_on_another_scale_are_refused(tmp_path: Path) -> None:
+    array = RNG.integers(0, 10_000, (8, 8, 5)).astype(np.uint16)
+    array[0, 0] = 9999
+    path = saved(tmp_path, array, {"wavelength": GRID.tolist()})
+    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
+    with pytest.raises(FileError, match=r"reflectances up to 9999, .*units='percent', units='reflectance/10000'"):
+        read_scene(path, units="reflectance", **said)
+    scene = read_scene(path, units="reflectance/10000", **said)
+    assert scene.reflectance is not None
+    assert_allclose(scene.weights[:, 0, 0] @ scene.reflectance, 0.9999, atol=2e-3)
+    sparks = np.full((20, 20, 5), 0.5, np.float32)
+    sparks[0, 0] = 3.0  # one sample of 400: a spark
+    path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
+    assert read_scene(path, **said).shape == (20, 20)
+    sparks[:2] = 3.0
+    path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
+    with pytest.raises(FileError, match="reflectances up to 3, "):
+        read_scene(path, **said)
+
+
+def test_numbers_without_an_ending(tmp_path: Path) -> None:
+    path = saved(tmp_path, np.ones((2, 3, 5), np.float32))
+    (tmp_path / "cube.img").rename(tmp_path / "cube")
+    assert read_scene(tmp_path / "cube").shape == read_scene(path).shape == (2, 3)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import photosite as ps
-from photosite.errors import FileError
+from photosite.errors import FileError, PhotositeWarning
 from photosite.scene.files import read_scene, write_scene
 from photosite.scene.formats import cgats, chart_csv
 from photosite.scene.scene import Scene
@@ -84,7 +84,9 @@ def test_wavelength_and_value_in_turn(tmp_path: Path) -> None:
     assert_allclose(cgats.read_patches(file).values, [[50, 1], [2, 3]])
     scene = read_scene(file, **LIGHT)
     assert_allclose(reflectances(scene), [[0.5, 0.01], [0.02, 0.03]], atol=2e-6)
-    decimal = text.replace("SPECTRAL_PCT", "SPECTRAL_DEC").replace("50.0", "0.5")
+    decimal = (
+        text.replace("SPECTRAL_PCT", "SPECTRAL_DEC").replace("50.0", "0.5").replace("2.0", ".02").replace("3.0", ".03")
+    )
     assert read_scene(written(tmp_path, decimal), **LIGHT, negative="zero").shape == scene.shape
     other = text.replace("A2 400", "A2 410")
     with pytest.raises(FileError, match=r"chart\.txt:7: this patch has other wavelengths than the first"):
@@ -122,8 +124,8 @@ def test_percent_fraction_and_argylls_norm(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("values", "names"),
-    [(VALUES * 3, NAMES), (VALUES[:1], NAMES[:1]), (VALUES[:5], NAMES[:5])],
-    ids=["up to 2.7", "one", "five"],
+    [(VALUES * 2, NAMES), (VALUES[:1], NAMES[:1]), (VALUES[:5], NAMES[:5])],
+    ids=["up to 1.8", "one", "five"],
 )
 def test_percent_or_fraction_is_asked(tmp_path: Path, values: np.ndarray, names: list[str]) -> None:
     file = written(tmp_path, cgats_text(values, names))
@@ -306,6 +308,81 @@ def test_what_must_be_said(tmp_path: Path, options: dict[str, object], said: str
 
 def test_what_may_be_mended(tmp_path: Path) -> None:
     below = written(tmp_path, csv_text(np.where(np.equal(VALUES, VALUES[2, 1]), -0.001, VALUES)), "a.csv")
-    assert reflectances(read_scene(below, negative="zero", **LIGHT)).min() == pytest.approx(0, abs=1e-5)
+    with pytest.warns(PhotositeWarning, match=r"a\.csv: 1 negative values were taken as 0"):
+        assert reflectances(read_scene(below, negative="zero", **LIGHT)).min() == pytest.approx(0, abs=1e-5)
     back = written(tmp_path, csv_text(VALUES[:, ::-1], heading="patch,700,600,500,400"), "b.csv")
     assert_allclose(reflectances(read_scene(back, sort_bands=True, **LIGHT)), VALUES, atol=2e-5)
+
+
+def test_one_wild_value_makes_no_percent_of_a_chart(tmp_path: Path) -> None:
+    """Thirty fractions and a slip of the decimal point, or of more."""
+    values = np.tile(VALUES, (5, 1))
+    names = [f"{name} {k}" for k in range(5) for name in NAMES]
+    for slip in (7.5, 1e30):
+        values[3, 2] = slip
+        with pytest.raises(
+            FileError, match=rf"'red 0' has {slip:g} at 600 nm where nearly all else is".replace("+", r"\+")
+        ):
+            read_scene(written(tmp_path, csv_text(values, names), "a.csv"), **LIGHT)
+    few = np.array(VALUES)
+    few[3, 2] = 1e30
+    with pytest.raises(FileError, match="holds reflectances up to 1e"):
+        read_scene(written(tmp_path, csv_text(few), "a.csv"), **LIGHT)
+    with pytest.raises(FileError, match=r"holds reflectances up to 12, .*units='percent'"):
+        read_scene(written(tmp_path, csv_text(VALUES * 0 + 12), "a.csv"), units="reflectance", **LIGHT)
+
+
+def test_units_against_the_note_are_taken_with_a_warning(tmp_path: Path) -> None:
+    file = written(tmp_path, "# units: percent\n" + csv_text(VALUES), "a.csv")
+    with pytest.warns(
+        PhotositeWarning, match=r"the file says 'percent', and units='reflectance' was said; what was said"
+    ):
+        scene = read_scene(file, units="reflectance", **LIGHT)
+    assert_allclose(reflectances(scene), VALUES, atol=2e-5)
+
+
+def test_patches_that_are_numbered_through_make_no_long_row(tmp_path: Path) -> None:
+    values, names = np.tile(VALUES, (4, 1)), [f"P{k}" for k in range(24)]
+    file = written(tmp_path, csv_text(values, names), "a.csv")
+    with pytest.warns(PhotositeWarning, match=r"24 patches, P0 to P23, tell no rows; .* 6 across: .*patch_cols=6"):
+        scene = read_scene(file, **LIGHT)
+    assert len({part.c0 for part in scene.regions}) == 6
+    assert_allclose(reflectances(scene), values, atol=2e-5)
+    row = read_scene(file, patch_cols=24, **LIGHT)
+    assert len({part.c0 for part in row.regions}) == 24
+    strip = written(tmp_path, csv_text(VALUES, [f"A{k}" for k in range(6)]), "b.csv")
+    assert len({part.c0 for part in read_scene(strip, **LIGHT).regions}) == 6
+
+
+def test_missing_values_of_a_chart(tmp_path: Path) -> None:
+    text = csv_text(VALUES).replace(f"{VALUES[2, 1]:.6g}", "nan", 1)
+    file = written(tmp_path, text, "a.csv")
+    with pytest.raises(FileError, match=r"a\.csv:4: expected a finite number .*\(no_data='zero'\)"):
+        read_scene(file, **LIGHT)
+    with pytest.warns(PhotositeWarning, match=r"a\.csv: 1 missing values were taken as 0"):
+        found = reflectances(read_scene(file, no_data="zero", **LIGHT))
+    assert_allclose(found, np.where(np.equal(VALUES, VALUES[2, 1]), 0, VALUES), atol=2e-5)
+
+
+def test_bands_of_a_charts_range(tmp_path: Path) -> None:
+    file = written(tmp_path, csv_text(VALUES, heading="patch,400,500,600,1000"), "a.csv")
+    with pytest.raises(FileError, match=r"a\.csv: illuminant D65 is known .*band_range_nm="):
+        read_scene(file, **LIGHT)
+    scene = read_scene(file, band_range_nm=(400, 700), **LIGHT)
+    assert scene.wavelength_nm.tolist() == [400, 500, 600]
+    assert_allclose(reflectances(scene), VALUES[:, :3], atol=2e-5)
+
+
+def test_means_of_uneven_patches_are_said(tmp_path: Path) -> None:
+    chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
+    lit = ps.lights.mixed(chart, [("A", 100.0, ps.lights.gradient(1, 0))])
+    with pytest.warns(PhotositeWarning, match=r"means of patches that are not even \(up to (\d+\.\d)% RMS") as caught:
+        write_scene(lit, tmp_path / "a.csv")
+    part = max(lit.regions, key=lambda part: part.c0 == 0 or -part.c0)
+    spread = []
+    for part in lit.regions:
+        light = np.tensordot(lit.weights[:, part.r0 : part.r1, part.c0 : part.c1].astype(float), lit.basis, axes=(0, 0))
+        mean = light.mean(axis=(0, 1))
+        spread.append(np.sqrt(((light - mean) ** 2).sum(axis=-1).mean() / (mean**2).sum()))
+    assert f"{max(spread):.1%}" in str(caught[0].message)
+    write_scene(chart, tmp_path / "b.csv")

@@ -132,3 +132,15 @@ def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> N
     with pytest.raises(FileError, match=r"a\.tif") as caught:
         read_scene(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_stray_file_beside_does_not_hide_the_description(tmp_path: Path) -> None:
+    path = stack(tmp_path / "x.tif")
+    (tmp_path / "x.json").write_text('{"camera": "somebody\'s"}', encoding="utf-8")
+    assert_allclose(whole(path), CUBE)
+    (tmp_path / "x.json").write_text('{"units": "mW/sr/m2/nm"}', encoding="utf-8")
+    assert_allclose(whole(path), CUBE * 1e-3)
+    bare = stack(tmp_path / "y.tif", told=json.dumps({"wavelength_nm": GRID.tolist()}))
+    (tmp_path / "y.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(FileError, match=r"does not say the units .*\(y\.json beside it does not say them either\)"):
+        open_cube(bare)

@@ -51,11 +51,18 @@ def read(path: Path, options: ReadOptions) -> Scene:
     FileError
         As `read_patches` and `photosite.scene.formats.patch_table.chart_scene`.
     """
-    return chart_scene(read_patches(path), options)
+    return chart_scene(read_patches(path, gaps=options.no_data == "zero"), options)
 
 
-def read_patches(path: Path) -> PatchTable:
+def read_patches(path: Path, *, gaps: bool = False) -> PatchTable:
     """The first table with spectra.
+
+    Parameters
+    ----------
+    path
+        The file.
+    gaps
+        Whether values may be NaN, for none.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def read_patches(path: Path) -> PatchTable:
         raise FileError(path, "is no CGATS file: it has no BEGIN_DATA_FORMAT; expected tables of patches")
     for section in sections:
         if any(_SPECTRAL.fullmatch(field) for field in section.fields) or "SPECTRAL_NM" in section.fields:
-            return _table(path, section)
+            return _table(path, section, gaps)
     fields = ", ".join(sections[0].fields[:8])
     raise FileError(
         path,
@@ -146,7 +153,7 @@ def _section(
     )
 
 
-def _table(path: Path, section: _Section) -> PatchTable:
+def _table(path: Path, section: _Section, gaps: bool) -> PatchTable:
     if not section.sets:
         raise FileError(path, "has spectral fields and no patches")
     if "SPECTRAL_NM" in section.fields:
@@ -158,7 +165,7 @@ def _table(path: Path, section: _Section) -> PatchTable:
         wavelengths = [float(match[1].replace("_", ".")) for _, match in matches]
         units = _norm(path, section.keywords)
     values = [
-        [number(path, words[k], line, f"{section.fields[k]}") for k in columns]
+        [number(path, words[k], line, f"{section.fields[k]}", gaps=gaps) for k in columns]
         for words, line in zip(section.sets, section.lines, strict=True)
     ]
     across = section.keywords.get("LGOROWLENGTH", "")

@@ -1,8 +1,9 @@
 """ENVI: a text header (.hdr) and a file of plain numbers beside it, read through the `spectral` library.
 
 Fields used: samples, lines, bands, header offset, data type, interleave, byte order; wavelength and wavelength units;
-reflectance scale factor (values over it are reflectance); data gain values (times, per band); data ignore value; data
-units, which photosite writes and reads as `photosite.scene.units` has them, with distance m, width m and light.
+reflectance scale factor (values over it are reflectance); data gain values (times, per band); data ignore value; bbl,
+the list of bad bands (those marked 0 are left out); data units, which photosite writes and reads as
+`photosite.scene.units` has them, with distance m, width m and light.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.atomic import atomic_path
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, cube_of_scene
-from photosite.scene.formats.hdf5_cube import stated_units
+from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, cube_of_scene, picked
+from photosite.scene.formats.hdf5_cube import said_units, stated_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
-from photosite.scene.units import Units
+from photosite.scene.units import Units, parse_units
 
 _DATA_SUFFIXES = ("", ".img", ".dat", ".raw", ".bin", ".hyspex", ".bsq", ".bil", ".bip", ".sli")
 _UNIT_FIELDS = ("data units", "radiance units", "units")
@@ -51,7 +53,13 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         dtype = np.dtype(layout.dtype)
         offset = int(layout.offset)
     interleave = next((kind for kind in _INTERLEAVES if kind == str(header["interleave"]).lower()), None)
-    if interleave is None or dtype.kind not in "fiu" or min(shape) <= 0 or offset < 0:
+    if dtype.kind not in "fiu":
+        raise FileError(
+            header_path,
+            f"has data of type {header.get('data type')} ({dtype}); a scene's are integers or real floats: "
+            "save magnitudes as type 4",
+        )
+    if interleave is None or min(shape) <= 0 or offset < 0:
         raise FileError(
             header_path, f"says {shape} lines, samples, bands of {dtype}, interleave '{header['interleave']!s:.10}'"
         )
@@ -61,7 +69,6 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         raise FileError(header_path, "is a library of spectra, and no image")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
-    _warn_of_bad_bands(header_path, header, bands)
     values = _list(header_path, header, "wavelength", bands)
     unit = str(header["wavelength units"]) if "wavelength units" in header else None
     if unit is not None and unit.strip().lower() in ("", "unknown"):
@@ -70,7 +77,7 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
     gain = _list(header_path, header, "data gain values", bands)
     if _list(header_path, header, "data offset values", bands, 0.0) is not None:
         raise FileError(header_path, "has data offset values, which are not read; save the data with them applied")
-    return RawCube(
+    cube = RawCube(
         name=str(path),
         shape=shape,
         wavelength_nm=wavelengths_in_nm(header_path, values, unit, said.wavelength_nm),
@@ -86,6 +93,7 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         scale=units.scale if gain is None else units.scale * gain,
         no_data=_number(header_path, header, "data ignore value", any_sign=True),
     )
+    return picked(cube, _good_bands(header_path, header, bands))
 
 
 def _header_of(path: Path) -> Path:
@@ -149,24 +157,38 @@ def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
     )
 
 
-def _warn_of_bad_bands(path: Path, header: Mapping[str, Any], bands: int) -> None:
+def _good_bands(path: Path, header: Mapping[str, Any], bands: int) -> NDArray[np.bool_]:
+    """(bands,) whether each is marked as good (bbl): 1, or above 0; those marked 0 are left out, and that is said."""
     listed = _list(path, header, "bbl", bands)
-    if listed is not None and (bad := int((listed == 0).sum())):
-        warnings.warn(
-            f"{path}: {bad} of {bands} bands are marked as bad (bbl) and used all the same; "
-            "write the file without them to leave them out",
-            PhotositeWarning,
-            stacklevel=3,
-        )
+    if listed is None or (listed != 0).all():
+        return np.ones(bands, np.bool_)
+    bad = np.flatnonzero(listed == 0)
+    if len(bad) == bands:
+        raise FileError(path, "marks all its bands as bad (bbl); mark those that are good with 1, or take bbl out")
+    warnings.warn(
+        f"{path}: {len(bad)} of {bands} bands are marked as bad (bbl) and left out, the first band {bad[0] + 1}; take "
+        "bbl out of the header to use them",
+        PhotositeWarning,
+        stacklevel=3,
+    )
+    return np.asarray(listed != 0)
 
 
 def _units(path: Path, header: Mapping[str, Any], said: ReadOptions) -> Units:
     factor = _number(path, header, "reflectance scale factor")
     stated = next((header[name] for name in _UNIT_FIELDS if name in header), None)
-    if said.units is None and stated is None and factor is not None:
-        return Units("reflectance", 1 / factor)
-    units = stated_units(path, said, stated)
-    return units if units.quantity != "reflectance" or factor is None else Units("reflectance", 1 / factor)
+    if factor is None:
+        return stated_units(path, said, stated)
+    own, text = Units("reflectance", 1 / factor), f"reflectance scale factor = {factor:g}"
+    if said.units is None:
+        units = own if stated is None else stated_units(path, said, stated)
+        return units if units.quantity != "reflectance" else own
+    try:
+        if stated is not None and (units := parse_units(str(stated)[:80])).quantity != "reflectance":
+            own, text = units, str(stated)
+    except InputError:  # what is not understood cannot contradict
+        pass
+    return said_units(path, said.units, text, own)
 
 
 def _list(path: Path, header: Mapping[str, Any], name: str, bands: int, neutral: float | None = None) -> Array | None:

@@ -19,6 +19,7 @@ from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Block, CubeHead, SpectralCube, cube_of_scene
 from photosite.scene.formats.exr_names import Kind, SpectralChannel, channel_name, spectral_channels
 from photosite.scene.formats.exr_picture import colour_channels, picture_scene
+from photosite.scene.formats.hdf5_cube import said_units
 from photosite.scene.formats.openexr import LARGEST_HALF, ExrPart, parts_of, write_rows
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
@@ -74,7 +75,7 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
             return _spectral(part, found, units, options)
     for part in parts:
         if options.wavelength_nm is not None:
-            return _unnamed(part, units, options)
+            return _unnamed(part, options)
         if (names := colour_channels(part.channels)) is not None:
             return picture_scene(part, names, options)
     raise FileError(
@@ -106,7 +107,7 @@ def _spectral(
     channels = found[kind]
     grid = wavelengths_in_nm(part.path, [c.wavelength_nm for c in channels], "nm", options.wavelength_nm)
     names = tuple(channel.name for channel in channels)
-    return _cube(part, names, grid, units or _units_of(part))
+    return _cube(part, names, grid, units if kind == "reflective" and units else _units_of(part, options))
 
 
 def _kind(path: Path, found: dict[Kind, tuple[SpectralChannel, ...]], units: Units | None) -> Kind:
@@ -122,7 +123,7 @@ def _kind(path: Path, found: dict[Kind, tuple[SpectralChannel, ...]], units: Uni
     return next(kind for kind in (radiance, "reflective", "reradiated", "polarised") if kind in found)
 
 
-def _unnamed(part: ExrPart, units: Units | None, options: ReadOptions) -> ExrCube:
+def _unnamed(part: ExrPart, options: ReadOptions) -> ExrCube:
     """Channels whose wavelengths the caller says, in the order of their names; the picture beside them left out."""
     names = sorted(name for name in part.channels if name.rsplit(".", 1)[-1] not in ("R", "G", "B", "A", "Y", "Z"))
     grid = wavelengths_in_nm(part.path, None, None, options.wavelength_nm)
@@ -130,7 +131,7 @@ def _unnamed(part: ExrPart, units: Units | None, options: ReadOptions) -> ExrCub
         raise FileError(
             part.path, f"has the channels {_some(names)}, {len(names)}, and {grid.size} wavelengths are given"
         )
-    return _cube(part, tuple(names), grid, units or _units_of(part))
+    return _cube(part, tuple(names), grid, _units_of(part, options))
 
 
 def _cube(part: ExrPart, names: tuple[str, ...], grid: NDArray[np.float64], units: Units) -> ExrCube:
@@ -148,13 +149,15 @@ def _cube(part: ExrPart, names: tuple[str, ...], grid: NDArray[np.float64], unit
     )
 
 
-def _units_of(part: ExrPart) -> Units:
-    """What the file says of its radiance.
+def _units_of(part: ExrPart, options: ReadOptions) -> Units:
+    """What the caller says of the radiance, else the file.
 
     The layout's own word for radiance, "W.m^-2.sr^-1", names no wavelength; the numbers of all who write it (its
     authors', ART, PBRT) are per nanometre. Lights of PBRT have no scale unless its scene gives them one.
     """
     said = part.text(_UNITS)
+    if options.units is not None:
+        return said_units(part.path, options.units, said)
     if said is None:
         raise FileError(
             part.path,

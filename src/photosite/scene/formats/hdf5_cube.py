@@ -135,7 +135,7 @@ def stated_units(path: Path, said: ReadOptions, stated: Any) -> Units:
         If neither says them, or the file's are unknown.
     """
     if said.units is not None:
-        return parse_units(said.units)
+        return said_units(path, said.units, stated)
     if stated is None:
         raise FileError(
             path,
@@ -146,6 +146,41 @@ def stated_units(path: Path, said: ReadOptions, stated: Any) -> Units:
         return parse_units(str(stated)[:80])
     except InputError as error:
         raise FileError(path, f"{error} (say units='...' to overrule the file)") from None
+
+
+def said_units(path: Path, said: str, stated: Any, own: Units | None = None) -> Units:
+    """The units that the caller says, with a warning where a file says others.
+
+    Parameters
+    ----------
+    path
+        The file.
+    said
+        By the caller.
+    stated
+        By the file, for the warning too; None where it says none.
+    own
+        What that means, where its text alone does not tell.
+
+    Raises
+    ------
+    InputError
+        If the caller's are not understood.
+    """
+    units = parse_units(said)
+    if own is None:
+        try:
+            own = None if stated is None else parse_units(str(stated)[:80])
+        except InputError:  # what is not understood cannot contradict
+            own = None
+    if own is not None and (own.quantity != units.quantity or not math.isclose(own.scale, units.scale, rel_tol=1e-9)):
+        warnings.warn(
+            PhotositeWarning(
+                f"{path}: the file says '{stated!s:.40}', and units='{said}' was said; what was said is taken"
+            ),
+            stacklevel=2,
+        )
+    return units
 
 
 def cube_of_dataset(

@@ -25,12 +25,12 @@ import numpy as np
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, Block, CubeHead, SpectralCube
-from photosite.scene.formats.hdf5_cube import UNIT_NAMES, WAVELENGTH_NAMES, chosen, stated_units
+from photosite.scene.formats.hdf5_cube import UNIT_NAMES, WAVELENGTH_NAMES, chosen, said_units, stated_units
 from photosite.scene.formats.iset_write import write_basis_form, write_photons_form
 from photosite.scene.formats.matlab_file import Variables, variables_of
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
-from photosite.scene.units import Units, parse_units
+from photosite.scene.units import Units
 from photosite.spectra import photons_from_energy
 
 _PHOTONS = Units("photon radiance")
@@ -88,7 +88,7 @@ def _photon_form(
     )
     values = None if place is None else content.numbers(place).ravel()
     grid = wavelengths_in_nm(path, values, None if values is None else "nm", said.wavelength_nm)
-    units = _iset_units(said)
+    units = _iset_units(path, said)
     return content.cube(name, units, grid, **_iset_head(path, content, shapes, before, grid, shape))
 
 
@@ -108,7 +108,7 @@ def _basis_form(
     if mean.size not in (0, wave.size):
         raise FileError(path, f"has a mean (imgMean) of {mean.size} values for {wave.size} wavelengths")
     grid = wavelengths_in_nm(path, wave, "nm", said.wavelength_nm)
-    units = _iset_units(said)
+    units = _iset_units(path, said)
     return BasisCube(
         name=str(path),
         shape=(rows, cols, wave.size),
@@ -121,9 +121,9 @@ def _basis_form(
     )
 
 
-def _iset_units(said: ReadOptions) -> Units:
+def _iset_units(path: Path, said: ReadOptions) -> Units:
     """ISET's are photons; a caller who knows better may say so."""
-    return _PHOTONS if said.units is None else parse_units(said.units)
+    return _PHOTONS if said.units is None else said_units(path, said.units, "photons", _PHOTONS)
 
 
 def _three(path: Path, name: str, shape: tuple[int, ...]) -> tuple[int, int, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from photosite.mat_file import Spooled, load_mat
 from photosite.scene.cube import RawCube, SpectralCube
 from photosite.scene.formats.hdf5_cube import MATLAB_AXES, cube_of_dataset
 from photosite.scene.formats.hdf5_file import numbers, opened
+from photosite.scene.temporary import TemporaryFolder
 from photosite.scene.units import Units
 
 Array = NDArray[np.float64]
@@ -57,8 +57,12 @@ def variables_of(path: Path) -> Iterator[Variables]:
         with opened(path) as (_, datasets):
             yield _Version73(path, datasets)
         return
-    folder = tempfile.TemporaryDirectory(prefix="photosite-mat-")
-    yield _Version5(path, load_mat(path, Path(folder.name)), folder)
+    folder = TemporaryFolder("photosite-mat-")
+    try:
+        yield _Version5(path, load_mat(path, folder.path), folder)
+    except BaseException:
+        folder.close()
+        raise
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -67,7 +71,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 class _Version5:
-    def __init__(self, path: Path, content: dict[str, Any], folder: tempfile.TemporaryDirectory[str]) -> None:
+    def __init__(self, path: Path, content: dict[str, Any], folder: TemporaryFolder) -> None:
         self._path, self._folder = path, folder
         self._values = dict(_flat("", content))
 

@@ -158,9 +158,9 @@ def read_native(path: Path, file: Any, datasets: dict[str, Any], said: ReadOptio
             patches="patches" in attributes,
             **spectra,
         )
+        return said.applied_to(scene)
     except InputError as error:
         raise FileError(path, str(error)) from None
-    return said.applied_to(scene)
 
 
 def _weights(path: Path, data: Any) -> NDArray[np.float32]:

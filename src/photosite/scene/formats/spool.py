@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.scene.temporary import TemporaryFolder
 
 Piece = tuple[int, int, NDArray[Any]]
 """First band, first row, and (bands, rows, cols) values."""
@@ -19,7 +20,7 @@ Piece = tuple[int, int, NDArray[Any]]
 
 def spooled(
     path: Path, pieces: Iterable[Piece], shape: tuple[int, int, int], dtype: np.dtype[Any]
-) -> tuple[Path, tempfile.TemporaryDirectory[str]]:
+) -> tuple[Path, TemporaryFolder]:
     """Write pieces of a cube (rows, cols, bands) into a file of plain numbers.
 
     Parameters
@@ -43,19 +44,23 @@ def spooled(
     """
     rows, cols, bands = shape
     size = rows * cols * bands * dtype.itemsize
-    folder = tempfile.TemporaryDirectory(prefix="photosite-cube-")
-    free = shutil.disk_usage(folder.name).free
-    if size > free:
-        raise FileError(
-            path,
-            f"is not stored by rows and would be laid out anew in {size / 1e9:.1f} GB; {tempfile.gettempdir()} has "
-            f"{free / 1e9:.1f} GB free: set TMPDIR to a larger disk, or store it in chunks of rows",
-        )
-    file = Path(folder.name) / "cube"
-    with file.open("wb") as stream:
-        for band, row, values in pieces:
-            for k, plane in enumerate(values):
-                stream.seek(((band + k) * rows + row) * cols * dtype.itemsize)
-                stream.write(np.ascontiguousarray(plane, dtype).data)
-        stream.truncate(size)
+    folder = TemporaryFolder("photosite-cube-")
+    try:
+        free = shutil.disk_usage(folder.path).free
+        if size > free:
+            raise FileError(
+                path,
+                f"is not stored by rows and would be laid out anew in {size / 1e9:.1f} GB; {tempfile.gettempdir()} has "
+                f"{free / 1e9:.1f} GB free: set TMPDIR to a larger disk, or store it in chunks of rows",
+            )
+        file = folder.path / "cube"
+        with file.open("wb") as stream:
+            for band, row, values in pieces:
+                for k, plane in enumerate(values):
+                    stream.seek(((band + k) * rows + row) * cols * dtype.itemsize)
+                    stream.write(np.ascontiguousarray(plane, dtype).data)
+            stream.truncate(size)
+    except BaseException:
+        folder.close()
+        raise
     return file, folder

@@ -27,6 +27,7 @@ from photosite.scene.formats.picture import is_tiff_picture, read_tiff_page
 from photosite.scene.formats.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.units import Units
 
 _BLACK_IS_ZERO = 1
 """Photometric interpretation of bands, and of grey pictures."""
@@ -95,7 +96,7 @@ def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
     values = told.get("wavelength_nm")
     if values is None and len(pages) == shape[2]:
         values = _by_page(pages)
-    units = stated_units(path, said, told.get("units"))
+    units = _units(path, said, told.get("units"))
     return RawCube(
         name=str(path),
         shape=shape,
@@ -173,14 +174,33 @@ def _check_there(path: Path, page: Any, size: int) -> None:
         raise FileError(path, f"is truncated: page {page.index + 1} lies beyond its end")
 
 
+def _units(path: Path, said: ReadOptions, stated: str | None) -> Units:
+    try:
+        return stated_units(path, said, stated)
+    except FileError as error:
+        beside = path.with_suffix(".json")
+        if stated is not None or not beside.is_file():
+            raise
+        raise FileError(path, f"{error.message} ({beside.name} beside it does not say them either)") from None
+
+
 def _told(path: Path, page: Any, bands: int) -> dict[str, Any]:
-    """What JSON in the description, or in a file beside this one, says."""
-    beside = path.with_suffix(".json")
-    text, where = (page.description or "", path)
+    """What JSON in the description, or in a file beside this one, says; that file counts where both say something."""
+    own, beside = (page.description or "").lstrip(), path.with_suffix(".json")
+    told: dict[str, Any] = {}
+    if own.startswith("{"):
+        try:
+            told = _described(path, own, bands)
+        except FileError:
+            if not beside.is_file():  # which may be there to mend it
+                raise
     if beside.is_file():
-        text, where = beside.read_text(encoding="utf-8", errors="replace"), beside
-    elif not text.lstrip().startswith("{"):
-        return {}
+        told |= _described(beside, beside.read_text(encoding="utf-8", errors="replace"), bands)
+    return told
+
+
+def _described(where: Path, text: str, bands: int) -> dict[str, Any]:
+    """What a text of JSON says of a cube."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
