@@ -79,6 +79,14 @@ def test_a_tiff_is_what_a_png_is(tmp_path: Path, mode: str) -> None:
     np.testing.assert_allclose(scenes[1].weights, scenes[0].weights, atol=1e-7)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_tiff_whose_white_is_zero(tmp_path: Path, dtype: type[np.unsignedinteger]) -> None:
+    grey = CODES[:, :, 0].astype(dtype)
+    tifffile.imwrite(tmp_path / "a.tif", np.iinfo(dtype).max - grey, photometric="miniswhite")
+    wanted = from_srgb(np.repeat(grey[:, :, None], 3, axis=2))
+    np.testing.assert_array_equal(read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights, wanted.weights)
+
+
 def test_a_tiff_one_sees_through(tmp_path: Path) -> None:
     for codes, kind in ((np.dstack([CODES, CODES[:, :, :1]]), "rgb"), (CODES[:, :, :2], "minisblack")):
         tifffile.imwrite(tmp_path / "a.tif", codes, photometric=kind, extrasamples=["unassalpha"])
@@ -197,9 +205,17 @@ def test_pictures_too_large_for_their_files(tmp_path: Path) -> None:
         check_size(file, 70_000, 60_000)
 
 
-def test_an_empty_picture_says_so(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(b"")
-    with pytest.raises(FileError, match="is empty"):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"\x89PNG\r\n\x1a\n", "truncated: it ends after 8 bytes"),
+        (b"hello", "neither PNG's nor JPEG's"),
+    ],
+)
+def test_files_that_are_no_pictures(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(FileError, match=message):
         read_scene(tmp_path / "a.png", mean_luminance_cd_m2=1)
 
 

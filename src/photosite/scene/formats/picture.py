@@ -16,15 +16,20 @@ from photosite.errors import FileError, InputError, PhotositeError
 from photosite.png_file import PngFile
 from photosite.scene.formats.icc import RgbSpace
 from photosite.scene.formats.picture_space import space_of_picture, space_of_tiff
-from photosite.scene.formats.pillow import opened
+from photosite.scene.formats.pillow import opened, starts_as_png
 from photosite.scene.formats.png16 import read_deep_png
 from photosite.scene.options import ReadOptions
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 
 _ORIENTATION = 0x0112
-_GREY, _RGB, _PALETTE, _APART = 1, 2, 3, 2
-"""Photometric interpretations of TIFF: black is 0, three colours, their numbers; and planes that lie apart."""
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
+"""Photometric interpretations of TIFF."""
+_GREYS = (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
+_OPACITY = (1, 2)
+"""Kinds of extra samples, associated or not."""
+_APART = 2
+"""Planar configuration of planes that follow each other."""
 _TIFF_COLORS = {2: "RGB", 3: "of a palette", 5: "CMYK", 6: "YCbCr", 8: "Lab", 9: "Lab (ICC)", 10: "Lab (ITU)"}
 _MOST_SAMPLES = 4
 _TRANSPARENT = "is transparent in places; flatten the picture to red, green and blue"
@@ -49,11 +54,11 @@ def read(path: Path, said: ReadOptions) -> Scene:
     FileError
         If it is damaged, its colours are in a space or a form that is not known, or nobody says how bright it is.
     """
-    from PIL import ImageOps
+    from PIL import ImageOps, UnidentifiedImageError
 
     try:
+        png = _checked_png(path) if starts_as_png(path) else None
         with opened(path) as picture:
-            png = _checked_png(path) if picture.format == "PNG" else None
             space = space_of_picture(path, picture, png)
             if png is not None and png.header.bits == 16:
                 values = _deep_values(png, picture.getexif().get(_ORIENTATION))
@@ -61,6 +66,8 @@ def read(path: Path, said: ReadOptions) -> Scene:
                 values = _values(path, ImageOps.exif_transpose(picture))
     except PhotositeError:
         raise
+    except UnidentifiedImageError:
+        raise FileError(path, "is no picture: its first bytes are neither PNG's nor JPEG's") from None
     except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(path, f"cannot be read as a picture ({reason[:200]}); is it truncated?") from None
@@ -72,6 +79,13 @@ def is_tiff_picture(page: Any) -> bool:
     return int(page.photometric) in _TIFF_COLORS and page.samplesperpixel <= _MOST_SAMPLES
 
 
+def is_grey_tiff(page: Any) -> bool:
+    """Whether a page could be a grey picture: 8 or 16 bits, and opacity at most beside it."""
+    extra = tuple(int(kind) for kind in page.extrasamples)
+    alone = page.samplesperpixel == 1 + len(extra) <= 2 and all(kind in _OPACITY for kind in extra)
+    return int(page.photometric) in _GREYS and alone and page.dtype in (np.uint8, np.uint16)
+
+
 def read_tiff_page(path: Path, page: Any, said: ReadOptions) -> Scene:
     """The scene of a TIFF file's page in colours or in grey, as tifffile has it.
 
@@ -81,7 +95,7 @@ def read_tiff_page(path: Path, page: Any, said: ReadOptions) -> Scene:
         As for `read`.
     """
     form = int(page.photometric)
-    if form not in (_GREY, _RGB, _PALETTE):
+    if form not in (*_GREYS, _RGB, _PALETTE):
         raise FileError(
             path, f"has colours in the form {_TIFF_COLORS.get(form, form)}; save the picture as red, green and blue"
         )
@@ -102,6 +116,8 @@ def read_tiff_page(path: Path, page: Any, said: ReadOptions) -> Scene:
         raise FileError(path, _TRANSPARENT)
     if form == _PALETTE:
         colors = np.moveaxis(_palette(page)[:, colors[:, :, 0]], 0, 2)
+    if form == _WHITE_IS_ZERO:
+        colors = np.iinfo(values.dtype).max - colors
     turn = _TURNED.get(page.tags[_ORIENTATION].value if _ORIENTATION in page.tags else 1)
     turned = colors if turn is None else turn(colors)
     return _scene(path, np.broadcast_to(turned, (*turned.shape[:2], 3)), space, said)

@@ -39,14 +39,33 @@ def opened(path: Path) -> Iterator[Any]:
         b"II*\0": TiffImagePlugin.TiffImageFile,
         b"MM\0*": TiffImagePlugin.TiffImageFile,
     }
-    with path.open("rb") as file:
-        head = file.read(len(SIGNATURE))
-    if not head:
-        raise FileError(path, "is empty")
+    head = _head(path)
     kind = next((kind for start, kind in kinds.items() if head.startswith(start)), Image.open)
     with kind(path) as picture:
         check_size(path, picture.height, picture.width)
         yield picture
+
+
+def starts_as_png(path: Path) -> bool:
+    """Whether a file's first bytes are those of PNG.
+
+    Raises
+    ------
+    FileError
+        If it is empty or cannot be read.
+    """
+    return _head(path) == SIGNATURE
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(SIGNATURE))
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise FileError(path, "is empty")
+    return head
 
 
 def check_size(path: Path, rows: int, cols: int) -> None:

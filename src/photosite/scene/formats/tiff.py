@@ -23,16 +23,11 @@ from photosite.errors import FileError, PhotositeError
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, RawCube, SpectralCube, cube_of_scene
 from photosite.scene.formats.hdf5_cube import stated_units
-from photosite.scene.formats.picture import is_tiff_picture, read_tiff_page
+from photosite.scene.formats.picture import is_grey_tiff, is_tiff_picture, read_tiff_page
 from photosite.scene.formats.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.units import Units
-
-_BLACK_IS_ZERO = 1
-"""Photometric interpretation of bands, and of grey pictures."""
-_OPACITY = (1, 2)
-"""Kinds of extra samples."""
 
 _STRIP_BYTES = 4 << 20
 _DENSEST = 2000
@@ -114,12 +109,8 @@ def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
 
 def _is_grey_picture(path: Path, page: Any, said: ReadOptions) -> bool:
     """Whether a lone page of grey is one, and no band: nobody says what a band is to be."""
-    extra = tuple(int(kind) for kind in page.extrasamples)
-    grey = int(page.photometric) == _BLACK_IS_ZERO and page.samplesperpixel == 1 + len(extra) <= 2
-    if not grey or any(kind not in _OPACITY for kind in extra) or page.dtype not in (np.uint8, np.uint16):
-        return False
-    unsaid = said.units is None and said.wavelength_nm is None
-    return unsaid and not _told(path, page, 1 + len(extra)) and _by_page([page]) is None
+    unsaid = said.units is None and said.wavelength_nm is None and is_grey_tiff(page)
+    return unsaid and not _told(path, page, int(page.samplesperpixel)) and _by_page([page]) is None
 
 
 def _stack(
