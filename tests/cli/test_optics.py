@@ -111,9 +111,47 @@ def test_a_lens_that_differs_over_the_field_is_looked_at_on_its_axis() -> None:
     x = np.arange(-12, 13) * 0.5
     psf = np.stack([np.exp(-(x[:, None] ** 2 + x**2) / 2 / s**2) for s in (1.0, 1.4)])[:, None]
     design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]), rank=2)
-    f, along_rows, along_columns = zip(*_mtf(ps.Lens(ps.DiffractionLimited(2.8, 50), design), 2.0, 550.0), strict=True)
+    spread = ps.Lens(ps.DiffractionLimited(2.8, 50), design).spread(2.0)
+    f, along_rows, along_columns = zip(*_mtf(spread, 550.0), strict=True)
     expected = np.exp(-2 * (np.pi * 1e-3 * np.array(f)) ** 2)
     np.testing.assert_allclose([along_rows, along_columns], [expected, expected], atol=1e-4)
+
+
+def test_a_lens_design_is_told_over_its_field(photosite: Any, tmp_path: Path) -> None:
+    """Gaussians: round on the axis, at the edge 1.6 um along the radius and 0.9 um across it (1 sigma)."""
+    x, sigmas = np.arange(-20, 21) * 0.5, ((1.0, 1.0), (0.9, 1.6))
+    psf = np.stack([np.exp(-((x[:, None] / down) ** 2 + (x / right) ** 2) / 2) for down, right in sigmas])
+    waves, heights = np.array([450.0, 650.0]), np.array([0.0, 8.0])
+    for field_y, field_x in ((heights, 0 * heights), (0 * heights, -heights)):  # turned so that it comes to the right
+        turned = psf.transpose(0, 2, 1) if field_y.any() else psf
+        both = np.stack([turned, turned], axis=1)
+        design = LensDesign(waves, both, 0.5, field_y, field_x, tolerance=1e-6, detail_um=2.0)
+        ps.Lens(ps.DiffractionLimited(2.8, 50), design).save(tmp_path / "d.yaml")
+        told = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
+        assert (told["wavelength_nm"], told["field_unit"], told["spacing_um"]) == ([450, 650], "mm", 0.5)
+        np.testing.assert_array_equal(told["field_xy"], np.stack([field_x, field_y], 1))
+        assert told["relative_error"] <= 1e-6
+        assert told["modes"] > 2
+        assert [at["height_mm"] for at in told["mtf_over_field"]] == pytest.approx([4, 5.6, 8])
+        edge = told["mtf_over_field"][-1]
+        f = np.array(edge["frequency_per_mm"]) * 1e-3
+        np.testing.assert_allclose(edge["tangential"], np.exp(-2 * (np.pi * f * 1.6) ** 2), atol=1e-3)
+        np.testing.assert_allclose(edge["sagittal"], np.exp(-2 * (np.pi * f * 0.9) ** 2), atol=1e-3)
+    said = photosite("optics", "check", tmp_path / "d.yaml").out
+    assert "2 wavelengths, 450, 650 nm; 2 field points along a radius to 8 mm; 41 x 41 samples 0.5 um apart" in said
+    assert f"{told['modes']} modes, RMS error of their sum 0.00%, seen by pixels of 2 um" in said
+    assert "8 mm T" in said
+
+
+def test_one_field_point_has_no_field(photosite: Any, tmp_path: Path) -> None:
+    x = np.arange(-12, 13) * 0.5
+    psf = np.exp(-(x[:, None] ** 2 + x**2) / 2)[None, None]
+    design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(1), np.zeros(1))
+    ps.Lens(ps.DiffractionLimited(2.8, 50), design).save(tmp_path / "d.yaml")
+    told = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
+    assert (told["modes"], told["relative_error"], told["mtf_over_field"]) == (1, 0, [])
+    said = photosite("optics", "check", tmp_path / "d.yaml").out
+    assert "1 wavelength, 550 nm; 1 field point along a radius to 0 mm" in said
 
 
 def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
@@ -126,4 +164,6 @@ def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
             file.write_text(FILE, encoding="utf-8")
             refused = photosite("optics", "check", file, option, value)
             assert (refused.status, refused.out, refused.err.count("\n")) == (2, "", 1)
+    refused = photosite("optics", "check", file, "--wavelength", "nan")
+    assert "--wavelength is a number in nm, above 0, not nan" in refused.err
     assert "did you mean 'check'" in photosite("optics", "chek", file).err

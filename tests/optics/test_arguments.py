@@ -116,3 +116,11 @@ def test_depth_of_focus_is_said_with_the_refusal() -> None:
     with pytest.raises(InputError, match=r"focus, here from 289\.9 m on, and this object at 1\.2 m is 60 waves out"):
         far.spread(1.2)  # (50 mm / 2.8)^2 / 8 / 550 nm / 0.25 = 289.9 m
     far.spread(290.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["Distortion", "FieldPoints", "IlluminationTable", "LateralColor", "VeilingGlare", "read_lens_design"]
+)
+def test_the_parts_of_a_lens_are_on_the_public_face(name: str) -> None:
+    assert getattr(ps, name).__name__ == name
+    assert name in dir(ps)

@@ -10,12 +10,15 @@ import click
 
 from photosite.cli.options import json_option
 from photosite.cli.output import print_json, table
-from photosite.errors import did_you_mean
+from photosite.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from photosite.optics.compound import Lens
 
 _FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
+_SHARES_OF_FIELD = (0.5, 0.7, 1.0)
+_OF_FIELD = ("frequency_per_mm", "tangential", "sagittal")
+"""Right of the axis the radius lies along the rows."""
 
 
 class _Subcommands(click.Group):
@@ -49,31 +52,43 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
     FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/optics.md).
 
     Prints what it holds, and the contrast (MTF) on the axis at a few frequencies on the sensor, along rows and columns.
+    Of lens-design point spreads also wavelengths, field points, modes, the error of their sum, and the MTF of points
+    right of the axis: tangential, for detail along the radius, and sagittal.
 
     Example: photosite optics check mine.optics.yaml --distance 2
     """
     from photosite.optics.file import load_optics
     from photosite.optics.lens import camera_wavelengths
 
+    if not 0 < wavelength_nm < math.inf:
+        raise InputError(f"--wavelength is a number in nm, above 0, not {wavelength_nm}")
     camera_wavelengths([wavelength_nm])
     lens = load_optics(file)
     if distance_m is None:
         distance_m = math.inf if lens.focus_distance_m is None else lens.focus_distance_m
     facts = {"file": str(file), **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
-    mtf = _mtf(lens, distance_m, wavelength_nm)
+    spread = lens.spread(distance_m)
+    mtf = _mtf(spread, wavelength_nm)
+    design = _design(lens, spread, wavelength_nm)
     if as_json:
         names = ("frequency_per_mm", "along_rows", "along_columns")
         columns = {name: list(column) for name, column in zip(names, zip(*mtf, strict=True), strict=True)}
-        print_json({**facts, "mtf": {"wavelength_nm": wavelength_nm, **columns}})
+        more = {} if design is None else {"lens_design": design}
+        print_json({**facts, **more, "mtf": {"wavelength_nm": wavelength_nm, **columns}})
         return
     click.echo(
         f"{file}: describes {facts['name'] or 'a lens'}: f/{facts['f_number']:g}, {facts['focal_length_mm']:g} mm; "
         f"blur: {facts['blur']}; holds: {', '.join(facts['holds']) or 'nothing else'}"
     )
+    if design is not None:
+        click.echo(_design_in_words(design))
     where = f"an object at {distance_m:g} m" if math.isfinite(distance_m) else "an object at infinity"
     click.echo(f"\nMTF on the axis at {wavelength_nm:g} nm, {where}:\n")
     heading = ("cycles/mm", "along rows", "along columns")
     click.echo(table([heading, *((f"{f:g}", f"{x:.3f}", f"{y:.3f}") for f, x, y in mtf)], ">>>"))
+    if design is not None and design["mtf_over_field"]:
+        click.echo("\nMTF to the right of the axis, tangential and sagittal:\n")
+        click.echo(_field_table(design["mtf_over_field"]))
 
 
 def _facts(lens: Lens) -> dict[str, Any]:
@@ -102,13 +117,72 @@ _KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensD
 """As the files call them."""
 
 
-def _mtf(lens: Lens, distance_m: float, wavelength_nm: float) -> list[tuple[float, float, float]]:
-    """Frequency per mm, contrast along rows and along columns; on the axis."""
+def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | None:
+    """What there is to say of lens-design point spreads; None of other lenses."""
+    import numpy as np
+
+    from photosite.optics.lens_design import LensDesign
+    from photosite.optics.spread import FieldSpread
+
+    if not isinstance(design := lens.blur, LensDesign):
+        return None
+    over_field = []
+    if isinstance(spread, FieldSpread):
+        farthest_m = float(spread.x_m[-1])
+        for share in _SHARES_OF_FIELD if farthest_m > 0 else ():
+            found = _mtf(spread, wavelength_nm, share * farthest_m)
+            columns = {name: [row[k] for row in found] for k, name in enumerate(_OF_FIELD)}
+            over_field.append({"height_mm": share * farthest_m * 1e3, **columns})
+    field = np.stack([design.field_x, design.field_y], axis=1)
+    return {
+        "wavelength_nm": design.wavelength_nm.tolist(),
+        "field_xy": field.tolist(),
+        "field_unit": design.unit,
+        "spacing_um": float(design.spacing_um),
+        "samples": int(design.psf.shape[-1]),
+        "symmetric": bool(design.symmetric),
+        "modes": len(spread.modes) if isinstance(spread, FieldSpread) else 1,
+        "relative_error": spread.relative_error if isinstance(spread, FieldSpread) else 0.0,
+        "detail_um": design.detail_um,
+        "mtf_over_field": over_field,
+    }
+
+
+def _design_in_words(told: dict[str, Any]) -> str:
+    waves, field, unit = told["wavelength_nm"], told["field_xy"], told["field_unit"]
+    farthest = max(math.hypot(x, y) for x, y in field)
+    seen = "" if told["detail_um"] is None else f", seen by pixels of {told['detail_um']:g} um"
+    kind = "along a radius" if told["symmetric"] else "on a grid"
+    samples, spacing = told["samples"], told["spacing_um"]
+    return (
+        f"point spreads: {_many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
+        f"{_many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; {samples} x {samples} samples "
+        f"{spacing:g} um apart; {_many(told['modes'], 'mode')}, RMS error of their sum {told['relative_error']:.2%}{seen}"
+    )
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def _field_table(over_field: list[dict[str, Any]]) -> str:
+    """A column for each height, tangential and sagittal one after the other."""
+    heading = ["cycles/mm"]
+    for at in over_field:
+        heading += [f"{at['height_mm']:.3g} mm T", "S"]
+    rows = [heading]
+    for k, frequency in enumerate(_FREQUENCIES_PER_MM):
+        values = [at[name][k] for at in over_field for name in ("tangential", "sagittal")]
+        rows.append([f"{frequency:g}", *(f"{value:.3f}" for value in values)])
+    return table(rows, ">" * len(heading))
+
+
+def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[float, float, float]]:
+    """Frequency per mm, contrast along rows and along columns; on the axis, or to the right of it."""
     import numpy as np
 
     from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread
 
-    spread = lens.spread(distance_m)
     f = np.array(_FREQUENCIES_PER_MM) * 1e3
     none = np.zeros(f.size)
 
@@ -124,16 +198,17 @@ def _mtf(lens: Lens, distance_m: float, wavelength_nm: float) -> list[tuple[floa
         both = np.stack([spread.otf(f, wavelength_nm)] * 2)
     elif isinstance(spread, FieldSpread):
         both = sum(
-            _on_axis(spread, weights) * plane(mode) for weights, mode in zip(spread.weights, spread.modes, strict=True)
+            _weight(spread, weights, right_m) * plane(mode)
+            for weights, mode in zip(spread.weights, spread.modes, strict=True)
         )
     else:
         both = plane(spread)
     return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, *np.abs(both), strict=True)]
 
 
-def _on_axis(spread: Any, weights: Any) -> float:
-    """A mode's weight at the middle of the field, linear between nodes."""
+def _weight(spread: Any, weights: Any, right_m: float) -> float:
+    """A mode's weight on the axis, or to the right of it, linear between nodes."""
     import numpy as np
 
-    along = [np.interp(0.0, spread.x_m, row) for row in weights]
+    along = [np.interp(right_m, spread.x_m, row) for row in weights]
     return float(np.interp(0.0, spread.y_m, along))
