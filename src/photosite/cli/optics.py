@@ -153,11 +153,12 @@ def _design_in_words(told: dict[str, Any]) -> str:
     farthest = max(math.hypot(x, y) for x, y in field)
     seen = "" if told["detail_um"] is None else f", seen by pixels of {told['detail_um']:g} um"
     kind = "along a radius" if told["symmetric"] else "on a grid"
-    samples, spacing = told["samples"], told["spacing_um"]
+    wide, spacing, error = told["samples"], told["spacing_um"], told["relative_error"]
     return (
         f"point spreads: {_many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
-        f"{_many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; {samples} x {samples} samples "
-        f"{spacing:g} um apart; {_many(told['modes'], 'mode')}, RMS error of their sum {told['relative_error']:.2%}{seen}"
+        f"{_many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; "
+        f"{wide} x {wide} samples {spacing:g} um apart; "
+        f"{_many(told['modes'], 'mode')}, RMS error of their sum {error:.2%}{seen}"
     )
 
 
