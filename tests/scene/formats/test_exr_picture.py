@@ -113,3 +113,9 @@ def test_primaries_that_make_no_colours(tmp_path: Path) -> None:
         file = picture(tmp_path / "a.exr", np.ones((2, 2, 3)), chromaticities=said, whiteLuminance=1.0)
         with pytest.raises(FileError, match=r"primaries .*mend its head"):
             read_scene(file)
+
+
+def test_luminance_alone_is_no_band(tmp_path: Path) -> None:
+    OpenEXR.File({}, {"Y": np.ones((3, 4), np.float32)}).write(str(tmp_path / "y.exr"))
+    with pytest.raises(FileError, match=r"is a picture of luminance \('Y'\); save it as R, G and B"):
+        read_scene(tmp_path / "y.exr", mean_luminance_cd_m2=1)

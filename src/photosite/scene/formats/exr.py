@@ -78,6 +78,8 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
             return _unnamed(part, options)
         if (names := colour_channels(part.channels)) is not None:
             return picture_scene(part, names, options)
+    if {"Y", "RY", "BY"} & set(parts[0].channels):
+        raise FileError(path, f"is a picture of luminance ({_some(parts[0].channels)}); save it as R, G and B")
     raise FileError(
         path,
         f"has neither spectral channels ('S0.550,000000nm') nor R, G and B, but {_some(parts[0].channels)}; name them "
