@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 
 _OPTIONS = (
     (r"\bwavelength_nm=\[\.\.\.\]", "--wavelengths 400:700:10"),
@@ -63,10 +65,23 @@ def in_options(message: str, *, own: bool = False) -> str:
 
 @contextmanager
 def told_in_options(*, own: bool = False) -> Iterator[None]:
-    """Errors from inside advise the command's options (`in_options`)."""
+    """Errors and warnings from inside advise the command's options (`in_options`)."""
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = _translating(warnings.showwarning, own)
+            yield
     except FileError as error:
         raise FileError(error.path, in_options(error.message, own=own), error.line) from None
     except InputError as error:
         raise InputError(in_options(str(error), own=own)) from None
+
+
+def _translating(show: Callable[..., None], own: bool) -> Callable[..., None]:
+    """What shows warnings, with photosite's in the command's words."""
+
+    def shown(message: Warning | str, *place: Any, **more: Any) -> None:
+        if isinstance(message, PhotositeWarning):
+            message = PhotositeWarning(in_options(str(message), own=own))
+        show(message, *place, **more)
+
+    return shown
