@@ -54,6 +54,12 @@ ANY: Any = DiffractionLimited
         (lambda: FieldPoints(height_mm="7"), "height_mm is a list of numbers, not '7'"),  # type: ignore[arg-type]
         (lambda: FieldPoints(angle_deg=[]), "angle_deg is empty"),  # type: ignore[arg-type]
         (lambda: IlluminationTable(HEIGHTS, np.array([1, np.inf, 1])), "finite numbers; number 2 is inf"),
+        (lambda: ANY(2.8, 50, np.ones(2)), "DiffractionLimited: transmittance is a number or a Spectrum, not array"),
+        (lambda: FieldPoints(height_mm=[[0], [1, 2]]), "height_mm is a list of numbers, not"),  # type: ignore[arg-type]
+        (lambda: ps.PsfTable(["a"], [SPOT], 0.5), "wavelengths are a list of positive numbers in nm, not"),  # type: ignore[arg-type]
+        (lambda: ps.PsfTable([550], [SPOT * 1j], 0.5), "samples is a list of numbers, not"),  # type: ignore[arg-type]
+        (lambda: ps.PsfTable([550], np.zeros((1, 0, 0)), 0.5), "a point spread has samples; these are none"),  # type: ignore[arg-type]
+        (lambda: ps.PsfTable([550], [SPOT], "0.5"), "PsfTable: spacing_um is a number, not '0.5'"),  # type: ignore[arg-type]
         (lambda: LensDesign(np.array([550.0]), [[SPOT]], "0.5", [0], [0]), "LensDesign: spacing_um is a number"),  # type: ignore[arg-type]
     ],
 )

@@ -30,7 +30,14 @@ def camera_wavelengths(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
     InputError
         If they are no wavelengths of a camera's.
     """
-    grid = wavelength_grid(wavelength_nm)
+    try:
+        grid = wavelength_grid(wavelength_nm)
+    except InputError:
+        raise
+    except (TypeError, ValueError):
+        raise InputError(
+            f"wavelengths are a list of positive numbers in nm, not {' '.join(repr(wavelength_nm).split()):.60}"
+        ) from None
     if grid[0] < _SHORTEST_NM:
         raise InputError(f"a wavelength of {grid[0]:g} nm is none of a camera's: if that is in um, multiply by 1000")
     return grid
@@ -77,13 +84,9 @@ class DiffractionLimited:
 
     def __post_init__(self) -> None:
         check_numbers(self, "f_number", "focal_length_mm")
-        check_kind(
-            "DiffractionLimited",
-            "transmittance",
-            self.transmittance,
-            (Real, np.ndarray, Spectrum),
-            "a number or a Spectrum",
-        )
+        passed = self.transmittance
+        passed = passed.item() if isinstance(passed, np.ndarray) and passed.ndim == 0 else passed
+        check_kind("DiffractionLimited", "transmittance", passed, (Real, Spectrum), "a number or a Spectrum")
         for name in ("f_number", "focal_length_mm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):

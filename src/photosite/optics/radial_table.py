@@ -104,9 +104,12 @@ def numbers(name: str, values: ArrayLike | None) -> Array:
     InputError
         If it is none.
     """
-    array = np.asarray(values) if values is not None else np.array("none")
+    try:
+        array = np.asarray(values) if values is not None else np.array("none")
+    except (TypeError, ValueError):  # lists whose lengths differ
+        array = np.array("ragged")
     if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} is a list of numbers, not {values!r:.60}")
+        raise InputError(f"{name} is a list of numbers, not {' '.join(repr(values).split()):.60}")
     return np.atleast_1d(array.astype(np.float64))
 
 

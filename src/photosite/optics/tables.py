@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.arguments import check_numbers
 from photosite.optics.lens import DiffractionLimited, camera_wavelengths
+from photosite.optics.radial_table import numbers
 from photosite.optics.sampled import check_spacing, light_radius, transfer
 from photosite.optics.spread import PlaneSpread, RadialSpread
 
@@ -244,7 +246,10 @@ class PsfTable:
 
     def __post_init__(self) -> None:
         grid = camera_wavelengths(self.wavelength_nm)
-        samples = np.array(self.samples, dtype=np.float64)
+        check_numbers(self, *(["spacing_um"] if self.spacing_um is not None else []))
+        samples = numbers("samples", self.samples)
+        if not samples.size:
+            raise InputError("a point spread has samples; these are none")
         if samples.ndim != 3 or samples.shape[0] != grid.size or samples.shape[1] != samples.shape[2]:
             raise InputError(
                 f"samples of point spreads are (wavelengths, n, n), square, with {grid.size} wavelengths here, not "

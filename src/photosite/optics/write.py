@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -101,7 +102,8 @@ def write_optics(
             write(folder / name)
         (folder / file.name).write_text(text, encoding="utf-8")
     for name in before - set(sides):
-        file.with_name(name).unlink(missing_ok=True)
+        with suppress(OSError):  # a table that is no longer named does no harm
+            file.with_name(name).unlink()
 
 
 def _sides_of(file: Path) -> set[str]:

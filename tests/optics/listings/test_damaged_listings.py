@@ -204,6 +204,8 @@ def test_a_unit_that_is_none_gives_file_and_line(tmp_path: Path) -> None:
         zemax.read_distortion(file)
 
 
-@pytest.mark.parametrize("line", ["", "   ", "-----", "====", "Page 3 of these", "Wavelength: 0.55", "(deg) (mm)"])
+@pytest.mark.parametrize(
+    "line", ["", "   ", "-----", "====", "Page 3 of these", "10:23:45", "12/5/2026", "Wavelength: 0.55", "(deg) (mm)"]
+)
 def test_what_is_text(line: str) -> None:
     assert table_row(line, 4, Path("a.txt"), 1) is None

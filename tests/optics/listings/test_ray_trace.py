@@ -240,6 +240,9 @@ def test_sections_of_an_optics_file_name_the_set(tmp_path: Path) -> None:
         lens.lateral_color.shift_um[:, -1], 1e3 * (tables()["DI"][-1] - real_mm(550)[-1]), atol=1e-3
     )
     assert lens.illumination is not None
+    file.write_text(file.read_text().replace("nm: 550", "nm: 0.55"))
+    with pytest.raises(FileError, match=r"has no distortion at 0\.55 nm; it has 450 to 650 nm"):
+        load_optics(file)
     flipped = read_lens_design(tmp_path / "set", first_row="bottom")
     np.testing.assert_allclose(flipped.psf[-1, 1], lens.blur.psf[-1, 1][::-1], atol=1e-3 * lens.blur.psf[-1, 1].max())
 

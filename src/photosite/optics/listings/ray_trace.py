@@ -185,13 +185,16 @@ class RayTrace:
         Parameters
         ----------
         wavelength_nm
-            None: the design's reference wavelength. Between the set's wavelengths linear, beyond them the nearest.
+            None: the design's reference wavelength. Between the set's wavelengths linear.
 
         Raises
         ------
         FileError
-            If the heights cannot be.
+            If the heights cannot be, or the wavelength is not within the set's.
         """
+        first, last = self.wavelength_nm[[0, -1]]
+        if wavelength_nm is not None and not first - _SAME_NM <= wavelength_nm <= last + _SAME_NM:
+            raise FileError(self.path, f"has no distortion at {wavelength_nm:g} nm; it has {first:g} to {last:g} nm")
         own = self._at(self.real_mm, wavelength_nm)
         try:
             distortion = Distortion.from_real_heights(FieldPoints(height_mm=self.ideal_mm), own, 1.0)

@@ -24,7 +24,8 @@ LARGEST_BYTES = 1 << 27
 NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?"
 """With a decimal point or comma; a comma and a blank separate two numbers."""
 
-_WORD = re.compile(r"[^\W\d_]{2}")
+_WORD = re.compile(r"[^\W\d_]{2}|^\d+(?:[:/.-]\d+){2,}$")
+"""Two letters, a date or a time."""
 _NO_NUMBER = re.compile(r"^[-+]?(?:nan|inf(?:inity)?)$|#", re.IGNORECASE)
 """What programs write for a number that is none: NaN, Infinity, 1.#IND."""
 
