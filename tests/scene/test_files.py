@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 import photosite as ps
@@ -278,6 +279,23 @@ def test_two_luminances_are_refused(tmp_path: Path) -> None:
     for scene in (asked, SceneRequest("uniform", mean_luminance_cd_m2=1e300)):
         with pytest.raises(InputError, match=r"at most 1e\+20, not 1e\+300|said twice"):
             scene.scene()
+
+
+def test_what_is_said_twice_and_the_same_is_no_contradiction(tmp_path: Path) -> None:
+    stack = np.ones((3, 4, 5), np.float32)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack", metadata=None)
+    grid = [500, 600, 700]
+    said: dict[str, Any] = {"wavelength_nm": np.array(grid), "units": "W/sr/m2/nm"}
+    scene = SceneRequest(str(tmp_path / "a.tif"), **said, options={"wavelength_nm": grid}).scene()
+    assert scene.wavelength_nm.tolist() == grid
+    with pytest.raises(InputError, match="wavelength_nm is said twice"):
+        SceneRequest(str(tmp_path / "a.tif"), **said, options={"wavelength_nm": [500, 600, 710]}).scene()
+
+
+def test_a_name_without_ending_leads_to_the_header(tmp_path: Path) -> None:
+    (tmp_path / "numbers").write_bytes(bytes(64))
+    with pytest.raises(FileError, match=r"has no ending \(of an ENVI image, give the \.hdr\); known are"):
+        format_of(tmp_path / "numbers")
 
 
 def test_a_place_in_a_camera_file_is_advised_in_its_words(tmp_path: Path) -> None:

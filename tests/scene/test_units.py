@@ -72,7 +72,17 @@ def test_a_quantity_with_its_unit(text: str, quantity: str, scale: float) -> Non
     assert parse_units(text).scale == pytest.approx(scale)
 
 
-@pytest.mark.parametrize("text", ["radiance (percent)", "reflectance (W/m2/sr/nm)", "reflectance/0", "radiance ()"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "radiance (percent)",
+        "reflectance (W/m2/sr/nm)",
+        "reflectance/0",
+        "reflectance/1e400",
+        "radiance ()",
+        "radiance (" * 3000,
+    ],
+)
 def test_a_quantity_with_another_ones_unit_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="are not understood"):
         parse_units(text)

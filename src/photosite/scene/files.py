@@ -244,7 +244,8 @@ def format_of(path: Path) -> Format:
     if any(_begins(path.with_name(path.name + ending), envi.signatures) for ending in (".hdr", ".HDR")):
         return envi  # its numbers, which need no ending
     names = ", ".join(f"{kind.name} ({kind.suffixes[0]})" for kind in FORMATS)
-    raise FileError(path, f"is no scene's file that is known: its name ends in '{path.suffix}'; known are {names}")
+    ending = f"ends in '{path.suffix}'" if path.suffix else "has no ending (of an ENVI image, give the .hdr)"
+    raise FileError(path, f"is no scene's file that is known: its name {ending}; known are {names}")
 
 
 def _begins(path: Path, signatures: tuple[bytes, ...]) -> bool:

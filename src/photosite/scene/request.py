@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from photosite.errors import FileError, InputError, did_you_mean
@@ -262,7 +263,7 @@ class SceneRequest:
 
         given = {name: value for name, value in said.items() if value is not None}
         for name in given:
-            if name in self.options and self.options[name] != given[name]:
+            if name in self.options and not np.array_equal(self.options[name], given[name]):
                 raise InputError(
                     f"{name} is said twice, {given[name]!s:.40} and {self.options[name]!s:.40}; say it once"
                 )

@@ -24,6 +24,7 @@ _PLAIN = re.compile(r"(?:spectral )?(radiance|reflectance) ?[\[(](.+)[\])]", re.
 _SCALED = re.compile(r"reflectance ?/ ?(\d+(?:\.\d+)?(?:e\+?\d+)?)", re.IGNORECASE)
 _BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
 """Reflectance factors above 2 are sparks and fluorescence, no hundredth of a picture; none is above 10."""
+_LONGEST = 200
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
 
 
@@ -66,6 +67,8 @@ def parse_units(text: str) -> Units:
         If a part is missing or not known.
     """
     plain = " ".join(text.replace("µ", "u").replace("μ", "u").split()).strip()
+    if len(plain) > _LONGEST:
+        raise _unknown(f"{plain[:40]}...", f"they are longer than {_LONGEST} letters")
     match plain.lower():
         case "photons" | "photon radiance" | "quanta":
             return Units("photon radiance")
@@ -75,7 +78,7 @@ def parse_units(text: str) -> Units:
             return Units("reflectance", 0.01)
         case "relative":
             return Units("relative")
-    if (scaled := _SCALED.fullmatch(plain)) and (white := float(scaled[1])) > 0:
+    if (scaled := _SCALED.fullmatch(plain)) and 1e-30 < (white := float(scaled[1])) < 1e30:
         return Units("reflectance", 1 / white)
     if (quantity := _PLAIN.fullmatch(plain)) and (units := parse_units(quantity[2])).quantity.endswith(
         quantity[1].lower()
