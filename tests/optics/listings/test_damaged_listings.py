@@ -159,6 +159,13 @@ def test_a_row_that_cannot_be_read_gives_its_line(kind: str, bad: str, tmp_path:
     assert "\n" not in str(caught.value)
 
 
+def test_a_word_in_the_place_of_a_field_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "listing.txt"
+    file.write_text(RELATIVE.replace("   10.000000", "   ERROR"), encoding="utf-8")
+    with pytest.raises(FileError, match=r":5: 'ERROR' stands where a table has a number"):
+        zemax.read_relative_illumination(file)
+
+
 @pytest.mark.parametrize("kind", READERS)
 def test_headings_and_footers_are_no_rows(kind: str, tmp_path: Path) -> None:
     text, read = READERS[kind]

@@ -205,7 +205,7 @@ def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float
     ([10.0, -0.5], None)
     """
     parts = line.replace("%", " ").split()
-    if _is_text(line, parts):
+    if _is_text(line, parts, columns):
         return None
     for part in parts:
         if not re.fullmatch(NUMBER, part):
@@ -216,13 +216,13 @@ def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float
     return [finite(part, path, at) for part in parts]
 
 
-def _is_text(line: str, parts: list[str]) -> bool:
-    """Whether a line is none of a table's: words outweigh what else it holds, or lead it."""
+def _is_text(line: str, parts: list[str], columns: int | None) -> bool:
+    """Whether a line is none of a table's: words outweigh what else it holds, or lead it where a row is longer."""
     words = [bool(_WORD.search(part)) and not _NO_NUMBER.search(part) for part in parts]
     others = sum(not word and re.search(r"[\w*?#]", part) is not None for word, part in zip(words, parts, strict=True))
     if not others or "=" in line or ":" in line:
         return not others or any(words)
-    return sum(words) > others or (words[0] and sum(words) == others)
+    return sum(words) > others or (words[0] and sum(words) == others and len(parts) != columns)
 
 
 def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
