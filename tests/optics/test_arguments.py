@@ -56,6 +56,11 @@ ANY: Any = DiffractionLimited
         (lambda: IlluminationTable(HEIGHTS, np.array([1, np.inf, 1])), "finite numbers; number 2 is inf"),
         (lambda: ANY(2.8, 50, np.ones(2)), "DiffractionLimited: transmittance is a number or a Spectrum, not array"),
         (lambda: FieldPoints(height_mm=[[0], [1, 2]]), "height_mm is a list of numbers, not"),  # type: ignore[arg-type]
+        (lambda: Distortion.from_percent(HEIGHTS, "2 %"), "percent is a list of numbers, not '2 %'"),
+        (lambda: Distortion.polynomial("0.1"), "Distortion.polynomial: k1 is a number, not '0.1'"),  # type: ignore[arg-type]
+        (lambda: ps.OtfTable([550], [0, 9], [["a", "b"]]), "values is a list of numbers, not"),  # type: ignore[arg-type]
+        (lambda: ps.OtfTable([550], [0, 9], [[1, 0j]]), "values of a radial table are real"),  # type: ignore[arg-type]
+        (lambda: ps.OtfTable([550], ["a", 9], [[1, 0]]), "frequency_per_mm is a list of numbers, not"),  # type: ignore[arg-type]
         (lambda: ps.PsfTable(["a"], [SPOT], 0.5), "wavelengths are a list of positive numbers in nm, not"),  # type: ignore[arg-type]
         (lambda: ps.PsfTable([550], [SPOT * 1j], 0.5), "samples is a list of numbers, not"),  # type: ignore[arg-type]
         (lambda: ps.PsfTable([550], np.zeros((1, 0, 0)), 0.5), "a point spread has samples; these are none"),  # type: ignore[arg-type]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from photosite.errors import InputError
 from photosite.optics.arguments import check_kind
 from photosite.optics.lens import camera_wavelengths
 from photosite.optics.mapping import image_height
-from photosite.optics.radial_table import FieldPoints, check_values, even_curve
+from photosite.optics.radial_table import FieldPoints, check_values, even_curve, numbers
 from photosite.optics.spread import RadialMapping
 
 Array = NDArray[np.float64]
@@ -81,7 +82,7 @@ class Distortion:
     @classmethod
     def from_percent(cls, field: FieldPoints, percent: ArrayLike) -> Distortion:
         """From 100 (real - ideal) / ideal, negative for a barrel, at ideal heights or field angles."""
-        return cls(field, 1 + np.asarray(percent, np.float64) / 100)
+        return cls(field, 1 + numbers("percent", percent) / 100)
 
     @classmethod
     def from_real_heights(cls, field: FieldPoints, real_mm: ArrayLike, image_distance_mm: float) -> Distortion:
@@ -132,6 +133,8 @@ class Distortion:
         Traceback (most recent call last):
         photosite.errors.InputError: the distorted image folds back at 31.33 degrees; k1, k2, k3 hold ...
         """
+        for name, value in (("k1", k1), ("k2", k2), ("k3", k3), ("max_field_deg", max_field_deg)):
+            check_kind("Distortion.polynomial", name, value, Real, "a number")
         if not (all(map(math.isfinite, (k1, k2, k3))) and 0 < max_field_deg < 90):
             raise InputError(
                 f"k1, k2, k3 are finite and max_field_deg between 0 and 90: {k1}, {k2}, {k3}, {max_field_deg}"

@@ -79,6 +79,10 @@ class OtfTable:
         grid = camera_wavelengths(self.wavelength_nm)
         fy = _axis(self.frequency_per_mm, "frequency_per_mm")
         fx = None if self.fx_per_mm is None else _axis(self.fx_per_mm, "fx_per_mm")
+        if np.iscomplexobj(self.values) and fx is None:
+            raise InputError("values of a radial table are real: MTF, or transfer functions that change sign")
+        if not np.iscomplexobj(self.values):
+            numbers("values", self.values)  # refuses what is none
         values: NDArray[Any] = np.array(self.values, dtype=np.float64 if fx is None else np.complex128)
         shape = (grid.size, fy.size) if fx is None else (grid.size, fy.size, fx.size)
         if values.shape != shape:
@@ -284,7 +288,7 @@ class PsfTable:
 
 
 def _axis(values: Array, name: str) -> Array:
-    axis = np.array(values, dtype=np.float64)
+    axis = numbers(name, values)
     if axis.ndim != 1 or axis.size < 2 or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
         raise InputError(f"{name} is a list of 2 or more finite frequencies in cycles/mm, increasing; sort the table")
     return axis
