@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.small_file import read_small
 from photosite.spectra import Spectrum
 
 _LARGEST_BYTES = 1 << 22
@@ -96,16 +97,7 @@ def read_heading(path: str | PathLike[str]) -> tuple[str, ...]:
 
 def _text(file: Path) -> str:
     try:
-        with file.open("rb") as stream:
-            content = stream.read(_LARGEST_BYTES + 1)
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > _LARGEST_BYTES:
-        raise FileError(file, f"is no spectrum: it is larger than {_LARGEST_BYTES >> 20} MiB")
-    try:
-        return content.decode("utf-8-sig")
+        return read_small(file, "a spectrum", _LARGEST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileError(file, "is no spectrum: it is not text in UTF-8") from None
 

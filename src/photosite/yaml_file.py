@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, did_you_mean
+from photosite.small_file import read_small
 
 LARGEST_BYTES = 1 << 22
 """Of a file that is read at all. A protocol that lists 10 000 frames one by one takes an eighth of that."""
@@ -34,15 +35,7 @@ def read_yaml(file: Path, what: str) -> Any:
         If it cannot be read, is not text in UTF-8, or is not YAML; with the line.
     """
     try:
-        with file.open("rb") as stream:
-            content = stream.read(LARGEST_BYTES + 1)
-        if len(content) > LARGEST_BYTES:
-            raise FileError(file, f"is not {what}: it is larger than {LARGEST_BYTES >> 20} MiB")
-        return parse_yaml(content.decode("utf-8"), file)
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
+        return parse_yaml(read_small(file, what, LARGEST_BYTES).decode("utf-8"), file)
     except UnicodeDecodeError:
         raise FileError(file, f"is not {what}: it is not text in UTF-8") from None
 

@@ -21,6 +21,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.frames.read import SUFFIXES, read_raw
 from photosite.mat_file import load_mat
 from photosite.regions import Patch
+from photosite.small_file import read_small
 from photosite.validation.compare import UNITS, PatchValues, Unit
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
 
@@ -175,14 +176,7 @@ def read_csv(path: str | PathLike[str]) -> PatchValues:
 
 
 def _rows(file: Path) -> list[tuple[int, list[str]]]:
-    try:
-        content = file.read_bytes()[: _LARGEST_BYTES + 1]
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > _LARGEST_BYTES:
-        raise FileError(file, f"holds no patch values: it is larger than {_LARGEST_BYTES >> 20} MiB")
+    content = read_small(file, "a table of patch values", _LARGEST_BYTES)
     try:
         reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""))
         return [(reader.line_num, [cell.strip() for cell in row]) for row in reader]

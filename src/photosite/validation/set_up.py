@@ -20,6 +20,7 @@ from photosite.optics.lens import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
+from photosite.small_file import read_small
 from photosite.spectra import Rule
 from photosite.validation.compare import PatchValues, Unit
 
@@ -209,13 +210,7 @@ class _Facts:
 
 def _json(file: Path) -> dict[str, Any]:
     try:
-        if file.stat().st_size > _LARGEST_BYTES:
-            raise FileError(file, f"is no set-up: it is larger than {_LARGEST_BYTES >> 20} MiB")
-        content = json.loads(file.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
+        content = json.loads(read_small(file, "a set-up", _LARGEST_BYTES).decode("utf-8-sig"))
     except json.JSONDecodeError as error:
         raise FileError(file, f"is no JSON: {error.msg}", error.lineno) from None
     except (UnicodeDecodeError, RecursionError, ValueError) as error:

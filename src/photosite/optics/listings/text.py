@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.small_file import read_small
 
 LARGEST_BYTES = 1 << 27
 """Of a listing that is read at all: 2048 x 2048 numbers in UTF-16 take that."""
@@ -76,16 +77,7 @@ def read_text(path: str | PathLike[str], what: str) -> list[str]:
         If the file cannot be read, is too large, or is no text.
     """
     file = Path(path)
-    try:
-        with file.open("rb") as stream:
-            content = stream.read(LARGEST_BYTES + 1)
-    except FileNotFoundError:
-        raise FileError(file, "there is no such file") from None
-    except OSError as error:
-        raise FileError(file, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_BYTES:
-        raise FileError(file, f"is not {what}: it is larger than {LARGEST_BYTES >> 20} MiB")
-    text = _decoded(content)
+    text = _decoded(read_small(file, what, LARGEST_BYTES))
     if text is None or not text.strip() or "\0" in text:
         raise FileError(file, f"is not {what}: it is not text")
     return text.splitlines()

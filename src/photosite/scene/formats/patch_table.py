@@ -22,6 +22,7 @@ from photosite.scene.formats.hdf5_cube import said_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.units import Units, bright_count, check_reflectances
+from photosite.small_file import read_small
 from photosite.spectra import Spectrum, photons_from_energy
 
 LARGEST_BYTES = 1 << 24
@@ -78,13 +79,7 @@ def read_text(path: Path) -> str:
     FileError
         If it cannot be read or is too large for a chart's.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_BYTES + 1)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_BYTES:
-        raise FileError(path, f"is larger than {LARGEST_BYTES >> 20} MiB, and no chart's table")
+    content = read_small(path, "a chart's table", LARGEST_BYTES)
     marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
         text = content.decode(marked)
