@@ -127,6 +127,8 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     assert "a.tif: illuminant D65 is known from 300 to 830 nm only" in refused.err
     assert "(--bands 300:830)" in refused.err
     assert photosite(*call, "--bands", "400:830", "--json").json["bands"] == 4
+    for wrong in ("830:400", "400", "400:830:10", "a:b", "0:5"):
+        assert f"expected FIRST:LAST in nm, such as 400:780, not '{wrong}'" in photosite(*call, "--bands", wrong).err
     assert photosite(*call, "--bands", "400-830").status == 2
     show = ("scenes", "show", tmp_path / "a.tif", "--illuminant", "D65", "--luminance", "100")
     assert "--scene-option band_range_nm=[300,830]" in photosite(*show).err

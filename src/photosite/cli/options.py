@@ -66,11 +66,13 @@ def wavelengths_of(text: str) -> list[float]:
 
 def bands_of(text: str) -> tuple[float, float]:
     """Two wavelengths in nm: 400:780."""
-    first, _, last = text.partition(":")
     try:
-        return float(first), float(last)
+        first, last = map(float, text.split(":"))
     except ValueError:
-        raise click.BadParameter(f"expected first:last such as 400:780, not '{text}'") from None
+        first = last = math.nan
+    if not 0 < first <= last < math.inf:
+        raise click.BadParameter(f"expected FIRST:LAST in nm, such as 400:780, not '{text}'")
+    return first, last
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:

@@ -146,10 +146,12 @@ class ReadOptions:
 
 
 def _check_range(band_range_nm: ArrayLike) -> None:
-    check_numbers("band_range_nm", band_range_nm)
-    ends = np.asarray(band_range_nm, np.float64)
-    if ends.shape != (2,) or not 0 < ends[0] <= ends[1]:
-        raise InputError(f"band_range_nm is two wavelengths, first and last, such as (400, 780), not {ends.tolist()}")
+    try:
+        ends = np.asarray(band_range_nm, np.float64)
+    except (TypeError, ValueError):
+        ends = np.empty(0)
+    if ends.shape != (2,) or not 0 < ends[0] <= ends[1] < math.inf:
+        raise InputError(f"band_range_nm is two wavelengths, first and last: (400, 780), not {band_range_nm!r:.40}")
 
 
 def _of_bands(scene: Scene, wanted: NDArray[np.bool_]) -> Scene:

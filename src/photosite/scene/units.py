@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass
 from os import PathLike
 from typing import Literal
@@ -10,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 
 Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
 """Photons/s/sr/m2/nm; W/sr/m2/nm; fraction of a light; energy radiance up to an unknown factor."""
@@ -23,7 +24,9 @@ _PLAIN = re.compile(r"(?:spectral )?(radiance|reflectance) ?[\[(](.+)[\])]", re.
 """A quantity with its unit behind it in brackets."""
 _SCALED = re.compile(r"reflectance ?/ ?(\d+(?:\.\d+)?(?:e\+?\d+)?)", re.IGNORECASE)
 _BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
-"""Reflectance factors above 2 are sparks and fluorescence, no hundredth of a picture; none is above 10."""
+"""Reflectance factors above 2 are glints, fluorescence or slips, seldom a hundredth of a picture, seldom above 10."""
+_OTHER_SCALE, _NO_REFLECTANCE = 0.25, 1000.0
+"""Where so many are, the numbers are on another scale. No glint is so large, and it would be all that counts."""
 _LONGEST = 200
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
 
@@ -153,7 +156,7 @@ def bright_count(values: NDArray[np.float64]) -> int:
 
 
 def check_reflectances(name: str | PathLike[str], largest: float, bright: int, count: int) -> None:
-    """Refuse reflectances that are none: numbers on another scale.
+    """Refuse reflectances that are none: numbers on another scale, or one that is wild.
 
     Parameters
     ----------
@@ -167,6 +170,11 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     Raises
     ------
     FileError
+        If more than a quarter are above 2, or one is above 1000.
+
+    Warns
+    -----
+    PhotositeWarning
         If one is above 10, or more than one in a hundred above 2.
 
     Examples
@@ -174,12 +182,22 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     >>> check_reflectances("a.hdr", 9987.0, 5, 5)
     Traceback (most recent call last):
     photosite.errors.FileError: a.hdr: holds reflectances up to 9987, and a perfect white's is 1; say what white is \
-(units='percent', units='reflectance/10000'), mend wild values, or say units='relative' if they are no reflectances
+(units='percent', units='reflectance/10000'), or say units='relative' if they are no reflectances
     """
-    if largest <= _BRIGHTEST and bright <= _BRIGHT_SHARE * count:
-        return
-    raise FileError(
-        name,
-        f"holds reflectances up to {largest:g}, and a perfect white's is 1; say what white is (units='percent', "
-        "units='reflectance/10000'), mend wild values, or say units='relative' if they are no reflectances",
-    )
+    held = f"holds reflectances up to {largest:g}, and a perfect white's is 1"
+    if bright > _OTHER_SCALE * count:
+        raise FileError(
+            name,
+            f"{held}; say what white is (units='percent', units='reflectance/10000'), or say units='relative' if they "
+            "are no reflectances",
+        )
+    if largest > _NO_REFLECTANCE:
+        raise FileError(name, f"{held}; mend what is wild, or leave its band out (band_range_nm=(400, 780))")
+    if largest > _BRIGHTEST or bright > _BRIGHT_SHARE * count:
+        warnings.warn(
+            PhotositeWarning(
+                f"{name}: {held}; {bright} of {count} are above {_BRIGHT:g}: glints, fluorescence or slips, taken as "
+                "they are"
+            ),
+            stacklevel=2,
+        )

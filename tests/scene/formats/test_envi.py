@@ -219,9 +219,17 @@ def test_reflectances_on_another_scale_are_refused(tmp_path: Path) -> None:
     sparks[0, 0] = 3.0  # one sample of 400: a spark
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
     assert read_scene(path, **said).shape == (20, 20)
-    sparks[:2] = 3.0
+    sparks[:2] = 12.0
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    with pytest.raises(FileError, match="reflectances up to 3, "):
+    with pytest.warns(PhotositeWarning, match="reflectances up to 12, .*; 200 of 2000 are above 2: glints"):
+        read_scene(path, **said)
+    sparks[0, 0] = 2e3
+    path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
+    with pytest.raises(FileError, match=r"reflectances up to 2000, .*; mend what is wild"):
+        read_scene(path, **said)
+    sparks[:6] = 3.0
+    path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
+    with pytest.raises(FileError, match=r"reflectances up to 3, .*; say what white is"):
         read_scene(path, **said)
 
 

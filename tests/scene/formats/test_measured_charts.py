@@ -256,7 +256,7 @@ BROKEN_CGATS = [
     (cgats_text().replace("NUMBER_OF_FIELDS 6", "NUMBER_OF_FIELDS 5"), "NUMBER_OF_FIELDS is 5, and 6"),
     (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "n/a", 1), r":11: expected a number for SPECTRAL_NM_500, got 'n/a'"),
     (cgats_text().replace(f" {VALUES[2, 1]:.6g}", "", 1), r":11: expected 6 values, one for each field, got 5"),
-    (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "nan", 1), "expected a finite number"),
+    (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "nan", 1), "has no number at 500 nm"),
     (cgats_text().replace(f"{VALUES[2, 1]:.6g}", "-0.01", 1), "patch 'grey' has -0.01 at 500 nm"),
     (cgats_text(field="LAB_{}"), "holds no spectra, only SAMPLE_ID, SAMPLE_NAME, LAB_400.* export it with spectral"),
     (cgats_text(grid=[400, 600, 500, 700]), "band 3 has 500 nm after 600 nm"),
@@ -354,14 +354,16 @@ def test_patches_that_are_numbered_through_make_no_long_row(tmp_path: Path) -> N
     assert len({part.c0 for part in read_scene(strip, **LIGHT).regions}) == 6
 
 
-def test_missing_values_of_a_chart(tmp_path: Path) -> None:
-    text = csv_text(VALUES).replace(f"{VALUES[2, 1]:.6g}", "nan", 1)
+@pytest.mark.parametrize("missing", ["nan", ""])
+def test_missing_values_of_a_chart(tmp_path: Path, missing: str) -> None:
+    text = csv_text(VALUES).replace(f"{VALUES[2, 1]:.6g}", missing, 1)
     file = written(tmp_path, text, "a.csv")
-    with pytest.raises(FileError, match=r"a\.csv:4: expected a finite number .*\(no_data='zero'\)"):
+    with pytest.raises(FileError, match=r"patch 'grey' has no number at 500 nm; .*\(no_data='zero'\)"):
         read_scene(file, **LIGHT)
     with pytest.warns(PhotositeWarning, match=r"a\.csv: 1 missing values were taken as 0"):
         found = reflectances(read_scene(file, no_data="zero", **LIGHT))
     assert_allclose(found, np.where(np.equal(VALUES, VALUES[2, 1]), 0, VALUES), atol=2e-5)
+    assert len(read_scene(file, band_range_nm=(550, 1000), **LIGHT).wavelength_nm) == 2  # the gap is left out
 
 
 def test_bands_of_a_charts_range(tmp_path: Path) -> None:

@@ -51,18 +51,16 @@ def read(path: Path, options: ReadOptions) -> Scene:
     FileError
         As `read_patches` and `photosite.scene.formats.patch_table.chart_scene`.
     """
-    return chart_scene(read_patches(path, gaps=options.no_data == "zero"), options)
+    return chart_scene(read_patches(path), options)
 
 
-def read_patches(path: Path, *, gaps: bool = False) -> PatchTable:
+def read_patches(path: Path) -> PatchTable:
     """The first table with spectra.
 
     Parameters
     ----------
     path
         The file.
-    gaps
-        Whether values may be NaN, for none.
 
     Raises
     ------
@@ -74,7 +72,7 @@ def read_patches(path: Path, *, gaps: bool = False) -> PatchTable:
         raise FileError(path, "is no CGATS file: it has no BEGIN_DATA_FORMAT; expected tables of patches")
     for section in sections:
         if any(_SPECTRAL.fullmatch(field) for field in section.fields) or "SPECTRAL_NM" in section.fields:
-            return _table(path, section, gaps)
+            return _table(path, section)
     fields = ", ".join(sections[0].fields[:8])
     raise FileError(
         path,
@@ -153,7 +151,7 @@ def _section(
     )
 
 
-def _table(path: Path, section: _Section, gaps: bool) -> PatchTable:
+def _table(path: Path, section: _Section) -> PatchTable:
     if not section.sets:
         raise FileError(path, "has spectral fields and no patches")
     if "SPECTRAL_NM" in section.fields:
@@ -165,7 +163,7 @@ def _table(path: Path, section: _Section, gaps: bool) -> PatchTable:
         wavelengths = [float(match[1].replace("_", ".")) for _, match in matches]
         units = _norm(path, section.keywords)
     values = [
-        [number(path, words[k], line, f"{section.fields[k]}", gaps=gaps) for k in columns]
+        [number(path, words[k], line, f"{section.fields[k]}", gaps=True) for k in columns]
         for words, line in zip(section.sets, section.lines, strict=True)
     ]
     across = section.keywords.get("LGOROWLENGTH", "")

@@ -49,18 +49,16 @@ def read(path: Path, options: ReadOptions) -> Scene:
     FileError
         As `read_patches` and `photosite.scene.formats.patch_table.chart_scene`.
     """
-    return chart_scene(read_patches(path, gaps=options.no_data == "zero"), options)
+    return chart_scene(read_patches(path), options)
 
 
-def read_patches(path: Path, *, gaps: bool = False) -> PatchTable:
+def read_patches(path: Path) -> PatchTable:
     """The table in a file.
 
     Parameters
     ----------
     path
         The file.
-    gaps
-        Whether values may be NaN, for none.
 
     Raises
     ------
@@ -75,9 +73,9 @@ def read_patches(path: Path, *, gaps: bool = False) -> PatchTable:
         if len(cells) != len(heading[1]):
             raise FileError(path, f"expected {len(heading[1])} cells as in the heading, got {len(cells)}", line_number)
     if axis := _AXIS.fullmatch(heading[1][0]):
-        table = _by_lines(path, heading, body, axis[1], gaps)
+        table = _by_lines(path, heading, body, axis[1])
     else:
-        table = _by_columns(path, heading, body, gaps)
+        table = _by_columns(path, heading, body)
     try:
         units: Units | None = parse_units(notes["units"]) if "units" in notes else None
     except InputError as error:
@@ -102,13 +100,13 @@ def _lines(text: str) -> tuple[dict[str, str], list[Line]]:
     ]
 
 
-def _by_columns(path: Path, heading: Line, body: list[Line], gaps: bool) -> PatchTable:
+def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
     """A line per patch: the first column names it, those headed by a wavelength are its spectrum."""
     found = [(k, match) for k, cell in enumerate(heading[1]) if (match := _WAVELENGTH.fullmatch(cell))]
     if not found or found[0][0] == 0:
         raise FileError(path, f"has a heading without wavelengths; expected {_EXPECTED}", heading[0])
     grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], _unit(path, heading, found), None)
-    values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=gaps) for k, _ in found] for at, cells in body]
+    values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
     names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
     return PatchTable(path, names, grid, np.array(values))
 
@@ -120,7 +118,7 @@ def _unit(path: Path, heading: Line, found: list[tuple[int, re.Match[str]]]) -> 
     return units.pop()
 
 
-def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None, gaps: bool) -> PatchTable:
+def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> PatchTable:
     """A line per wavelength: a column per patch."""
     names = heading[1][1:]
     if not names:
@@ -129,7 +127,7 @@ def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None, gap
     unit = "nm" if heading[1][0].lower() == "nm" else unit
     grid = wavelengths_in_nm(path, wavelengths, unit, None)
     values = [
-        [number(path, cell, at, f"'{name[:30]}'", gaps=gaps) for name, cell in zip(names, cells[1:], strict=True)]
+        [number(path, cell, at, f"'{name[:30]}'", gaps=True) for name, cell in zip(names, cells[1:], strict=True)]
         for at, cells in body
     ]
     return PatchTable(path, checked_names(path, names, [heading[0]] * len(names)), grid, np.array(values).T)

@@ -94,24 +94,20 @@ def _printable(line: str) -> str:
 
 
 def number(path: Path, text: str, line: int | None, what: str, *, gaps: bool = False) -> float:
-    """A finite number, or NaN where there may be gaps; a decimal comma is understood.
+    """A finite number, or NaN where there may be gaps and nothing or NaN stands; a decimal comma is understood.
 
     Raises
     ------
     FileError
         If it is none.
     """
+    if gaps and not text.strip():
+        return math.nan
     try:
         value = float(text.replace(",", ".") if text.count(",") == 1 else text)
     except ValueError:
         raise FileError(path, f"expected a number for {what}, got {text[:40]!r}", line) from None
-    if math.isnan(value) and not gaps:
-        raise FileError(
-            path,
-            f"expected a finite number for {what}, got {text[:40]!r}; measure it again, or make it 0 (no_data='zero')",
-            line,
-        )
-    if math.isinf(value):
+    if math.isinf(value) or (math.isnan(value) and not gaps):
         raise FileError(path, f"expected a finite number for {what}, got {text[:40]!r}", line)
     return value
 
@@ -283,6 +279,13 @@ def _without_gaps(table: PatchTable, options: ReadOptions) -> NDArray[np.float64
             table.path,
             f"patch '{table.names[patch]}' has {table.values[patch, band]:g} at {table.wavelength_nm[band]:g} nm; "
             "measure it again, or make what is below 0 zero (negative='zero')",
+        )
+    if gaps.any() and options.no_data != "zero":
+        patch, band = np.argwhere(gaps)[0]
+        raise FileError(
+            table.path,
+            f"patch '{table.names[patch]}' has no number at {table.wavelength_nm[band]:g} nm; measure it again, or "
+            "make what is missing 0 (no_data='zero')",
         )
     counts = ((int(gaps.sum()), "missing"), (int(below.sum()), "negative"))
     if told := " and ".join(f"{count} {what}" for count, what in counts if count):
