@@ -43,7 +43,10 @@ ANY: Any = DiffractionLimited
         (lambda: WAVEFRONT({}, chromatic_focus={450: 3}), "Wavefront: chromatic_focus is a Spectrum of shifts in um"),
         (lambda: WAVEFRONT({}, defocus_um="1"), "Wavefront: defocus_um is a number, not '1'"),
         (lambda: ANY("2.8", 50), "DiffractionLimited: f_number is a number, not '2.8'"),
-        (lambda: ANY(True, 50), "DiffractionLimited: f_number is a number"),
+        (lambda: ANY(True, 50), "DiffractionLimited: f_number is a number, not True"),
+        (lambda: ANY(None, 50), "DiffractionLimited: f_number is a number, not None"),
+        (lambda: ANY(np.array(False), 50), "DiffractionLimited: f_number is a number, not False"),
+        (lambda: ps.Pupil(blades=True), "Pupil: blades is a whole number, not True"),
         (lambda: ANY(2.8, 50, "0.9"), "DiffractionLimited: transmittance is a number or a Spectrum, not '0.9'"),
         (lambda: ps.Pupil(blades=6.5), r"Pupil: blades is a whole number, not 6\.5"),  # type: ignore[arg-type]
         (lambda: ps.Pupil("0.3"), "Pupil: obscuration is a number, not '0.3'"),  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ Values are checked by whoever owns them; here stand kinds of things and units th
 from __future__ import annotations
 
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -46,8 +46,12 @@ def check_kind(of: str, name: str, value: Any, kinds: type | tuple[type, ...], e
     photosite.errors.InputError: Lens: name is a text, not 50
     """
     if not isinstance(value, kinds):
-        came = f"the class {value.__name__}" if isinstance(value, type) else f"{' '.join(repr(value).split()):.60}"
-        raise InputError(f"{of}: {name} is {expected}, not {came}")
+        _refuse(of, name, value, expected)
+
+
+def _refuse(of: str, name: str, value: Any, expected: str) -> NoReturn:
+    came = f"the class {value.__name__}" if isinstance(value, type) else f"{' '.join(repr(value).split()):.60}"
+    raise InputError(f"{of}: {name} is {expected}, not {came}")
 
 
 def check_numbers(of: Any, *names: str, whole: bool = False) -> None:
@@ -71,7 +75,9 @@ def check_numbers(of: Any, *names: str, whole: bool = False) -> None:
         value = getattr(of, name)
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         kind, what = (Integral, "a whole number") if whole else (Real, "a number")
-        check_kind(type(of).__name__, name, None if isinstance(number, bool | np.bool_) else number, kind, what)
+        if isinstance(number, bool | np.bool_):  # to Python a kind of whole number
+            _refuse(type(of).__name__, name, bool(number), what)
+        check_kind(type(of).__name__, name, number, kind, what)
 
 
 def check_height_unit(name: str, last_mm: float) -> None:

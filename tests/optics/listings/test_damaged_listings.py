@@ -179,6 +179,55 @@ def test_headings_and_footers_are_no_rows(kind: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(getattr(of[0], name), getattr(of[1], name))
 
 
+def values_of(found: Any) -> Any:
+    one = found[0] if isinstance(found, tuple) else found
+    return getattr(one, "relative", None) if hasattr(one, "relative") else one.ratio
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("footer", ["2 warning(s)", "0 error(s), 2 warning(s)", "3", "v 1.2 3 4 5"])
+def test_a_table_ends_at_an_empty_line_after_its_rows(kind: str, footer: str, tmp_path: Path) -> None:
+    text, read = READERS[kind]
+    file = tmp_path / "listing.txt"
+    file.write_text(text, encoding="utf-8")
+    plain = values_of(read(file))
+    for blank in ("\n", " \t\n\n"):
+        file.write_text(f"{text}{blank}{footer}\n\n{footer}\n", encoding="utf-8")
+        np.testing.assert_array_equal(values_of(read(file)), plain)
+    lines = text.splitlines()
+    count = len(lines)
+    file.write_text(f"{text}{footer}\n", encoding="utf-8")  # no empty line: a row that cannot be read
+    with pytest.raises(FileError, match=rf"listing\.txt:{count + 1}: "):
+        read(file)
+    file.write_text("\n".join([*lines[:-1], "", footer, "", lines[-1]]), encoding="utf-8")  # rows follow
+    with pytest.raises(FileError, match=rf"listing\.txt:{count + 1}: "):
+        read(file)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_table_with_empty_lines_between_its_rows_is_read_to_its_end(kind: str, tmp_path: Path) -> None:
+    text, read = READERS[kind]
+    file = tmp_path / "listing.txt"
+    file.write_text(text, encoding="utf-8")
+    plain = values_of(read(file))
+    lines = text.splitlines()
+    file.write_text("\n\n".join(lines), encoding="utf-8")
+    np.testing.assert_array_equal(values_of(read(file)), plain)
+    file.write_text("\n\n".join([*lines, "oh " + lines[-1]]), encoding="utf-8")
+    with pytest.raises(FileError, match=rf"listing\.txt:{2 * len(lines) + 1}: 'oh' stands"):
+        read(file)
+
+
+def test_a_footer_between_two_tables_is_passed_over(tmp_path: Path) -> None:
+    block = DISTORTION[DISTORTION.index("Data for") :]
+    file = tmp_path / "listing.txt"
+    other = block.replace("0.550000 µm", "0.650000 µm").replace("1.900000", "1.800000")
+    file.write_text(f"{DISTORTION}\n2 warning(s)\n\n{other}\n1 warning(s)\n", encoding="utf-8")
+    for nm, last in ((550, 1.9), (650, 1.8)):
+        found, _ = zemax.read_distortion(file, wavelength_nm=nm)
+        np.testing.assert_allclose((found.ratio - 1) * 100, [0, 0.5, last], atol=1e-9)
+
+
 def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "listing.txt"
     block = DISTORTION[DISTORTION.index("Data for") :]

@@ -177,6 +177,26 @@ def test_the_spacing_is_taken_from_the_area_where_that_says_more(tmp_path: Path)
     assert read_psf(other).spacing_um == 0.422
 
 
+def test_after_the_rows_that_the_header_says_comes_a_footer(tmp_path: Path) -> None:
+    samples = np.random.default_rng(4).random((32, 32))
+    rows = ["\t  ".join(f"{v:.8E}" for v in row) for row in samples]
+    text = HUYGENS + "\n".join(rows) + "\n"
+    for footer in ("\n2 warning(s)\n", "\nMaximum is 0.9\n\n3\n", "\n\n"):
+        np.testing.assert_allclose(read_psf(written(tmp_path, text + footer)).samples, samples, rtol=1e-8)
+    first = HUYGENS.count("\n")
+    for more, line, message in (
+        ("2 warning(s)\n", 33, r"'warning\(s\)' stands among its numbers"),  # no empty line
+        (f"\nthe next\n{rows[0]}\n", 34, "'the' stands among its numbers"),  # rows follow
+    ):
+        with pytest.raises(FileError, match=rf"txt:{first + line}: {message}"):
+            read_psf(written(tmp_path, text + more))
+    with pytest.raises(FileError, match="says 32 by 32 samples and holds 32 by 33"):
+        read_psf(written(tmp_path, f"{text}\n{rows[0]}\n"))
+    early = HUYGENS + "\n".join([*rows[:30], "", "2 warning(s)"])
+    with pytest.raises(FileError, match=rf"txt:{first + 32}: 'warning"):
+        read_psf(written(tmp_path, early))
+
+
 def test_references_that_are_no_tangents_are_refused(tmp_path: Path) -> None:
     rows = "".join(f" {a:.6f} 0.1 0.1 {a * 0.47:.6f} {a * 0.475:.6f} {-1.0:.4f}\n" for a in (0.0, 1.0, 2.0, 4.0))
     with pytest.raises(FileError, match=r"not of the type F-Tan\(Theta\)"):
@@ -192,6 +212,35 @@ def test_relative_illumination_saved_through_the_programming_interface(tmp_path:
     np.testing.assert_array_equal(table.relative, [1, 0.67809031, 0.14798199])
     table = read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="degrees")))
     np.testing.assert_array_equal(table.field.angle_deg, [0, 10.8, 21.6])
+
+
+@pytest.mark.parametrize("unit", ["Millimeters", "Centimeters", "Inches", "Meters"])
+def test_heights_in_other_lengths_are_brought_to_mm(unit: str, tmp_path: Path) -> None:
+    mm = {"Millimeters": 1.0, "Centimeters": 10.0, "Inches": 25.4, "Meters": 1000.0}[unit]
+    text = ILLUMINATION.format(unit=unit)
+    table = read_relative_illumination(written(tmp_path, text))
+    np.testing.assert_allclose(table.field.height_mm, np.array([0, 10.8, 21.6]) * mm)
+    head = text.replace(f"Field values are in {unit}\n", "").replace("Y Field ", "Y Field ({}) ")
+    short = {"Millimeters": "mm", "Centimeters": "cm", "Inches": "in", "Meters": "m"}[unit]
+    table = read_relative_illumination(written(tmp_path, head.format(short)))
+    np.testing.assert_allclose(table.field.height_mm, np.array([0, 10.8, 21.6]) * mm)
+
+
+def test_a_field_in_an_unknown_unit_gives_its_line(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"txt:10: its field is in 'Furlongs', neither degrees nor a length"):
+        read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="Furlongs")))
+    beyond = ILLUMINATION.format(unit="Meters").replace("21.600000", "1e308")
+    with pytest.raises(FileError, match=r"txt: its field, in mm, is too large"):
+        read_relative_illumination(written(tmp_path, beyond))
+    with pytest.raises(FileError, match=r"txt:10: '1e308 Meters' is too large a length"):
+        read_psf(written(tmp_path, HUYGENS.replace("6.20652974E+00", "1e308").replace("Millimeters", "Meters")))
+
+
+def test_a_footer_with_a_number_first_is_passed_over(tmp_path: Path) -> None:
+    text = ILLUMINATION.format(unit="degrees") + "\n2 warning(s)\n"
+    np.testing.assert_array_equal(
+        read_relative_illumination(written(tmp_path, text)).relative, [1, 0.67809031, 0.14798199]
+    )
 
 
 def test_grid_distortion_is_the_curve_of_its_diagonal(tmp_path: Path) -> None:

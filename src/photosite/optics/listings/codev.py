@@ -19,11 +19,11 @@ from photosite.optics.distortion import Distortion
 from photosite.optics.listings.text import (
     NUMBER,
     PsfListing,
+    TableRows,
     finite,
     grid_of_numbers,
     micrometers,
     read_text,
-    table_row,
 )
 from photosite.optics.radial_table import FieldPoints
 
@@ -86,11 +86,12 @@ def read_distortion(path: str | PathLike[str]) -> Distortion:
     if in_degrees == bool(in_mm):
         raise FileError(file, "does not say whether its fields are in degrees or mm; give the table in the YAML file")
     start = next((i for i, line in enumerate(lines) if "distortion" in line.lower()), 0)
-    rows = [table_row(line, _FIELD_ROW, file, i + 1) for i, line in enumerate(lines) if i > start]
-    table = [row for row in rows if row is not None]
-    if len(table) < 2:
+    table = TableRows(file, _FIELD_ROW)
+    for index in range(start + 1, len(lines)):
+        table.take(lines[index], index + 1)
+    if len(table.rows) < 2:
         raise FileError(file, f"has no rows of {_FIELD_ROW} numbers: relative field, field, two foci, distortion")
-    values = np.array(table)
+    values = np.array(table.rows)
     values = values[np.argsort(values[:, 1], kind="stable")]
     try:
         points = FieldPoints(angle_deg=values[:, 1]) if in_degrees else FieldPoints(height_mm=values[:, 1])

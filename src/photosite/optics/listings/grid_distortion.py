@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
 from photosite.optics.distortion import Distortion
-from photosite.optics.listings.text import NUMBER, micrometers, number, table_row
+from photosite.optics.listings.text import NUMBER, TableRows, micrometers, number
 from photosite.optics.radial_table import FieldPoints, even_curve
 
 Array = NDArray[np.float64]
@@ -62,8 +62,10 @@ def read_grid_distortion(lines: list[str], file: Path, wavelength_nm: float | No
     if start is None:
         raise FileError(file, "has no table of predicted and real X and Y; save the text of Grid Distortion")
     _check_head(lines[:start], file, wavelength_nm)
-    rows = [table_row(line, _COLUMNS, file, index + 1) for index, line in enumerate(lines) if index > start]
-    table = np.array([row for row in rows if row is not None]).reshape(-1, _COLUMNS)
+    listed = TableRows(file, _COLUMNS)
+    for index in range(start + 1, len(lines)):
+        listed.take(lines[index], index + 1)
+    table = np.array(listed.rows).reshape(-1, _COLUMNS)
     ideal, real = table[:, 5:7], table[:, 7:9]
     diagonal = (table[:, 0] == table[:, 1]) & (table[:, 0] > 0)
     height = np.hypot(*ideal[diagonal].T)

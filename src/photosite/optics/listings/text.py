@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 
@@ -31,7 +31,14 @@ _NO_NUMBER = re.compile(r"^[-+]?(?:nan|inf(?:inity)?)$|#", re.IGNORECASE)
 """What programs write for a number that is none: NaN, Infinity, 1.#IND."""
 
 _MICRO = {"µm", "μm", "um", "�m", "microns", "micrometers", "micrometer"}
-_LENGTHS_UM = {**dict.fromkeys(_MICRO, 1.0), "mm": 1e3, "millimeters": 1e3, "nm": 1e-3, "nanometers": 1e-3}
+_LENGTHS_UM = {
+    **dict.fromkeys(_MICRO, 1.0),
+    **dict.fromkeys(("mm", "millimeters", "millimeter"), 1e3),
+    **dict.fromkeys(("nm", "nanometers"), 1e-3),
+    **dict.fromkeys(("cm", "centimeters", "centimeter"), 1e4),
+    **dict.fromkeys(("in", "inches", "inch"), 25.4e3),
+    **dict.fromkeys(("m", "meters", "meter"), 1e6),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +140,16 @@ def micrometers(value: str, unit: str, path: Path, line: int) -> float:
     """
     name = unit.strip(" .").lower()
     if name not in _LENGTHS_UM:
-        raise FileError(path, f"'{unit.strip(' .')}' is no unit of length that is known here: µm, mm or nm", line)
-    return finite(value, path, line) * _LENGTHS_UM[name]
+        raise FileError(
+            path, f"'{unit.strip(' .')}' is no unit of length that is known here: µm, mm, nm, cm, m or in", line
+        )
+    length = finite(value, path, line) * _LENGTHS_UM[name]
+    if not math.isfinite(length):
+        raise FileError(path, f"'{value[:40]} {unit[:40]}' is too large a length", line)
+    return length
 
 
-def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
+def rows_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
     """(rows, cols) from lines of numbers with blanks, tabs, semicolons or commas and blanks between; empty lines skip.
 
     Parameters
@@ -148,6 +160,8 @@ def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
         Index of the first that is looked at.
     path
         The file, for messages.
+    count
+        Of rows, where the file says it: after these and an empty line what is no row is a footer, if no rows follow.
 
     Raises
     ------
@@ -156,22 +170,86 @@ def rows_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
     """
     rows: list[list[float]] = []
     commas = _separates_by_comma(lines, first)
+    footer: FileError | None = None
+    ended = False
     for index in range(first, len(lines)):
         text = lines[index].replace(";", " ")
         parts = (text.replace(",", " ") if commas else text).split()
         if not parts:
+            ended = len(rows) == count
             continue
         try:
-            row = [number(part.rstrip(",")) for part in parts]
-        except ValueError:
-            bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
-            raise FileError(path, f"'{bad[:40]}' stands among its numbers", index + 1) from None
-        if not all(map(math.isfinite, row)):
-            raise FileError(path, "holds a number that is not finite", index + 1)
-        if rows and len(row) != len(rows[0]):
-            raise FileError(path, f"this row has {len(row)} numbers, those before it {len(rows[0])}", index + 1)
+            row = _numbers(parts, len(rows[0]) if rows else None, path, index + 1)
+        except FileError as error:
+            if not ended:
+                raise
+            footer = footer or error
+            continue
+        if footer is not None:
+            raise footer
         rows.append(row)
     return np.array(rows).reshape(len(rows), -1 if rows else 0)
+
+
+def _numbers(parts: list[str], columns: int | None, path: Path, at: int) -> list[float]:
+    try:
+        row = [number(part.rstrip(",")) for part in parts]
+    except ValueError:
+        bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
+        raise FileError(path, f"'{bad[:40]}' stands among its numbers", at) from None
+    if not all(map(math.isfinite, row)):
+        raise FileError(path, "holds a number that is not finite", at)
+    if columns is not None and len(row) != columns:
+        raise FileError(path, f"this row has {len(row)} numbers, those before it {columns}", at)
+    return row
+
+
+@dataclass
+class TableRows:
+    """The rows of a table, line by line: after its rows and an empty line what is no row is a footer.
+
+    A table whose rows have empty lines between them is not ended by one: what cannot be read is refused there, and so
+    is a footer that rows follow.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    columns
+        How many numbers a row has; None: as many as the first, two or more.
+    """
+
+    path: Path
+    columns: int | None = None
+    rows: list[list[float]] = field(default_factory=list)
+    _gap: bool = False
+    _spaced: bool = False
+    _footer: FileError | None = None
+
+    def take(self, line: str, at: int) -> None:
+        """Look at the next line, whose number is `at`.
+
+        Raises
+        ------
+        FileError
+            As `table_row`, for what is no footer.
+        """
+        if not line.strip():
+            self._gap = bool(self.rows)
+            return
+        try:
+            row = table_row(line, self.columns, self.path, at)
+        except FileError as error:
+            if self._spaced or not self._gap:
+                raise
+            self._footer = self._footer or error
+            return
+        if row is None:
+            return
+        if self._footer is not None:
+            raise self._footer
+        self._spaced, self._gap, self.columns = self._spaced or self._gap, False, len(row)
+        self.rows.append(row)
 
 
 def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float] | None:
@@ -217,7 +295,7 @@ def _is_text(line: str, parts: list[str], columns: int | None) -> bool:
     return sum(words) > others or (words[0] and sum(words) == others and len(parts) != columns)
 
 
-def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.float64]:
+def grid_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
     """`rows_of_numbers` of a point spread.
 
     Raises
@@ -225,7 +303,7 @@ def grid_of_numbers(lines: list[str], first: int, path: Path) -> NDArray[np.floa
     FileError
         As there, and if there are fewer than 3 x 3 numbers.
     """
-    grid = rows_of_numbers(lines, first, path)
+    grid = rows_of_numbers(lines, first, path, count)
     if min(grid.shape) < 3:
         raise FileError(path, "holds no point spread: 3 x 3 numbers at least are expected")
     return grid

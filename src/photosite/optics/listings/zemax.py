@@ -7,7 +7,7 @@ countries have. Layouts: docs/optics.md says after which published examples they
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -21,11 +21,11 @@ from photosite.optics.listings.grid_distortion import is_grid_distortion, read_g
 from photosite.optics.listings.text import (
     NUMBER,
     PsfListing,
+    TableRows,
     finite,
     grid_of_numbers,
     micrometers,
     read_text,
-    table_row,
 )
 from photosite.optics.radial_table import FieldPoints
 
@@ -80,7 +80,7 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
         raise FileError(file, "has no line 'Values are ...' before its numbers; save the whole listing")
     if header.spacing_um is None:
         raise FileError(file, "does not say 'Data spacing is ... µm'; save the whole listing, its header too")
-    samples = grid_of_numbers(lines, start, file)
+    samples = grid_of_numbers(lines, start, file, None if header.grid is None else header.grid[0])
     if header.grid is not None and samples.shape != header.grid:
         rows, cols = header.grid
         raise FileError(file, f"says {cols} by {rows} samples and holds {samples.shape[1]} by {samples.shape[0]}")
@@ -147,8 +147,8 @@ class _Header:
         elif (match := _CENTER.match(line)) is not None:
             self.origin = self._count(match[2], at) - 1, self._count(match[1], at) - 1
         elif (match := _CENTER_COORDINATES.match(line)) is not None:
-            scale = micrometers("1", match[3] or "mm", self.path, at) * 1e-3
-            self.center_mm = finite(match[1], self.path, at) * scale, finite(match[2], self.path, at) * scale
+            x_um, y_um = (micrometers(part, match[3] or "mm", self.path, at) for part in match.group(1, 2))
+            self.center_mm = x_um * 1e-3, y_um * 1e-3
 
     def _count(self, digits: str, at: int) -> int:
         if len(digits) > _MOST_DIGITS:
@@ -169,35 +169,51 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
     Raises
     ------
     FileError
-        If it is none, or does not say in which unit its field is.
+        If it is none, does not say in which unit its field is, or that is neither an angle nor a length.
     """
     file = Path(path)
     lines = read_text(file, "a listing of relative illumination")
     if "relative illumination" not in " ".join(lines[:12]).lower():
         raise FileError(file, "is not a listing of relative illumination: its first lines do not name it")
-    unit: str | None = None
-    rows: list[list[float]] = []
+    unit: tuple[str, float] | None = None
+    listed = TableRows(file)
     in_table = False
     for index, line in enumerate(lines):
         said = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
         if said is not None:
-            unit = _FIELD_UNITS.get(said[1].lower())
+            unit = _field_unit(said[1], file, index + 1)
         elif re.search(r"field.*rel\.?\s*ill", line, re.IGNORECASE):
             in_table = True
-            inside = re.search(r"\((deg|mm)", line, re.IGNORECASE)
-            unit = unit or (None if inside is None else _FIELD_UNITS[inside[1].lower()])
-        elif in_table and (values := table_row(line, len(rows[0]) if rows else None, file, index + 1)) is not None:
-            rows.append(values)
-    if not rows:
+            inside = re.search(r"\((deg|mm|cm|m\b|in\b)", line, re.IGNORECASE)
+            unit = unit or (None if inside is None else _field_unit(inside[1], file, index + 1))
+        elif in_table:
+            listed.take(line, index + 1)
+    if not listed.rows:
         raise FileError(file, "has no table of field and relative illumination")
     if unit is None:
         raise FileError(file, "does not say whether its field is in degrees or in mm; give the table in the YAML file")
-    table = np.array(rows)
+    table = np.array(listed.rows)
+    kind, scale = unit
+    with np.errstate(over="ignore"):
+        place = table[:, 0] * scale
+    if not np.isfinite(place).all():
+        raise FileError(file, "its field, in mm, is too large a number")
     try:
-        points = FieldPoints(angle_deg=table[:, 0]) if unit == "deg" else FieldPoints(height_mm=table[:, 0])
+        points = FieldPoints(angle_deg=place) if kind == "deg" else FieldPoints(height_mm=place)
         return IlluminationTable(points, table[:, 1])
     except ValueError as error:
         raise FileError(file, str(error)) from None
+
+
+def _field_unit(name: str, file: Path, at: int) -> tuple[str, float]:
+    """deg or mm, and how many of them the unit is."""
+    if _FIELD_UNITS.get(name.lower()) == "deg":
+        return "deg", 1.0
+    try:
+        return "mm", micrometers("1", name, file, at) * 1e-3
+    except FileError:
+        known = "neither degrees nor a length that is known here (mm, cm, m, inches)"
+        raise FileError(file, f"its field is in '{name[:40]}', {known}; give the table in the YAML file", at) from None
 
 
 @dataclass
@@ -207,13 +223,13 @@ class _Block:
     line: int
     wavelength_nm: float | None
     columns: list[str]
-    rows: list[list[float]] = field(default_factory=list)
+    table: TableRows
 
     def column(self, name: str) -> Array | None:
         if name not in self.columns:
             return None
         index = self.columns.index(name)
-        return np.array([row[index] for row in self.rows])
+        return np.array([row[index] for row in self.table.rows])
 
 
 _COLUMNS = {
@@ -300,12 +316,13 @@ def _blocks(lines: list[str], file: Path) -> list[_Block]:
             continue
         found = {name: match.start() for name, text in _COLUMNS.items() if (match := re.search(text, line.lower()))}
         if "angle" in found and "distortion" in found:
-            blocks.append(_Block(index + 1, wavelength, sorted(found, key=lambda name: found[name])))
-        elif blocks and (row := table_row(line, len(blocks[-1].columns), file, index + 1)) is not None:
-            blocks[-1].rows.append(row)
-    full = [block for block in blocks if block.rows]
+            columns = sorted(found, key=lambda name: found[name])
+            blocks.append(_Block(index + 1, wavelength, columns, TableRows(file, len(columns))))
+        elif blocks:
+            blocks[-1].table.take(line, index + 1)
+    full = [block for block in blocks if block.table.rows]
     for index, block in enumerate(full):
-        if len(block.rows) < 2:
+        if len(block.table.rows) < 2:
             raise FileError(file, "this table has one row, not two or more; save the whole listing", block.line)
         if any(block.wavelength_nm == before.wavelength_nm for before in full[:index]):
             which = "no wavelength" if block.wavelength_nm is None else f"{block.wavelength_nm:g} nm"
