@@ -20,7 +20,6 @@ from photosite.optics.lens import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.listings.design_files import read_lens_design
 from photosite.optics.listings.ray_trace import read_ray_trace
-from photosite.optics.listings.zemax import read_psf
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
 
@@ -346,41 +345,6 @@ REAL_DI = """0.000000E+000 0.000000E+000 0.000000E+000 0.000000E+000 0.000000E+0
 8.660046E-001 8.705462E-001 8.733590E-001 8.752668E-001 8.766583E-001
 9.510611E-001 9.561261E-001 9.592636E-001 9.613920E-001 9.629444E-001
 """
-
-
-# AsphereF=2mm_PSF_21_3.dat of the same folder, with 3 x 3 of its 128 x 128 numbers; one byte a letter, CR LF.
-REAL_PSF = """Listing of Huygens PSF Data
-
-File : C:\\ZEMAX\\ISET\\AsphereF=2mm\\AsphereF=2mm.ZMX
-Title: AsphereF=2mm
-Date : TUE AUG 30 2005
-
-
-HUYGENS PSF
-0.5500 µm at -27.38 deg.
-Data spacing is 0.25 µm.
-Data area is 32.00 by 32.00 µm.
-Strehl ratio: 0.486
-Pupil grid size: 32 by 32
-Image grid size: 3 by 3
-Center point is: 2, 2
-Center coordinates: 0.00000000E+000, -9.59263593E-001
-Values are relative intensity.
-
-1.684E-003\t1.702E-003\t1.684E-003
-2.553E-003\t2.574E-003\t2.553E-003
-3.417E-003\t3.439E-003\t3.417E-003
-"""
-
-
-def test_a_real_listings_head(tmp_path: Path) -> None:
-    """A field of -27.38 degrees has its image at -y, as the table of heights has +27.38 degrees at +0.9592636 mm."""
-    (tmp_path / "a.dat").write_bytes(REAL_PSF.replace("\n", "\r\n").encode("latin-1"))
-    got = read_psf(tmp_path / "a.dat")
-    assert (got.wavelength_nm, got.spacing_um, got.origin) == (pytest.approx(550.0), 0.25, (1, 1))
-    assert (got.field, got.field_unit) == ((0.0, -27.38), "deg")
-    assert got.center_mm == (0.0, pytest.approx(-float(REAL_DI.split()[-3]), abs=1e-7))
-    np.testing.assert_array_equal(got.samples[:, 0], [1.684e-3, 2.553e-3, 3.417e-3])
 
 
 def test_a_real_table_of_heights_against_the_programs_grid_distortion(tmp_path: Path) -> None:

@@ -284,3 +284,38 @@ def test_wrong_grids_give_one_line(old: str, new: str, message: str | None, tmp_
 def test_a_grid_without_points_is_said(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="holds no grid of points"):
         read_distortion(written(tmp_path, GRID_HEAD))
+
+
+# ISETCam: raytrace/AsphereF=2mm_PSF_21_3.dat, with 3 x 3 of its 128 x 128 numbers; one byte a letter, CR LF.
+REAL_PSF = """Listing of Huygens PSF Data
+
+File : C:\\ZEMAX\\ISET\\AsphereF=2mm\\AsphereF=2mm.ZMX
+Title: AsphereF=2mm
+Date : TUE AUG 30 2005
+
+
+HUYGENS PSF
+0.5500 µm at -27.38 deg.
+Data spacing is 0.25 µm.
+Data area is 32.00 by 32.00 µm.
+Strehl ratio: 0.486
+Pupil grid size: 32 by 32
+Image grid size: 3 by 3
+Center point is: 2, 2
+Center coordinates: 0.00000000E+000, -9.59263593E-001
+Values are relative intensity.
+
+1.684E-003\t1.702E-003\t1.684E-003
+2.553E-003\t2.574E-003\t2.553E-003
+3.417E-003\t3.439E-003\t3.417E-003
+"""
+
+
+def test_a_real_listings_head(tmp_path: Path) -> None:
+    """A field of -27.38 degrees has its image at -y, as the table of heights has +27.38 degrees at +0.9592636 mm."""
+    (tmp_path / "a.dat").write_bytes(REAL_PSF.replace("\n", "\r\n").encode("latin-1"))
+    got = read_psf(tmp_path / "a.dat")
+    assert (got.wavelength_nm, got.spacing_um, got.origin) == (pytest.approx(550.0), 0.25, (1, 1))
+    assert (got.field, got.field_unit) == ((0.0, -27.38), "deg")
+    assert got.center_mm == (0.0, pytest.approx(-0.9592636, abs=1e-7))  # as AsphereF=2mm_DI_.dat has it
+    np.testing.assert_array_equal(got.samples[:, 0], [1.684e-3, 2.553e-3, 3.417e-3])
