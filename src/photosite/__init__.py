@@ -15,7 +15,7 @@ from photosite.develop.develop import develop as develop
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Camera": "photosite.camera",
+    "Camera": "photosite.camera.camera",
     "DiffractionLimited": "photosite.optics.lens",
     "Distortion": "photosite.optics.distortion",
     "FieldPoints": "photosite.optics.radial_table",
@@ -23,7 +23,7 @@ _HOMES = {
     "LateralColor": "photosite.optics.distortion",
     "Lens": "photosite.optics.compound",
     "LensDesign": "photosite.optics.lens_design",
-    "Measured": "photosite.measured",
+    "Measured": "photosite.values.measured",
     "OtfTable": "photosite.optics.tables",
     "Plane": "photosite.scene.planes",
     "Planes": "photosite.scene.planes",
@@ -32,30 +32,30 @@ _HOMES = {
     "RawFrame": "photosite.frames.raw_frame",
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
-    "Spectrum": "photosite.spectra",
+    "Spectrum": "photosite.color.spectrum",
     "VeilingGlare": "photosite.optics.spread",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
-    "calibrate_series": "photosite.calibration.gain_series",
-    "calibrate_chart": "photosite.calibration.spectral_chart",
-    "calibrate_spectral": "photosite.calibration.spectral",
-    "convert": "photosite.scene.convert",
-    "load_camera": "photosite.camera_file",
-    "load_optics": "photosite.optics.file",
-    "load_sensor": "photosite.sensor.file",
+    "calibrate_series": "photosite.calibration.gain_series.gain_series",
+    "calibrate_chart": "photosite.calibration.spectral.chart",
+    "calibrate_spectral": "photosite.calibration.spectral.spectral",
+    "convert": "photosite.scene.io.convert",
+    "load_camera": "photosite.camera.file",
+    "load_optics": "photosite.optics.io.optics_file",
+    "load_sensor": "photosite.sensor.io.sensor_file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
-    "open_spectral": "photosite.calibration.spectral_protocol",
-    "read_lens_design": "photosite.optics.listings.design_files",
-    "read_raw": "photosite.frames.read",
-    "read_scene": "photosite.scene.files",
+    "open_spectral": "photosite.calibration.spectral.protocol",
+    "read_lens_design": "photosite.optics.io.listings.design_files",
+    "read_raw": "photosite.frames.io.read",
+    "read_scene": "photosite.scene.io.files",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
     "validate": "photosite.validation.validate",
-    "write_scene": "photosite.scene.files",
+    "write_scene": "photosite.scene.io.files",
 }
 _MODULES = {
     "charts": "photosite.scene.charts",
-    "lamps": "photosite.lamps",
+    "lamps": "photosite.color.lamps",
     "lights": "photosite.scene.lights",
     "pictures": "photosite.scene.pictures",
     "render": "photosite.scene.render",
@@ -64,28 +64,28 @@ _MODULES = {
 __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
-    from photosite import lamps as lamps
     from photosite.calibration.calibrate import calibrate as calibrate
-    from photosite.calibration.gain_series import calibrate_series as calibrate_series
-    from photosite.calibration.spectral import calibrate_spectral as calibrate_spectral
-    from photosite.calibration.spectral_chart import calibrate_chart as calibrate_chart
-    from photosite.calibration.spectral_protocol import open_spectral as open_spectral
-    from photosite.camera import Camera as Camera
-    from photosite.camera_file import load_camera as load_camera
+    from photosite.calibration.gain_series.gain_series import calibrate_series as calibrate_series
+    from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
+    from photosite.calibration.spectral.protocol import open_spectral as open_spectral
+    from photosite.calibration.spectral.spectral import calibrate_spectral as calibrate_spectral
+    from photosite.camera.camera import Camera as Camera
+    from photosite.camera.file import load_camera as load_camera
+    from photosite.color import lamps as lamps
+    from photosite.color.spectrum import Spectrum as Spectrum
+    from photosite.frames.io.read import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames
     from photosite.frames.raw_frame import RawFrame as RawFrame
-    from photosite.frames.read import read_raw as read_raw
-    from photosite.measured import Measured as Measured
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
     from photosite.optics.compound import Lens as Lens
     from photosite.optics.distortion import Distortion as Distortion
     from photosite.optics.distortion import LateralColor as LateralColor
-    from photosite.optics.file import load_optics as load_optics
     from photosite.optics.illumination import IlluminationTable as IlluminationTable
+    from photosite.optics.io.listings.design_files import read_lens_design as read_lens_design
+    from photosite.optics.io.optics_file import load_optics as load_optics
     from photosite.optics.lens import DiffractionLimited as DiffractionLimited
     from photosite.optics.lens_design import LensDesign as LensDesign
-    from photosite.optics.listings.design_files import read_lens_design as read_lens_design
     from photosite.optics.pupil import Pupil as Pupil
     from photosite.optics.radial_table import FieldPoints as FieldPoints
     from photosite.optics.spread import VeilingGlare as VeilingGlare
@@ -96,16 +96,16 @@ if TYPE_CHECKING:
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene import render as render
-    from photosite.scene.convert import convert as convert
-    from photosite.scene.files import read_scene as read_scene
-    from photosite.scene.files import write_scene as write_scene
+    from photosite.scene.io.convert import convert as convert
+    from photosite.scene.io.files import read_scene as read_scene
+    from photosite.scene.io.files import write_scene as write_scene
     from photosite.scene.planes import Plane as Plane
     from photosite.scene.planes import Planes as Planes
     from photosite.scene.scene import Scene as Scene
-    from photosite.sensor.file import load_sensor as load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor as load_sensor
     from photosite.sensor.model import Sensor as Sensor
-    from photosite.spectra import Spectrum as Spectrum
     from photosite.validation.validate import validate as validate
+    from photosite.values.measured import Measured as Measured
 
 
 def __getattr__(name: str) -> Any:

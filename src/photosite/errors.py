@@ -1,64 +1,235 @@
-"""The exceptions, and which one applies when.
+"""Exceptions and warnings, each with fields that say what is wrong.
 
-- `InputError`: a value handed to a function cannot be: an exposure of zero, an unknown preset, a spectrum whose
-  lengths differ. The caller's argument is at fault. It is also a `ValueError`.
-- `FileError`: a file is missing, truncated, of the wrong kind, or says something that cannot be. It carries the
-  path and, where there is one, the line.
-- `CalibrationError`: the files read well and the call was right, but these frames cannot support what was asked:
-  clipped blacks, one exposure only, frames of mixed size.
-- `PhotositeWarning`: the result stands, but its reader should know something: light outside the scene's
+- `InputError`: an argument of a function is invalid: an exposure time of zero, an unknown preset, a spectrum whose
+  lengths differ. It is also a `ValueError`.
+- `FileError`: a file is missing, truncated, of the wrong kind, or has invalid content. It carries the path and, where
+  known, the line.
+- `CalibrationError`: the frames can be read and the call is valid, but these frames cannot support the result:
+  clipped blacks, one exposure time only, frames of mixed size.
+- `PhotositeWarning`: the result is valid within a limitation that the user should know: light outside the scene's
   wavelengths, a flat field that never reached saturation.
 
-Every message names what is wrong and where, what was expected, what came, and how to mend it, in one line.
-The command line prints that line and exits with 2. Anything else that escapes is a bug of photosite's.
+The message is built from the fields in one place, the method `format`. The command line prints it with its own option
+names and exits with 2. Any other exception that leaves photosite is a bug.
 """
 
 from __future__ import annotations
 
+import copy
 import difflib
-from collections.abc import Iterable
+import enum
+from collections.abc import Iterable, Mapping
 from os import PathLike, fspath
+from types import MappingProxyType
+from typing import Any, Protocol, Self
+
+_LONGEST_VALUE = 80
 
 
-class PhotositeError(Exception):
-    """What every exception that photosite raises on purpose is."""
+class NotGiven(enum.Enum):
+    """The value of an error that is about no value; `None` is a value."""
+
+    NOT_GIVEN = "not given"
+
+
+NOT_GIVEN = NotGiven.NOT_GIVEN
+
+
+class Spelling(Protocol):
+    """How a user of an interface writes argument names and values."""
+
+    def name(self, field: str) -> str:
+        """Return the name of an argument."""
+        ...
+
+    def argument(self, field: str, value: Any) -> str:
+        """Return an argument with its value."""
+        ...
+
+
+class PythonSpelling:
+    """Arguments as a Python caller writes them."""
+
+    def name(self, field: str) -> str:
+        """Return the name unchanged."""
+        return field
+
+    def argument(self, field: str, value: Any) -> str:
+        """Return `name=value`.
+
+        Examples
+        --------
+        >>> PythonSpelling().argument("illuminant", "D65")
+        "illuminant='D65'"
+        """
+        return f"{field}={value!r}"
+
+
+_PYTHON = PythonSpelling()
+
+
+class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
+    """The fields that exceptions and warnings share, and the line built from them.
+
+    Parameters
+    ----------
+    what
+        With `expected`: the name of the invalid field or argument. Otherwise: a clause that states the problem.
+    where
+        The file, section or object that the problem is in.
+    value
+        The value that was given.
+    expected
+        The condition on the value, to follow "must be".
+    hint
+        What to do. `{name}` in it stands for that entry of `arguments`, written as the user's interface writes it.
+    arguments
+        Arguments that the hint refers to, with an example value each.
+
+    Examples
+    --------
+    >>> print(InputError("exposure_s", value=0.0, expected="above 0", hint="Give seconds, such as 0.005"))
+    exposure_s must be above 0, got 0.0. Give seconds, such as 0.005
+    >>> print(InputError("the file holds reflectances", hint="Pass {illuminant}", arguments={"illuminant": "D65"}))
+    the file holds reflectances. Pass illuminant='D65'
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | None = None,
+        value: Any = NOT_GIVEN,
+        expected: str | None = None,
+        hint: str | None = None,
+        arguments: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
+        self.what = what
+        self.where = where
+        self.value = value
+        self.expected = expected
+        self.hint = hint
+        self.arguments = dict(arguments)
+        super().__init__(what)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The keyword arguments that make an equal exception."""
+        names = ("where", "value", "expected", "hint", "arguments")
+        return {name: getattr(self, name) for name in names}
+
+    def format(self, spelling: Spelling = _PYTHON) -> str:
+        """Return the message, one line.
+
+        Parameters
+        ----------
+        spelling
+            How the user's interface writes arguments.
+        """
+        text = self.what if self.expected is None else f"{spelling.name(self.what)} must be {self.expected}"
+        if self.value is not NOT_GIVEN:
+            text += f", got {_short(self.value)}"
+        if self.hint:
+            written = {name: spelling.argument(name, value) for name, value in self.arguments.items()}
+            hint = self.hint.format(**written) if written else self.hint
+            text += f". {hint}"
+        return f"{self.where}: {text}" if self.where else text
+
+    def __str__(self) -> str:
+        return self.format()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), (self.what,), self.fields)
+
+
+def _made_again(kind: type[Any], positional: tuple[Any, ...], fields: dict[str, Any]) -> Any:
+    return kind(*positional, **fields)
+
+
+class PhotositeError(_Fields):
+    """Base class of the exceptions that photosite raises on purpose."""
+
+    def in_file(self, path: str | PathLike[str], line: int | None = None) -> FileError:
+        """Return this error as that of a file's content.
+
+        `where` is kept: it is the section inside the file.
+
+        Examples
+        --------
+        >>> error = InputError("exposure_s", value=0, expected="above 0", where="frames[2]")
+        >>> print(error.in_file("protocol.yaml", line=7))
+        protocol.yaml:7: frames[2]: exposure_s must be above 0, got 0
+        """
+        return FileError(path, self.what, line, **self.fields)
+
+    def within(self, where: str) -> Self:
+        """Return this error with a place in front of `where`.
+
+        Examples
+        --------
+        >>> print(InputError("f_number", value=-1, expected="above 0").within("optics"))
+        optics: f_number must be above 0, got -1
+        """
+        again = copy.copy(self)
+        again.where = f"{where}: {self.where}" if self.where else where
+        return again
 
 
 class InputError(PhotositeError, ValueError):
-    """A value handed to a function cannot be."""
+    """An argument is invalid."""
 
 
 class FileError(PhotositeError):
-    """A file cannot be read, or says what cannot be.
+    """A file cannot be read, or its content is invalid.
 
     Parameters
     ----------
     path
         The file.
-    message
-        What is wrong with it, and how to mend it.
+    what
+        As for the other exceptions.
     line
-        The line it is on, counted from 1, where there is one.
+        The line of the file, counted from 1, where known.
+    **fields
+        As for the other exceptions; `where` is the section inside the file.
     """
 
-    def __init__(self, path: str | PathLike[str], message: str, line: int | None = None) -> None:
+    def __init__(self, path: str | PathLike[str], what: str, line: int | None = None, **fields: Any) -> None:
         self.path = fspath(path)
         self.line = line
-        self.message = message
-        place = self.path if line is None else f"{self.path}:{line}"
-        super().__init__(f"{place}: {message}")
+        super().__init__(what, **fields)
+
+    def format(self, spelling: Spelling = _PYTHON) -> str:
+        """Return the message, one line, which begins with the path and the line number."""
+        place = self.path if self.line is None else f"{self.path}:{self.line}"
+        return f"{place}: {self.format_content(spelling)}"
+
+    def format_content(self, spelling: Spelling = _PYTHON) -> str:
+        """Return the message without the path and the line number."""
+        return super().format(spelling)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), (self.path, self.what, self.line), self.fields)
 
 
 class CalibrationError(PhotositeError):
-    """These frames cannot support what was asked of them."""
+    """The frames cannot support the result that was asked for."""
 
 
-class PhotositeWarning(UserWarning):
-    """The result stands, but its reader should know something."""
+class PhotositeWarning(_Fields, UserWarning):
+    """The result is valid within a limitation that the user should know."""
+
+
+def _short(value: Any) -> str:
+    """Return the value's repr, shortened; NumPy scalars as plain numbers."""
+    if getattr(value, "shape", None) == () and hasattr(value, "item"):
+        value = value.item()
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of an error line about an unknown name: the likeliest one meant, or all there are.
+    """Return a hint for an unknown name: the most similar known name, or all known names.
 
     Examples
     --------

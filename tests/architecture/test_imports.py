@@ -1,151 +1,169 @@
-"""Who may import whom, by walking the source's import statements (those inside functions too)."""
+"""Which folder may import which, and that no files import each other in a circle.
+
+Import statements inside functions count; those under `if TYPE_CHECKING` do not, since they never run.
+"""
 
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 SOURCE = Path(__file__).parents[2] / "src" / "photosite"
 
-COMMON = {
-    "errors",
-    "measured",
-    "cfa",
-    "regions",
-    "exposure",
-    "atomic",
-    "cie",
-    "small_file",
-    "yaml_file",
-    "mat_file",
-    "hdf5_heap",
-    "png_file",
-}
-"""Leaves at the top that say nothing of scenes, lenses, sensors or frames."""
+VALUES = {"errors", "values", "files"}
+STAGES = VALUES | {"color", "engine", "scene", "optics", "sensor", "frames", "camera"}
+RESULTS = VALUES | {"color", "engine", "sensor", "frames", "calibration", "metrics", "validation"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
-    "measured": {"errors"},
-    "cfa": {"errors"},
-    "regions": {"errors"},
-    "exposure": {"errors"},
-    "atomic": {"errors"},
-    "cie": set(),
-    "small_file": {"errors"},
-    "yaml_file": {"errors", "small_file"},
-    "mat_file": {"errors"},
-    "hdf5_heap": {"errors"},
-    "png_file": {"errors"},
-    "spectra": {"errors", "cie", "lamps"},
-    "spectrum_file": {"errors", "spectra", "small_file"},
-    "lamps": {"errors", "cie", "spectra", "spectrum_file"},
-    "engine": set(),
-    "scene": COMMON | {"spectra", "engine"},
-    "optics": COMMON | {"spectra", "engine"},
-    "sensor": COMMON | {"spectra", "engine"},
-    "frames": COMMON | {"sensor"},
-    "reach": COMMON | {"engine"},
-    "lens_tables": COMMON | {"optics", "engine", "reach"},  # what a lens's spread is to the engine; no scene, no sensor
-    "transfers": COMMON | {"optics", "engine", "lens_tables"},
-    "mosaic": COMMON
-    | {"scene", "optics", "sensor", "engine", "spectra", "lens_tables", "transfers", "glare", "door", "warps"},
-    "door": COMMON | {"optics", "sensor", "engine"},
-    "glare": COMMON | {"optics", "engine"},
-    "warps": COMMON | {"scene", "optics", "engine"},
-    "layers": COMMON | {"scene", "optics", "sensor", "engine", "spectra", "mosaic"},
-    "profile": COMMON | {"scene", "sensor", "spectra", "door"},
-    "camera": COMMON
-    | {"scene", "optics", "sensor", "frames", "engine", "spectra", "mosaic", "layers", "profile", "door"},
-    "camera_file": COMMON | {"scene", "optics", "sensor", "spectra", "camera"},
-    "calibration": COMMON | {"frames", "sensor", "engine", "spectra", "spectrum_file"},
-    "develop": COMMON | {"frames", "sensor", "engine", "spectra", "metrics"},
-    "metrics": COMMON | {"frames", "sensor", "engine", "spectra"},
+    "values": {"errors"},
+    "files": {"errors", "values"},
+    "engine": {"errors"},
+    "color": VALUES,
+    "scene": VALUES | {"color", "engine"},
+    "optics": VALUES | {"color", "engine"},
+    "sensor": VALUES | {"color", "engine"},
+    "frames": VALUES | {"sensor", "engine"},
+    "camera": VALUES | {"color", "engine", "scene", "optics", "sensor", "frames"},
+    "calibration": VALUES | {"color", "engine", "sensor", "frames"},
+    "metrics": VALUES | {"color", "engine", "sensor", "frames"},
+    "develop": VALUES | {"color", "engine", "sensor", "frames"},
+    "validation": STAGES | {"calibration", "metrics", "develop"},
+    "report": RESULTS | {"develop", "optics"},
+    "studies": STAGES | {"calibration", "metrics", "develop", "validation", "report"},
+    "cli": STAGES | {"calibration", "metrics", "develop", "validation", "report", "studies", ""},
+    "__main__": {"cli"},
 }
-BELOW = COMMON | {
-    "spectra",
-    "engine",
-    "scene",
-    "optics",
-    "sensor",
-    "frames",
-    "mosaic",
-    "door",
-    "profile",
-    "camera",
-    "camera_file",
+"""What each folder may import, besides itself; "" is the package's lazy public names."""
+
+EXCEPTIONS: dict[tuple[str, str], str] = {
+    ("calibration/result.py", "photosite.report"): "Calibration.report: a value's thin method",
+    ("calibration/gain_series/result.py", "photosite.report"): "GainSeries.report: a value's thin method",
 }
-BELOW |= {"calibration", "develop", "metrics", "lamps", "spectrum_file"}
-MAY_IMPORT["validation"] = BELOW
-MAY_IMPORT["report"] = BELOW | {"validation", "studies"}
-MAY_IMPORT["studies"] = BELOW | {"validation", "report"}
-MAY_IMPORT["__main__"] = {"cli"}
-MAY_IMPORT["cli"] = BELOW | {"validation", "report", "studies", ""}
-
-EXCEPTIONS = {
-    # A Calibration, or a series of them, writes its own report; the import is inside the method, and the report knows
-    # calibration only.
-    ("calibration", "report"): {"calibration/result.py", "calibration/gain_series_result.py"},
-}
+"""(file, imported module or folder): the reason. The import must be inside a function."""
 
 
-def rooms() -> dict[str, list[Path]]:
-    found: dict[str, list[Path]] = {}
-    for path in sorted(SOURCE.rglob("*.py")):
-        parts = path.relative_to(SOURCE).with_suffix("").parts
-        if parts != ("__init__",):  # the public face hands on names of every room
-            found.setdefault(parts[0], []).append(path)
-    return found
+def module_name(path: Path) -> str:
+    parts = ("photosite", *path.relative_to(SOURCE).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imported(path: Path) -> set[str]:
-    """The rooms of photosite that a file imports; "" is the public face."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+MODULES = {module_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
+
+
+@cache
+def imports(module: str) -> frozenset[str]:
+    """Modules of photosite that a module imports when it runs."""
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    never = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for statement in node.body
+        for inner in ast.walk(statement)
+    }
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if id(node) in never:
+            continue
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} imports relatively"
-            names |= {node.module or ""} if node.module != "photosite" else {f"photosite.{a.name}" for a in node.names}
-    inside = [name.split(".") for name in names if name.split(".")[0] == "photosite"]
-    return {parts[1] if len(parts) > 1 else "" for parts in inside}
+            assert node.level == 0, f"{module} imports relatively"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add(inner if inner in MODULES else node.module or "")
+    return frozenset(name for name in found if name in MODULES and name != module)
 
 
-@pytest.mark.parametrize("room", rooms())
-def test_room_imports_only_what_it_may(room: str) -> None:
-    assert room in MAY_IMPORT, f"{room} has no entry: say what it may import"
-    for path in rooms()[room]:
-        for other in imported(path) - {room} - MAY_IMPORT[room]:
-            allowed = EXCEPTIONS.get((room, other), set())
-            assert str(path.relative_to(SOURCE)) in allowed, f"{path.relative_to(SOURCE)} imports photosite.{other}"
+def folder(module: str) -> str:
+    return module.split(".")[1] if "." in module else ""
+
+
+def allowed(module: str, imported: str) -> bool:
+    file = str(MODULES[module].relative_to(SOURCE))
+    return any(file == name and imported.startswith(target) for name, target in EXCEPTIONS)
+
+
+def test_top_level_holds_folders_and_errors_only() -> None:
+    assert {path.name for path in SOURCE.glob("*.py")} == {"__init__.py", "__main__.py", "errors.py"}
+    assert {folder(name) for name in MODULES} - {""} == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("name", MAY_IMPORT)
+def test_folder_imports_only_what_it_may(name: str) -> None:
+    wrong = [
+        (module, other)
+        for module in MODULES
+        if folder(module) == name
+        for other in imports(module)
+        if folder(other) not in MAY_IMPORT[name] | {name} and not allowed(module, other)
+    ]
+    assert not wrong
 
 
 def test_every_exception_is_still_needed() -> None:
-    for (room, other), files in EXCEPTIONS.items():
-        for name in files:
-            assert other in imported(SOURCE / name), f"{room}/{name} no longer imports {other}: remove the exception"
+    for name, target in EXCEPTIONS:
+        assert any(other.startswith(target) for other in imports(module_name(SOURCE / name))), (name, target)
+
+
+def circles() -> list[list[str]]:
+    """Groups of modules that import each other, by Tarjan's algorithm."""
+    order: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        order[module] = lowest[module] = len(order)
+        stack.append(module)
+        for other in sorted(imports(module)):
+            if allowed(module, other) or module == "photosite":
+                continue
+            if other not in order:
+                visit(other)
+                lowest[module] = min(lowest[module], lowest[other])
+            elif other in stack:
+                lowest[module] = min(lowest[module], order[other])
+        if lowest[module] == order[module]:
+            members = stack[stack.index(module) :]
+            del stack[stack.index(module) :]
+            if len(members) > 1:
+                found.append(sorted(members))
+
+    for module in MODULES:
+        if module not in order:
+            visit(module)
+    return found
+
+
+@pytest.mark.xfail(reason="circles remain in scene, frames, optics, sensor, calibration", strict=True)
+def test_no_circles_between_files() -> None:
+    assert not circles()
 
 
 def test_numba_is_configured_in_one_place() -> None:
-    """jit.py for the CPU, cuda.py for the GPU: numba's CUDA target is loaded by those only who ask for it."""
+    """jit.py for the CPU, cuda.py for the GPU, so that numba's CUDA target loads only when it is used."""
     for path in SOURCE.rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        assert path.name in ("jit.py", "cuda.py") or "numba" not in {
+        imported = {
             alias.name.split(".")[0]
-            for node in ast.walk(ast.parse(text))
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
             if isinstance(node, ast.Import)
             for alias in node.names
-        }, f"{path.relative_to(SOURCE)} imports numba; engine/jit.py is the place"
+        }
+        assert path.name in ("jit.py", "cuda.py") or "numba" not in imported, f"{path} imports numba"
 
 
-def test_no_file_grows_past_400_lines() -> None:
-    long = {str(p.relative_to(SOURCE)): n for p in SOURCE.rglob("*.py") if (n := len(p.read_text().splitlines())) > 400}
-    assert not long, f"files past 400 lines are two rooms: {long}"
-
-
-def test_a_folder_init_only_hands_names_on() -> None:
-    for path in SOURCE.glob("*/__init__.py"):
+def test_a_folder_init_only_imports_names() -> None:
+    for path in SOURCE.glob("*/**/__init__.py"):
         body = ast.parse(path.read_text(encoding="utf-8")).body
-        code = [n for n in body if not isinstance(n, ast.Expr | ast.ImportFrom | ast.Assign)]
-        assert not code, f"{path.relative_to(SOURCE)} does more than hand names on"
+        code = [node for node in body if not isinstance(node, ast.Expr | ast.ImportFrom | ast.Assign)]
+        assert not code, f"{path.relative_to(SOURCE)} does more than import names"
+
+
+def test_every_folder_says_what_belongs_in_it() -> None:
+    for path in SOURCE.glob("*/**/__init__.py"):
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path.relative_to(SOURCE)

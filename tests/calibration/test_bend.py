@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photosite.calibration.bend import Bend, bent_gain, find_bend
-from photosite.calibration.photon_transfer import LightLevels, fit_gain, fit_response
-from photosite.calibration.uncertain import Missing, Source, Uncertain
+from photosite.calibration.photon_transfer.bend import Bend, bent_gain, find_bend
+from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain, fit_response
+from photosite.values.uncertain import Missing, Source, Uncertain
 
 GAIN, EFFICIENCY, PIXELS = 0.3, 0.5, 10_000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.blinking import FALSE_ALARMS, blinking, least_visits, ratio_limit, two_levels
+from photosite.calibration.chip_maps.blinking import FALSE_ALARMS, blinking, least_visits, ratio_limit, two_levels
 
 
 def test_the_cut_is_the_best_of_all() -> None:

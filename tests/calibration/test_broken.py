@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from photosite.calibration import partial, reading
-from photosite.calibration.broken import BLOCKS, SIDE, Grid, broken_frames
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.checks.broken import BLOCKS, SIDE, Grid, broken_frames
+from photosite.calibration.reduction import partial, reading
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 

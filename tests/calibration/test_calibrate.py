@@ -7,11 +7,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from photosite.calibration import reading
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.line_noise import LINE_FRAMES
 from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.reduction import reading
 from photosite.calibration.result import Parameters
+from photosite.calibration.spatial.line_noise import LINE_FRAMES
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 

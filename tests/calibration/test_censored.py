@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from photosite.calibration.censored import (
+from photosite.calibration.clipped_blacks.censored import (
     LEAST_READ_NOISE,
     CensoredDark,
     ClippedCounts,
@@ -21,7 +21,7 @@ from photosite.calibration.censored import (
     fit_censored,
 )
 from photosite.calibration.figures import _temporal_dark_noise, _turned_back
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.values.uncertain import Missing, Uncertain
 
 D200_READ_DN, D200_DSNU_DN = 2.1723, 2.2976
 """0.52 mV and 0.55 mV at 0.2394 mV/DN."""

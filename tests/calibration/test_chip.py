@@ -9,11 +9,11 @@ import pytest
 from scipy import stats
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.chip import measure_chip
+from photosite.calibration.chip_maps.chip import measure_chip
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.chip import temporal_blocks
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
 from photosite.studies.planted import drawn_maps, plant_blinking, plant_dead, plant_hot

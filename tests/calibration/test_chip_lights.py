@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from photosite.calibration.chip_lights import ResponseMap, needed_lights
+from photosite.calibration.chip_maps.chip_lights import ResponseMap, needed_lights
 from photosite.calibration.result import LinearRange
 from photosite.frames.frame_set import frame_set_from_arrays
 

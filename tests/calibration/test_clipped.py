@@ -10,9 +10,9 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.clipped import are_clipped
+from photosite.calibration.clipped_blacks.clipped import are_clipped
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.studies.closed_loop import compared_parameters
+from photosite.studies.closed_loop.study import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab
 

@@ -5,8 +5,8 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import InputError
-from photosite.measured import Measured
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
+from photosite.values.measured import Measured
 
 
 @pytest.fixture(scope="module")

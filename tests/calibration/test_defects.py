@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.defects import channel_values, deviations, listed, together
+from photosite.calibration.chip_maps.defects import channel_values, deviations, listed, together
 from photosite.sensor.measured_chip import DefectKind
 
 TILE = np.array([[0, 1], [1, 2]])

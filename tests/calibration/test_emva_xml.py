@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 import photosite as ps
-from photosite.calibration.emva_xml import FIGURES, write_emva_results
+from photosite.calibration.export.emva_xml import FIGURES, write_emva_results
 
 
 def reference_reading(path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.fit import fit_linear
+from photosite.calibration.photon_transfer.fit import fit_linear
 
 
 def test_ideal_points_get_textbook_weighted_least_squares():

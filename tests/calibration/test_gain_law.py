@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from photosite.calibration.gain_law import (
+from photosite.calibration.gain_series.gain_law import (
     FALSE_ALARMS,
     ReadNoise,
     find_law,
@@ -17,7 +17,7 @@ from photosite.calibration.gain_law import (
     step_in_gain,
     step_in_read_noise,
 )
-from photosite.measured import COVERAGE_95
+from photosite.values.measured import COVERAGE_95
 
 GAIN_U, NOISE_U = 0.005, 0.01
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.gain_series import calibrate_series
+from photosite.calibration.gain_series.gain_series import calibrate_series
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.studies.gain_series import GainModel, gain_series_lab

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.general_model import local_slopes
-from photosite.calibration.uncertain import Missing
+from photosite.calibration.photon_transfer.general_model import local_slopes
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.values.uncertain import Missing
 
 READ_DN, GAIN = 3.0, 0.5
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.histograms import MOST_BINS, far_pixels, histogram, normal_threshold
+from photosite.calibration.spatial.histograms import MOST_BINS, far_pixels, histogram, normal_threshold
 
 
 def test_a_normal_sample_is_where_the_normal_distribution_is():

@@ -13,8 +13,8 @@ import pytest
 from scipy.stats import norm
 
 from photosite.calibration.calibrate import calibrate
+from photosite.frames.io.png import write_png
 from photosite.frames.open import open_frames
-from photosite.frames.png import write_png
 from photosite.frames.raw_frame import RawFrame
 
 ROWS, COLS = 160, 200

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.groups import Level
-from photosite.calibration.judge import CLIPPED_BLACK, clipping_bias
+from photosite.calibration.checks.judge import CLIPPED_BLACK, clipping_bias
+from photosite.calibration.reduction.groups import Level
 from photosite.engine.accumulate import FrameSums
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays

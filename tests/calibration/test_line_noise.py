@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.groups import Level
-from photosite.calibration.line_noise import temporal_parts
+from photosite.calibration.reduction.groups import Level
+from photosite.calibration.spatial.line_noise import temporal_parts
 from photosite.engine.accumulate import FrameSums
 from photosite.engine.lines import line_sums
 from photosite.frames.frame_set import frame_set_from_arrays

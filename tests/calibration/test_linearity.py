@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.linearity import linearity
-from photosite.calibration.uncertain import Missing
+from photosite.calibration.photon_transfer.linearity import linearity
+from photosite.values.uncertain import Missing
 
 
 def exact(x):

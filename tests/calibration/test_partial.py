@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from photosite.calibration import partial, reading
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.reduction import partial, reading
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 

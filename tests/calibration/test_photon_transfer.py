@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from photosite.calibration.photon_transfer import (
+from photosite.calibration.photon_transfer.photon_transfer import (
     LightLevels,
     find_saturation,
     fit_gain,
     gain_value,
     linear_levels,
 )
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.values.uncertain import Missing, Uncertain
 
 
 def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_sigma=0.1):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.pixel_noise import NoiseSpread, moderated, noise_spread
+from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 
 FREEDOM = 15
 

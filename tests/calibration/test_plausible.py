@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.plausible import Nonsense, dark_current_slope, efficient, of_variance, too_short
-from photosite.calibration.uncertain import Uncertain
+from photosite.calibration.checks.plausible import Nonsense, dark_current_slope, efficient, of_variance, too_short
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.values.uncertain import Uncertain
 
 GAIN, BLACK, READ_DN, EFFICIENCY = 0.5, 64.0, 2.0, 0.6
 LEVELS = (200.0, 400.0, 800.0, 1600.0, 2400.0, 3200.0, 5000.0, 7000.0, 9000.0)

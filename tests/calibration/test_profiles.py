@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from photosite.calibration.profiles import profiles
+from photosite.calibration.spatial.profiles import profiles
 
 
 def test_profiles_of_one_plane():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.provenance import UsedFrame, frames_sha256
+from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.second_look import BINS, look_again
+from photosite.calibration.chip_maps.second_look import BINS, look_again
 from photosite.engine.accumulate import FrameSums
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.smooth_prior import _matern, smooth_positive_estimate
+from photosite.calibration.spectral.smooth_prior import _matern, smooth_positive_estimate
 from photosite.engine.truncated_normal import positive_normal_draws
 from photosite.errors import InputError
 
@@ -53,7 +53,7 @@ def test_where_nothing_was_measured_the_interval_is_the_priors():
 
 def test_without_the_wall_it_is_the_textbooks_regression():
     """Far from 0, one length, spread and misfit: mean and covariance of Gaussian process regression, Rasmussen 2.25."""
-    import photosite.calibration.smooth_prior as module
+    import photosite.calibration.spectral.smooth_prior as module
 
     rng = np.random.default_rng(2)
     design = _broad(rng)
@@ -124,7 +124,7 @@ def test_an_error_common_to_all_widens_and_does_not_move(relative):
 
 def test_the_common_part_of_relative_errors():
     """Of lights with independent levels, a light's variance over their number; of all alike, the whole."""
-    import photosite.calibration.smooth_prior as module
+    import photosite.calibration.spectral.smooth_prior as module
 
     light = np.repeat(np.arange(3), 5)
     same = (light[:, None] == light).astype(float)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.snr import SnrCurve
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.values.uncertain import Missing, Uncertain
 
 K, READ_DN, BLACK = 0.4, 2.5, 100.0
 ELECTRONS = np.geomspace(40, 4000, 9)

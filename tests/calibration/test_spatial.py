@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from photosite.calibration.line_noise import TemporalParts
-from photosite.calibration.spatial import (
+from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.spatial import (
     MARGIN,
     channel_parts,
     high_pass,
@@ -13,7 +13,7 @@ from photosite.calibration.spatial import (
     pixel_gain,
     split_parts,
 )
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)
 NO_NOISE = TemporalParts(NONE, NONE, NONE)

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from photosite.calibration.line_noise import TemporalParts
-from photosite.calibration.spatial import pixel_gain
-from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.spatial import pixel_gain
+from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
+from photosite.values.uncertain import Missing, Uncertain
 
 MONO = np.zeros((1, 1), np.int64)
 BAYER = np.array([[0, 1], [1, 2]])

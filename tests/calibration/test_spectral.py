@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photosite.calibration.passband import Passband, band_matrix, triangular_passband
-from photosite.calibration.spectral import calibrate_spectral
-from photosite.calibration.spectral_frames import Band, Photodiode, SpectralFrames
+from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
+from photosite.calibration.spectral.passband import Passband, band_matrix, triangular_passband
+from photosite.calibration.spectral.spectral import calibrate_spectral
+from photosite.color.spectrum import LIGHT_SPEED_M_S, PLANCK_J_S, Spectrum
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameSource
-from photosite.measured import Measured
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.spectra import LIGHT_SPEED_M_S, PLANCK_J_S, Spectrum
 from photosite.studies.virtual_lab import with_pedestal
 from photosite.studies.virtual_monochromator import MonochromatorRun, without_spectra
+from photosite.values.measured import Measured
 
 GAIN_DN_PER_E = 0.25
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.spectral import calibrate_spectral
-from photosite.calibration.spectral_protocol import open_spectral
+from photosite.calibration.spectral.protocol import open_spectral
+from photosite.calibration.spectral.spectral import calibrate_spectral
+from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError
-from photosite.spectrum_file import read_spectrum
 from photosite.studies.virtual_lab import with_pedestal
 from photosite.studies.virtual_monochromator import MonochromatorRun
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photosite.calibration.spectrogram import spectrogram
+from photosite.calibration.spatial.spectrogram import spectrogram
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -53,7 +53,7 @@ def test_a_strong_wave_leaves_the_white_part_alone():
 
 def test_several_planes_count_alike_each_about_its_own_mean(monkeypatch):
     """In pieces, too: what is transformed together changes nothing."""
-    from photosite.calibration import strips
+    from photosite.calibration.spatial import strips
 
     rng = np.random.default_rng(4)
     planes = [rng.normal(level, 2.0, (30, 40)) for level in (0.0, 100.0)]

@@ -6,9 +6,9 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from photosite.calibration.spread import signed_root, spread, spread_interval_95, upper_limit_95
-from photosite.calibration.uncertain import Source, Uncertain, weighted_mean
-from photosite.measured import COVERAGE_95
+from photosite.calibration.spatial.spread import signed_root, spread, spread_interval_95, upper_limit_95
+from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import Source, Uncertain, weighted_mean
 
 
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 3.0, 10.0])

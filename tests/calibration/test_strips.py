@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from photosite.calibration import strips as module
-from photosite.calibration.spatial import high_pass
-from photosite.calibration.strips import Difference, high_passed, plane_mean, spread_sample, strips
+from photosite.calibration.spatial import strips as module
+from photosite.calibration.spatial.spatial import high_pass
+from photosite.calibration.spatial.strips import Difference, high_passed, plane_mean, spread_sample, strips
 
 
 @pytest.fixture(autouse=True)

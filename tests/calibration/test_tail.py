@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.tail import NORMAL_SHAPE, _block_moments, measure_tail, tukey_shape
+from photosite.calibration.chip_maps.tail import NORMAL_SHAPE, _block_moments, measure_tail, tukey_shape
 
 SHAPE, FRAMES, WIDTH = (160, 200), 12, 0.25
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.groups import GroupStatistics, Level
-from photosite.calibration.second_look import look_again
-from photosite.calibration.temporal import measure_temporal
+from photosite.calibration.chip_maps.second_look import look_again
+from photosite.calibration.chip_maps.temporal import measure_temporal
+from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.engine.accumulate import FrameSums
 from photosite.frames.frame_set import FrameGroup, FrameSource
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from photosite.calibration.uncertain import (
+from photosite.values.uncertain import (
     JointCovariance,
     Missing,
     Source,

@@ -7,11 +7,11 @@ Statistical tests have fixed seeds. Of 60 pulls (error over uncertainty) the mea
 import numpy as np
 import pytest
 
-from photosite.calibration.censored import CensoredDark, ClippedCounts, fit_censored
-from photosite.calibration.groups import Level
-from photosite.calibration.uncertain import Missing
-from photosite.calibration.unclip import _moments, _Pixels, _temporal_covariance, unclip
+from photosite.calibration.clipped_blacks.censored import CensoredDark, ClippedCounts, fit_censored
+from photosite.calibration.clipped_blacks.unclip import _moments, _Pixels, _temporal_covariance, unclip
+from photosite.calibration.reduction.groups import Level
 from photosite.engine.accumulate import FrameSums
+from photosite.values.uncertain import Missing
 
 
 def level_of(y):

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photosite.cfa import channel_mask, channel_names
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_mask, channel_names
 
 
 def sensor(seed=0, *, cfa="mono", rows=96, cols=128, limited_by="converter", **changes):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
+from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
-from photosite.sensor.file import dump_sensor
+from photosite.sensor.io.sensor_file import dump_sensor
 
 SMALL = ("--rows", 66, "--cols", 98)
 

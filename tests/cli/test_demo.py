@@ -45,7 +45,7 @@ def test_nothing_new_after_a_failure(photosite: Any, tmp_path: Path, monkeypatch
     def full(result: object, path: Path) -> None:
         raise FileError(path, "cannot be written: No space left on device")
 
-    monkeypatch.setattr("photosite.report.demo.write_demo_report", full)
+    monkeypatch.setattr("photosite.studies.closed_loop.page.write_demo_report", full)
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "report.html").write_text("of last time", encoding="utf-8")
     for name in ("new", "old"):

@@ -10,7 +10,7 @@ import numba
 import pytest
 
 import photosite as ps
-from photosite.frames.noise_profiles import read_darktable
+from photosite.frames.io.noise_profiles import read_darktable
 from photosite.studies.gain_series import GainModel, GainSeriesLab, gain_series_lab
 
 SETTINGS = (100, 200, 400, 800, 1600)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import photosite as ps
-from photosite.sensor.file import preset_names
+from photosite.sensor.io.sensor_file import preset_names
 
 
 def test_lists_every_preset(photosite: Any) -> None:

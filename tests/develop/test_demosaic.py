@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from photosite.cfa import NAMED, channel_mask
 from photosite.develop.demosaic import demosaic_bilinear, plane_names
 from photosite.errors import InputError
+from photosite.values.cfa import NAMED, channel_mask
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 

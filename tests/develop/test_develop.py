@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from photosite.cfa import NAMED, channel_mask, channel_names
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.difference import D65_WHITE_XYZ
 from photosite.develop.develop import develop
 from photosite.develop.display import encode_srgb
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.metrics.color_difference import D65_WHITE_XYZ
+from photosite.values.cfa import NAMED, channel_mask, channel_names
 
 # A camera's XYZ to R, G, B in the manner of published DNG matrices.
 FROM_XYZ = np.array([[0.8367, -0.2248, -0.0981], [-0.3931, 1.1500, 0.2720], [-0.0742, 0.1517, 0.7257]])

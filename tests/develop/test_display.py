@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
 from photosite.develop.display import SRGB_FROM_XYZ, XYZ_FROM_SRGB, encode_srgb
 
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from numba import cuda
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.engine.cuda import NoCudaError, check_unfused
 from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 
 KERNEL = """
 import numpy as np

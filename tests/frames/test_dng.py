@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.frames.io.read import read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import read_raw
+from photosite.values.cfa import cfa_from
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 

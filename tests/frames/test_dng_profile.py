@@ -10,10 +10,10 @@ import rawpy
 
 import photosite as ps
 from photosite.errors import FileError
-from photosite.frames.dng_profile import read_dng_profile, write_dng_profile
+from photosite.frames.io.dng_profile import read_dng_profile, write_dng_profile
 from photosite.frames.raw_frame import RawFrame
-from photosite.measured import Measured
 from photosite.sensor.noise_profile import NoiseProfile
+from photosite.values.measured import Measured
 
 PROFILE = NoiseProfile(
     ("R", "G", "B"),

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import rawpy
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.camera_raw import read_camera_raw
+from photosite.frames.io.camera_raw import read_camera_raw
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import read_headers, read_raw
+from photosite.values.cfa import cfa_from
 
 BYTE, ASCII, SHORT, LONG, RATIONAL, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 10, 12
 CODES = {BYTE: "B", SHORT: "H", LONG: "I", RATIONAL: "I", SRATIONAL: "i", DOUBLE: "d"}

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.frames.emva import looks_like_descriptor, read_descriptor
+from photosite.frames.io.emva import looks_like_descriptor, read_descriptor
 from photosite.frames.open import open_frames
 
 HEAD = "v 3.0\nn 12 4 3\n"

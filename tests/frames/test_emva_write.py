@@ -8,8 +8,8 @@ from PIL import Image
 
 import photosite as ps
 from photosite.errors import FileError, InputError
-from photosite.frames.emva_write import write_descriptor
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.io.emva_write import write_descriptor
 
 EXPOSURES = (1 / 8000, 1 / 3, 0.01, 1e-5, 30.0, 0.1 + 1e-16)
 

@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.open import open_frames
-from photosite.frames.read import read_headers, read_raw
+from photosite.values.cfa import cfa_from
 
 fits = pytest.importorskip("astropy.io.fits")
 

@@ -7,9 +7,9 @@ import pickle
 import numpy as np
 import pytest
 
-from photosite.cfa import cfa_from
 from photosite.errors import InputError
 from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.values.cfa import cfa_from
 
 
 def frame(value: int, shape=(2, 3)) -> np.ndarray:

@@ -10,11 +10,11 @@ import h5py
 import numpy as np
 import pytest
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames import hdf5
+from photosite.frames.io import hdf5
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.open import open_frames
-from photosite.frames.read import read_headers, read_raw
+from photosite.values.cfa import cfa_from
 
 
 def stack(seed=0, frames=3, top=4096):

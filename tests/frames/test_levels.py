@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.camera_raw import _border
+from photosite.frames.io.camera_raw import _border
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.levels import border_level
 from photosite.frames.open import open_frames
-from photosite.frames.read import read_headers, read_raw
 
 _spec = spec_from_file_location("hand_made", Path(__file__).with_name("test_dng_read.py"))
 hand_made = module_from_spec(_spec)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.frames.noise_profiles import (
+from photosite.frames.io.noise_profiles import (
     at_setting,
     looks_like_libcamera,
     read_darktable,
@@ -17,8 +17,8 @@ from photosite.frames.noise_profiles import (
     write_darktable,
     write_libcamera,
 )
-from photosite.measured import Measured
 from photosite.sensor.noise_profile import NoiseProfile
+from photosite.values.measured import Measured
 
 
 def profile(iso=100.0, gain=0.25, dark=3.0, channels=("R", "G", "B"), black=64.0, white=4095.0):

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 
 import photosite as ps
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError
 from photosite.frames import listing
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
+from photosite.values.cfa import cfa_from
 
 
 def put(path, value=64, shape=(24, 26), **fields):

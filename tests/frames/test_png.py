@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
+from photosite.files.png import PngHeader
+from photosite.frames.io.read import read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import read_raw
-from photosite.png_file import PngHeader
 
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
 

@@ -9,11 +9,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, PhotositeWarning
+from photosite.frames.io.protocol import Protocol, ProtocolFrames, read_protocol, write_protocol
 from photosite.frames.open import open_frames
-from photosite.frames.protocol import Protocol, ProtocolFrames, read_protocol, write_protocol
 from photosite.frames.raw_frame import RawFrame
+from photosite.values.cfa import cfa_from
 
 
 def protocol(folder, text, name="protocol.yaml"):
@@ -82,7 +82,7 @@ def test_the_protocol_says_what_files_do_not(tmp_path):
 def test_the_sensor_says_it_where_neither_does(tmp_path):
     from PIL import Image
 
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     load_sensor("nikon-d200").with_(rows=3, cols=4).save(tmp_path / "mine.sensor.yaml")
     Image.fromarray(np.full((3, 4), 64, np.uint16)).save(tmp_path / "a.png")

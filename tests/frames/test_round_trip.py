@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError
+from photosite.frames.io.read import format_of, read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import format_of, read_headers, read_raw
+from photosite.values.cfa import cfa_from
 
 ENDINGS = ("dng", "tif", "png", "h5")
 
@@ -133,7 +133,7 @@ def test_a_failing_writer_leaves_nothing(tmp_path, ending, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("photosite.atomic.os.replace", full)
+    monkeypatch.setattr("photosite.files.atomic.os.replace", full)
     with pytest.raises(FileError, match=re.escape(str(path)) + ".*No space left"):
         make_frame(seed=6).save(path)
     assert_same(read_raw(path), old)

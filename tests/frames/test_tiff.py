@@ -10,11 +10,11 @@ import pytest
 import tifffile
 
 from photosite.errors import FileError
-from photosite.frames import tiff
-from photosite.frames.header import describe
+from photosite.frames.io import tiff
+from photosite.frames.io.header import describe
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import read_headers, read_raw
 
 
 def pages(count=4, seed=0):

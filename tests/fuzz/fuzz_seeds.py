@@ -109,7 +109,7 @@ def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
     import OpenEXR
 
     from photosite.scene.charts import reflectance_chart
-    from photosite.scene.files import write_scene
+    from photosite.scene.io.files import write_scene
 
     grid = np.arange(400.0, 701.0, 100.0)
     chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3)
@@ -208,9 +208,9 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
     """Scene files and cubes, each as photosite writes them and as others do."""
     import tifffile
 
-    from photosite.regions import Region
-    from photosite.scene.files import write_scene
+    from photosite.scene.io.files import write_scene
     from photosite.scene.scene import Scene
+    from photosite.values.region import Region
 
     rng = np.random.default_rng(3)
     grid = np.arange(450.0, 651, 50)
@@ -245,7 +245,7 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
 
 
 def _maps(place: Path) -> tuple[bytes, ...]:
-    from photosite.sensor.maps_file import write_maps
+    from photosite.sensor.io.maps_file import write_maps
 
     write_maps(_chip(), place / "a.maps.h5")
     return ((place / "a.maps.h5").read_bytes(),)

@@ -179,13 +179,13 @@ def check(found: object, depth: int = 0) -> None:
 
 def targets(folder: Path) -> dict[str, Target]:
     """All readers by name; valid frames that protocols and descriptors name are written to the folder."""
-    from photosite.calibration.spectral_protocol import open_spectral
-    from photosite.frames.noise_profiles import read_darktable, read_libcamera
+    from photosite.calibration.spectral.protocol import open_spectral
+    from photosite.color.spectrum_file import read_spectrum
+    from photosite.frames.io.noise_profiles import read_darktable, read_libcamera
+    from photosite.frames.io.read import read_frame, read_headers
     from photosite.frames.open import open_frames
-    from photosite.frames.read import read_frame, read_headers
-    from photosite.sensor.file import load_sensor
-    from photosite.sensor.maps_file import read_maps
-    from photosite.spectrum_file import read_spectrum
+    from photosite.sensor.io.maps_file import read_maps
+    from photosite.sensor.io.sensor_file import load_sensor
     from photosite.studies.chart_protocol import open_chart
 
     seeds = seeds_of(folder)
@@ -209,14 +209,14 @@ def targets(folder: Path) -> dict[str, Target]:
         return [(band.exposure_s, band.photons_m2(), band.passband.centre_nm) for band in open_spectral(path).bands]
 
     def scene(path: Path) -> object:
-        from photosite.scene.files import read_scene
+        from photosite.scene.io.files import read_scene
 
         if path.suffix == ".hdr":  # the numbers beside the header
             path.with_suffix(".img").write_bytes(seeds["envi numbers"][0])
         return read_scene(path)
 
     def lens(path: Path) -> object:
-        from photosite.optics.file import load_optics
+        from photosite.optics.io.optics_file import load_optics
 
         return load_optics(path)
 
@@ -227,27 +227,27 @@ def targets(folder: Path) -> dict[str, Target]:
         return [getattr(found, f.name) for f in fields(Lens) if f.name != "focus_distance_m" and hasattr(found, f.name)]
 
     def design(path: Path) -> object:
-        from photosite.optics.npz import read_design
+        from photosite.optics.io.npz import read_design
 
         return read_design(path)
 
     def pupil(path: Path) -> object:
-        from photosite.optics.npz import read_amplitude
+        from photosite.optics.io.npz import read_amplitude
 
         return read_amplitude(path)
 
     def psf(path: Path) -> object:
-        from photosite.optics.listings.zemax import read_psf
+        from photosite.optics.io.listings.zemax import read_psf
 
         return read_psf(path)
 
     def distortion(path: Path) -> object:
-        from photosite.optics.listings.zemax import read_distortion
+        from photosite.optics.io.listings.zemax import read_distortion
 
         return read_distortion(path)
 
     def heights(path: Path) -> object:  # the table of real heights beside the parameters
-        from photosite.optics.listings.ray_trace import read_ray_trace
+        from photosite.optics.io.listings.ray_trace import read_ray_trace
 
         folder = path.parent / "heights"
         folder.mkdir(exist_ok=True)
@@ -256,7 +256,7 @@ def targets(folder: Path) -> dict[str, Target]:
         return read_ray_trace(folder).distortion()
 
     def chart(path: Path) -> object:
-        from photosite.scene.files import read_scene
+        from photosite.scene.io.files import read_scene
 
         return read_scene(path, illuminant="D65", mean_luminance_cd_m2=100.0)
 

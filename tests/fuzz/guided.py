@@ -23,7 +23,7 @@ def main() -> None:
     with atheris.instrument_imports(include=["photosite", "ruamel", "tifffile"], exclude=["photosite.engine"]):
         import fuzzing
 
-        import photosite.calibration.spectral_protocol
+        import photosite.calibration.spectral.protocol
         import photosite.frames.open
         import photosite.studies.chart_protocol  # noqa: F401
 

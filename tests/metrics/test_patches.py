@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.cfa import NAMED
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.regions import Region
+from photosite.values.cfa import NAMED
+from photosite.values.region import Region
 
 
 def random_frame(seed, cfa="rggb", shape=(24, 30)):

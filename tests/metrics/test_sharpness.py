@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 import photosite as ps
+from photosite.camera.mean_image import electrons_per_weight
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.sharpness import SlantedEdge, slanted_edge_mtf
-from photosite.mosaic import electrons_per_weight
 from photosite.optics.compound import Lens
 from photosite.optics.spread import PlaneSpread
 from photosite.optics.wavefront import Wavefront

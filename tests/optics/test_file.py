@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photosite.camera_file import load_camera
+from photosite.camera.file import load_camera
+from photosite.color.spectrum import Spectrum
 from photosite.errors import FileError
 from photosite.optics.compound import Lens
-from photosite.optics.file import load_optics
+from photosite.optics.io.optics_file import load_optics
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.wavefront import Wavefront
-from photosite.spectra import Spectrum
 
 WHOLE = """photosite_optics: 1
 name: made up 50 mm
@@ -252,7 +252,7 @@ def test_a_camera_file_holds_the_same_fields(tmp_path: Path) -> None:
 
 
 def test_the_way_of_the_module_text_is_a_lens(tmp_path: Path) -> None:
-    import photosite.optics.file as module
+    import photosite.optics.io.optics_file as module
 
     assert module.__doc__ is not None
     text = module.__doc__.split("\n\n")[1].replace("falloff: cos4 ", "falloff: none ")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited
-from photosite.spectra import Spectrum
 
 LENS = DiffractionLimited(f_number=2.8, focal_length_mm=4.88)
 

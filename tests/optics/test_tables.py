@@ -14,9 +14,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.optics.io.table_files import read_otf_table, read_psf_table
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import PlaneSpread, RadialSpread
-from photosite.optics.table_files import read_otf_table, read_psf_table
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.special import j1
 
+from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.autocorrelation import PupilTransfer, cells_for, largest_slope
 from photosite.optics.lens import DiffractionLimited
@@ -19,7 +20,6 @@ from photosite.optics.ring import bare_transfer, defocus_transfer, ring_transfer
 from photosite.optics.spread import PlaneSpread, RadialSpread
 from photosite.optics.wavefront import Wavefront
 from photosite.optics.zernike import zernike_terms, zernike_values
-from photosite.spectra import Spectrum
 
 Array = NDArray[np.float64]
 LENS = DiffractionLimited(f_number=8, focal_length_mm=50)

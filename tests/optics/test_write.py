@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 import photosite as ps
+from photosite.color.spectrum import Spectrum
 from photosite.errors import FileError, InputError
+from photosite.files.yaml import read_yaml
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.file import load_optics
 from photosite.optics.illumination import IlluminationTable
+from photosite.optics.io.optics_file import load_optics
+from photosite.optics.io.write import write_optics
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.pupil import Pupil
@@ -23,9 +26,6 @@ from photosite.optics.radial_table import FieldPoints
 from photosite.optics.spread import RadialSpread, VeilingGlare
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
-from photosite.optics.write import write_optics
-from photosite.spectra import Spectrum
-from photosite.yaml_file import read_yaml
 
 BASE = DiffractionLimited(2.8, 1 / 3 * 100)
 HEIGHTS, ANGLES = FieldPoints(height_mm=np.array([0, 7.1, 14.3])), FieldPoints(angle_deg=np.array([0, 10 / 3, 22]))
@@ -222,7 +222,7 @@ def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, 
 
 
 def test_tables_larger_than_is_read_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photosite.optics.write.LARGEST_BYTES", 2 << 20)
+    monkeypatch.setattr("photosite.optics.io.write.LARGEST_BYTES", 2 << 20)
     many = FieldPoints(np.linspace(0, 9, 60_000))
     with pytest.raises(InputError, match="more than 2 MiB: thin them"):
         Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 60_000))).save(tmp_path / "a.yaml")

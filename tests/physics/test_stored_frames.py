@@ -12,7 +12,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.readout import digital_numbers
 
 SENSOR = load_sensor("nikon-d200").with_(rows=120, cols=2050, black_level_dn=64, dark_voltage_mv_per_s=2.0)

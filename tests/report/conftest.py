@@ -12,7 +12,7 @@ import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.studies.closed_loop import ClosedLoop, closed_loop
+from photosite.studies.closed_loop.study import ClosedLoop, closed_loop
 from photosite.studies.protocol import ShootingProtocol, series
 from photosite.studies.virtual_lab import with_pedestal
 

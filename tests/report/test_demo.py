@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photosite.report.demo import write_demo_report
 from photosite.report.pictures import WIDEST
+from photosite.studies.closed_loop.page import write_demo_report
 
 
 @pytest.fixture(scope="module")

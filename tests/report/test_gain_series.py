@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.calibration.gain_series_result import ConversionGainSwitch, GainMode, GainSeries, GainStep
+from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
 from photosite.calibration.result import Calibration, Estimate
 from photosite.frames.frame_set import Kind, frame_set_from_arrays
 from photosite.report.figures.gain_series import gain_series_figure

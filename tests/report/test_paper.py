@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from photosite.calibration.result import Calibration, Estimate
-from photosite.calibration.uncertain import Uncertain
 from photosite.report.numbers import format_uncertain
 from photosite.report.paper import table_1
-from photosite.studies.closed_loop import ClosedLoop
+from photosite.studies.closed_loop.study import ClosedLoop
+from photosite.values.uncertain import Uncertain
 
 
 def _well_row(calibration: Calibration) -> tuple[str, ...]:

@@ -5,9 +5,9 @@ import io
 import numpy as np
 from PIL import Image
 
-from photosite.cfa import cfa_from
 from photosite.frames.raw_frame import RawFrame
 from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnified, shrink
+from photosite.values.cfa import cfa_from
 
 
 def test_shrink_takes_means_of_squares() -> None:

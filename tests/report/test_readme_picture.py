@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from photosite.report.readme_picture import write_readme_picture
+from photosite.studies.readme_picture import write_readme_picture
 
 
 def test_picture_is_small_and_made_again_alike(tmp_path: Path) -> None:

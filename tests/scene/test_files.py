@@ -14,14 +14,14 @@ import tifffile
 from PIL import Image
 
 import photosite as ps
+from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.convert import convert
-from photosite.scene.files import format_of, open_cube, read_scene, write_scene
+from photosite.files.temporary import TemporaryFolder
+from photosite.scene.io.convert import convert
+from photosite.scene.io.files import format_of, open_cube, read_scene, write_scene
 from photosite.scene.request import Place, SceneRequest
 from photosite.scene.scene import Scene
-from photosite.scene.temporary import TemporaryFolder
 from photosite.scene.weights import MappedWeights
-from photosite.spectra import energy_from_photons, photons_from_energy
 
 GRID = np.arange(400.0, 701, 10)
 

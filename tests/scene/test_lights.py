@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from photosite.color.spectrum import illuminant, luminance_cd_m2, photons_from_energy
 from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.lights import gradient, mixed, spot
 from photosite.scene.scene import Scene
-from photosite.spectra import illuminant, luminance_cd_m2, photons_from_energy
 
 
 def white(name: str, luminance: float, grid: np.ndarray) -> np.ndarray:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from photosite.color.difference import delta_e_2000
+from photosite.color.spectrum import energy_from_photons, illuminant, luminance_cd_m2, photons_from_energy, xyz
 from photosite.develop.display import XYZ_FROM_SRGB, encode_srgb
 from photosite.errors import InputError
-from photosite.metrics.color_difference import delta_e_2000
 from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of
 from photosite.scene.pictures import (
     PICTURE_WAVELENGTH_NM,
@@ -18,7 +19,6 @@ from photosite.scene.pictures import (
     srgb_reflectance,
 )
 from photosite.scene.scene import Scene
-from photosite.spectra import energy_from_photons, illuminant, luminance_cd_m2, photons_from_energy, xyz
 
 
 def all_colours() -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from photosite.errors import InputError
-from photosite.regions import Region
 from photosite.scene.placement import place
+from photosite.values.region import Region
 
 
 def test_a_scene_covers_the_frame_and_is_centred() -> None:

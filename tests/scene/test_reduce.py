@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+import photosite.scene.io.store as store_module
 import photosite.scene.reduce as reduce_module
-import photosite.scene.store as store_module
+from photosite.color.spectrum import Spectrum, illuminant, luminance_cd_m2, photons_from_energy
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, CubeHead
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import reduce_cube, reduced
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
-from photosite.spectra import Spectrum, illuminant, luminance_cd_m2, photons_from_energy
 
 GRID = np.arange(400.0, 701, 10)
 RNG = np.random.default_rng(8)

@@ -15,10 +15,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from photosite.color.spectrum import blackbody, energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.render import EXAMPLE, example_scene, render_mitsuba
 from photosite.scene.scene import Scene
-from photosite.spectra import blackbody, energy_from_photons
 
 mitsuba = pytest.importorskip("mitsuba")
 

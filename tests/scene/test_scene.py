@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photosite.color.spectrum import Spectrum, photons_from_energy
+from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
-from photosite.regions import Region
 from photosite.scene import charts
 from photosite.scene.scene import Scene
-from photosite.spectra import Spectrum, photons_from_energy
-from photosite.spectra import illuminant as relative_energy
+from photosite.values.region import Region
 
 GRID = np.arange(400.0, 701.0, 10)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import color_matching_functions, illuminant, integration_weights
 from photosite.develop.display import XYZ_FROM_SRGB
 from photosite.errors import InputError
 from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
-from photosite.spectra import color_matching_functions, illuminant, integration_weights
 
 GRID = np.arange(380.0, 781.0, 5.0)
 

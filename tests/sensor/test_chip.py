@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from photosite.sensor.chip import draw_chip
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 
 SENSOR = load_sensor("nikon-d200").with_(rows=200, cols=300)
 N = 200 * 300

@@ -9,8 +9,8 @@ import pytest
 
 import photosite as ps
 from photosite.errors import FileError, InputError
-from photosite.measured import Measured
 from photosite.sensor.covariance import Covariance
+from photosite.values.measured import Measured
 
 NAMES = ("read_noise_mv", "conversion_gain_uv_per_e", "voltage_swing_v")
 CORRELATION = ((1.0, 0.25, -0.5), (0.25, 1.0, 0.125), (-0.5, 0.125, 1.0))

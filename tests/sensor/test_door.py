@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.sensor.file import dump_sensor, load_sensor, parse_sensor
+from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor
 from photosite.sensor.model import Sensor
 
 D200 = load_sensor("nikon-d200")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.measured import Measured
-from photosite.sensor.file import dump_sensor, load_sensor, parse_sensor, preset_names
+from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor, preset_names
 from photosite.sensor.model import Sensor
+from photosite.values.measured import Measured
 
 D200_TABLE_1 = {
     ("pixel", "width_um"): 6.05,

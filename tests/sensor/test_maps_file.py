@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.sensor import maps_file
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io import maps_file
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Maps
 

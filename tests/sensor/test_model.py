@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from photosite.errors import InputError
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 
 D200 = load_sensor("nikon-d200")

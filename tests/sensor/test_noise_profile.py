@@ -9,8 +9,8 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError
-from photosite.measured import Measured
 from photosite.sensor.noise_profile import NoiseProfile, sensor_noise_profile
+from photosite.values.measured import Measured
 
 
 def sensor(**changes):

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.spectral_chart import calibrate_chart
+from photosite.calibration.spectral.chart import calibrate_chart
 from photosite.errors import CalibrationError, FileError, InputError
-from photosite.measured import Measured
 from photosite.metrics.patches import patch_statistics
 from photosite.studies.chart_protocol import is_chart_protocol, open_chart
 from photosite.studies.chart_spectral import ChartShot, chart_views, unit_electrons
 from photosite.studies.virtual_lab import with_pedestal
 from photosite.studies.virtual_monochromator import without_spectra
+from photosite.values.measured import Measured
 
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
 LIGHTS = (("A", 0.25), ("D65", 0.25), ("FL11", 0.2))

@@ -12,7 +12,7 @@ import photosite as ps
 from photosite.calibration.calibrate import calibrate
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
-from photosite.studies.closed_loop import HEADLINE, ClosedLoop, ParameterRow, closed_loop, compared_parameters
+from photosite.studies.closed_loop.study import HEADLINE, ClosedLoop, ParameterRow, closed_loop, compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 

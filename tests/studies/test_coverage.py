@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photosite.calibration import fit
+from photosite.calibration.photon_transfer import fit
 from photosite.errors import InputError
 from photosite.studies.coverage import Coverage, CoverageStudy, Outcome, _row, coverage_study, measure_sensor
 from photosite.studies.virtual_sensors import CONDITIONS, condition

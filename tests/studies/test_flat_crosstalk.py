@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.cfa import channel_mask
-from photosite.door import channel_mixing
+from photosite.camera.optical_stack import channel_mixing
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor, virtual_lab
 from photosite.studies.virtual_monochromator import MonochromatorRun, without_spectra
 from photosite.studies.virtual_sensors import condition
+from photosite.values.cfa import channel_mask
 
 LEAK = {"R": 0.03, "G": 0.015, "B": 0.005}
 KERNELS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
 from photosite.studies.planted import drawn_maps, plant_blinking, plant_dead, plant_hot

@@ -5,8 +5,8 @@ import pytest
 
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.regions import Region
 from photosite.validation.agreement import chi_square_of_means, chi_square_of_noise
+from photosite.values.region import Region
 
 PATCHES = [Region(str(i), i, i + 1, 0, 12) for i in range(5000)]
 ALL = np.ones((5000, 1), dtype=bool)

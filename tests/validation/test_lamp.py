@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from photosite.color.spectrum import Spectrum, color_matching_functions, illuminant
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth, macbeth_reflectance
-from photosite.spectra import Spectrum, color_matching_functions, illuminant
 from photosite.validation.lamp import Lamp, lamp_from, read_lamp
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.regions import Region
 from photosite.validation.validate import compare_patches
+from photosite.values.region import Region
 
 LEVELS = np.geomspace(20, 3000, 12)
 PATCHES = [Region(f"gray {i}", 30 * i, 30 * i + 30, 0, 40) for i in range(12)]

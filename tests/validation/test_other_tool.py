@@ -5,12 +5,12 @@ import pytest
 import tifffile
 from scipy.io import savemat
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError
-from photosite.regions import Region
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.compare import PatchValues
 from photosite.validation.other_tool import Mosaic, Reading, read_csv, read_mat, read_other
+from photosite.values.cfa import cfa_from
+from photosite.values.region import Region
 
 RGGB = cfa_from("rggb")
 ELECTRONS = Reading(RGGB, 12, unit="e")
@@ -156,7 +156,7 @@ def test_a_mosaics_patches_against_the_plain_way():
 
 
 def test_a_reader_that_crashes_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("photosite.mat_file.sys.executable", "/bin/false")
+    monkeypatch.setattr("photosite.files.mat.sys.executable", "/bin/false")
     savemat(tmp_path / "a.mat", {"a": VALUES})
     with pytest.raises(FileError, match="its reader crashed"):
         read_mat(tmp_path / "a.mat", ELECTRONS)

@@ -12,7 +12,6 @@ import pytest
 from scipy.stats import kstest
 
 import photosite as ps
-from photosite.cfa import NAMED
 from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES, macbeth
 from photosite.scene.perspective import in_perspective
@@ -20,6 +19,7 @@ from photosite.validation.fill_factor import fit_fill_factor
 from photosite.validation.frames_result import Told
 from photosite.validation.lamp import Lamp
 from photosite.validation.real_frames import validate_frames
+from photosite.values.cfa import NAMED
 
 SHAPE = (150, 224)
 CORNERS = ((10.0, 22.0), (4.0, 214.0), (144.0, 206.0), (132.0, 12.0))

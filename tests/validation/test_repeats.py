@@ -5,9 +5,9 @@ import pytest
 
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.regions import Region
 from photosite.validation.repeats import check_repeats
 from photosite.validation.validate import validate
+from photosite.values.region import Region
 
 
 def frame(seed):

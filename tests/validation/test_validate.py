@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photosite.cfa import NAMED, channel_mask
+from photosite.color.difference import delta_e_76, delta_e_2000
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.metrics.color_difference import delta_e_76, delta_e_2000
-from photosite.regions import Region
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.charts import chart_regions, chart_xyz_d65
 from photosite.validation.validate import validate
+from photosite.values.cfa import NAMED, channel_mask
+from photosite.values.region import Region
 
 SHAPE = (112, 166)
 GAIN_DN_PER_E = 0.114

@@ -1,0 +1,1 @@
+"""From frames to a sensor's parameters, each with its uncertainty."""

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 
-from photosite.calibration import judge, plausible
-from photosite.calibration.bend import bend_warning, bent_gain, with_bends
-from photosite.calibration.curves import channel_curves, linear_range
+from photosite.calibration.checks import judge, plausible
+from photosite.calibration.checks.stated_levels import stated_level_warnings
 from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
-from photosite.calibration.general_model import general_model
 from photosite.calibration.measure import (
     NO_LIGHT,
     DarkSide,
@@ -24,19 +22,21 @@ from photosite.calibration.measure import (
     read_darks,
     read_lights,
 )
-from photosite.calibration.partial import PartialSums
 from photosite.calibration.patterns import Channel, PatternReader
-from photosite.calibration.photon_transfer import GainFit, fit_gain, gain_value
-from photosite.calibration.reading import FrameReader, Progress
+from photosite.calibration.photon_transfer.bend import bend_warning, bent_gain, with_bends
+from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
+from photosite.calibration.photon_transfer.general_model import general_model
+from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
+from photosite.calibration.photon_transfer.snr import snr_curve
+from photosite.calibration.reduction.partial import PartialSums
+from photosite.calibration.reduction.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration, Estimate
-from photosite.calibration.snr import snr_curve
-from photosite.calibration.spatial_analysis import FarThresholds
-from photosite.calibration.stated_levels import stated_level_warnings
-from photosite.calibration.uncertain import Missing, Uncertain, Value
-from photosite.cfa import channel_names
+from photosite.calibration.spatial.spatial_analysis import FarThresholds
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_names
+from photosite.values.uncertain import Missing, Uncertain, Value
 
 SCATTER = 4.0
 """Chi square per degree of freedom of the photon transfer above which a warning says so."""
@@ -74,7 +74,8 @@ def calibrate(
     far
         Beyond which deviations from the mean pixels are listed in `Calibration.spatial`.
     maps
-        Measure the chip itself, too: `Calibration.chip` and `Calibration.temporal` (`photosite.calibration.chip`). The
+        Measure the chip itself, too: `Calibration.chip` and `Calibration.temporal`
+        (`photosite.calibration.chip_maps.chip`). The
         frames are read once more for it, the darks of the read noise twice. Darks clipped at 0 show no chip: then
         `Calibration.no_chip` and a warning say so.
     progress
@@ -136,7 +137,7 @@ def calibrate(
 
 def _with_chip(frames: FrameSet, calibration: Calibration, progress: Progress | None) -> Calibration:
     """With the chip's maps, or the reason that there are none: what else was measured does not need them."""
-    from photosite.calibration.chip import ClippedChipError, measure_chip
+    from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 
     try:
         chip, temporal = measure_chip(frames, calibration, progress)

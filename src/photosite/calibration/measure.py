@@ -8,14 +8,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.clipped import METHOD, NO_PIXEL_SLOPES, ClippedDarks, are_clipped, read_clipped
-from photosite.calibration.dark import Darkness, temporal_variances
+from photosite.calibration.checks.judge import check_darks, reference_dark, zero_clip_uncertainty
+from photosite.calibration.checks.plausible import Nonsense, check_step, dark_current_slope, efficient, of_variance
+from photosite.calibration.clipped_blacks.clipped import (
+    METHOD,
+    NO_PIXEL_SLOPES,
+    ClippedDarks,
+    are_clipped,
+    read_clipped,
+)
 from photosite.calibration.figures import QUANTISATION, Measurements, pool
-from photosite.calibration.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.judge import check_darks, reference_dark, zero_clip_uncertainty
-from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.linearity import channel_linearity
-from photosite.calibration.nonuniformity import (
+from photosite.calibration.patterns import Channel, Patterns, mean_planes
+from photosite.calibration.photon_transfer.dark import Darkness, temporal_variances
+from photosite.calibration.photon_transfer.linearity import channel_linearity
+from photosite.calibration.photon_transfer.photon_transfer import (
+    find_saturation,
+    fit_gain,
+    fit_response,
+    gain_value,
+    light_levels,
+    linear_levels,
+)
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.reduction.reading import FrameReader
+from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
+from photosite.calibration.spatial.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
     excess_variance,
@@ -24,23 +41,12 @@ from photosite.calibration.nonuniformity import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.patterns import Channel, Patterns, mean_planes
-from photosite.calibration.photon_transfer import (
-    find_saturation,
-    fit_gain,
-    fit_response,
-    gain_value,
-    light_levels,
-    linear_levels,
-)
-from photosite.calibration.plausible import Nonsense, check_step, dark_current_slope, efficient, of_variance
-from photosite.calibration.reading import FrameReader
-from photosite.calibration.spatial import Parts, channel_parts
-from photosite.calibration.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
-from photosite.calibration.uncertain import Missing, Uncertain, Value, weighted_mean
+from photosite.calibration.spatial.spatial import Parts, channel_parts
+from photosite.calibration.spatial.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
 from photosite.engine.accumulate import FrameSums, MeanFrame
 from photosite.engine.moments import Moments, label_moments
 from photosite.frames.frame_set import FrameGroup
+from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 
 NO_LIGHT = Missing("no light frames")
 NO_PHOTONS = Missing("the photons per pixel are not known; a descriptor or a protocol says them")

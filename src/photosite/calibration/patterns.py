@@ -13,23 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.bend import Bend
-from photosite.calibration.dark import Darkness, same_exposure
-from photosite.calibration.groups import GroupStatistics
-from photosite.calibration.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.nonuniformity import (
+from photosite.calibration.photon_transfer.bend import Bend
+from photosite.calibration.photon_transfer.dark import Darkness, same_exposure
+from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation
+from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.reading import FrameReader
+from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
+from photosite.calibration.spatial.nonuniformity import (
     PixelSlopes,
     SlopeSpread,
     relative_response_variance,
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.photon_transfer import LightLevels, Saturation
-from photosite.calibration.reading import FrameReader
-from photosite.calibration.spatial import Parts, channel_parts
-from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
-from photosite.calibration.uncertain import Missing, Uncertain, Value
+from photosite.calibration.spatial.spatial import Parts, channel_parts
+from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
 from photosite.engine.accumulate import MeanFrame
+from photosite.values.uncertain import Missing, Uncertain, Value
 
 HALF_SATURATION = (0.3, 0.7)
 """Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.dark import Darkness
+from photosite.calibration.checks.judge import CLIPPED_BLACK, reference_dark
 from photosite.calibration.figures import Measurements, parameters, pool
-from photosite.calibration.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.judge import CLIPPED_BLACK, reference_dark
 from photosite.calibration.measure import (
     NO_LIGHT,
     NO_PHOTONS,
@@ -19,9 +17,9 @@ from photosite.calibration.measure import (
     stand_for_the_sensor,
     without_dark_shot,
 )
-from photosite.calibration.nonuniformity import SlopeSpread, relative_response_variance, slope_coefficients, slope_noise
 from photosite.calibration.patterns import Channel, plan_slopes
-from photosite.calibration.photon_transfer import (
+from photosite.calibration.photon_transfer.dark import Darkness
+from photosite.calibration.photon_transfer.photon_transfer import (
     find_saturation,
     fit_gain,
     fit_response,
@@ -29,13 +27,20 @@ from photosite.calibration.photon_transfer import (
     light_levels,
     linear_levels,
 )
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.result import Parameters
-from photosite.calibration.uncertain import Missing, Uncertain, Value
-from photosite.cfa import channel_names
+from photosite.calibration.spatial.nonuniformity import (
+    SlopeSpread,
+    relative_response_variance,
+    slope_coefficients,
+    slope_noise,
+)
 from photosite.engine.moments import label_pixels
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, Kind
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_names
+from photosite.values.uncertain import Missing, Uncertain, Value
 
 NOT_PREDICTED = Missing("a plan does not predict it; DSNU1288 and PRNU1288 are about as precise as DSNU and PRNU")
 

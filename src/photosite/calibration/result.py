@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.provenance import UsedFrame, frames_sha256
-from photosite.calibration.uncertain import JointCovariance, Missing, Source, Uncertain, Value
+from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
 from photosite.errors import CalibrationError
-from photosite.measured import COVERAGE_95, Measured
+from photosite.values.measured import COVERAGE_95, Measured
+from photosite.values.uncertain import JointCovariance, Missing, Source, Uncertain, Value
 
 if TYPE_CHECKING:
-    from photosite.calibration.general_model import GeneralModel
-    from photosite.calibration.linearity import Linearity
-    from photosite.calibration.snr import SnrCurve
-    from photosite.calibration.spatial_analysis import SpatialAnalysis
-    from photosite.calibration.temporal import TemporalNoise
+    from photosite.calibration.chip_maps.temporal import TemporalNoise
+    from photosite.calibration.photon_transfer.general_model import GeneralModel
+    from photosite.calibration.photon_transfer.linearity import Linearity
+    from photosite.calibration.photon_transfer.snr import SnrCurve
+    from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
     from photosite.sensor.measured_chip import MeasuredChip
     from photosite.sensor.model import Sensor
 
@@ -340,13 +340,13 @@ class Calibration(Parameters):
         CalibrationError
             If nothing was known beforehand: frames do not tell the pixel's size, its spectral response or its volts.
         """
-        from photosite.calibration.measured_sensor import measured_sensor
+        from photosite.calibration.export.measured_sensor import measured_sensor
 
         return measured_sensor(self)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the sensor file, and the chip's maps beside it, if any; raises as `sensor` and `report`."""
-        from photosite.calibration.measured_sensor import save_measured_sensor
+        from photosite.calibration.export.measured_sensor import save_measured_sensor
 
         save_measured_sensor(self, path)
 

@@ -110,10 +110,10 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.spatial_analysis import FarThresholds
+    from photosite.calibration.spatial.spatial_analysis import FarThresholds
     from photosite.frames.open import open_frames
-    from photosite.sensor.file import load_sensor
-    from photosite.sensor.maps_file import maps_path
+    from photosite.sensor.io.maps_file import maps_path
+    from photosite.sensor.io.sensor_file import load_sensor
 
     frames = open_frames(path, bits=bits, cfa=cfa, dark=dark, light=light)
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
@@ -179,7 +179,7 @@ def _show(calibration: Calibration) -> None:
 
 
 def _show_chip(calibration: Calibration) -> None:
-    from photosite.calibration.tail import NORMAL_SHAPE
+    from photosite.calibration.chip_maps.tail import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
 
     chip, temporal = calibration.chip, calibration.temporal

@@ -127,9 +127,9 @@ def _set_up(ctx: click.Context, other: Path, told: dict[str, Any], *, needed: bo
 
 
 def _of_options(told: dict[str, Any]) -> SetUp:
-    from photosite.camera import Camera
+    from photosite.camera.camera import Camera
     from photosite.scene.charts import macbeth
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
     from photosite.validation.lamp import lamp_from
     from photosite.validation.set_up import SetUp
 
@@ -144,7 +144,7 @@ def _of_options(told: dict[str, Any]) -> SetUp:
 
 def _content(path: Path, told: dict[str, Any], set_up: SetUp | None) -> Content:
     from photosite.errors import FileError
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
     from photosite.validation.other_tool import read_other
     from photosite.validation.set_up import read_set_up
 
@@ -158,8 +158,8 @@ def _content(path: Path, told: dict[str, Any], set_up: SetUp | None) -> Content:
 
 
 def _reading(told: dict[str, Any], sensor: Sensor) -> Any:
-    from photosite.cfa import cfa_from
     from photosite.validation.other_tool import Reading
+    from photosite.values.cfa import cfa_from
 
     black_dn = told["black_level"]
     return Reading(

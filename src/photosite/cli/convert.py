@@ -100,7 +100,7 @@ def command(source: Path, output: Path, as_json: bool, **said: Any) -> None:
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """
-    from photosite.scene.convert import convert
+    from photosite.scene.io.convert import convert
     from photosite.scene.options import ReadOptions
 
     progress = Stages()

@@ -14,7 +14,7 @@ from photosite.cli.shoot import prepared_sensor
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
-    from photosite.studies.closed_loop import ClosedLoop
+    from photosite.studies.closed_loop.study import ClosedLoop
 
 REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml", "frames"
 PROTOCOL_NAME = "protocol.yaml"
@@ -45,8 +45,8 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
     Example: photosite demo -o photosite-demo
     """
-    from photosite.atomic import atomic_folder
     from photosite.errors import FileError
+    from photosite.files.atomic import atomic_folder
 
     sensor, note = prepared_sensor(sensor_name, rows, cols, None)
     if keep_frames and (output / FRAMES_NAME).exists():
@@ -68,8 +68,8 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
 def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
     """The study, its frames, its sensor file and its report in a folder."""
-    from photosite.report.demo import write_demo_report
-    from photosite.studies.closed_loop import closed_loop
+    from photosite.studies.closed_loop.page import write_demo_report
+    from photosite.studies.closed_loop.study import closed_loop
 
     stages = Stages()
     loop = closed_loop(sensor, photons_known=True, seed=seed, folder=place / FRAMES_NAME, source=source, watcher=stages)

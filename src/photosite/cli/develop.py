@@ -64,7 +64,7 @@ def command(
     """
     from photosite.develop.develop import develop
     from photosite.develop.picture import save_picture
-    from photosite.frames.read import read_raw
+    from photosite.frames.io.read import read_raw
 
     frame = read_raw(raw, bits=bits, cfa=cfa)
     picture = develop(frame, white_balance=white_balance, exposure=brightness)

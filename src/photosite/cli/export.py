@@ -99,8 +99,8 @@ def command(
 def _write(
     asked: _Asked, form: str, output: Path, into: Path | None, maker: str, model: str | None, target: str
 ) -> str:
-    from photosite.frames import noise_profiles
-    from photosite.frames.dng_profile import DNG_LOSS, write_dng_profile
+    from photosite.frames.io import noise_profiles
+    from photosite.frames.io.dng_profile import DNG_LOSS, write_dng_profile
 
     if form in ("emva", "emva-xml"):
         return _write_emva(asked, form, output)
@@ -119,8 +119,8 @@ def _write(
 
 def _write_emva(asked: _Asked, form: str, output: Path) -> str:
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.emva_xml import EMVA_XML_LOSS, write_emva_results
-    from photosite.frames.emva_write import EMVA_FRAMES_LOSS, write_descriptor
+    from photosite.calibration.export.emva_xml import EMVA_XML_LOSS, write_emva_results
+    from photosite.frames.io.emva_write import EMVA_FRAMES_LOSS, write_descriptor
 
     frames = _frames(asked)
     if frames is None:
@@ -137,8 +137,8 @@ def _write_emva(asked: _Asked, form: str, output: Path) -> str:
 
 def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
     """The noise profiles of the source, by rising gain setting; the one asked for where one was."""
-    from photosite.frames.noise_profiles import at_setting
-    from photosite.sensor.file import load_sensor
+    from photosite.frames.io.noise_profiles import at_setting
+    from photosite.sensor.io.sensor_file import load_sensor
     from photosite.sensor.noise_profile import sensor_noise_profile
 
     frames = _frames(asked)
@@ -151,7 +151,7 @@ def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
         from photosite.calibration.calibrate import calibrate
 
         return [_of(calibrate(frames, _sensor(asked, frames), progress=Stages()), setting)]
-    from photosite.calibration.gain_series import calibrate_series
+    from photosite.calibration.gain_series.gain_series import calibrate_series
 
     series = calibrate_series(frames, _sensor(asked, frames), progress=Stages())
     profiles = [_of(step.calibration, step.setting) for step in series.steps]
@@ -159,21 +159,21 @@ def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
 
 
 def _of(calibration: Calibration, setting: float | None) -> NoiseProfile:
-    from photosite.calibration.noise_profile import calibration_noise_profile
+    from photosite.calibration.export.noise_profile import calibration_noise_profile
 
     return calibration_noise_profile(calibration, setting)
 
 
 def _profile(asked: _Asked, iso: float | None) -> NoiseProfile:
     """The one profile for a DNG file: of the setting asked for, else of the file's own ISO."""
-    from photosite.frames.noise_profiles import at_setting
+    from photosite.frames.io.noise_profiles import at_setting
 
     profiles = _profiles(asked)
     return profiles[0] if len(profiles) == 1 else at_setting(profiles, iso)
 
 
 def _iso_of(path: Path) -> float | None:
-    from photosite.frames.dng_read import read_dng_header
+    from photosite.frames.io.dng_read import read_dng_header
 
     metadata = read_dng_header(path).metadata
     iso = metadata.get("gain_setting", metadata.get("iso"))
@@ -183,7 +183,7 @@ def _iso_of(path: Path) -> float | None:
 def _frames(asked: _Asked) -> FrameSet | None:
     """The measurement, or None where the source is a sensor: a preset's name or a sensor file."""
     from photosite.frames.open import open_frames
-    from photosite.sensor.file import preset_names
+    from photosite.sensor.io.sensor_file import preset_names
 
     path = Path(asked.source)
     if asked.source in preset_names() and not path.exists():
@@ -196,6 +196,6 @@ def _frames(asked: _Asked) -> FrameSet | None:
 
 
 def _sensor(asked: _Asked, frames: FrameSet) -> Sensor | None:
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     return frames.sensor if asked.sensor_name is None else load_sensor(asked.sensor_name)

@@ -31,8 +31,8 @@ def command(seed: int, output: Path, keys: tuple[str, ...], as_json: bool) -> No
 
     Example: photosite reproduce farrell2008 -o farrell2008
     """
-    from photosite.atomic import atomic_folder
-    from photosite.report.farrell2008.write import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
+    from photosite.files.atomic import atomic_folder
+    from photosite.studies.farrell2008.page.write import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
     from photosite.studies.farrell2008.study import reproduce
 
     stages = Stages()

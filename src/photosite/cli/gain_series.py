@@ -10,7 +10,7 @@ import click
 from photosite.cli.output import Stages, print_json, table
 
 if TYPE_CHECKING:
-    from photosite.calibration.gain_series_result import GainSeries
+    from photosite.calibration.gain_series.result import GainSeries
     from photosite.frames.frame_set import FrameSet
     from photosite.sensor.model import Sensor
 
@@ -24,7 +24,7 @@ def calibrate_gain_series(
     as_json: bool,
 ) -> None:
     """Calibrate each setting and what they share; sensor files get the setting in their name."""
-    from photosite.calibration.gain_series import calibrate_series
+    from photosite.calibration.gain_series.gain_series import calibrate_series
 
     series = calibrate_series(frames, sensor, progress=Stages(), partial=partial)
     written: list[Path] = []

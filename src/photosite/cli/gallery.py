@@ -28,8 +28,8 @@ def command(output: Path, keys: tuple[str, ...], as_json: bool) -> None:
 
     Example: photosite reproduce gallery -o gallery
     """
-    from photosite.atomic import atomic_folder
     from photosite.errors import InputError
+    from photosite.files.atomic import atomic_folder
     from photosite.studies.gallery.page import PAGE_NAME, Entry, chosen, write_page, write_picture
 
     entries = chosen(keys or None)

@@ -41,8 +41,8 @@ def command(
 
     Example: photosite import noiseprofiles.json --model "X-1" --gain-setting 400 --sensor nikon-d200 -o x1.sensor.yaml
     """
-    from photosite.frames.noise_profiles import at_setting
-    from photosite.sensor.file import load_sensor
+    from photosite.frames.io.noise_profiles import at_setting
+    from photosite.sensor.io.sensor_file import load_sensor
 
     if (output is None) != (sensor_name is None):
         raise click.UsageError("-o and --sensor go together: a profile is a part of a sensor, and --sensor is the rest")
@@ -64,8 +64,8 @@ def command(
 
 
 def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]:
-    from photosite.frames.dng_profile import read_dng_profile
-    from photosite.frames.noise_profiles import looks_like_libcamera, read_darktable, read_libcamera
+    from photosite.frames.io.dng_profile import read_dng_profile
+    from photosite.frames.io.noise_profiles import looks_like_libcamera, read_darktable, read_libcamera
 
     if file.suffix.lower() == ".dng":
         return (read_dng_profile(file),)

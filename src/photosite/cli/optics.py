@@ -57,7 +57,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
 
     Example: photosite optics check mine.optics.yaml --distance 2
     """
-    from photosite.optics.file import load_optics
+    from photosite.optics.io.optics_file import load_optics
     from photosite.optics.lens import camera_wavelengths
 
     if not 0 < wavelength_nm < math.inf:
@@ -92,7 +92,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
 
 
 def _facts(lens: Lens) -> dict[str, Any]:
-    from photosite.spectra import Spectrum
+    from photosite.color.spectrum import Spectrum
 
     base, blur = lens.base, lens.blur
     holds = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from photosite.errors import FileError, InputError
-from photosite.exposure import parse_exposure
+from photosite.values.exposure import parse_exposure
 
 if TYPE_CHECKING:
     from photosite.optics.lens import DiffractionLimited
@@ -248,7 +248,7 @@ def said_of_scene(told: Mapping[str, Any]) -> dict[str, Any]:
 
 def name_and_value(text: str) -> tuple[str, Any]:
     """NAME=VALUE, the value read as YAML has it: a number, a list, true, or text."""
-    from photosite.yaml_file import parse_yaml
+    from photosite.files.yaml import parse_yaml
 
     name, sign, value = text.partition("=")
     if not sign or not name.strip():
@@ -292,7 +292,7 @@ def output_option(*suffixes: str, text: str, default: str | None = None) -> Call
 
 def load_sensor_resized(name: str, rows: int | None, cols: int | None, black_level: float | None = None) -> Sensor:
     """The sensor asked for, with the size and black level asked for."""
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     changes: dict[str, Any] = {"rows": rows, "cols": cols, "black_level_dn": black_level}
     return load_sensor(name).with_(**{name: value for name, value in changes.items() if value is not None})

@@ -105,7 +105,7 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
     from pathlib import Path
 
     from photosite.errors import FileError
-    from photosite.frames.protocol import file_entries, read_protocol
+    from photosite.frames.io.protocol import file_entries, read_protocol
     from photosite.studies.planning import step_from
     from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol
 
@@ -125,8 +125,8 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
 
 
 def _show(plan: Plan, sensor: Sensor, note: str) -> None:
-    from photosite.exposure import format_exposure
     from photosite.studies.planning import setting_text
+    from photosite.values.exposure import format_exposure
 
     array = sensor.array
     click.echo(f"{plan.protocol.frame_count} frames of {sensor.name}, {array.rows} x {array.cols} pixels")

@@ -52,7 +52,7 @@ def list_(as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from photosite.scene.files import FORMATS
+    from photosite.scene.io.files import FORMATS
     from photosite.scene.request import FORMULAS, formula, formula_options
 
     told = {name: ((formula(name).__doc__ or "").strip().splitlines()[0], formula_options(name)) for name in FORMULAS}

@@ -52,7 +52,7 @@ def list_(as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from photosite.sensor.file import load_sensor, preset_names
+    from photosite.sensor.io.sensor_file import load_sensor, preset_names
 
     presets = {name: load_sensor(name) for name in preset_names()}
     if as_json:
@@ -95,7 +95,7 @@ def show(name: str, as_json: bool) -> None:
 
     Example: photosite sensors show vendor-2.2um --json
     """
-    from photosite.sensor.file import dump_sensor, load_sensor
+    from photosite.sensor.io.sensor_file import dump_sensor, load_sensor
 
     sensor = load_sensor(name)
     if as_json:
@@ -123,7 +123,7 @@ def check(file: Path, as_json: bool) -> None:
 
     Example: photosite sensors check mine.sensor.yaml
     """
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     sensor = load_sensor(file)
     assumed = _assumed(sensor.model_dump(mode="json", exclude_none=True))
@@ -150,7 +150,7 @@ def export(name: str, file: Path) -> None:
     Example: photosite sensors export nikon-d200 mine.sensor.yaml
     """
     from photosite.errors import FileError
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     if file.exists():
         raise FileError(file, "exists already; choose another name")

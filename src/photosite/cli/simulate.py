@@ -13,11 +13,11 @@ from photosite.cli import options
 from photosite.cli.output import print_json, say_if_compiling
 from photosite.cli.words import told_in_options
 from photosite.errors import InputError
-from photosite.exposure import format_exposure
+from photosite.values.exposure import format_exposure
 
 if TYPE_CHECKING:
-    from photosite.camera import Camera
-    from photosite.camera_file import SetUp
+    from photosite.camera.camera import Camera
+    from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.spread import Optics
     from photosite.scene.planes import Planes
@@ -103,7 +103,7 @@ def command(
 
 def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
     """The camera file's set-up, or the paper's, with what the options say put in its place."""
-    from photosite.camera_file import SetUp, load_camera
+    from photosite.camera.file import SetUp, load_camera
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
     sensor = base.sensor
@@ -125,7 +125,7 @@ def _optics(base: Optics, told: dict[str, Any]) -> Optics:
     marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length"]}
     marks = {name: value for name, value in marks.items() if value is not None}
     if told["optics_file"] is not None:
-        from photosite.optics.file import load_optics
+        from photosite.optics.io.optics_file import load_optics
 
         base = load_optics(told["optics_file"])
     if not marks:

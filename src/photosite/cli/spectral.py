@@ -11,7 +11,7 @@ from photosite.cli import options
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
-    from photosite.calibration.spectral_result import SpectralCalibration
+    from photosite.calibration.spectral.result import SpectralCalibration
     from photosite.sensor.model import Sensor
 
 
@@ -52,7 +52,7 @@ def command(
 
     Example: photosite spectral spectral.yaml --sensor mine.sensor.yaml -o mine.sensor.yaml --figure qe.png
     """
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     sensor = None if sensor_name is None else load_sensor(sensor_name)
     known = None if beside is None else load_sensor(beside)
@@ -73,9 +73,9 @@ def command(
 
 
 def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibration:
-    from photosite.calibration.spectral import calibrate_spectral
-    from photosite.calibration.spectral_chart import calibrate_chart
-    from photosite.calibration.spectral_protocol import open_spectral
+    from photosite.calibration.spectral.chart import calibrate_chart
+    from photosite.calibration.spectral.protocol import open_spectral
+    from photosite.calibration.spectral.spectral import calibrate_spectral
     from photosite.studies.chart_protocol import is_chart_protocol, open_chart
 
     if not is_chart_protocol(path):
@@ -85,7 +85,7 @@ def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibra
 
 
 def _draw(calibration: SpectralCalibration, beside: Sensor | None, path: Path) -> None:
-    from photosite.atomic import atomic_path
+    from photosite.files.atomic import atomic_path
     from photosite.report.figures.quantum_efficiency import quantum_efficiency_figure
     from photosite.report.style import png_bytes, svg_bytes
 

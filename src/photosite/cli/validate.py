@@ -124,14 +124,14 @@ def _measured(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[
 
 
 def _read(files: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
-    from photosite.frames.read import read_raw
+    from photosite.frames.io.read import read_raw
 
     return [read_raw(file, bits=bits, cfa=cfa) for file in files]
 
 
 def _files(path: Path) -> list[Path]:
     from photosite.errors import FileError
-    from photosite.frames.read import SUFFIXES
+    from photosite.frames.io.read import SUFFIXES
 
     if not path.is_dir():
         return [path]

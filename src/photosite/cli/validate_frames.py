@@ -140,7 +140,7 @@ def validate_measured(
 def _validated(
     frames: Sequence[RawFrame], level: float, tolerance: float, camera: Mapping[str, Any]
 ) -> FrameValidation:
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
     from photosite.validation.find_chart import find_chart
     from photosite.validation.frames_result import Told
     from photosite.validation.lamp import lamp_from

@@ -71,7 +71,7 @@ def told_in_options(*, own: bool = False) -> Iterator[None]:
             warnings.showwarning = _translating(warnings.showwarning, own)
             yield
     except FileError as error:
-        raise FileError(error.path, in_options(error.message, own=own), error.line) from None
+        raise FileError(error.path, in_options(error.format_content(), own=own), error.line) from None
     except InputError as error:
         raise InputError(in_options(str(error), own=own)) from None
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cfa import Cfa, channel_names
 from photosite.errors import InputError
+from photosite.values.cfa import Cfa, channel_names
 
 _NEIGHBOURS: tuple[tuple[int, int, float], ...] = tuple(
     (dr, dc, 2.0 if 0 in (dr, dc) else 1.0) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.metrics.color_difference import D65_WHITE_XYZ
+from photosite.color.difference import D65_WHITE_XYZ
 
 _PRIMARIES_XY = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])
 """Chromaticities of red, green and blue (IEC 61966-2-1, ITU-R BT.709)."""

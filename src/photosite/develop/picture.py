@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.atomic import atomic_path
 from photosite.errors import InputError
+from photosite.files.atomic import atomic_path
 
 BITS = (8, 16)
 

@@ -1,0 +1,1 @@
+"""Raw frames and sets of raw frames."""

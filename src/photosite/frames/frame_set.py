@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import MONOCHROME, Cfa
 from photosite.errors import InputError
-from photosite.exposure import check_exposure, format_exposure
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import MONOCHROME, Cfa
+from photosite.values.exposure import check_exposure, format_exposure
 
 Kind = Literal["dark", "light"]
 KINDS: tuple[Kind, ...] = ("dark", "light")

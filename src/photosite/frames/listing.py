@@ -14,15 +14,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import MONOCHROME, Cfa
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.by_level import Candidate, told_by_level
 from photosite.frames.frame_set import KINDS, FrameSet, FrameSource, Kind, ListedFrame, group_frames
-from photosite.frames.header import FrameHeader, Place, agreed_bits, agreed_cfa, stated_number
+from photosite.frames.io.header import FrameHeader, Place, agreed_bits, agreed_cfa, stated_number
+from photosite.frames.io.read import read_frame, read_headers, read_pixels
 from photosite.frames.levels import border_note
 from photosite.frames.names import NamedSettings, settings_in_names
-from photosite.frames.read import read_frame, read_headers, read_pixels
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import MONOCHROME, Cfa
 
 Value = TypeVar("Value", bound=object)
 

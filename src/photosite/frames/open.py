@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from photosite.cfa import cfa_from
 from photosite.errors import FileError, InputError
-from photosite.frames.emva import looks_like_descriptor, read_descriptor
 from photosite.frames.frame_set import FrameSet, Kind
+from photosite.frames.io.emva import looks_like_descriptor, read_descriptor
+from photosite.frames.io.protocol import file_entries, read_protocol
+from photosite.frames.io.read import FORMATS, SUFFIXES, read_headers
 from photosite.frames.listing import Expected, FileEntry, frame_set_of_files
-from photosite.frames.protocol import file_entries, read_protocol
-from photosite.frames.read import FORMATS, SUFFIXES, read_headers
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import cfa_from
 
 PROTOCOL_NAMES = ("protocol.yaml", "protocol.yml")
 
@@ -202,6 +202,6 @@ def _open_protocol(path: Path, expected: Expected) -> FrameSet:
 def _sensor(path: Path, name: str | None) -> Sensor | None:
     if name is None:
         return None
-    from photosite.sensor.file import load_sensor
+    from photosite.sensor.io.sensor_file import load_sensor
 
     return load_sensor(path.parent / name)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import MONOCHROME, Cfa, channel_names
 from photosite.errors import InputError
+from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +109,6 @@ class RawFrame:
         FileError
             If the file cannot be written. A file of that name stays as it was.
         """
-        from photosite.frames.write import write_raw
+        from photosite.frames.io.write import write_raw
 
         write_raw(self, path)

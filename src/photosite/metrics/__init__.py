@@ -1,0 +1,1 @@
+"""Signal-to-noise ratio, sharpness and patches of raw frames."""

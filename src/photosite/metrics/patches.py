@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import channel_names, channel_sites
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.regions import Patch
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_names, channel_sites
+from photosite.values.region import Patch
 
 SATURATED_SHARE = 1e-3
 """A patch is saturated where more than this share of a channel's pixels is: fewer are defects, not light."""
@@ -121,7 +121,7 @@ def patch_statistics(
     --------
     >>> dn = np.full((8, 8), 100, np.uint16)
     >>> dn[::2] += 10
-    >>> from photosite.regions import Region
+    >>> from photosite.values.region import Region
     >>> found = patch_statistics(RawFrame(dn, bits=12, black_level_dn=5), [Region("all", 0, 8, 0, 8)])
     >>> float(found.mean_dn[0, 0]), float(found.spatial_snr_db[0, 0].round(2)), int(found.pixels[0, 0])
     (100.0, 25.95, 64)

@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
 from photosite.errors import InputError, did_you_mean
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.edge_profile import Pixels, Profile, first_edge, refined, whole_cycles
-from photosite.regions import Region
+from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
+from photosite.values.region import Region
 
 Array = NDArray[np.float64]
 Window = Literal["tukey", "hamming"]

@@ -1,0 +1,1 @@
+"""From radiance to irradiance: lenses, wavefronts, tables and distortion."""

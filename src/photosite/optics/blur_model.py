@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.compound import Blur
-from photosite.optics.file_model import Number, PositiveNumber, Section
+from photosite.optics.io.file_model import Number, PositiveNumber, Section
 from photosite.optics.lens import camera_wavelengths
 from photosite.optics.pupil import Pupil
-from photosite.spectra import Spectrum
 
 
 class MisplacedError(InputError):
@@ -59,7 +59,7 @@ class PupilSection(Section):
 
     def build(self, folder: Path) -> Pupil:
         """The opening; an array of its own from an .npz file."""
-        from photosite.optics.npz import read_amplitude
+        from photosite.optics.io.npz import read_amplitude
 
         array = None if self.amplitude is None else read_amplitude(folder / self.amplitude)
         return Pupil(**self.model_dump(exclude={"amplitude"}), amplitude=array)
@@ -143,7 +143,7 @@ def _term(key: int | str, index: str) -> Any:
 
 
 class OtfSection(Section):
-    """Transfer functions per wavelength, see `photosite.optics.table_files.read_otf_table`."""
+    """Transfer functions per wavelength, see `photosite.optics.io.table_files.read_otf_table`."""
 
     kind: Literal["otf"]
     file: str
@@ -151,13 +151,13 @@ class OtfSection(Section):
 
     def build(self, folder: Path) -> Blur:
         """The table."""
-        from photosite.optics.table_files import read_otf_table
+        from photosite.optics.io.table_files import read_otf_table
 
         return read_otf_table(folder / self.file, self.beyond)
 
 
 class PsfSection(Section):
-    """Point spreads per wavelength, see `photosite.optics.table_files.read_psf_table`."""
+    """Point spreads per wavelength, see `photosite.optics.io.table_files.read_psf_table`."""
 
     kind: Literal["psf"]
     file: str
@@ -167,7 +167,7 @@ class PsfSection(Section):
 
     def build(self, folder: Path) -> Blur:
         """The table."""
-        from photosite.optics.table_files import read_psf_table
+        from photosite.optics.io.table_files import read_psf_table
 
         return read_psf_table(
             folder / self.file,
@@ -178,7 +178,8 @@ class PsfSection(Section):
 
 
 class LensDesignSection(Section):
-    """Point spreads over the field: `photosite.optics.listings.design_files.read_lens_design`, or arrays as written."""
+    """Point spreads over the field: `photosite.optics.io.listings.design_files.read_lens_design`, or arrays as
+    written."""
 
     kind: Literal["lens_design"]
     source: str
@@ -191,8 +192,8 @@ class LensDesignSection(Section):
 
     def build(self, folder: Path) -> Blur:
         """The design."""
-        from photosite.optics.listings.design_files import read_lens_design
-        from photosite.optics.npz import read_design
+        from photosite.optics.io.listings.design_files import read_lens_design
+        from photosite.optics.io.npz import read_design
 
         options = self.model_dump(exclude={"kind", "source"}, exclude_none=True)
         if self.source.lower().endswith(".npz"):

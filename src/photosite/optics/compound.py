@@ -193,7 +193,7 @@ class Lens:
         Parameters
         ----------
         path, provenance
-            As for `photosite.optics.write.write_optics`.
+            As for `photosite.optics.io.write.write_optics`.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class Lens:
         FileError
             If it cannot be written.
         """
-        from photosite.optics.write import write_optics
+        from photosite.optics.io.write import write_optics
 
         write_optics(self, path, provenance)
 

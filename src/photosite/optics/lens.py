@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import Spectrum, wavelength_grid
 from photosite.errors import InputError
 from photosite.optics.arguments import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, check_kind, check_numbers
 from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
-from photosite.spectra import Spectrum, wavelength_grid
 
 AIRY_REACH_PERIODS = 40.0
 """Radius that holds 99.5 % of an Airy pattern's light, in periods of the cutoff, lambda N."""
@@ -187,7 +187,7 @@ class DiffractionLimited:
         Parameters
         ----------
         path, provenance
-            As for `photosite.optics.write.write_optics`.
+            As for `photosite.optics.io.write.write_optics`.
 
         Raises
         ------
@@ -196,6 +196,6 @@ class DiffractionLimited:
         FileError
             If it cannot be written.
         """
-        from photosite.optics.write import write_optics
+        from photosite.optics.io.write import write_optics
 
         write_optics(self, path, provenance)

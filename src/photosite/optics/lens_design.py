@@ -1,7 +1,7 @@
 """Point spreads of a lens over its field and over wavelength, as lens-design programs compute them.
 
 They become a few modes with weights over the sensor (`photosite.optics.low_rank`): what the engine can apply to whole
-frames. `photosite.optics.listings` reads them from those programs' text files.
+frames. `photosite.optics.io.listings` reads them from those programs' text files.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.optics.arguments import check_kind, check_numbers
 from photosite.optics.autocorrelation import LARGEST_SLOPE, PupilTransfer, Waves, cells_for, largest_slope
@@ -19,7 +20,6 @@ from photosite.optics.pupil import Pupil
 from photosite.optics.ring import bare_transfer, defocus_transfer, ring_geometry
 from photosite.optics.spread import PlaneSpread, RadialSpread
 from photosite.optics.zernike import Index, Norm, Term, zernike_terms
-from photosite.spectra import Spectrum
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from photosite.calibration.uncertain import Missing
 from photosite.report.html import Image, Images, Paragraph
 from photosite.report.style import svg_bytes
+from photosite.values.uncertain import Missing
 
 
 def figure_block(figure: Figure, alternative: str, caption: str) -> Images:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from photosite.calibration.chip_maps.tail import NORMAL_SHAPE
+from photosite.calibration.chip_maps.temporal import TemporalNoise
 from photosite.calibration.result import Calibration, Estimate
-from photosite.calibration.tail import NORMAL_SHAPE
-from photosite.calibration.temporal import TemporalNoise
 from photosite.report.blocks import figure_block, reason_block
 from photosite.report.figures.defect_map import defect_map_figure
 from photosite.report.figures.noise_histogram import noise_histogram_figure

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.result import Calibration, Curve, Estimate
-from photosite.cfa import tile_text
 from photosite.report.html import Block, Column, Heading, Table
 from photosite.report.numbers import format_number, format_time
 from photosite.report.tables import format_estimate, interval_text
+from photosite.values.cfa import tile_text
 
 _MODELS = {
     "linear": "EMVA 1288 R4.0 Linear, photon transfer",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 
-from photosite.calibration.gain_series_result import GainSeries, GainStep
+from photosite.calibration.gain_series.result import GainSeries, GainStep
 from photosite.calibration.parameters import parameter_label
 from photosite.report.blocks import figure_block, sentence
 from photosite.report.calibration import provenance_blocks, rejected_blocks, warning_blocks

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import ClassVar
 
-from photosite.atomic import atomic_path
+from photosite.files.atomic import atomic_path
 
 
 @dataclass(frozen=True)

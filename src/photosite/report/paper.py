@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from photosite.calibration.measured_sensor import well_capacity
+from photosite.calibration.export.measured_sensor import well_capacity
 from photosite.calibration.result import Calibration, Estimate
-from photosite.measured import Measured
 from photosite.report.blocks import figure_block
 from photosite.report.figures.noise_budget import noise_budget_figure
 from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
 from photosite.report.html import Block, Column, Paragraph, Table
 from photosite.report.numbers import format_number, format_uncertain
 from photosite.report.tables import format_estimate, interval_text
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
+from photosite.values.measured import Measured
 
 PAPER_SENSOR = "nikon-d200"
 """The preset that holds the paper's Table 1."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial_analysis import FramePattern, SpatialAnalysis
-from photosite.calibration.uncertain import Missing
+from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
 from photosite.report.blocks import figure_block, lacking_blocks, reason_block
 from photosite.report.figures.histogram import histogram_figure
 from photosite.report.figures.profiles import profiles_figure
 from photosite.report.figures.spectrogram import spectrogram_figure
 from photosite.report.html import Block, Column, Details, Paragraph, Subheading, Table
 from photosite.report.numbers import format_number
+from photosite.values.uncertain import Missing
 
 _LISTED = 200
 """Pixels of a list at most: the farthest."""

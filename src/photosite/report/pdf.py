@@ -20,7 +20,7 @@ from fpdf.fonts import FontFace
 from fpdf.util import Padding
 from PIL import Image as Picture
 
-from photosite.atomic import atomic_path
+from photosite.files.atomic import atomic_path
 from photosite.report.html import (
     Block,
     Details,

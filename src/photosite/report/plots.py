@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from photosite.calibration.general_model import GeneralModel
-from photosite.calibration.linearity import Linearity
+from photosite.calibration.photon_transfer.general_model import GeneralModel
+from photosite.calibration.photon_transfer.linearity import Linearity
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Calibration, Curve
-from photosite.calibration.snr import SnrCurve
-from photosite.calibration.uncertain import Missing
 from photosite.report.blocks import figure_block, lacking_blocks, reason_block
 from photosite.report.chip import defect_blocks, temporal_blocks
 from photosite.report.figures.curve import Residuals, curve_figure
@@ -16,6 +15,7 @@ from photosite.report.figures.snr import snr_figure
 from photosite.report.html import Block, Section, Subheading
 from photosite.report.patterns import far_pixel_blocks, non_uniformity_blocks
 from photosite.report.tables import linear_range_table
+from photosite.values.uncertain import Missing
 
 _CURVES: dict[str, tuple[Residuals, str]] = {
     "response": (

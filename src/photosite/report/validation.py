@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from photosite.cfa import tile_text
-from photosite.exposure import format_exposure
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.lens import DiffractionLimited
 from photosite.report.blocks import figure_block, sentence
@@ -39,6 +37,8 @@ from photosite.validation.agreement import ChiSquare
 from photosite.validation.fill_factor import FillFactorFit
 from photosite.validation.frames_result import FrameValidation
 from photosite.validation.regression import Estimate, Regression
+from photosite.values.cfa import tile_text
+from photosite.values.exposure import format_exposure
 
 _FOOTER = (
     "Intervals hold the true value in 95 % of comparisons. A p-value is the share of comparisons between two cameras "

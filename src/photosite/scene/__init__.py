@@ -1,0 +1,1 @@
+"""Spectral radiance in front of the camera: scenes, charts, pictures and lights."""

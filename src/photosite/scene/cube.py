@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.files.temporary import TemporaryFolder
 from photosite.scene.scene import Scene
-from photosite.scene.temporary import TemporaryFolder
 from photosite.scene.units import Quantity
 
 Array = NDArray[np.float64]

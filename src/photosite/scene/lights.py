@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import Rule, Spectrum, luminance_cd_m2, photons_from_energy
+from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import Scene
-from photosite.spectra import Rule, Spectrum, luminance_cd_m2, photons_from_energy
-from photosite.spectra import illuminant as relative_energy
 
 Array = NDArray[np.float64]
 Spread = Callable[[Array, Array], Array]
@@ -95,7 +95,8 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     scene
         Its own light is put out.
     lights
-        For each: what `photosite.spectra.illuminant` takes; the luminance, in cd/m2, of a perfect white in this light
+        For each: what `photosite.color.spectrum.illuminant` takes; the luminance, in cd/m2, of a perfect white in
+        this light
         alone where its spread is 1; and its spread over the field, 0 or more: an array (rows, cols), a function such as
         `gradient` or `spot` give, or None for even light.
     tolerance

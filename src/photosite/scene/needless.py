@@ -58,7 +58,7 @@ def check_before(path: Path, name: str, module: str, said: ReadOptions) -> None:
     path
         The file.
     name, module
-        Of the format (`photosite.scene.files.Format`).
+        Of the format (`photosite.scene.io.files.Format`).
     said
         The options.
 

@@ -9,13 +9,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
 from photosite.scene.bands import within_range
 from photosite.scene.picture_colors import OutOfGamut, check_out_of_gamut
 from photosite.scene.pictures import Method, check_method
 from photosite.scene.scene import Scene
 from photosite.scene.values import check_flag, check_luminance, check_number, check_numbers
-from photosite.spectra import Spectrum
 
 _FINEST = 1e-6
 """Tolerance. Weights in single precision make errors up to 6e-8 themselves."""
@@ -36,7 +36,7 @@ class ReadOptions:
     tolerance
         Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make; 1e-6 or more.
     illuminant
-        Light on reflectances, as `photosite.spectra.illuminant` has it.
+        Light on reflectances, as `photosite.color.spectrum.illuminant` has it.
     mean_luminance_cd_m2
         To scale the scene to: the mean of a chart's patches (`Scene.patches`: measured charts, and charts in
         photosite's own file), of all samples of anything else. `Scene.said_luminance_cd_m2` gives it back;

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
-from photosite.regions import ROUNDING_PX, Corners, Patch, Quadrilateral, turning
 from photosite.scene.placement import place
 from photosite.scene.scene import Scene
+from photosite.values.region import ROUNDING_PX, Corners, Patch, Quadrilateral, turning
 
 SAMPLES_PER_PATCH = 32
 """Samples of a seen chart on the shorter side of its smallest patch: what a border between patches is blurred by."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from photosite.errors import InputError
-from photosite.regions import Region
+from photosite.values.region import Region
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.regions import Region
 from photosite.scene.scene import Scene
+from photosite.values.region import Region
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import xyz
 from photosite.errors import InputError
 from photosite.scene.scene import Scene
-from photosite.spectra import xyz
 
 _STRIP = 256
 

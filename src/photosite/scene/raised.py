@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import color_matching_functions, illuminant, integration_weights
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
-from photosite.spectra import color_matching_functions, illuminant, integration_weights
 
 Array = NDArray[np.float64]
 

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.spectrum import luminance_cd_m2, photons_from_energy
 from photosite.errors import FileError, InputError
 from photosite.scene.bands import band_order
 from photosite.scene.cube import Array, SpectralCube
+from photosite.scene.io.store import WeightStore, temporary_store
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.scene.store import WeightStore, temporary_store
 from photosite.scene.units import bright_count, check_reflectances
-from photosite.spectra import illuminant as relative_energy
-from photosite.spectra import luminance_cd_m2, photons_from_energy
 
 Progress = Callable[[int, int, str], object]
 """Told (done, total, what)."""

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import reduce_cube
 from photosite.scene.scene import Scene
-from photosite.spectra import wavelength_grid
 
 VARIANTS = ("scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral")
 """Of Mitsuba, that render spectra. The first needs nothing beside Mitsuba; the others need LLVM or an NVIDIA GPU."""
@@ -134,7 +134,7 @@ def render_mitsuba(
     ...     "light": {"type": "constant", "radiance": {"type": "uniform", "value": 2.0}},
     ... }
     >>> scene = render_mitsuba(wall, wavelength_nm=[450, 550, 650], spp=1)
-    >>> from photosite.spectra import energy_from_photons
+    >>> from photosite.color.spectrum import energy_from_photons
     >>> scene.shape, energy_from_photons(scene.radiance(0, 0), scene.wavelength_nm).round(3)
     ((4, 6), array([2., 2., 2.]))
     """

@@ -114,9 +114,10 @@ class SceneRequest:
     Parameters
     ----------
     source
-        A formula's name (`FORMULAS`), or a file that `photosite.scene.files.read_scene` reads.
+        A formula's name (`FORMULAS`), or a file that `photosite.scene.io.files.read_scene` reads.
     illuminant
-        As for `photosite.spectra.illuminant`. For a formula None is CIE A, the paper's light. A file of reflectances or
+        As for `photosite.color.spectrum.illuminant`. For a formula None is CIE A, the paper's light. A file of
+        reflectances or
         of a picture is lit by it; one of radiances whose reflectances are not known refuses it.
     mean_luminance_cd_m2
         None: 40 cd/m2 for a formula, what a file says for a file.
@@ -259,7 +260,7 @@ class SceneRequest:
             "units": self.units,
             "tolerance": self.tolerance,
         }
-        from photosite.scene.files import read_scene
+        from photosite.scene.io.files import read_scene
 
         given = {name: value for name, value in said.items() if value is not None}
         for name in given:
@@ -301,7 +302,7 @@ class PlaneRequest:
         FileError
             If the picture of alpha cannot be read, or is of another size than the scene.
         """
-        from photosite.scene.formats.alpha import read_alpha
+        from photosite.scene.io.alpha import read_alpha
         from photosite.scene.planes import Plane
 
         scene = self.request.scene()

@@ -9,10 +9,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.errors import InputError
-from photosite.regions import Region
-from photosite.scene.weights import checked_weights, component_means
-from photosite.spectra import (
+from photosite.color.spectrum import (
     Rule,
     Spectrum,
     integration_weights,
@@ -20,7 +17,10 @@ from photosite.spectra import (
     photons_from_energy,
     wavelength_grid,
 )
-from photosite.spectra import illuminant as relative_energy
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.errors import InputError
+from photosite.scene.weights import checked_weights, component_means
+from photosite.values.region import Region
 
 DEFAULT_DISTANCE_M = 1.2
 
@@ -281,7 +281,7 @@ class Scene:
         Parameters
         ----------
         illuminant
-            As for `photosite.spectra.illuminant`.
+            As for `photosite.color.spectrum.illuminant`.
         mean_luminance_cd_m2
             Mean over all samples under the new light; None keeps the mean that the scene has.
         rule
@@ -314,14 +314,14 @@ class Scene:
         Parameters
         ----------
         path
-            As for `photosite.scene.files.write_scene`.
+            As for `photosite.scene.io.files.write_scene`.
 
         Raises
         ------
         FileError
             If the name's ending is of no format that can be written, or the file cannot.
         """
-        from photosite.scene.files import write_scene
+        from photosite.scene.io.files import write_scene
 
         write_scene(self, path)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import wavelength_grid
 from photosite.errors import InputError
-from photosite.spectra import wavelength_grid
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""The sensor's description and its chip: model, presets, optical stack, readout."""

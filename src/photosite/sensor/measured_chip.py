@@ -218,7 +218,7 @@ class MeasuredChip:
         FileError
             If it cannot be written.
         """
-        from photosite.sensor.maps_file import write_maps
+        from photosite.sensor.io.maps_file import write_maps
 
         return write_maps(self, path)
 

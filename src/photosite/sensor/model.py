@@ -17,12 +17,12 @@ from pydantic import (
     model_validator,
 )
 
-from photosite.cfa import Cfa, cfa_from, channel_names
 from photosite.errors import InputError, did_you_mean
-from photosite.measured import Measured
 from photosite.sensor.covariance import Covariance
-from photosite.sensor.door import OpticalStack
+from photosite.sensor.optical_stack import OpticalStack
 from photosite.sensor.quantity import Fraction, NotNegative, Positive, ResponseSpread
+from photosite.values.cfa import Cfa, cfa_from, channel_names
+from photosite.values.measured import Measured
 
 if TYPE_CHECKING:
     from photosite.sensor.measured_chip import MeasuredChip
@@ -272,7 +272,7 @@ class Sensor(_Section):
         Examples
         --------
         >>> import photosite as ps
-        >>> from photosite.measured import Measured
+        >>> from photosite.values.measured import Measured
         >>> sensor = ps.load_sensor("nikon-d200").with_(read_noise_mv=Measured(0.52, 0.01))
         >>> sensor.covariance_of(["read_noise_mv", "dsnu_mv"]).tolist()
         [[0.0001, 0.0], [0.0, 0.0]]
@@ -338,7 +338,7 @@ class Sensor(_Section):
         FileError
             If the file of maps is missing, or is not the one that the sensor file hashed.
         """
-        from photosite.sensor.maps_file import load_maps
+        from photosite.sensor.io.maps_file import load_maps
 
         return None if self.maps is None else load_maps(self.maps)
 
@@ -392,6 +392,6 @@ class Sensor(_Section):
         FileError
             If it cannot be written.
         """
-        from photosite.sensor.file import write_sensor
+        from photosite.sensor.io.sensor_file import write_sensor
 
         write_sensor(self, path)

@@ -1,7 +1,7 @@
 """The noise profile of a gain setting: variance as a straight line in the signal, which is what files pass on.
 
 Here stand the line and its two ways: from a sensor's description, and back to as much of one as the line holds. The
-files that carry it are read and written in `photosite.frames.noise_profiles`.
+files that carry it are read and written in `photosite.frames.io.noise_profiles`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 
 from photosite.errors import InputError
-from photosite.measured import Measured
 from photosite.sensor.model import Sensor
+from photosite.values.measured import Measured
 
 QUANTISATION_DN2 = 1 / 12
 """Variance of rounding to whole numbers."""

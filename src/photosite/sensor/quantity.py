@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, PlainSerializer, PlainValidator, WithJsonSchema
 
 from photosite.errors import did_you_mean
-from photosite.measured import Measured
+from photosite.values.measured import Measured
 
 _QUANTITY_KEYS = ("value", "standard_uncertainty", "source", "assumed")
 

@@ -26,19 +26,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spectral_chart import ChartViews
-from photosite.calibration.spectral_protocol import VERSION_KEY, ProtocolEntry, protocol_entries
+from photosite.calibration.spectral.chart import ChartViews
+from photosite.calibration.spectral.protocol import VERSION_KEY, ProtocolEntry, protocol_entries
+from photosite.color.spectrum import Spectrum
+from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
-from photosite.frames.protocol import stated_bits, stated_cfa
-from photosite.frames.read import read_raw
+from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
+from photosite.frames.io.protocol import stated_bits, stated_cfa
+from photosite.frames.io.read import read_raw
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene import charts
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.spectra import Spectrum
-from photosite.spectrum_file import read_spectrum
 from photosite.studies.chart_spectral import ChartShot, chart_views
-from photosite.yaml_file import check_keys, line_of, optional_text, read_yaml
 
 _KEYS = (
     VERSION_KEY,

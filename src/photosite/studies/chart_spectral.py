@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spectral_chart import ChartViews
-from photosite.camera import Camera
+from photosite.calibration.spectral.chart import ChartViews
+from photosite.camera.camera import Camera
 from photosite.errors import InputError, PhotositeWarning
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics

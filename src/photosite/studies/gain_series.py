@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from os import PathLike
 
-from photosite.atomic import atomic_folder
 from photosite.errors import InputError
+from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameGroup, FrameSet
-from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
+from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, VirtualLab, nominal_sensor, virtual_lab

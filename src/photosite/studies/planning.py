@@ -12,12 +12,12 @@ from typing import Any
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.plan import PlannedGroup, predict
 from photosite.calibration.result import Estimate, Parameters
-from photosite.cfa import channel_sites
 from photosite.errors import InputError
-from photosite.exposure import parse_exposure
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.virtual_lab import VirtualLab
+from photosite.values.cfa import channel_sites
+from photosite.values.exposure import parse_exposure
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.defects import channel_values, together
-from photosite.cfa import channel_names
+from photosite.calibration.chip_maps.defects import channel_values, together
 from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_names
 
 _EXACT = 1 << 30
 """Degrees of freedom of a noise that was not measured but given."""

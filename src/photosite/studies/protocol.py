@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from photosite.errors import InputError
-from photosite.exposure import check_exposure
 from photosite.frames.frame_set import KINDS, Kind
+from photosite.values.exposure import check_exposure
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from photosite.cfa import channel_sites
-from photosite.door import channel_mixing
+from photosite.camera.optical_stack import channel_mixing
+from photosite.color.spectrum import integration_weights
 from photosite.optics.spread import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.spectra import integration_weights
+from photosite.values.cfa import channel_sites
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration

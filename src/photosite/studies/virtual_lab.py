@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.atomic import atomic_folder
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
+from photosite.color.spectrum import integration_weights
 from photosite.errors import InputError
+from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameSet, FrameSource, ListedFrame, group_frames
-from photosite.frames.protocol import Protocol, ProtocolFrames, write_protocol
+from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
-from photosite.measured import Measured
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import QUANTISATION_DN2
-from photosite.spectra import integration_weights
 from photosite.studies.protocol import ShootingProtocol, Step
+from photosite.values.measured import Measured
 
 Progress = Callable[[int, int], None]
 """Called with (frames done, frames to do) after each frame."""
@@ -63,7 +63,8 @@ def dark_noise_dn(sensor: Sensor) -> float:
 def with_pedestal(sensor: Sensor) -> Sensor:
     """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
 
-    Of clipped darks a calibration sees half (`calibration/censored.py`). Where the black level is less than 5 standard
+    Of clipped darks a calibration sees half (`calibration/clipped_blacks/censored.py`). Where the black level is
+    less than 5 standard
     deviations of the dark, it becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
 
     Raises
@@ -281,7 +282,7 @@ def virtual_lab(
     protocol
         What to shoot.
     illuminant
-        Light of the uniform field, as for `photosite.spectra.illuminant`.
+        Light of the uniform field, as for `photosite.color.spectrum.illuminant`.
     level
         Mean electrons of the brightest channel at the longest exposure, in saturation capacities.
     seed, photons_known

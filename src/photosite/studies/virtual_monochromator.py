@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.atomic import atomic_folder
-from photosite.calibration.passband import Passband, triangular_passband
-from photosite.calibration.spectral_frames import Band, Photodiode, SpectralFrames
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
-from photosite.door import channel_mixing
+from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
+from photosite.calibration.spectral.passband import Passband, triangular_passband
+from photosite.camera.camera import Camera
+from photosite.camera.optical_stack import channel_mixing
+from photosite.color.spectrum import Spectrum, illuminant, photons_from_energy
 from photosite.errors import InputError
-from photosite.exposure import format_exposure
+from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.raw_frame import RawFrame
-from photosite.measured import Measured
 from photosite.optics.lens import DiffractionLimited
 from photosite.sensor.model import Sensor
-from photosite.spectra import Spectrum, illuminant, photons_from_energy
+from photosite.values.cfa import channel_mask
+from photosite.values.exposure import format_exposure
+from photosite.values.measured import Measured
 
 PROTOCOL_NAME, TRUTH_NAME, NOMINAL_NAME, DIODE_NAME = (
     "spectral.yaml",

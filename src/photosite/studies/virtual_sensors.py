@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from photosite.cfa import cfa_from
 from photosite.errors import InputError, did_you_mean
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
+from photosite.values.cfa import cfa_from
 
 Range = tuple[float, float]
 """Lowest and highest; drawn between them with equal chance per ratio."""

@@ -1,0 +1,1 @@
+"""Measured frames against simulated frames."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError, did_you_mean
-from photosite.regions import Region
+from photosite.values.region import Region
 
 CHARTS = ("macbeth",)
 
@@ -63,8 +63,8 @@ def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
     >>> chart_xyz_d65("macbeth", ["white", "neutral 5"])[:, 1].round(3)
     array([0.887, 0.203])
     """
+    from photosite.color.spectrum import illuminant, photons_from_energy, xyz
     from photosite.scene.charts import MACBETH_NAMES, macbeth_reflectance
-    from photosite.spectra import illuminant, photons_from_energy, xyz
 
     check_chart(chart)
     if unknown := [name for name in names if name not in MACBETH_NAMES]:

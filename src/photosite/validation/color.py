@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.difference import delta_e_76, delta_e_94, delta_e_2000
 from photosite.develop.color_matrix import ColorMatrix, fit_color_matrix
-from photosite.metrics.color_difference import delta_e_76, delta_e_94, delta_e_2000
 
 
 @dataclass(frozen=True, eq=False)

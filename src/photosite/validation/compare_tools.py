@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from photosite.cfa import tile_text
 from photosite.errors import InputError
 from photosite.validation.charts import chart_regions
 from photosite.validation.compare import PatchComparison, PatchValues, compare_values
@@ -12,6 +11,7 @@ from photosite.validation.other_tool import Content, Mosaic
 from photosite.validation.result import Validation
 from photosite.validation.set_up import SetUp
 from photosite.validation.validate import validate
+from photosite.values.cfa import tile_text
 
 MOST_SIMULATED = 10
 """Frames are simulated as many as the other tool made, up to this."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.metrics.patches import PatchStatistics
-from photosite.regions import Corners
 from photosite.validation.agreement import Selection
 from photosite.validation.result import Validation
+from photosite.values.region import Corners
 
 _BETTER = 0.5
 """Another reading of the frames explains them where its patches scatter by less than this part of what they did."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.fit import Fit, fit_linear
+from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, Selection, chi_square_of_means
@@ -145,7 +145,7 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     --------
     >>> from photosite.frames.raw_frame import RawFrame
     >>> from photosite.metrics.patches import patch_statistics
-    >>> from photosite.regions import Region
+    >>> from photosite.values.region import Region
     >>> rng = np.random.default_rng(2)
     >>> light = np.repeat(np.arange(1, 7) * 300.0, 20)[:, None] * np.ones(40)
     >>> patches = [Region(f"gray {i}", 20 * i, 20 * i + 20, 0, 40) for i in range(6)]

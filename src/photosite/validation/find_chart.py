@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from photosite.cfa import channel_sites
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.regions import Corners
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import Homography, field_corners, seen_patches
 from photosite.validation.charts import chart_xyz_d65
+from photosite.values.cfa import channel_sites
+from photosite.values.region import Corners
 
 _LONG_SIDE = 480
 """Of the picture that is searched, in pixels."""

@@ -8,12 +8,12 @@ from typing import Any, Literal
 
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.spread import Optics
-from photosite.regions import Corners, Quadrilateral
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.sensor.model import Sensor
 from photosite.validation.fill_factor import FillFactorFit
 from photosite.validation.lamp import Lamp
 from photosite.validation.result import Validation
+from photosite.values.region import Corners, Quadrilateral
 
 Fitted = Literal["fill_factor", "light"]
 FITTED: tuple[Fitted, ...] = ("fill_factor", "light")

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, did_you_mean
-from photosite.scene.charts import macbeth_reflectance
-from photosite.spectra import (
+from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Spectrum,
     illuminant,
@@ -20,7 +18,9 @@ from photosite.spectra import (
     luminance_cd_m2,
     photons_from_energy,
 )
-from photosite.spectrum_file import read_heading, read_spectrum
+from photosite.color.spectrum_file import read_heading, read_spectrum
+from photosite.errors import FileError, did_you_mean
+from photosite.scene.charts import macbeth_reflectance
 
 _RADIANCE_PER_UNIT: dict[str, float | None] = {
     "spectral_irradiance_w_per_m2_nm": 1.0 / math.pi,
@@ -69,7 +69,7 @@ class Lamp:
 
     @classmethod
     def named(cls, name: str) -> Lamp:
-        """An illuminant by its name, as for `photosite.spectra.illuminant`; its level is not known.
+        """An illuminant by its name, as for `photosite.color.spectrum.illuminant`; its level is not known.
 
         Raises
         ------

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.cfa import MONOCHROME, Cfa, channel_names, channel_sites
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.files.mat import load_mat
+from photosite.files.small import read_small
+from photosite.frames.io.read import SUFFIXES, read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.frames.read import SUFFIXES, read_raw
-from photosite.mat_file import load_mat
-from photosite.regions import Patch
-from photosite.small_file import read_small
 from photosite.validation.compare import UNITS, PatchValues, Unit
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
+from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites
+from photosite.values.region import Patch
 
 _LARGEST_BYTES = 1 << 22
 _MOST_CHANNELS = 4
@@ -57,7 +57,7 @@ class Mosaic:
 
         Examples
         --------
-        >>> from photosite.regions import Region
+        >>> from photosite.values.region import Region
         >>> even = Mosaic(np.full((8, 8), 7.0), (("R", "G"), ("G", "B")))
         >>> even.patch_values([Region("all", 0, 8, 0, 8)]).mean.tolist()
         [[7.0, 7.0, 7.0]]

@@ -7,13 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from photosite.camera import Camera
-from photosite.cfa import MONOCHROME, NAMED, tile_text
+from photosite.camera.camera import Camera
 from photosite.errors import InputError
-from photosite.exposure import check_exposure
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
-from photosite.regions import Corners, Quadrilateral
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import check_corners, in_perspective, seen_patches
 from photosite.scene.scene import Scene
@@ -24,6 +21,9 @@ from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.frames_result import FITTED, Fitted, FrameValidation, Told
 from photosite.validation.repeats import check_repeats
 from photosite.validation.validate import compare_patches
+from photosite.values.cfa import MONOCHROME, NAMED, tile_text
+from photosite.values.exposure import check_exposure
+from photosite.values.region import Corners, Quadrilateral
 
 INNER = 0.6
 """Part of a patch's side that is compared, about its middle: the rest forgives blur, and corners set by hand."""

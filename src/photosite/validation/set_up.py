@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_sites
+from photosite.camera.camera import Camera
+from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError, did_you_mean
+from photosite.files.small import read_small
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.small_file import read_small
-from photosite.spectra import Rule
 from photosite.validation.compare import PatchValues, Unit
+from photosite.values.cfa import channel_sites
 
 _LARGEST_BYTES = 1 << 24
 

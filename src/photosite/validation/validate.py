@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cfa import tile_text
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
-from photosite.regions import Region
 from photosite.validation.agreement import (
     chi_square_of_means,
     chi_square_of_noise,
@@ -22,6 +20,8 @@ from photosite.validation.color import ColorComparison, compare_colors
 from photosite.validation.regression import Regression, regress
 from photosite.validation.repeats import check_repeats
 from photosite.validation.result import Validation
+from photosite.values.cfa import tile_text
+from photosite.values.region import Region
 
 Frames = RawFrame | Sequence[RawFrame]
 

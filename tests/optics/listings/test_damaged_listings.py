@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.optics.listings import codev, zemax
-from photosite.optics.listings.design_files import Layout, read_lens_design
-from photosite.optics.listings.text import PsfListing, table_row
+from photosite.optics.io.listings import codev, zemax
+from photosite.optics.io.listings.design_files import Layout, read_lens_design
+from photosite.optics.io.listings.text import PsfListing, table_row
 from photosite.optics.sampled import offsets
 
 

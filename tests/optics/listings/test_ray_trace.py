@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.optics.compound import Lens
-from photosite.optics.file import load_optics
+from photosite.optics.io.listings.design_files import read_lens_design
+from photosite.optics.io.listings.ray_trace import read_ray_trace
+from photosite.optics.io.optics_file import load_optics
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.listings.design_files import read_lens_design
-from photosite.optics.listings.ray_trace import read_ray_trace
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError
-from photosite.optics.listings.parameters import read_parameters
-from photosite.optics.listings.ray_trace import RayTrace
-from photosite.optics.listings.zemax import read_distortion, read_psf, read_relative_illumination
+from photosite.optics.io.listings.parameters import read_parameters
+from photosite.optics.io.listings.ray_trace import RayTrace
+from photosite.optics.io.listings.zemax import read_distortion, read_psf, read_relative_illumination
 
 # github.com/ruthshiferaw/2.156-Lens-Project, Prime Lenses + Data/AnalysisExports: OpticStudio 2025, saved through its
 # programming interface; every 25th row of Cox1-01_FieldCurvature.txt.

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.optics.compound import Lens
-from photosite.optics.file import load_optics
+from photosite.optics.io.listings.design_files import Layout, read_lens_design
+from photosite.optics.io.listings.text import PsfListing
+from photosite.optics.io.listings.zemax import read_distortion, read_psf, read_relative_illumination
+from photosite.optics.io.optics_file import load_optics
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.listings.design_files import Layout, read_lens_design
-from photosite.optics.listings.text import PsfListing
-from photosite.optics.listings.zemax import read_distortion, read_psf, read_relative_illumination
 from photosite.optics.mapping import image_height
 from photosite.optics.sampled import offsets
 from photosite.optics.spread import RadialMapping

@@ -9,9 +9,9 @@ import matplotlib.image
 import pytest
 from matplotlib.figure import Figure
 
-from photosite.report.farrell2008 import drawing
-from photosite.report.farrell2008.drawing import Drawing
 from photosite.report.style import STRIP_IN, png_bytes, styled
+from photosite.studies.farrell2008.page import drawing
+from photosite.studies.farrell2008.page.drawing import Drawing
 
 NARROWEST_IN = 7.0
 """Of the study's figures."""

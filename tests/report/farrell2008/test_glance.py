@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from photosite.report.farrell2008.glance import GLANCES, glance_table
 from photosite.studies.farrell2008 import table1
+from photosite.studies.farrell2008.page.glance import GLANCES, glance_table
 from photosite.studies.farrell2008.study import CHAPTERS, Reproduction, reproduce
 
 QUICK = ("table1", "snr", "pixel_size", "dim_face", "high_dynamic_range")

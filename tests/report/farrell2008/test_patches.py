@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
-from photosite.report.farrell2008.chart_pictures import pictures_figure
-from photosite.report.farrell2008.colors import colors_figure
-from photosite.report.farrell2008.drawing import Drawing
-from photosite.report.farrell2008.fill_factor import fill_factor_part, residuals_figure
-from photosite.report.farrell2008.patches import patch_means_figure, patch_snr_figure, patches_part
-from photosite.report.farrell2008.sensitivity import sensitivity_figure
 from photosite.report.html import Listing, Table
 from photosite.studies.farrell2008 import fill_factor, patches
 from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.fill_factor import FillFactors
+from photosite.studies.farrell2008.page.chart_pictures import pictures_figure
+from photosite.studies.farrell2008.page.colors import colors_figure
+from photosite.studies.farrell2008.page.drawing import Drawing
+from photosite.studies.farrell2008.page.fill_factor import fill_factor_part, residuals_figure
+from photosite.studies.farrell2008.page.patches import patch_means_figure, patch_snr_figure, patches_part
+from photosite.studies.farrell2008.page.sensitivity import sensitivity_figure
 from photosite.studies.farrell2008.patches import Patches, compare_charts, differences
 
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from photosite.report.farrell2008.dim_face import dim_face_part
-from photosite.report.farrell2008.drawing import Drawing, Part
-from photosite.report.farrell2008.high_dynamic_range import hdr_figure, high_dynamic_range_part, wedge_figure
-from photosite.report.farrell2008.pixel_size import pixel_size_figure, pixel_size_part
-from photosite.report.farrell2008.portraits import Column, portraits_figure
-from photosite.report.farrell2008.snr import snr_figure, snr_part
 from photosite.report.html import Listing, Paragraph, Table
 from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.high_dynamic_range import high_dynamic_range
+from photosite.studies.farrell2008.page.dim_face import dim_face_part
+from photosite.studies.farrell2008.page.drawing import Drawing, Part
+from photosite.studies.farrell2008.page.high_dynamic_range import hdr_figure, high_dynamic_range_part, wedge_figure
+from photosite.studies.farrell2008.page.pixel_size import pixel_size_figure, pixel_size_part
+from photosite.studies.farrell2008.page.portraits import Column, portraits_figure
+from photosite.studies.farrell2008.page.snr import snr_figure, snr_part
 from photosite.studies.farrell2008.pixel_size import ASSUMPTIONS, pixel_sizes
 from photosite.studies.farrell2008.portrait import FACE, PORTRAIT_SOURCE, portrait
 from photosite.studies.farrell2008.snr import PARTS, snr_against_volts

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from photosite.report.farrell2008.drawing import Drawing
-from photosite.report.farrell2008.page import PARTS, study_page, study_parts
-from photosite.report.farrell2008.write import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
 from photosite.report.html import Details, Heading, Listing, Table, render_page
 from photosite.studies.farrell2008 import table1
+from photosite.studies.farrell2008.page.drawing import Drawing
+from photosite.studies.farrell2008.page.page import PARTS, study_page, study_parts
+from photosite.studies.farrell2008.page.write import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
 from photosite.studies.farrell2008.study import CHAPTERS, Reproduction, reproduce
 
 

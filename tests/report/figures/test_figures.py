@@ -15,13 +15,11 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 import photosite as ps
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.calibration.result import Curve
-from photosite.calibration.snr import SnrCurve
-from photosite.calibration.uncertain import Uncertain
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
-from photosite.regions import Region
 from photosite.report.figures.color_difference import color_difference_figure
 from photosite.report.figures.curve import curve_figure
 from photosite.report.figures.deviations import deviations_figure
@@ -32,6 +30,8 @@ from photosite.report.figures.snr import snr_figure
 from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
 from photosite.report.style import styled, svg_bytes
 from photosite.sensor.model import Channel
+from photosite.values.region import Region
+from photosite.values.uncertain import Uncertain
 
 
 def all_figures(loop) -> dict[str, Figure]:

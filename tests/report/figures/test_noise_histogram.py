@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from photosite.calibration.chip_maps.tail import Tail
+from photosite.calibration.chip_maps.temporal import TemporalNoise
 from photosite.calibration.result import Estimate
-from photosite.calibration.tail import Tail
-from photosite.calibration.temporal import TemporalNoise
 from photosite.report.figures.noise_histogram import noise_histogram_figure
 
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
-from photosite.calibration.general_model import GeneralModel
-from photosite.calibration.line_noise import TemporalParts
-from photosite.calibration.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
-from photosite.calibration.spectrogram import spectrogram
-from photosite.calibration.uncertain import Missing, Uncertain
+from photosite.calibration.photon_transfer.general_model import GeneralModel
+from photosite.calibration.spatial.line_noise import TemporalParts
+from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
+from photosite.calibration.spatial.spectrogram import spectrogram
 from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.histogram import histogram_figure
 from photosite.report.figures.marks import thinned
 from photosite.report.figures.profiles import profiles_figure
 from photosite.report.figures.spectrogram import _tick, spectrogram_figure, white_band
+from photosite.values.uncertain import Missing, Uncertain
 
 TILE = np.array([[0, 1], [1, 2]])
 

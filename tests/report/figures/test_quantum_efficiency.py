@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.calibration.spectral_result import BandReading, ChannelEfficiency, SpectralCalibration
+from photosite.calibration.spectral.result import BandReading, ChannelEfficiency, SpectralCalibration
 from photosite.report.figures.quantum_efficiency import quantum_efficiency_figure
 from photosite.report.style import png_bytes
 

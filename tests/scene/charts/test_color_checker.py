@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, luminance_cd_m2, photons_from_energy, xyz
+from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
 from photosite.scene import charts
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, luminance_cd_m2, photons_from_energy, xyz
-from photosite.spectra import illuminant as relative_energy
 
 
 def test_macbeth_patches_have_their_published_chromaticities() -> None:

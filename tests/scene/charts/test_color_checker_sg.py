@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.cie import colour_science
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, illuminant, photons_from_energy, xyz
 from photosite.errors import InputError
 from photosite.scene import charts
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, illuminant, photons_from_energy, xyz
 
 
 @pytest.mark.parametrize(("edition", "table"), [("after 2014", "After"), ("before 2014", "Before")])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from photosite.color.spectrum import illuminant, luminance_cd_m2, photons_from_energy
 from photosite.errors import InputError
 from photosite.scene import charts
-from photosite.spectra import illuminant, luminance_cd_m2, photons_from_energy
 
 GRID = np.arange(400.0, 701.0, 5)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.convert import convert
-from photosite.scene.files import open_cube, read_scene
-from photosite.spectra import photons_from_energy
+from photosite.scene.io.convert import convert
+from photosite.scene.io.files import open_cube, read_scene
 
 envi = pytest.importorskip("spectral.io.envi")
 

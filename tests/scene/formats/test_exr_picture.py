@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import photosite as ps
+from photosite.color.spectrum import luminance_cd_m2, xyz
 from photosite.errors import FileError
-from photosite.scene.files import read_scene
+from photosite.scene.io.files import read_scene
 from photosite.scene.scene import Scene
-from photosite.spectra import luminance_cd_m2, xyz
 
 OpenEXR = pytest.importorskip("OpenEXR")
 

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.cube import RawCube
-from photosite.scene.files import open_cube, read_scene, write_scene
-from photosite.scene.formats.hdf5_cube import ChunkedCube
+from photosite.scene.io.files import open_cube, read_scene, write_scene
+from photosite.scene.io.hdf5_cube import ChunkedCube
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)

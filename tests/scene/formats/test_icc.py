@@ -13,8 +13,8 @@ import pytest
 from PIL import Image, ImageCms
 
 from photosite.errors import FileError
-from photosite.scene.files import read_scene
-from photosite.scene.formats.icc import RgbSpace, space_of_profile
+from photosite.scene.io.files import read_scene
+from photosite.scene.io.icc import RgbSpace, space_of_profile
 from photosite.scene.picture_colors import display_values, linear_srgb_of
 
 Profile = Callable[..., bytes]

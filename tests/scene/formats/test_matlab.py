@@ -12,11 +12,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.io import loadmat, savemat
 
+from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.files import open_cube, read_scene, write_scene
-from photosite.scene.formats import iset_write
+from photosite.scene.io import iset_write
+from photosite.scene.io.files import open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
-from photosite.spectra import energy_from_photons, photons_from_energy
 
 GRID = np.arange(400.0, 701, 50)
 RNG = np.random.default_rng(6)
@@ -56,7 +56,7 @@ def test_what_lies_by_bands_is_laid_out_anew_where_a_slab_of_rows_is_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from photosite.scene.cube import RawCube
-    from photosite.scene.formats import hdf5_cube
+    from photosite.scene.io import hdf5_cube
 
     path = save73(tmp_path / "a.mat", {"rad": CUBE, "bands": GRID}, chunks=(3, 2, 4), compression="gzip")
     monkeypatch.setattr(hdf5_cube, "_SLAB_BYTES", 8 * 5 * GRID.size * 3)

@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import photosite as ps
+from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, PhotositeWarning
-from photosite.scene.files import read_scene, write_scene
-from photosite.scene.formats import cgats, chart_csv
+from photosite.scene.io import cgats, chart_csv
+from photosite.scene.io.files import read_scene, write_scene
 from photosite.scene.scene import Scene
-from photosite.spectra import photons_from_energy
 
 LIGHT = {"illuminant": "D65", "mean_luminance_cd_m2": 100.0}
 GRID = [400, 500, 600, 700]

@@ -12,8 +12,8 @@ import pytest
 
 import photosite as ps
 from photosite.errors import FileError
-from photosite.scene.files import read_scene
-from photosite.scene.formats import native
+from photosite.scene.io import native
+from photosite.scene.io.files import read_scene
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
 

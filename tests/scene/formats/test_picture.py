@@ -14,8 +14,8 @@ from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth
-from photosite.scene.files import read_scene
-from photosite.scene.formats.pillow import check_size
+from photosite.scene.io.files import read_scene
+from photosite.scene.io.pillow import check_size
 from photosite.scene.pictures import from_rgb, from_srgb
 
 RNG = np.random.default_rng(8)

@@ -12,8 +12,8 @@ from PIL import Image
 
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth
-from photosite.scene.convert import convert
-from photosite.scene.files import read_scene, write_scene
+from photosite.scene.io.convert import convert
+from photosite.scene.io.files import read_scene, write_scene
 from photosite.scene.pictures import from_srgb
 from photosite.scene.request import SceneRequest
 from photosite.scene.scene import Scene

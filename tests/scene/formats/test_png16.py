@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.png_file import PngFile
-from photosite.scene.files import read_scene
-from photosite.scene.formats.alpha import read_alpha
-from photosite.scene.formats.png16 import DeepPng, read_deep_png
+from photosite.files.png import PngFile
+from photosite.scene.io.alpha import read_alpha
+from photosite.scene.io.files import read_scene
+from photosite.scene.io.png16 import DeepPng, read_deep_png
 from photosite.scene.pictures import from_rgb, from_srgb
 
 KINDS = {1: 0, 2: 4, 3: 2, 4: 6}

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photosite.color.spectrum import luminance_cd_m2
 from photosite.errors import FileError
-from photosite.scene.files import read_scene
+from photosite.scene.io.files import read_scene
 from photosite.scene.pictures import from_hdr
-from photosite.spectra import luminance_cd_m2
 
 RNG = np.random.default_rng(8)
 

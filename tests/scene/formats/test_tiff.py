@@ -12,8 +12,8 @@ import tifffile
 from numpy.testing import assert_allclose
 
 from photosite.errors import FileError
-from photosite.scene.files import open_cube, read_scene
-from photosite.scene.formats import tiff
+from photosite.scene.io import tiff
+from photosite.scene.io.files import open_cube, read_scene
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)

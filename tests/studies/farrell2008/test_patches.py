@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photosite.metrics.color_difference import delta_e_94
+from photosite.color.difference import delta_e_94
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import MACBETH_NAMES, macbeth_regions
 from photosite.studies.farrell2008 import fill_factor, patches

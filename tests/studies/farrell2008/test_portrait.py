@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget
-from photosite.regions import Region
 from photosite.scene.pictures import from_srgb
 from photosite.studies.farrell2008.cameras import D200, VENDOR
 from photosite.studies.farrell2008.portrait import (
@@ -23,6 +22,7 @@ from photosite.studies.farrell2008.portrait import (
     shoot_portrait,
     white_surface_electrons,
 )
+from photosite.values.region import Region
 
 
 def test_the_file_says_where_it_is_from() -> None:
@@ -42,7 +42,7 @@ def test_luminances() -> None:
     scene = portrait_scene(5.0)
     assert scene.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
     # The slow way: each sample's spectrum.
-    from photosite.spectra import luminance_cd_m2
+    from photosite.color.spectrum import luminance_cd_m2
 
     radiance = np.einsum("kij,kl->ijl", scene.weights[:, FACE.r0 : FACE.r1 : 9, FACE.c0 : FACE.c1 : 9], scene.basis)
     thinned = luminance_cd_m2(radiance, scene.wavelength_nm).mean()

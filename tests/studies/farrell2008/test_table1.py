@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.table1 import PROTOCOLS, Table1, Table1Row, measure_table1
 from photosite.studies.protocol import Step

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import VeilingGlare
@@ -50,7 +50,7 @@ def test_crosstalk_mixes_as_the_shares_say() -> None:
 
 
 def _means(camera: Camera, region: object) -> tuple[float, float, float]:
-    from photosite.cfa import channel_mask
+    from photosite.values.cfa import channel_mask
 
     electrons = camera.mean_electrons(charts.macbeth("D65", 100), 0.1)
     inside = (slice(region.r0, region.r1), slice(region.c0, region.c1))  # type: ignore[attr-defined]

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from photosite.calibration.result import Curve
-from photosite.measured import COVERAGE_95
 from photosite.report.figures.marks import channel_handles, draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
+from photosite.values.measured import COVERAGE_95
 
 _WIDE = 30.0
 """An axis may be logarithmic where the largest number is more than this many times the smallest."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.measured import COVERAGE_95
 from photosite.report.style import BLACK, BLUE, GRAY, WIDTH_IN, styled
+from photosite.values.measured import COVERAGE_95
 
 
 @styled()

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from photosite.calibration.gain_law import log_amplification
-from photosite.calibration.gain_series_result import GainMode, GainSeries
+from photosite.calibration.gain_series.gain_law import log_amplification
+from photosite.calibration.gain_series.result import GainMode, GainSeries
 from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, WIDTH_IN, styled
 
 _POINTS = 200

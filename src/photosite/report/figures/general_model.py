@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from photosite.calibration.general_model import GeneralModel
-from photosite.calibration.uncertain import Uncertain
-from photosite.measured import COVERAGE_95
+from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.report.figures.marks import draw_points
 from photosite.report.style import GRAY, WIDTH_IN, channel_style, styled
+from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import Uncertain
 
 
 @styled()

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from photosite.calibration.histograms import Histogram
-from photosite.calibration.spatial_analysis import FramePattern
-from photosite.measured import COVERAGE_95
+from photosite.calibration.spatial.histograms import Histogram
+from photosite.calibration.spatial.spatial_analysis import FramePattern
 from photosite.report.style import BAND, BLACK, GRAY, WIDTH_IN, channel_style, styled
+from photosite.values.measured import COVERAGE_95
 
 
 @styled()

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.calibration.linearity import Linearity, LinearityFit
-from photosite.measured import COVERAGE_95
+from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
 from photosite.report.figures.marks import channel_handles, draw_points
 from photosite.report.style import BLACK, WIDTH_IN, channel_style, styled
+from photosite.values.measured import COVERAGE_95
 
 
 @styled()

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.calibration.tail import tukey_density, tukey_reach
-from photosite.calibration.temporal import TemporalNoise
+from photosite.calibration.chip_maps.tail import tukey_density, tukey_reach
+from photosite.calibration.chip_maps.temporal import TemporalNoise
 from photosite.report.style import BLACK, BLUE, ORANGE, new_figure, styled
 
 _PER_POINT = 2

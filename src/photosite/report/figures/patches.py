@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.measured import COVERAGE_95
 from photosite.metrics.patches import PatchStatistics
 from photosite.report.style import BLACK, WIDTH_IN, channel_style, styled
 from photosite.validation.result import Validation
+from photosite.values.measured import COVERAGE_95
 
 _DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)
 """A relative change of a variance, small, in decibels."""

@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.calibration.profiles import Profile
-from photosite.calibration.spatial_analysis import SpatialAnalysis
-from photosite.calibration.uncertain import Missing
+from photosite.calibration.spatial.profiles import Profile
+from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
 from photosite.report.figures.marks import thinned
 from photosite.report.style import BLACK, BLUE, GREEN, VERMILION, WIDTH_IN, styled
+from photosite.values.uncertain import Missing
 
 _LOOKS = (
     ("highest", "maximum", VERMILION, 0.8),

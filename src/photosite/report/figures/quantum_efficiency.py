@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from photosite.calibration.spectral_result import SpectralCalibration
+from photosite.calibration.spectral.result import SpectralCalibration
 from photosite.report.style import BLACK, GRAY, channel_style, new_figure, styled
 from photosite.sensor.model import Sensor
 

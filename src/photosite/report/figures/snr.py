@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.snr import SnrCurve
-from photosite.measured import COVERAGE_95
+from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.report.figures.marks import channel_handles, draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, channel_style, new_figure, styled
+from photosite.values.measured import COVERAGE_95
 
 _POINTS = 160
 

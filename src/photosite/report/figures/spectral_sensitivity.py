@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.measured import COVERAGE_95
 from photosite.report.style import channel_style, new_figure, styled
 from photosite.sensor.model import Sensor
+from photosite.values.measured import COVERAGE_95
 
 
 @styled()

@@ -7,20 +7,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cie import colour_science
-from photosite.errors import InputError
-from photosite.regions import Region
-from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions
-from photosite.scene.placement import place
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
-from photosite.spectra import (
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
     Spectrum,
     photons_from_energy,
     wavelength_grid,
 )
-from photosite.spectra import illuminant as relative_energy
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.errors import InputError
+from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions
+from photosite.scene.placement import place
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
+from photosite.values.region import Region
 
 MACBETH_NAMES: tuple[str, ...] = (
     "dark skin",
@@ -108,7 +108,7 @@ def macbeth(
     Parameters
     ----------
     illuminant
-        As for `photosite.spectra.illuminant`; "A" is the paper's tungsten light.
+        As for `photosite.color.spectrum.illuminant`; "A" is the paper's tungsten light.
     mean_luminance_cd_m2
         Mean luminance of the 24 patches (of the patches, not of the black between them).
     wavelength_nm

@@ -8,12 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.cie import colour_science
-from photosite.errors import InputError, did_you_mean
-from photosite.scene.charts.patches import reflectance_chart
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
-from photosite.spectra import (
+from photosite.color.cie import colour_science
+from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
     Spectrum,
@@ -21,7 +17,11 @@ from photosite.spectra import (
     integration_weights,
     wavelength_grid,
 )
-from photosite.spectra import illuminant as relative_energy
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.errors import InputError, did_you_mean
+from photosite.scene.charts.patches import reflectance_chart
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
 
 Edition = Literal["after 2014", "before 2014"]
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 from photosite.errors import InputError
 from photosite.scene.charts.grey import between, check_size, dark_share, grey_scene
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 
 _MOST_POINTS = 1 << 28
 _BATCH = 1 << 13

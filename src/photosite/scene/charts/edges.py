@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
 from photosite.scene.charts.grey import between, check_size, grey_scene
 from photosite.scene.charts.sectors import sector_share
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 
 _STRIP = 256
 

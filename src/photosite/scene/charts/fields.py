@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from photosite.errors import InputError
-from photosite.scene.charts import coverage
-from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
-from photosite.scene.values import check_flag
-from photosite.spectra import (
+from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
     Spectrum,
     photons_from_energy,
     wavelength_grid,
 )
-from photosite.spectra import illuminant as relative_energy
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.errors import InputError
+from photosite.scene.charts import coverage
+from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
+from photosite.scene.values import check_flag
 
 
 def uniform(

@@ -12,11 +12,11 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.charts.grey import between, check_size, grey_scene
 from photosite.scene.charts.siemens import Waveform
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 
 Array = NDArray[np.float64]
 

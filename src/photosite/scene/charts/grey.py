@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
-from photosite.regions import Region
 from photosite.scene.scene import Scene, light_title
-from photosite.spectra import Rule, Spectrum, photons_from_energy, wavelength_grid
-from photosite.spectra import illuminant as relative_energy
+from photosite.values.region import Region
 
 _MOST_SAMPLES = 1 << 28
 

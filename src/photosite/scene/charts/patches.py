@@ -9,12 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.errors import InputError
-from photosite.regions import Region
-from photosite.scene.charts.grey import check_range, grey_scene
-from photosite.scene.reduction import few_spectra
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
-from photosite.spectra import (
+from photosite.color.spectrum import (
     DEFAULT_WAVELENGTH_NM,
     Rule,
     Spectrum,
@@ -22,7 +17,12 @@ from photosite.spectra import (
     photons_from_energy,
     wavelength_grid,
 )
-from photosite.spectra import illuminant as relative_energy
+from photosite.color.spectrum import illuminant as relative_energy
+from photosite.errors import InputError
+from photosite.scene.charts.grey import check_range, grey_scene
+from photosite.scene.reduction import few_spectra
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
+from photosite.values.region import Region
 
 # Geometry in samples, the ColorChecker's: patches of 28 with 4 of black round them.
 PATCH, _GAP, _INSET = 28, 4, 4
@@ -73,7 +73,7 @@ def reflectance_chart(
     names
         Of the patches, all different; None numbers them from 1.
     illuminant
-        As for `photosite.spectra.illuminant`.
+        As for `photosite.color.spectrum.illuminant`.
     mean_luminance_cd_m2
         Mean luminance of the patches (of the patches, not of the black between them).
     distance_m

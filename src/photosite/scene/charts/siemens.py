@@ -8,14 +8,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 from photosite.errors import InputError, did_you_mean
-from photosite.regions import Region
 from photosite.scene.charts import coverage
 from photosite.scene.charts.grey import between, check_size, grey_scene
 from photosite.scene.charts.sectors import sector_share
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.values import check_flag
-from photosite.spectra import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
+from photosite.values.region import Region
 
 Waveform = Literal["sine", "square"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from photosite.calibration.calibrate import calibrate
 from photosite.frames.open import open_frames
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.camera import COLS, ROWS
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 from photosite.studies.protocol import ShootingProtocol, Step, series

@@ -14,15 +14,15 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_sites
+from photosite.camera.camera import Camera
+from photosite.color.spectrum import integration_weights
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.chip import draw_chip
-from photosite.sensor.file import load_sensor
-from photosite.spectra import integration_weights
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.timing import Case, best_seconds, in_turn, peak_mb
+from photosite.values.cfa import channel_sites
 
 EXPOSURE_S = 1 / 3
 ROWS, COLS = 2592, 3872

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from photosite.scene.convert import convert
 from photosite.scene.cube import Block, CubeHead, SpectralCube
-from photosite.scene.files import open_cube
-from photosite.scene.formats.native import reduce_to_native
+from photosite.scene.io.convert import convert
+from photosite.scene.io.files import open_cube
+from photosite.scene.io.native import reduce_to_native
 from photosite.scene.reduce import Reduction, reduced
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
@@ -161,7 +161,7 @@ def work_and_note(path: str, output: str, times: int, note: str) -> None:
 
 def work_open(path: str) -> None:
     """The scene file opened, and its brightness taken."""
-    from photosite.scene.files import read_scene
+    from photosite.scene.io.files import read_scene
 
     read_scene(path).mean_luminance_cd_m2()
 

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import LateralColor
 from photosite.optics.lens import DiffractionLimited

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.lens import DiffractionLimited
 from photosite.scene import charts
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.timing import peak_mb
 
 _SHAPES = ((2592, 3872), (5184, 7744), (10_320, 14_536))

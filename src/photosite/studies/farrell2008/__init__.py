@@ -1,0 +1,1 @@
+"""The experiments of Farrell, Okincha and Parmar (2008)."""

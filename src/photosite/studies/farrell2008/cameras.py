@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.lens import DiffractionLimited
@@ -31,7 +31,7 @@ from photosite.optics.ring import defocus_transfer
 from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
 from photosite.scene import charts
 from photosite.scene.scene import Scene
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.virtual_lab import with_pedestal
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget
 from photosite.scene.scene import Scene
 from photosite.studies.farrell2008.cameras import D200, VENDOR, Case, frame_key

@@ -14,13 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
 from photosite.develop.develop import develop
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget, signal_at_snr_e
-from photosite.regions import Region
 from photosite.scene.pictures import from_srgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -33,6 +31,8 @@ from photosite.studies.farrell2008.portrait import (
     white_surface_electrons,
 )
 from photosite.studies.farrell2008.snr import even_snr
+from photosite.values.cfa import channel_mask
+from photosite.values.region import Region
 
 SHADE = 1 / 64
 """Light on the right portrait over that on the left."""

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_sites
+from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget, signal_at_snr_e
 from photosite.scene import charts
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT, VENDOR, frame_key
 from photosite.studies.farrell2008.portrait import (
@@ -26,6 +25,7 @@ from photosite.studies.farrell2008.portrait import (
     region_luminance_cd_m2,
     shoot_portrait,
 )
+from photosite.values.cfa import channel_sites
 
 PRESETS = {2.2: "vendor-2.2um", 1.4: "vendor-1.4um"}
 """By pixel width in um."""

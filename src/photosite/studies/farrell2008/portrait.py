@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
 from photosite.develop.develop import develop
 from photosite.errors import FileError
 from photosite.frames.raw_frame import RawFrame
-from photosite.regions import Region
 from photosite.scene.pictures import from_srgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT
+from photosite.values.cfa import channel_mask
+from photosite.values.region import Region
 
 PORTRAIT_SOURCE = (
     "Commodore Grace M. Hopper, USNR; official portrait photograph of the United States Navy, 1984. As the work of a "

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.metrics.snr import NoiseBudget, noise_budget
-from photosite.regions import Region
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera, frame_key
+from photosite.values.region import Region
 
 PARTS = MappingProxyType({"shot": "shot noise", "read": "read noise", "dsnu": "DSNU", "prnu": "PRNU"})
 """The four noises, by the name of their curve in `NoiseBudget`, and in words."""

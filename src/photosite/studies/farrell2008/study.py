@@ -1,6 +1,7 @@
 """The 2008 paper from its calibration to its applications: which chapters there are, and how they are run.
 
-A chapter computes and does not draw; what is drawn of it stands in `photosite.report.farrell2008`, under the same key.
+A chapter computes and does not draw; what is drawn of it stands in `photosite.studies.farrell2008.page`, under the
+same key.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from photosite.errors import InputError, did_you_mean
-from photosite.studies.closed_loop import Silence, Watcher
+from photosite.studies.closed_loop.study import Silence, Watcher
 from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
 from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.fill_factor import fit_fill_factors
@@ -57,7 +58,7 @@ class Chapter:
     Parameters
     ----------
     key
-        In `results.json`, and in `photosite.report.farrell2008.page.PARTS`.
+        In `results.json`, and in `photosite.studies.farrell2008.page.page.PARTS`.
     title
         Its heading.
     compute

@@ -9,9 +9,9 @@ from typing import Any
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration, Estimate
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.studies.closed_loop import Silence, Watcher
+from photosite.studies.closed_loop.study import Silence, Watcher
 from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
 from photosite.studies.farrell2008.eight_frames import EightFrames, eight_frames
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol, paper_vendor_protocol

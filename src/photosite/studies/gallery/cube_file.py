@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from photosite.report.style import BLACK, styled
 from photosite.scene import charts
-from photosite.scene.files import open_cube, read_scene, write_scene
+from photosite.scene.io.files import open_cube, read_scene, write_scene
 from photosite.scene.lights import gradient, mixed, spot
 from photosite.scene.preview import preview
 from photosite.scene.scene import Scene

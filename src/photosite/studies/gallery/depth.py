@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.pupil import Pupil

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
 from photosite.optics.lens import DiffractionLimited
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.studies.gallery.panels import Panel, enlarged, pictures
 from photosite.studies.gallery.through_a_camera import d200, exposure_for, shot, taken
+from photosite.values.cfa import channel_mask
 
 LEAKS = {"R": 0.04, "G": 0.02, "B": 0.01}
 """What each of a pixel's four neighbours collects of its light: red goes deepest into silicon, and farthest."""

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.gallery.lens_design import BASE, comatic_design
 from photosite.studies.gallery.panels import Panel, enlarged, pictures
 from photosite.studies.gallery.through_a_camera import shot

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.lens import DiffractionLimited

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Lens
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import VeilingGlare
@@ -17,6 +16,7 @@ from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.studies.gallery.panels import Panel, pictures
 from photosite.studies.gallery.through_a_camera import d200, taken
+from photosite.values.cfa import channel_mask
 
 _BASE = DiffractionLimited(f_number=4, focal_length_mm=50)
 _EXPOSURE_S = 1 / 15

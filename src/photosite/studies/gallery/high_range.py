@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
 from photosite.optics.lens import DiffractionLimited
 from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, VERMILION, styled
 from photosite.scene import charts
@@ -17,6 +16,7 @@ from photosite.scene.preview import tristimulus
 from photosite.scene.scene import Scene
 from photosite.studies.gallery.panels import Panel, curves_below, pictures
 from photosite.studies.gallery.through_a_camera import SEED, d200, taken
+from photosite.values.cfa import channel_mask
 
 _EXPOSURES = {"1/1000 s": 1 / 1000, "1/30 s": 1 / 30, "1 s": 1.0}
 _MEAN_CD_M2 = 3000.0

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
+from photosite.camera.camera import Camera
 from photosite.optics.compound import Blur, Lens
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
@@ -18,7 +18,7 @@ from photosite.optics.sampled import offsets
 from photosite.optics.spread import FieldSpread, Spread
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
 from photosite.scene.scene import Scene
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from photosite.color.spectrum import color_matching_functions, illuminant, integration_weights
 from photosite.develop.display import XYZ_FROM_SRGB
 from photosite.report.style import BLACK, BLUE, ORANGE, VERMILION, styled
 from photosite.scene import charts
@@ -13,7 +14,6 @@ from photosite.scene.lights import gradient, mixed, spot
 from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, from_hdr, from_rgb
 from photosite.scene.preview import preview
 from photosite.scene.scene import Scene
-from photosite.spectra import color_matching_functions, illuminant, integration_weights
 
 _D65 = (0.3127, 0.3290)
 _PATCHES = ("red", "green", "blue", "orange", "cyan")

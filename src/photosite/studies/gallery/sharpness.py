@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.camera import Camera
-from photosite.door import low_pass_split_m
+from photosite.camera.camera import Camera
+from photosite.camera.mean_image import electrons_per_weight
+from photosite.camera.optical_stack import low_pass_split_m
 from photosite.errors import InputError
 from photosite.metrics.sharpness import slanted_edge_mtf
-from photosite.mosaic import electrons_per_weight
 from photosite.optics.compound import Lens
 from photosite.optics.lens import DiffractionLimited
 from photosite.optics.spread import Optics, PlaneSpread, RadialSpread
@@ -20,7 +20,7 @@ from photosite.optics.wavefront import Wavefront
 from photosite.report.style import BLACK, BLUE, GRAY, GREEN, ORANGE, VERMILION, styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 
 ANGLE_DEG = 5.0

@@ -8,18 +8,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.camera import Camera
-from photosite.cfa import channel_mask
+from photosite.camera.camera import Camera
+from photosite.camera.dng_profile import color_matrix
 from photosite.develop.develop import develop
 from photosite.optics.lens import DiffractionLimited
-from photosite.profile import color_matrix
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
-from photosite.sensor.file import load_sensor
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.gallery.panels import pictures
+from photosite.values.cfa import channel_mask
 
 SEED = 2008
 _FULL = 0.6

@@ -1,0 +1,1 @@
+"""Checks of frames and of results before they are used."""

@@ -1,0 +1,370 @@
+"""The chip itself: maps of offset, response, dark rate and read noise, defects, and temporal noise of all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence, Sized
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.checks.judge import reference_dark
+from photosite.calibration.checks.plausible import too_short
+from photosite.calibration.chip_maps import blinking, defects
+from photosite.calibration.chip_maps.chip_lights import ResponseMap, needed_lights, read_response
+from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
+from photosite.calibration.chip_maps.second_look import SecondLook, look_again
+from photosite.calibration.chip_maps.temporal import TemporalNoise, Trace, measure_temporal
+from photosite.calibration.figures import QUANTISATION
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.reduction.reading import FrameReader, Progress
+from photosite.calibration.result import Calibration
+from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
+from photosite.engine.accumulate import FrameSums, MeanFrame
+from photosite.errors import CalibrationError, FileError
+from photosite.frames.frame_set import FrameSet
+from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
+
+CLIPPED_DARK = 1e-3
+"""Share of numbers at 0 in the darks above which there are no maps: those pixels' offset and noise are not seen."""
+
+MOST_SUSPECTS = 4096
+"""Pixels whose readings are looked at one by one for two levels: those with the largest variance for their channel."""
+
+_SUSPECT = 1e-3
+"""Probability below which an ordinary pixel's variance makes it one of them."""
+
+TRACES = 4
+"""Blinking pixels whose readings are kept to be shown."""
+
+FloatMap = NDArray[np.float32]
+_Place = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
+class ClippedChipError(CalibrationError):
+    """Darks clipped at 0 show no chip; what they tell of the sensor stands."""
+
+
+@dataclass(frozen=True)
+class _DarkMaps:
+    """What the darks tell of each pixel, DN and seconds."""
+
+    groups: Sequence[GroupStatistics]
+    reference: int
+    mean: MeanFrame
+    variance: FloatMap
+    rate: FloatMap | None
+    coefficients: NDArray[np.float64]
+
+    @property
+    def stack(self) -> GroupStatistics:
+        return self.groups[self.reference]
+
+
+def measure_chip(
+    frames: FrameSet, calibration: Calibration, progress: Progress | None = None
+) -> tuple[MeasuredChip, TemporalNoise]:
+    """The chip that took some frames, pixel by pixel.
+
+    The darks and the flats of the linear range are read once more, and the reference darks (those of the read noise)
+    once again after that; memory does not grow with their number. What each map is, and its uncertainty:
+    `MeasuredChip`. Offset and dark rate are intercept and slope of a pixel's darks against exposure, the response is
+    the slope of its flats less its dark rate; weights depend on the level, not on the pixel, so that all maps are
+    linear in the frames and without bias. Uncertainties are those of temporal noise, of which a pixel's own variance
+    and that of its channel tell together (`pixel_noise`).
+
+    Parameters
+    ----------
+    frames
+        The measurement.
+    calibration
+        What `calibrate` made of it.
+    progress
+        As for `calibrate`.
+
+    Returns
+    -------
+    MeasuredChip
+        The maps and defects; without flats no response, with darks of one exposure no dark rate.
+    TemporalNoise
+        Noise of pixels, rows and columns, its tail, and bands.
+
+    Raises
+    ------
+    ClippedChipError
+        If the darks are clipped at zero.
+    FileError
+        If a frame cannot be read.
+    """
+    lights = needed_lights(frames, calibration)
+    darks = frames.of_kind("dark")
+    again = replace(frames, groups=(*darks, *lights))
+    counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
+    with FrameReader(again, counted) as reader:
+        dark = _read_darks(reader)
+        response = read_response(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
+        spreads = _spreads(dark, reader.tile)
+        sigma = float(np.sqrt(np.median([spread.variance for spread in spreads])))
+        suspects = _suspects(dark, spreads, reader.tile)
+        look = look_again(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
+        tile = reader.tile
+    del reader  # its sums take as much as three maps
+    temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, tile)
+    return _chip(calibration, dark, response, spreads, suspects, look, temporal, tile)
+
+
+def _read_darks(reader: FrameReader) -> _DarkMaps:
+    planned = reader.frames.of_kind("dark")
+    exposure = np.array([group.exposure_s for group in planned])
+    slopes, coefficients = None, np.zeros(len(planned))
+    if len(np.unique(exposure)) > 1:
+        slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
+        coefficients = slope_coefficients(exposure, np.array([float(len(group)) for group in planned]))
+    wanted = reference_dark(planned)
+    groups: list[GroupStatistics] = []
+    stack: tuple[MeanFrame, FloatMap] | None = None
+    for index, group in enumerate(planned):
+        sums = reader.sums(group)
+        groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
+        if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
+            raise ClippedChipError(
+                f"{groups[-1].label}: {100 * max(level.low_fraction for level in groups[-1].levels):.3g} % of the "
+                f"numbers are 0, more than the {100 * CLIPPED_DARK:g} % up to which the chip is measured, and what a "
+                f"pixel reads below 0 is not seen; maps of the chip need darks with a pedestal"
+            )
+        if index == wanted:
+            stack = _mean_and_variance(sums)
+        if slopes is not None:
+            slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(groups[-1].levels))
+    if stack is None or (reference := reference_dark(groups)) != wanted:
+        reader.expect(len(planned[reference_dark(groups)]))
+        reference = reference_dark(groups)
+        stack = _mean_and_variance(reader.sums(planned[reference]))
+    rate = None if slopes is None else slopes.slopes.astype(np.float32)
+    return _DarkMaps(groups, reference, *stack, rate, coefficients)
+
+
+def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
+    mean = sums.mean_frame()
+    # The next group's sums take the memory of these.
+    return replace(mean, sum=mean.sum.copy()), sums.variance().astype(np.float32)
+
+
+class _Counted:
+    """Progress with frames at the end that the reader does not know of."""
+
+    def __init__(self, progress: Progress | None, later: int) -> None:
+        self._progress, self._later = progress, later
+        self._done = self._total = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        self._done, self._total = done, total + self._later
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+    def one_more(self) -> None:
+        self(self._done + 1, self._total - self._later)
+
+
+def _used_again(
+    reader: FrameReader, stack: GroupStatistics, counted: _Counted
+) -> Iterator[NDArray[np.unsignedinteger]]:
+    """The stack's frames once more, repeats left out."""
+    used = {id(entry.source) for entry in reader.used_frames}
+    shape = reader.frames.rows, reader.frames.cols
+    for source in stack.group.frames:
+        counted.one_more()
+        if id(source) in used:
+            dn = source.read()
+            if dn.shape != shape:
+                raise FileError(source.name, f"has changed while it was used: it is {dn.shape} now, and was {shape}")
+            yield dn
+
+
+def _spreads(dark: _DarkMaps, tile: NDArray[np.int64]) -> list[NoiseSpread]:
+    """Per channel, how the pixels' temporal variances are spread."""
+    freedom = dark.stack.frames - 1
+    return [
+        noise_spread(defects.channel_values(dark.variance, tile, k), freedom) for k in range(len(dark.stack.levels))
+    ]
+
+
+def _by_channel(
+    shape: tuple[int, ...], tile: NDArray[np.int64], values: Callable[[int, tuple[slice, slice]], NDArray[np.floating]]
+) -> FloatMap:
+    """A map from a function of the channel and of a plane's rows and columns."""
+    out = np.empty(shape, np.float32)
+    for k in range(int(tile.max()) + 1):
+        for part in defects.sites(tile, k):
+            out[part] = values(k, part)
+    return out
+
+
+def _noisier(
+    dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64], probability: float
+) -> tuple[_Place, NDArray[np.float64]]:
+    """The pixels with more noise than an ordinary one of the channel has so rarely, and their variance for its."""
+    chosen = np.zeros(dark.variance.shape, np.bool_)
+    for k, spread in enumerate(spreads):
+        for part in defects.sites(tile, k):
+            chosen[part] = dark.variance[part] > spread.limit(probability, dark.stack.frames - 1)
+    row, col = np.nonzero(chosen)
+    channel = tile[row % tile.shape[0], col % tile.shape[1]]
+    return (row, col), dark.variance[row, col] / np.array([spread.variance for spread in spreads])[channel]
+
+
+def _suspects(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> _Place:
+    """Rows and columns of the pixels whose noise is most unlike that of an ordinary pixel."""
+    (row, col), ratio = _noisier(dark, spreads, tile, _SUSPECT)
+    keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
+    return row[keep], col[keep]
+
+
+def _chip(
+    calibration: Calibration,
+    dark: _DarkMaps,
+    response: ResponseMap | None,
+    spreads: Sequence[NoiseSpread],
+    suspects: _Place,
+    look: SecondLook,
+    temporal: TemporalNoise,
+    tile: NDArray[np.int64],
+) -> tuple[MeasuredChip, TemporalNoise]:
+    gain, black = calibration.system_gain_dn_per_e.value, calibration.black_level_dn.value
+    level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
+    black = float(level.mean(dtype=np.float64)) if black is None else black
+    level -= np.float32(black)
+    # Shot noise of the dark current, DN^2 per second: a rate measured below 0 has none.
+    shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
+    maps = _dark_maps(dark, level, shot, spreads, tile)
+    if response is not None:
+        unknown = np.zeros((1, 1), np.float32)
+        rate, of_rate = (maps.get(name, unknown) for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"))
+        maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
+    if too_short(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
+        for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"):
+            maps.pop(name, None)  # per second of times that cannot be true; taken off flats in the same times above
+    blinkers = _blinking(dark, look, suspects, shot)
+    chip = MeasuredChip(
+        **maps,
+        read_noise_freedom=dark.stack.frames - 1,
+        row_noise_dn=temporal.row_noise_dn.value or 0.0,
+        column_noise_dn=temporal.column_noise_dn.value or 0.0,
+        black_level_dn=black,
+        system_gain_dn_per_e=gain,
+        reference_exposure_s=dark.stack.group.exposure_s,
+        defects=_defects(dark, spreads, blinkers, maps, tile),
+        blinking=blinkers.pixels,
+    )
+    return chip, replace(temporal, traces=blinkers.traces)
+
+
+def _dark_maps(
+    dark: _DarkMaps,
+    level: FloatMap,
+    shot: FloatMap | None,
+    spreads: Sequence[NoiseSpread],
+    tile: NDArray[np.int64],
+) -> dict[str, FloatMap]:
+    """Offset, read noise and dark rate; `level`, the mean of the reference darks above black, becomes the offset."""
+    freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
+    noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
+    of_mean = np.zeros(len(dark.groups))
+    of_mean[dark.reference] = 1.0
+    read = dark.variance - np.float32(QUANTISATION)
+    if dark.rate is not None:
+        level -= np.float32(reference_s) * dark.rate
+        of_mean -= reference_s * dark.coefficients
+    if shot is not None:
+        read -= np.float32(reference_s) * shot
+    size = np.abs(read)
+    np.sqrt(size, out=size)
+    maps = {
+        "offset_dn": level,
+        "offset_uncertainty_dn": _uncertainty(of_mean, dark, noise, shot),
+        "read_noise_dn": np.copysign(size, read, out=read),
+    }
+    if dark.rate is not None:
+        maps["dark_rate_dn_per_s"] = dark.rate
+        maps["dark_rate_uncertainty_dn_per_s"] = _uncertainty(dark.coefficients, dark, noise, shot)
+    return maps
+
+
+def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap, shot: FloatMap | None) -> FloatMap:
+    """Standard uncertainty of a combination of the dark groups' means, from each pixel's noise in each group.
+
+    That is the noise of the reference stack and the shot noise of as much more dark current as the group's exposure is
+    longer; no reading is steadier than its rounding.
+    """
+    share = weights**2 / np.array([entry.frames for entry in dark.groups])
+    longer = np.array([entry.group.exposure_s for entry in dark.groups]) - dark.stack.group.exposure_s
+    variance = noise * np.float32(share.sum())
+    if shot is not None:
+        variance += shot * np.float32(share @ longer)
+    np.maximum(variance, np.float32(QUANTISATION * share.sum()), out=variance)
+    np.sqrt(variance, out=variance)
+    return variance
+
+
+def _defects(
+    dark: _DarkMaps,
+    spreads: Sequence[NoiseSpread],
+    blinkers: _Blinkers,
+    maps: dict[str, FloatMap],
+    tile: NDArray[np.int64],
+) -> Defects:
+    far, shape, found = defects.FAR_SIGMA, dark.variance.shape, []
+    off = defects.deviations(maps["offset_dn"], maps["offset_uncertainty_dn"], tile)
+    found.append(defects.listed(DefectKind.OFFSET, np.abs(off) > far, maps["offset_dn"], off))
+    if "dark_rate_dn_per_s" in maps:
+        rate = maps["dark_rate_dn_per_s"]
+        off = defects.deviations(rate, maps["dark_rate_uncertainty_dn_per_s"], tile)
+        found.append(defects.listed(DefectKind.HOT, off > far, rate, off))
+    if "prnu" in maps:
+        relative = 1.0 + maps["prnu"]
+        off = defects.deviations(maps["prnu"], maps["prnu_uncertainty"], tile)
+        dead = relative < defects.DEAD_RESPONSE
+        found.append(defects.listed(DefectKind.DEAD, dead, relative, off))
+        found.append(defects.listed(DefectKind.RESPONSE, (np.abs(off) > far) & ~dead, relative, off))
+
+    jumping = blinkers.pixels
+    found.append(
+        Defects(jumping.row, jumping.col, _kinds(DefectKind.BLINKING, jumping), jumping.amplitude_dn, blinkers.distance)
+    )
+    place, ratio = _noisier(dark, spreads, tile, defects.NOISY_PROBABILITY)
+    noisy = Defects(*place, _kinds(DefectKind.NOISY, ratio), np.sqrt(dark.variance[place]).astype(float), ratio**0.5)
+    steady = ~np.isin(np.ravel_multi_index(place, shape), np.ravel_multi_index((jumping.row, jumping.col), shape))
+    found.append(noisy.where(steady))
+    return defects.together(found)
+
+
+def _kinds(kind: DefectKind, like: Sized) -> NDArray[np.uint8]:
+    return np.full(len(like), kind, np.uint8)
+
+
+@dataclass(frozen=True)
+class _Blinkers:
+    """The suspects that blink, the distance of their levels in units of the noise within them, and some readings."""
+
+    pixels: Blinking
+    distance: NDArray[np.float64]
+    traces: tuple[Trace, ...]
+
+
+def _blinking(dark: _DarkMaps, look: SecondLook, place: _Place, shot: FloatMap | None) -> _Blinkers:
+    if look.series.shape[1] < blinking.LEAST_FRAMES or not len(look.series):
+        return _Blinkers(no_blinking(), np.zeros(0), ())
+    jumps, levels = blinking.blinking(look.series)
+    row, col = place[0][jumps], place[1][jumps]
+    within = levels.within[jumps] - QUANTISATION
+    if shot is not None:
+        within = within - dark.stack.group.exposure_s * shot[row, col]
+    amplitude = (levels.upper - levels.lower)[jumps]
+    noise = np.copysign(np.sqrt(np.abs(within)), within)
+    distance = levels.distance[jumps]
+    clearest = np.flatnonzero(jumps)[np.argsort(-distance, kind="stable")[:TRACES]]
+    traces = tuple(
+        Trace(int(place[0][i]), int(place[1][i]), look.series[i], float(levels.lower[i]), float(levels.upper[i]))
+        for i in clearest
+    )
+    return _Blinkers(Blinking(row, col, amplitude, levels.high_fraction[jumps], noise), distance, traces)

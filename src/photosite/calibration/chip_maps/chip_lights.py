@@ -1,0 +1,111 @@
+"""The response map: slopes of the flats of the linear range, pixel by pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.chip_maps import defects
+from photosite.calibration.reduction.groups import Level
+from photosite.calibration.reduction.reading import FrameReader
+from photosite.calibration.result import Calibration, LinearRange
+from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
+from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.values.cfa import channel_names
+
+
+@dataclass(frozen=True)
+class ResponseMap:
+    """Slopes of the light levels.
+
+    Parameters
+    ----------
+    slopes
+        (rows, cols) float32, DN per unit of the light axis.
+    variance
+        (channels,) what temporal noise puts into a slope.
+    seconds
+        (channels,) seconds of dark current that go with a unit.
+    """
+
+    slopes: NDArray[np.float32]
+    variance: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+
+    def relative(
+        self, dark_rate: NDArray[np.float32], dark_uncertainty: NDArray[np.float32], tile: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Each pixel's relative deviation from its channel's mean response, and its standard uncertainty.
+
+        Parameters
+        ----------
+        dark_rate, dark_uncertainty
+            (rows, cols) DN/s, or (1, 1) zeros where it is not known.
+        tile
+            The repeating tile of channel indices.
+        """
+        value, uncertainty = (np.empty(self.slopes.shape, np.float32) for _ in range(2))
+        for k, (variance, seconds) in enumerate(zip(self.variance, self.seconds, strict=True)):
+            planes = []
+            for part in defects.sites(tile, k):
+                rate, of_rate = (m if m.shape == (1, 1) else m[part] for m in (dark_rate, dark_uncertainty))
+                value[part] = self.slopes[part] - seconds * rate
+                uncertainty[part] = np.sqrt(variance + (seconds * of_rate) ** 2)
+                planes.append(part)
+            mean = float(np.mean(defects.channel_values(value, tile, k), dtype=np.float64))
+            for part in planes:
+                value[part] = value[part] / np.float32(mean) - np.float32(1.0)
+                uncertainty[part] /= np.float32(mean)
+        return value, uncertainty
+
+
+def _abscissa(group: FrameGroup, range_: LinearRange) -> float:
+    photons = group.photons_per_pixel
+    return group.exposure_s if range_.abscissa == "exposure_s" or photons is None else photons
+
+
+def _inside(group: FrameGroup, range_: LinearRange) -> bool:
+    x, grain = _abscissa(group, range_), 1e-9 * range_.highest
+    return range_.lowest - grain <= x <= range_.highest + grain
+
+
+def needed_lights(frames: FrameSet, calibration: Calibration) -> tuple[FrameGroup, ...]:
+    """The light groups that lie in the linear range of some channel; none unless each channel has two levels there."""
+    lights, ranges = frames.of_kind("light"), calibration.linear_range
+    for name in channel_names(frames.cfa):
+        if name not in ranges or len({_abscissa(g, ranges[name]) for g in lights if _inside(g, ranges[name])}) < 2:
+            return ()
+    return tuple(group for group in lights if any(_inside(group, range_) for range_ in ranges.values()))
+
+
+def read_response(reader: FrameReader, calibration: Calibration, dark_variance: float) -> ResponseMap:
+    """Read the light groups once: a map of slopes on the way.
+
+    A level weighs as its expected noise wants, from the response and the gain that the calibration found: weights must
+    be known before the first frame is read. Other weights would be a little more or less precise, not more or less
+    right; the uncertainty takes the noise that the level had, where it has two frames.
+    """
+    names, groups = channel_names(reader.frames.cfa), reader.frames.of_kind("light")
+    count = np.array([float(len(group)) for group in groups])
+    exposure = np.array([group.exposure_s for group in groups])
+    coefficients, expected = np.zeros((len(names), len(groups))), np.zeros((len(names), len(groups)))
+    for k, name in enumerate(names):
+        range_ = calibration.linear_range[name]
+        x = np.array([_abscissa(group, range_) for group in groups])
+        inside = np.array([_inside(group, range_) for group in groups])
+        gain = calibration.system_gain_dn_per_e.value or 0.0
+        slope = calibration.curves[name]["response"].slope or 0.0
+        expected[k] = dark_variance + gain * slope * x
+        coefficients[k, inside] = slope_coefficients(x[inside], (count / expected[k])[inside])
+    slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
+    variance = np.zeros(len(names))
+    for i, group in enumerate(groups):
+        sums = reader.sums(group)
+        slopes.add(sums.mean_frame(), coefficients[:, i].tolist())
+        for k, totals in enumerate(sums.label_totals()):
+            level = Level.of(totals)
+            of_frame = level.variance if level.repeated else expected[k, i]
+            variance[k] += coefficients[k, i] ** 2 * of_frame / level.frames
+    return ResponseMap(slopes.slopes.astype(np.float32), variance, coefficients @ exposure)

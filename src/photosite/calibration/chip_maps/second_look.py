@@ -1,0 +1,97 @@
+"""The reference darks read once more: what needs their mean and their variances to be known first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.chip_maps.tail import BLOCKS
+from photosite.calibration.spatial.line_noise import LineSums
+from photosite.engine.accumulate import MeanFrame
+from photosite.engine.jit import threads_for
+from photosite.engine.lines import line_sums
+from photosite.engine.residuals import add_residuals
+
+BINS = 1024
+"""Of the histogram of residuals, 8 to a standard deviation: it reaches 64 of them to each side."""
+
+_BINS_PER_SIGMA = 8
+
+
+@dataclass(frozen=True)
+class SecondLook:
+    """A stack's readings about their pixels' means.
+
+    Parameters
+    ----------
+    lines
+        Row and column sums of the frames, by site of the tile.
+    fourth
+        (rows, cols) float32 sum of the fourth powers of the residuals, DN^4.
+    histogram, bin_dn
+        (blocks, bins) residuals by block of rows, shifts of frames, rows and columns taken off and scaled up by
+        sqrt(n / (n - 1)) to the spread of the noise; width of a bin.
+    series
+        (pixels, frames) float32 readings of the pixels asked for, shifts of whole frames taken off.
+    """
+
+    lines: LineSums
+    fourth: NDArray[np.float32]
+    histogram: NDArray[np.int64]
+    bin_dn: float
+    series: NDArray[np.float32]
+
+
+def look_again(
+    frames: Iterable[NDArray[np.unsignedinteger]],
+    mean: MeanFrame,
+    sigma_dn: float,
+    place: tuple[NDArray[np.int64], NDArray[np.int64]],
+) -> SecondLook:
+    """Read a stack whose mean is known.
+
+    Parameters
+    ----------
+    frames
+        The frames that the mean is of.
+    mean
+        Their mean.
+    sigma_dn
+        The typical temporal standard deviation, for the histogram.
+    place
+        Rows and columns of the pixels whose series is wanted.
+
+    Raises
+    ------
+    ValueError
+        If the number of frames is not the mean's.
+    """
+    rows, cols = mean.sum.shape
+    tile = mean.labels.shape[0], mean.labels.shape[1]
+    row_level = mean.sum.sum(axis=1, dtype=np.float64) / (cols * mean.count)
+    column_level = mean.sum.sum(axis=0, dtype=np.float64) / (rows * mean.count)
+    level = float(row_level.mean())
+    n = mean.count
+    bin_dn = sigma_dn / _BINS_PER_SIGMA
+    # Each residual lacks 1 / n of the noise's variance, which went into the mean.
+    bins_per_dn = float(np.sqrt(n / max(n - 1, 1))) / bin_dn
+    fourth = np.zeros((rows, cols), np.float32)
+    histogram = np.zeros((BLOCKS, BINS), np.int64)
+    by_row, by_column, series = [], [], []
+    for dn in frames:
+        frame = np.ascontiguousarray(dn)
+        row_sums, column_sums = (sums[0] for sums in line_sums([frame], tile))
+        shift = float(row_sums.sum(dtype=np.float64)) / (rows * cols) - level
+        row_shift = row_sums.sum(axis=1, dtype=np.float64) / cols - row_level
+        column_shift = column_sums.sum(axis=0, dtype=np.float64) / rows - column_level - shift
+        with threads_for(frame.size):
+            add_residuals(frame, mean.sum, n, row_shift, column_shift, bins_per_dn, fourth, histogram)
+        by_row.append(row_sums)
+        by_column.append(column_sums)
+        series.append(frame[place].astype(np.float32) - np.float32(shift))
+    if len(series) != n:
+        raise ValueError(f"the mean is of {n} frames, and {len(series)} came")
+    return SecondLook((np.stack(by_row), np.stack(by_column)), fourth, histogram, bin_dn, np.stack(series, axis=1))

@@ -1,0 +1,229 @@
+"""Noise that is not normal: its kurtosis, and the shape of its tail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.figures import QUANTISATION
+from photosite.calibration.result import Estimate
+from photosite.values.uncertain import Source, Uncertain
+
+QUANTISATION_FOURTH = -1.0 / 120.0
+"""Fourth cumulant of rounding to whole numbers, DN^4: that of a uniform distribution."""
+
+BLOCKS = 16
+"""Blocks of rows whose scatter gives the uncertainties (jackknife)."""
+
+NORMAL_SHAPE = 0.13556
+"""What `tukey_shape` makes of a normal distribution: Tukey's lambda that correlates best with it."""
+
+_LEAST_SHAPE, _MOST_SHAPE = -0.45, 1.0
+
+
+@dataclass(frozen=True)
+class Tail:
+    """How far temporal dark noise is from normal; 0 excess and a shape of `NORMAL_SHAPE` are normal.
+
+    Parameters
+    ----------
+    excess_kurtosis
+        Of all pixels' readings about their own means; the sum of the next two.
+    within_pixels
+        The share of pixels' own noise not being normal.
+    between_pixels
+        The share of pixels having different noise: 3 var(variance) / mean(variance)^2.
+    tukey_lambda
+        Shape of the Tukey lambda distribution that the readings follow best; smaller is a heavier tail, 0 the logistic
+        distribution. One above 0 ends at a largest deviation (`tukey_reach`), which readings may pass: it is the middle
+        of the distribution that is followed.
+    """
+
+    excess_kurtosis: Estimate
+    within_pixels: Estimate
+    between_pixels: Estimate
+    tukey_lambda: Estimate
+
+    @property
+    def shape_is_normal(self) -> bool:
+        """Whether the shape cannot be told from a normal distribution's: `NORMAL_SHAPE` is in its 95 % interval."""
+        interval = self.tukey_lambda.interval_95
+        return interval is not None and interval[0] <= NORMAL_SHAPE <= interval[1]
+
+
+def measure_tail(
+    variance: NDArray[np.float32], fourth: NDArray[np.float32], frames: int, histogram: NDArray[np.int64], width: float
+) -> Tail:
+    """The tail of a stack's temporal noise.
+
+    Kurtosis: each pixel's second and fourth k-statistic (Fisher 1930) estimate its cumulants without bias from any
+    number of frames; their means over pixels, rounding taken off (Sheppard), give both parts. Shape: the probability
+    plot correlation coefficient (Filliben, Technometrics 17 (1975) 111), as noise models for denoisers take it (Wei
+    et al., CVPR 2020). Uncertainties: jackknife over 16 blocks of rows; the shape's has 2 / n of its distance from
+    normal in it, by which the mean of n frames, taken off, brings it nearer to normal.
+
+    Parameters
+    ----------
+    variance, fourth
+        (rows, cols) unbiased temporal variance; sum of the fourth powers of the deviations from the pixel's mean.
+    frames
+        In the stack.
+    histogram
+        (16, bins) deviations by block of rows; the middle of the bins is 0.
+    width
+        Of a bin, in DN.
+    """
+    method = f"{frames} dark frames, k-statistics over pixels, jackknife over {BLOCKS} blocks of rows"
+    if frames < 4:
+        why = f"{frames} dark frames at one exposure; a fourth moment needs 4"
+        excess = within = between = Estimate(reason=why, method=method)
+    else:
+        moments = _block_moments(variance, fourth, frames)
+        excess, within, between = (_jackknifed(part, moments, method) for part in (_excess, _within, _between))
+    shape = _jackknifed(
+        lambda counts: tukey_shape(counts, width),
+        histogram.astype(np.float64),
+        f"{frames} dark frames, probability plot correlation, jackknife over {BLOCKS} blocks of rows",
+    )
+    if isinstance(found := shape.uncertain, Uncertain):
+        drawn = 2.0 / frames * abs(found.value - NORMAL_SHAPE)
+        shape = Estimate.of(found + Uncertain.of(0.0, drawn), shape.method)
+    return Tail(excess, within, between, shape)
+
+
+def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n: int) -> NDArray[np.float64]:
+    """(blocks, 4) sums over pixels of 1, k2, k4 and an unbiased estimate of the squared variance."""
+    rows = variance.shape[0]
+    sums = np.zeros((BLOCKS, 4))
+    for block in range(BLOCKS):
+        part = slice(block * rows // BLOCKS, (block + 1) * rows // BLOCKS)
+        k2 = variance[part].astype(np.float64)
+        m2, m4 = k2 * (n - 1) / n, fourth[part].astype(np.float64) / n
+        k4 = n**2 * ((n + 1) * m4 - 3 * (n - 1) * m2**2) / ((n - 1) * (n - 2) * (n - 3))
+        # E k2^2 = s^4 (n + 1) / (n - 1) + kappa4 / n
+        squared = (k2**2 - k4 / n) * (n - 1) / (n + 1)
+        sums[block] = k2.size, k2.sum(), k4.sum(), squared.sum()
+    return sums
+
+
+def _cumulants(sums: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Means over pixels of variance, fourth cumulant and squared variance, without rounding's share."""
+    variance, fourth, squared = (float(x) for x in sums[1:] / sums[0])
+    exact = variance - QUANTISATION
+    return exact, fourth - QUANTISATION_FOURTH, squared - 2 * QUANTISATION * variance + QUANTISATION**2
+
+
+def _within(sums: NDArray[np.float64]) -> float:
+    variance, fourth, _ = _cumulants(sums)
+    return fourth / variance**2
+
+
+def _between(sums: NDArray[np.float64]) -> float:
+    variance, _, squared = _cumulants(sums)
+    return 3.0 * (squared / variance**2 - 1.0)
+
+
+def _excess(sums: NDArray[np.float64]) -> float:
+    return _within(sums) + _between(sums)
+
+
+_Statistic = Callable[[NDArray[np.float64]], float]
+
+
+def _jackknifed(statistic: _Statistic, blocks: NDArray[np.float64], method: str) -> Estimate:
+    """A statistic of the blocks' sum, and its standard uncertainty from leaving out each block in turn."""
+    total = blocks.sum(axis=0)
+    there = blocks[blocks.reshape(len(blocks), -1).any(axis=1)]
+    if len(there) < 2:
+        return Estimate(reason="fewer than two rows", method=method)
+    left_out = np.array([statistic(total - block) for block in there])
+    k = len(there)
+    uncertainty = float(np.sqrt((k - 1) / k * np.sum((left_out - left_out.mean()) ** 2)))
+    return Estimate.of(Uncertain.of(statistic(total), uncertainty, Source.student(k - 1.0)), method)
+
+
+def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
+    """The shape of the Tukey lambda distribution that a histogram correlates with best.
+
+    Its quantile function is Q(p) = (p^lambda - (1 - p)^lambda) / lambda. A bin from p0 to p1 has the mean of Q between
+    them, in closed form, so that the width of the bins does not matter.
+
+    Parameters
+    ----------
+    counts
+        (bins,), symmetric about 0.
+    width
+        Of a bin.
+
+    Examples
+    --------
+    >>> from scipy.special import ndtr
+    >>> edges = np.linspace(-8, 8, 257)
+    >>> round(tukey_shape(np.diff(ndtr(edges)), 1 / 16), 5) == NORMAL_SHAPE
+    True
+    >>> abs(tukey_shape(np.diff(1 / (1 + np.exp(-4 * edges))), 1 / 16)) < 2e-3  # logistic
+    True
+    """
+    from scipy.optimize import minimize_scalar
+
+    there = np.flatnonzero(counts)
+    weights = counts[there] / counts.sum()
+    x = (there + 0.5 - len(counts) / 2) * width
+    x = x - weights @ x
+    p = np.concatenate([[0.0], np.cumsum(weights)])
+    p[-1] = 1.0
+    norm = np.sqrt(weights @ x**2)
+
+    def minus_correlation(shape: float) -> float:
+        return -float(x @ np.diff(_quantile_integral(p, shape)) / (norm * np.sqrt(_quantile_square(shape))))
+
+    return float(minimize_scalar(minus_correlation, bounds=(_LEAST_SHAPE, _MOST_SHAPE), method="bounded").x)
+
+
+def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A Tukey lambda distribution, to draw: places and the density there.
+
+    Examples
+    --------
+    >>> x, density = tukey_density(0.14, 2.0)  # nearly normal
+    >>> round(float(np.interp(0.0, x, density) * 2.0 * np.sqrt(2 * np.pi)), 2)
+    1.0
+    """
+    tail = np.geomspace(1e-9, 0.5, 400)
+    p = np.concatenate([tail, 1.0 - tail[-2::-1]])
+    scale = standard_deviation / np.sqrt(_quantile_square(shape))
+    x = np.log(p / (1.0 - p)) if abs(shape) < 1e-6 else (p**shape - (1.0 - p) ** shape) / shape
+    return x * scale, 1.0 / (scale * (p ** (shape - 1.0) + (1.0 - p) ** (shape - 1.0)))
+
+
+def tukey_reach(shape: float, standard_deviation: float) -> float:
+    """The largest deviation that a Tukey lambda distribution has; no end for a shape of 0 and less.
+
+    Examples
+    --------
+    >>> round(tukey_reach(NORMAL_SHAPE, 1.0), 2), tukey_reach(-0.1, 1.0)
+    (5.05, inf)
+    """
+    return standard_deviation / (shape * float(np.sqrt(_quantile_square(shape)))) if shape > 0.0 else float("inf")
+
+
+def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float64]:
+    """Integral of Q from 0 to p, up to a constant."""
+    q = 1.0 - p
+    if abs(shape) < 1e-6:
+        from scipy.special import xlogy
+
+        return np.asarray(xlogy(p, p) + xlogy(q, q))
+    return np.asarray((p ** (shape + 1) + q ** (shape + 1)) / (shape * (shape + 1)))
+
+
+def _quantile_square(shape: float) -> float:
+    """Integral of Q^2 from 0 to 1: the variance of the distribution."""
+    from scipy.special import beta
+
+    if abs(shape) < 1e-4:
+        return float(np.pi**2 / 3)
+    return float(2.0 * (1.0 / (2 * shape + 1) - beta(shape + 1, shape + 1)) / shape**2)

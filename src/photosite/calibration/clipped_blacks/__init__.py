@@ -1,0 +1,1 @@
+"""Dark frames that are clipped at 0."""

@@ -1,0 +1,363 @@
+"""Darks that clip at zero: what their numbers still tell of black level, read noise and DSNU.
+
+A camera without a pedestal cuts the lower half of its dark noise off; the spreads of what is left are not those of the
+sensor. The model is that of the sensor file: pixel means are normal round the black level (DSNU), a pixel's
+numbers normal round its mean (read noise), rounded to whole numbers, and what is below 1/2 reads 0. The likelihood
+of that (a Tobit model with two levels) has its maximum at the sensor's values, and its curvature there is their
+uncertainty (Tobin, Econometrica 26 (1958) 24; Amemiya, J. Econometrics 24 (1984) 3).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import log_ndtr, ndtr
+from scipy.stats import binom, chi2
+
+from photosite.engine.accumulate import FrameSums
+from photosite.values.uncertain import Missing
+
+ROUNDING = 1.0 / 12.0
+"""Variance of rounding to whole numbers, DN^2."""
+
+LEAST_READ_NOISE = 0.5
+"""DN. Below it a rounded normal is not near enough to a normal of variance + 1/12 (errors as exp(-2 pi^2 s^2), 0.7 %
+here), and clipping and rounding together hide the noise."""
+
+MOST_UNCERTAIN = 0.25
+"""Relative uncertainty of the read noise, and of the total spread, from which on too little is left to see."""
+
+ROUNDING_ERROR = 10.0
+"""What a normal of variance v = s^2 + 1/12 in the place of a rounded one does to the variances, in units of
+s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; half of it to the mean, in units of s. The largest
+errors over a grid of sensors with a million pixels each."""
+
+MISFIT = 1e-3
+"""Share of sensors as the model has them that may be told that they are not."""
+
+LEAST_PIXELS = 100
+"""Pixels that must read above zero at least once."""
+
+LEAST_CLASS, MOST_CLASSES = 20.0, 30
+"""Pixels expected in a class of the comparison with the model, and how many classes there are."""
+
+_TOGETHER = 4
+_NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(24)
+_LOG_WEIGHTS = np.log(_WEIGHTS) + _NODES**2
+_NEWTON_STEPS = 60
+_NO_SPREAD = 1e-4
+"""DSNU variance over read variance that counts as none: the likelihood rises towards zero spread."""
+
+
+@dataclass(frozen=True)
+class ClippedCounts:
+    """Exact sufficient statistics of one channel's dark frames under the model.
+
+    Zeros tell how often a pixel was below 1/2; a sum, and a sum of squares, is the same with or without zeros, and the
+    squares leave the integral over the pixel's mean. So of all numbers of a pixel two count, and of all pixels how
+    many share the two.
+
+    Parameters
+    ----------
+    frames
+        Frames, n.
+    zeros, total
+        (cells,) how many of a pixel's n numbers are 0, and their sum.
+    pixels
+        (cells,) how many pixels have these two.
+    squares
+        Sum of the squares of all numbers.
+    """
+
+    frames: int
+    zeros: NDArray[np.int64]
+    total: NDArray[np.int64]
+    pixels: NDArray[np.int64]
+    squares: int
+
+    @classmethod
+    def of(cls, zeros: NDArray[np.integer], total: NDArray[np.integer], frames: int, squares: int) -> ClippedCounts:
+        """From the two maps, (pixels,) each, and the sum of all squares.
+
+        Examples
+        --------
+        >>> ClippedCounts.of(np.array([1, 1, 0]), np.array([3, 3, 5]), 2, 9 + 9 + 13).pixels.tolist()
+        [1, 2]
+        """
+        base = int(total.max(initial=0)) + 1
+        cells, pixels = np.unique(zeros.astype(np.int64) * base + total.astype(np.int64), return_counts=True)
+        return cls(frames, cells // base, cells % base, pixels, squares)
+
+    @property
+    def zero_share(self) -> float:
+        """Share of all numbers that are 0."""
+        return float(self.zeros @ self.pixels) / (self.frames * int(self.pixels.sum()))
+
+
+def count_clipped(
+    frames: Iterable[NDArray[np.unsignedinteger]], shape: tuple[int, int], tile: NDArray[np.int64]
+) -> tuple[ClippedCounts, ...]:
+    """One pass over dark frames: their counts per channel. Memory does not grow with the frames.
+
+    Parameters
+    ----------
+    frames
+        (rows, cols) each.
+    shape
+        (rows, cols).
+    tile
+        The repeating tile of channel indices.
+    """
+    numbers, zeros = FrameSums(shape, tile), np.zeros(shape, np.uint16)
+    left = iter(frames)
+    while batch := list(islice(left, _TOGETHER)):
+        numbers.add(batch)
+        for dn in batch:
+            np.add(zeros, dn == 0, out=zeros, casting="unsafe")
+        del batch, dn  # before the next one is gathered
+    result = []
+    for k, totals in enumerate(numbers.label_totals()):
+        planes = [np.s_[r :: tile.shape[0], c :: tile.shape[1]] for r, c in np.argwhere(tile == k)]
+        zero_map, sum_map = (
+            np.concatenate([entry[plane].ravel() for plane in planes]) for entry in (zeros, numbers.sum)
+        )
+        result.append(ClippedCounts.of(zero_map, sum_map, numbers.count, totals.squares))
+    return tuple(result)
+
+
+@dataclass(frozen=True)
+class CensoredDark:
+    """What clipped darks tell of one channel.
+
+    Parameters
+    ----------
+    pixels, frames
+        How many of each.
+    zero_share
+        Share of the numbers that are 0.
+    black_level, dsnu_variance, read_variance
+        Mean of the dark signal in DN (it may be negative); variance over pixels of their means, and of a pixel's
+        numbers about its mean, rounding taken off, in DN^2.
+    covariance
+        (3, 3) of these, in this order: the inverse of the information, widened by `misfit` where chance does not
+        explain it, and what rounding may do (`ROUNDING_ERROR`).
+    misfit
+        Chi square per degree of freedom of how often pixels read 0, against what the model expects.
+    misfit_is_chance
+        Whether chance explains the misfit.
+    """
+
+    pixels: int
+    frames: int
+    zero_share: float
+    black_level: float
+    dsnu_variance: float
+    read_variance: float
+    covariance: NDArray[np.float64]
+    misfit: float
+    misfit_is_chance: bool
+
+
+def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Log likelihood and its gradient in (black level, DSNU variance, read variance).
+
+    A pixel's mean is integrated out by Gauss-Hermite quadrature round the mode of its own integrand, which is
+    log-concave; the gradient is the expectation over the same weights (Fisher's identity).
+    """
+    mu, a, b = theta
+    r, v = math.sqrt(b), b + ROUNDING
+    n0 = counts.zeros[:, None].astype(np.float64)
+    n1 = counts.frames - n0
+    s = counts.total[:, None].astype(np.float64)
+
+    def censored(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """z, log P(0), and the density over P(0)."""
+        z = (0.5 - m) / r
+        log_p = log_ndtr(z)
+        return z, log_p, np.exp(-0.5 * z * z - 0.5 * math.log(2.0 * math.pi) - log_p)
+
+    m = (s / v + mu / a) / (n1 / v + 1.0 / a)
+    curvature = n1 / v + 1.0 / a
+    for _ in range(_NEWTON_STEPS):
+        z, _, hazard = censored(m)
+        slope = -n0 * hazard / r - (n1 * m - s) / v - (m - mu) / a
+        curvature = n0 * hazard * (z + hazard) / b + n1 / v + 1.0 / a
+        step = slope / curvature
+        m = m + step
+        if float(np.abs(step).max()) < 1e-9 * r:
+            break
+    width = np.sqrt(2.0 / curvature)
+    m = m + width * _NODES
+    z, log_p, hazard = censored(m)
+    n1_part = n1 * m * m - 2.0 * m * s
+    exponent = n0 * log_p - n1_part / (2.0 * v) - (m - mu) ** 2 / (2.0 * a) + _LOG_WEIGHTS
+    top = exponent.max(axis=1, keepdims=True)
+    share = np.exp(exponent - top)
+    whole = share.sum(axis=1, keepdims=True)
+    share /= whole
+    pixels = counts.pixels.astype(np.float64)
+    log_cell = (
+        (top + np.log(whole) + np.log(width))[:, 0]
+        - 0.5 * math.log(2.0 * math.pi * a)
+        - 0.5 * n1[:, 0] * math.log(2.0 * math.pi * v)
+    )
+    likelihood = float(pixels @ log_cell) - counts.squares / (2.0 * v)
+    away = m - mu
+    gradient = np.array(
+        [
+            pixels @ (share * away).sum(1) / a,
+            pixels @ ((share * away * away).sum(1) - a) / (2.0 * a * a),
+            pixels @ (share * (-n0 * hazard * z / (2.0 * b) - n1 / (2.0 * v) + n1_part / (2.0 * v * v))).sum(1)
+            + counts.squares / (2.0 * v * v),
+        ]
+    )
+    return likelihood, gradient
+
+
+def _information(counts: ClippedCounts, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) observed information: minus the derivative of the gradient, by central differences."""
+    total = theta[1] + theta[2]
+    # Half of the DSNU variance at most, so that it stays above zero.
+    steps = np.array([1e-3 * math.sqrt(total), min(1e-3 * total, 0.5 * theta[1]), 1e-3 * theta[2]])
+    columns = [
+        (_expectations(counts, theta - step)[1] - _expectations(counts, theta + step)[1]) / (2.0 * step.max())
+        for step in np.diag(steps)
+    ]
+    matrix = np.column_stack(columns)
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _start(counts: ClippedCounts) -> NDArray[np.float64]:
+    """From the share of zeros and the mean of all numbers, as if DSNU and read noise were alike."""
+    pixels = int(counts.pixels.sum())
+    samples = counts.frames * pixels
+    zeros = min(max(counts.zero_share, 0.5 / samples), 1.0 - 0.5 / samples)
+    normal = NormalDist()
+    z = normal.inv_cdf(1.0 - zeros)
+    mean = float(counts.total @ counts.pixels) / samples
+    spread = mean / (normal.pdf(z) + z * normal.cdf(z))
+    return np.array([z * spread, 0.5 * spread**2, 0.5 * spread**2])
+
+
+def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
+    """Where the likelihood is largest; None where no maximum was found."""
+    start = _start(counts)
+    scale, samples = math.sqrt(start[1] + start[2]), counts.frames * float(counts.pixels.sum())
+    if not scale > 0.0:
+        return None
+
+    def theta_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        b = scale**2 * math.exp(x[2])
+        # Never quite zero: the likelihood's own limit, from which the last step goes on.
+        return np.array([scale * x[0], b * (_NO_SPREAD + math.exp(x[1])), b])
+
+    def cost(x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        theta = theta_of(x)
+        likelihood, slope = _expectations(counts, theta)
+        along_a = slope[1] * theta[2] * math.exp(x[1])
+        chain = np.array([scale * slope[0], along_a, slope[1] * theta[1] + slope[2] * theta[2]])
+        return -likelihood / samples, -chain / samples
+
+    x0 = np.array([start[0] / scale, 0.0, math.log(start[2] / scale**2)])
+    bounds = [(x0[0] - 20.0, x0[0] + 20.0), (-16.0, 8.0), (x0[2] - 12.0, x0[2] + 12.0)]
+    found = minimize(cost, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-9})
+    theta = theta_of(found.x)
+    return theta if np.isfinite(theta).all() else None
+
+
+def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
+    """Black level, DSNU and read noise of darks that clip at zero, by maximum likelihood.
+
+    Where the likelihood rises towards no DSNU at all, the result is one Newton step from there: a variance may come
+    out negative, as everywhere in a calibration.
+
+    Returns
+    -------
+    CensoredDark or Missing
+        Missing where too little is left above zero to tell them.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> pixel_means = rng.normal(0.0, 2.3, 2000)  # half of all numbers are below zero
+    >>> frames = np.maximum(np.rint(rng.normal(pixel_means, 2.2, (20, 2000))), 0).astype(np.int64)
+    >>> dark = fit_censored(ClippedCounts.of((frames == 0).sum(0), frames.sum(0), 20, int((frames**2).sum())))
+    >>> round(dark.dsnu_variance**0.5, 1), round(dark.read_variance**0.5, 1)
+    (2.3, 2.2)
+    """
+    share = counts.zero_share
+    seen = int(counts.pixels[counts.total > 0].sum())
+    if seen < LEAST_PIXELS:
+        return Missing(f"{_percent(share)} of the numbers are 0, and {seen} pixels ever read more; too little is left")
+    theta = _maximum(counts)
+    if theta is None:
+        return Missing(f"{_percent(share)} of the numbers are 0, and the rest fit no noise with a fixed pattern")
+    try:
+        covariance = np.asarray(np.linalg.inv(_information(counts, theta)), np.float64)
+    except np.linalg.LinAlgError:
+        covariance = np.full((3, 3), -1.0)
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
+        return Missing(f"{_percent(share)} of the numbers are 0; what is left does not tell read noise from DSNU")
+    theta = theta + covariance @ _expectations(counts, theta)[1]
+    mu, a, b = (float(value) for value in theta)
+    total = a + b
+    of_total = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
+    if not (b > 0.0 and total > 0.0):
+        return Missing(f"{_percent(share)} of the numbers are 0; what is left shows no read noise")
+    if b < LEAST_READ_NOISE**2:
+        return Missing(
+            f"{_percent(share)} of the numbers are 0 and the read noise is near {math.sqrt(b):.2g} DN, below "
+            f"{LEAST_READ_NOISE:g}: rounding and clipping together hide it"
+        )
+    uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
+    if uncertain > MOST_UNCERTAIN:
+        return Missing(
+            f"{_percent(share)} of the numbers are 0; the noise that is left is known to ±{100 * uncertain:.0f} % only"
+        )
+    misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
+    rounding = ROUNDING_ERROR / (2880.0 * (b + ROUNDING) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
+    return CensoredDark(
+        pixels=int(counts.pixels.sum()),
+        frames=counts.frames,
+        zero_share=share,
+        black_level=mu,
+        dsnu_variance=a,
+        read_variance=b,
+        covariance=np.asarray(covariance * (1.0 if by_chance else misfit) + np.diag(rounding**2)),
+        misfit=misfit,
+        misfit_is_chance=by_chance,
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float, bool]:
+    """Chi square per degree of freedom of the pixels' zeros against the model, and whether chance explains it.
+
+    How often a pixel reads 0 is binomial given its mean, and the means are normal: what is not (hot pixels, a shading,
+    noise with tails) shows here.
+    """
+    n, pixels = counts.frames, int(counts.pixels.sum())
+    t = np.linspace(-8.0, 8.0, 801)
+    share = np.exp(-0.5 * t * t)
+    below = ndtr((0.5 - mu - math.sqrt(a) * t) / math.sqrt(b))
+    expected = pixels * (binom.pmf(np.arange(n + 1)[:, None], n, below) @ (share / share.sum()))
+    found = np.bincount(counts.zeros, weights=counts.pixels.astype(np.float64), minlength=n + 1)
+    # Classes of like size, each of enough pixels for chi square.
+    wanted = max(LEAST_CLASS, pixels / MOST_CLASSES)
+    edges = np.unique(np.minimum(np.cumsum(expected) // wanted, pixels // wanted - 1), return_index=True)[1]
+    if len(edges) < 2:
+        return 0.0, True
+    classes = np.add.reduceat(expected, edges)
+    chi_square = float((((np.add.reduceat(found, edges) - classes) ** 2) / classes).sum())
+    freedom = len(edges) - 1
+    return chi_square / freedom, float(chi2.sf(chi_square, freedom)) > MISFIT

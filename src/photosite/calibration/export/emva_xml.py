@@ -1,0 +1,299 @@
+"""EMVA 1288 results as XML, as the reference implementation writes and compares them.
+
+`results / section / figure`, a figure with `short`, `symbol`, `unit` and `value`; names, symbols and units are those of
+the reference implementation (github.com/EMVA1288/emva1288, `Results1288.xml`), whose reader needs a number or "None"
+for every value and passes over what else stands there. That is where uncertainties are: `standard_uncertainty`,
+`interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` holds every
+parameter of the calibration under its own name, `photosite_R` and so on those of the colour channels.
+
+Lost: curves and histograms, the covariance between figures, warnings, and what was rejected; the report has them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from photosite.calibration.parameters import PARAMETER_LABELS
+from photosite.calibration.result import Calibration, Estimate, Parameters
+from photosite.files.atomic import atomic_path
+from photosite.values.uncertain import Missing, Value, derive
+
+EMVA_XML_LOSS = (
+    "lost: curves, spectrograms, histograms, covariance between figures, warnings, what was rejected, hashes"
+)
+
+_UNFILTERED = "without the high-pass, as the reference implementation has it"
+_QUANTISATION = 1.0 / 12.0
+
+
+@dataclass(frozen=True)
+class _Results:
+    """What the figures are computed from."""
+
+    estimates: dict[str, Estimate]
+    area_um2: float | None
+
+    def __getitem__(self, name: str) -> Value:
+        return self.estimates[name].uncertain
+
+    def per_area(self, value: Value) -> Value:
+        area = self.area_um2
+        return Missing("the pixel's size is not known") if area is None else derive(lambda v: v * (1.0 / area), value)
+
+
+class _Figure(NamedTuple):
+    section: str
+    name: str
+    short: str
+    symbol: str
+    unit: str
+    parameter: str
+    """Whose method and upper limit are the figure's own, or "" where it is derived."""
+    compute: Callable[[_Results], Value]
+    note: str = ""
+
+
+def _own(section: str, name: str, short: str, symbol: str, unit: str, parameter: str, note: str = "") -> _Figure:
+    return _Figure(section, name, short, symbol, unit, parameter, lambda r: r[parameter], note)
+
+
+def _times(a: str, b: str, factor: float = 1.0) -> Callable[[_Results], Value]:
+    return lambda r: derive(lambda x, y: x * y * factor, r[a], r[b])
+
+
+def _dark_noise_dn(r: _Results) -> Value:
+    """With rounding in it, as measured in the frames."""
+    noise = derive(lambda s, k: s * k, r["temporal_dark_noise_e"], r["system_gain_dn_per_e"])
+    return derive(lambda s: (s * s + _QUANTISATION).sqrt(), noise)
+
+
+def _range(r: _Results) -> Value:
+    return derive(
+        lambda db: db.apply(lambda x: 10.0 ** (x / 20.0), lambda x: math.log(10.0) / 20.0 * 10.0 ** (x / 20.0)),
+        r["dynamic_range_db"],
+    )
+
+
+def _threshold_e(r: _Results) -> Value:
+    return derive(lambda capacity, ratio: capacity / ratio, r["saturation_capacity_e"], _range(r))
+
+
+def _snr(r: _Results) -> Value:
+    return derive(lambda e: e.sqrt(), r["saturation_capacity_e"])
+
+
+_GAIN, _CAPACITY, _QE = "system_gain_dn_per_e", "saturation_capacity_e", "quantum_efficiency_percent"
+_THRESHOLD, _CAPACITY_P = "sensitivity_threshold_photons", "saturation_capacity_photons"
+_FROM_VARIANCE = "dark_current_from_variance_e_per_s"
+_PER_AREA_P, _PER_AREA_E = r"$p/\mu m^2$", r"$e^-/\mu m^2$"
+
+_SENSITIVITY = (
+    _own("sensitivity", "R", "Responsivity", "R", "DN/p", "responsivity_dn_per_photon"),
+    _own("sensitivity", "K", "System gain", "K", "$DN/e^-$", _GAIN),
+    _Figure(
+        "sensitivity",
+        "inverse_K",
+        "Inverse of overall system gain",
+        "1/K",
+        "$e^-/DN$",
+        "",
+        lambda r: derive(lambda k: 1.0 / k, r[_GAIN]),
+    ),
+    _own("sensitivity", "QE", "Quantum efficiency", r"$\eta$", r"\%", _QE),
+    _Figure("sensitivity", "sigma_y_dark", "Temporal Dark Noise", r"$\sigma_{y.dark}$", "DN", "", _dark_noise_dn),
+    _own("sensitivity", "sigma_d", "Temporal Dark Noise", r"$\sigma_d$", "$e^-$", "temporal_dark_noise_e"),
+    _own("sensitivity", "u_p_min", "Absolute sensitivity threshold", r"$\mu_{p.min}$", "$p$", _THRESHOLD),
+    _Figure(
+        "sensitivity",
+        "u_p_min_area",
+        "Sensitivity threshold",
+        r"$\mu_{p.min.area}$",
+        _PER_AREA_P,
+        "",
+        lambda r: r.per_area(r[_THRESHOLD]),
+    ),
+    _Figure("sensitivity", "u_e_min", "Sensitivity threshold", r"$\mu_{e.min}$", "$e^-$", "", _threshold_e),
+    _Figure(
+        "sensitivity",
+        "u_e_min_area",
+        "Sensitivity threshold",
+        r"$\mu_{e.min.area}$",
+        _PER_AREA_E,
+        "",
+        lambda r: r.per_area(_threshold_e(r)),
+    ),
+    _own("sensitivity", "u_p_sat", "Saturation Capacity", r"$\mu_{p.sat}$", "$p$", _CAPACITY_P),
+    _Figure(
+        "sensitivity",
+        "u_p_sat_area",
+        "Saturation Capacity",
+        r"$\mu_{p.sat.area}$",
+        _PER_AREA_P,
+        "",
+        lambda r: r.per_area(r[_CAPACITY_P]),
+    ),
+    _own("sensitivity", "u_e_sat", "Saturation Capacity", r"$\mu_{e.sat}$", "$e^-$", _CAPACITY),
+    _Figure(
+        "sensitivity",
+        "u_e_sat_area",
+        "Saturation Capacity",
+        r"$\mu_{e.sat.area}$",
+        _PER_AREA_E,
+        "",
+        lambda r: r.per_area(r[_CAPACITY]),
+    ),
+    _Figure("sensitivity", "SNR_max", "Signal-to-Noise Ratio", "$SNR_{max}$", "", "", _snr),
+    _own("sensitivity", "SNR_max_dB", "Maximum Signal to Noise Ratio in Db", "$SNR_{max.dB}$", "dB", "snr_max_db"),
+    _Figure(
+        "sensitivity",
+        "SNR_max_bit",
+        "Maximum Signal to Noise Ratio in Bits",
+        "$SNR_{max.bit}$",
+        "bit",
+        "",
+        lambda r: derive(lambda s: s.decibel(1.0 / math.log10(2.0)), _snr(r)),
+    ),
+    _Figure(
+        "sensitivity",
+        "inverse_SNR_max",
+        "Inverse Maximum Signal to Noise Ratio",
+        "$SNR_{max}^{-1}$",
+        r"\%",
+        "",
+        lambda r: derive(lambda s: 100.0 / s, _snr(r)),
+    ),
+    _Figure("sensitivity", "DR", "Dynamic Range", "DR", "", "", _range),
+    _own("sensitivity", "DR_dB", "Dynamic Range", "$DR_{dB}$", "dB", "dynamic_range_db"),
+)
+
+_DARK_CURRENT = (
+    _own("dark_current", "u_I_mean", "Dark Current from mean", r"$\mu_{I.mean}$", "$e^-/s$", "dark_current_e_per_s"),
+    _Figure(
+        "dark_current",
+        "u_I_mean_DN",
+        "Dark Current from mean",
+        r"$\mu_{I.mean.DN}$",
+        "$DN/s$",
+        "",
+        _times("dark_current_e_per_s", _GAIN),
+    ),
+    _own("dark_current", "u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", _FROM_VARIANCE),
+    _Figure(
+        "dark_current",
+        "u_I_var_DN",
+        "Dark Current from variance",
+        r"$\mu_{I.var.DN}$",
+        "$DN/s$",
+        "",
+        _times(_FROM_VARIANCE, _GAIN),
+    ),
+)
+
+_LINEARITY = (
+    _own("linearity", "LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "linearity_error_min_percent"),
+    _own("linearity", "LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "linearity_error_max_percent"),
+)
+
+
+def _parts(name: str, short: str, unit: str, prefix: str, suffix: str) -> tuple[_Figure, ...]:
+    """A non-uniformity and its row, column and pixel parts."""
+    return tuple(
+        _own("spatial", f"{name}{tail}", f"{short}{part}", f"${short}_{{1288{dot}}}$", unit, f"{prefix}{own}_{suffix}")
+        for tail, part, dot, own in (
+            ("", "", "", ""),
+            ("_row", "row", ".row", "_row"),
+            ("_col", "col", ".col", "_column"),
+            ("_pixel", "pixel", ".pixel", "_pixel"),
+        )
+    )
+
+
+_SPATIAL = (
+    *_parts("DSNU1288", "DSNU", "$e^-$", "dsnu1288", "e"),
+    _Figure("spatial", "DSNU1288_DN", "DSNU in DN", "$DSNU_{1288.DN}$", "DN", "", _times("dsnu1288_e", _GAIN)),
+    *_parts("PRNU1288", "PRNU", r"\%", "prnu1288_unfiltered", "percent"),
+)
+
+FIGURES = (*_DARK_CURRENT, *_LINEARITY, *_SENSITIVITY, *_SPATIAL)
+
+
+def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> None:
+    """Write a calibration's figures as EMVA 1288 results XML.
+
+    PRNU1288 and its parts are those without the high-pass, which is what the reference implementation computes under
+    that name; the standard's own, with it, are in the section `photosite`.
+
+    Parameters
+    ----------
+    calibration
+        What `calibrate` gave; the pixel's area is that of the sensor known beforehand.
+    path
+        The file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(emva_results(calibration))
+
+
+def emva_results(calibration: Calibration) -> bytes:
+    """The XML that `write_emva_results` writes."""
+    base = calibration.base
+    area = None if base is None else base.pixel_area_m2 * 1e12
+    results = _Results(calibration.estimates(), area)
+    root = ElementTree.Element(
+        "results",
+        written_by="photosite",
+        standard="EMVA 1288 R4.0",
+        source=calibration.source,
+        frames=str(calibration.frame_count),
+        note=EMVA_XML_LOSS,
+    )
+    sections: dict[str, ElementTree.Element] = {}
+    for figure in FIGURES:
+        value = figure.compute(results)
+        if figure.section not in sections:
+            sections[figure.section] = ElementTree.SubElement(root, figure.section)
+        entry = results.estimates.get(figure.parameter) or Estimate.of(value, "derived from the figures beside it")
+        head = (figure.section, figure.short, figure.symbol, figure.unit)
+        _add(
+            sections[figure.section], figure.name, head, entry, _UNFILTERED if "unfiltered" in figure.parameter else ""
+        )
+    _add_parameters(ElementTree.SubElement(root, "photosite"), calibration)
+    for channel, parameters in calibration.channels.items():
+        _add_parameters(ElementTree.SubElement(root, f"photosite_{channel}"), parameters)
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content + b"\n"
+
+
+def _add_parameters(section: ElementTree.Element, parameters: Parameters) -> None:
+    for name, entry in parameters.estimates().items():
+        shown = PARAMETER_LABELS[name]
+        _add(section, name, (section.tag, shown.label, "", shown.unit), entry)
+
+
+def _add(
+    section: ElementTree.Element, name: str, head: tuple[str, str, str, str], entry: Estimate, note: str = ""
+) -> None:
+    figure = ElementTree.SubElement(section, name)
+    parts: dict[str, str | None] = dict(zip(("section", "short", "symbol", "unit"), head, strict=True))
+    parts["value"] = str(None) if entry.value is None else repr(float(entry.value))
+    if entry.value is not None and entry.standard_uncertainty is not None:
+        parts["standard_uncertainty"] = repr(float(entry.standard_uncertainty))
+        parts["interval_95"] = " ".join(repr(float(end)) for end in entry.interval_95 or ())
+    if entry.upper_limit_95 is not None:
+        parts["upper_limit_95"] = repr(float(entry.upper_limit_95))
+    parts["method"] = "; ".join(text for text in (entry.method, note) if text)
+    parts["reason"] = entry.reason if entry.value is None else None
+    for tag, text in parts.items():
+        if text:
+            ElementTree.SubElement(figure, tag).text = text

@@ -1,0 +1,122 @@
+"""A calibration's outcome as a sensor description."""
+
+from __future__ import annotations
+
+from datetime import date
+from os import PathLike
+from typing import TYPE_CHECKING
+
+from photosite.calibration.result import Estimate
+from photosite.errors import CalibrationError
+from photosite.sensor.covariance import Covariance
+from photosite.sensor.io.maps_file import maps_path
+from photosite.sensor.model import Sensor
+from photosite.values.measured import Measured
+from photosite.values.uncertain import JointCovariance, Uncertain, Value, derive
+
+if TYPE_CHECKING:
+    from photosite.calibration.result import Calibration
+
+
+def measured_sensor(calibration: Calibration) -> Sensor:
+    """The sensor known beforehand, with what was measured in the place of what was assumed.
+
+    What could not be estimated stays as it was. A spread whose variance came out negative enters as 0 with its
+    uncertainty, because a description cannot hold a negative one; its source says what came out.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing was known beforehand.
+    """
+    base = calibration.base
+    if base is None:
+        raise CalibrationError(
+            f"{calibration.source}: frames do not tell pixel size, fill factor, spectral response and volts; "
+            f"calibrate with a sensor file that does (sensor=..., --sensor)"
+        )
+    source = f"measured from {calibration.frame_count} frames"
+    changes: dict[str, Measured] = {}
+    uncertain: dict[str, Value] = dict(calibration.known)
+    for field, estimate in (
+        ("read_noise_mv", calibration.read_noise_mv),
+        ("dsnu_mv", calibration.dsnu_mv),
+        ("prnu_percent", calibration.prnu_percent),
+        ("dark_voltage_mv_per_s", calibration.dark_voltage_mv_per_s),
+        ("dcnu_percent", calibration.dcnu_percent),
+        ("black_level_dn", calibration.black_level_dn),
+        ("conversion_gain_uv_per_e", calibration.conversion_gain_uv_per_e),
+    ):
+        if estimate.value is not None:
+            changes[field] = _not_negative(estimate, source)
+            uncertain[field] = estimate.uncertain
+    well = well_capacity(calibration)
+    if well.value is not None:
+        changes["well_capacity_e"] = well.measured(f"{source}{_at_least(calibration)}")
+        uncertain["well_capacity_e"] = well.uncertain
+    joint = JointCovariance.of({name: value for name, value in uncertain.items() if isinstance(value, Uncertain)})
+    return base.with_(
+        **changes,
+        covariance=Covariance.of(joint.names, joint.matrix),
+        rows=calibration.rows,
+        cols=calibration.cols,
+        source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
+        created=date.today().isoformat(),
+        frames_sha256=calibration.frames_sha256,
+        maps=None,  # those beforehand are not this measurement's; `save_measured_sensor` adds its own
+    )
+
+
+def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
+    """Write a calibration's sensor file; the chip's maps, where there are some, are there before the file naming them.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing was known of the sensor beforehand.
+    FileError
+        If a file cannot be written.
+    """
+    sensor = measured_sensor(calibration)
+    if calibration.chip is not None:
+        sensor = sensor.with_(maps=calibration.chip.save(maps_path(path)))
+    sensor.save(path)
+
+
+def _not_negative(estimate: Estimate, source: str) -> Measured:
+    measured = estimate.measured(source)
+    if measured.value >= 0.0:
+        return measured
+    note = f"{source}; the estimate is {measured.value:.3g}, not distinguishable from 0"
+    return Measured(0.0, measured.standard_uncertainty, note)
+
+
+def well_capacity(calibration: Calibration) -> Estimate:
+    """Electrons between black and clipped flats: the well, where the flats filled it before the converter ran out.
+
+    Where the converter is the limit the well is at least what the converter can count: that is no measurement of a well
+    known beforehand to be larger. EMVA 1288's saturation capacity is another figure, read off the largest variance.
+    """
+    capacity = derive(
+        lambda top, black, gain: (top - black) / gain,
+        calibration.saturation_dn.uncertain,
+        calibration.black_level_dn.uncertain,
+        calibration.system_gain_dn_per_e.uncertain,
+    )
+    base, method = calibration.base, f"(saturation less black level) / system gain{_at_least(calibration)}"
+    if (
+        isinstance(capacity, Uncertain)
+        and _converter_is_the_limit(calibration)
+        and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
+    ):
+        why = f"the converter's range ends before the well is full; the well holds {capacity.value:.4g} or more"
+        return Estimate(reason=why, method=method)
+    return Estimate.of(capacity, method)
+
+
+def _converter_is_the_limit(calibration: Calibration) -> bool:
+    return (calibration.saturation_dn.value or 0.0) > (1 << calibration.bits) - 1.5
+
+
+def _at_least(calibration: Calibration) -> str:
+    return "; the converter's range, the well holds at least that" if _converter_is_the_limit(calibration) else ""

@@ -1,0 +1,70 @@
+"""A calibration as a noise profile: what of it fits into a straight line of variance against signal."""
+
+from __future__ import annotations
+
+from photosite.calibration.result import Calibration, Estimate, Parameters
+from photosite.errors import CalibrationError
+from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
+from photosite.values.measured import Measured
+
+
+def calibration_noise_profile(calibration: Calibration, gain_setting: float | None = None) -> NoiseProfile:
+    """The noise profile of a calibrated gain setting, per channel.
+
+    Slope K / (white - black), with white the converter's highest number; offset (read noise^2 + DSNU^2 + 1/12) /
+    (white - black)^2: the noise of one short frame. A spread whose variance came out negative counts with its sign. The
+    dark current's shot noise, which grows with exposure, is not in it.
+
+    Parameters
+    ----------
+    calibration
+        What `calibrate` gave.
+    gain_setting
+        What the camera calls the setting.
+
+    Raises
+    ------
+    CalibrationError
+        If the gain, black level, read noise or DSNU could not be estimated.
+    """
+    black = _needed(calibration, "black_level_dn")
+    gain = _needed(calibration, "system_gain_dn_per_e")
+    white = float((1 << calibration.bits) - 1)
+    span = white - black.value
+    slope = gain.value / span
+    u_span = black.standard_uncertainty / span
+    channels: dict[str, Parameters] = dict(calibration.channels) or {"M": calibration}
+    offsets = []
+    for parameters in channels.values():
+        squares = [_square(_needed(parameters, name)) for name in ("read_noise_dn", "dsnu_dn")]
+        total = Measured(
+            sum(s.value for s in squares) + QUANTISATION_DN2,
+            sum(s.standard_uncertainty**2 for s in squares) ** 0.5,
+        )
+        relative = 2 * abs(total.value) * u_span
+        uncertainty = (total.standard_uncertainty**2 + relative**2) ** 0.5
+        offsets.append(Measured(total.value / span**2, uncertainty / span**2))
+    u_slope = slope * ((gain.standard_uncertainty / gain.value) ** 2 + u_span**2) ** 0.5
+    name = "" if calibration.base is None else calibration.base.name
+    return NoiseProfile(
+        tuple(channels),
+        (Measured(slope, u_slope),) * len(channels),
+        tuple(offsets),
+        gain_setting,
+        black.value,
+        white,
+        name,
+    )
+
+
+def _needed(parameters: Parameters, name: str) -> Measured:
+    entry: Estimate = getattr(parameters, name)
+    if entry.value is None:
+        raise CalibrationError(f"a noise profile needs {name}, which could not be estimated: {entry.reason}")
+    return entry.measured("")
+
+
+def _square(spread: Measured) -> Measured:
+    """A signed spread as the variance behind it."""
+    value = spread.value * abs(spread.value)
+    return Measured(value, 2 * abs(spread.value) * spread.standard_uncertainty + spread.standard_uncertainty**2)

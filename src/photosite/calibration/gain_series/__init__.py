@@ -1,0 +1,1 @@
+"""Several gain settings of one camera."""

@@ -1,0 +1,263 @@
+"""What gain settings mean, whether the pixel's conversion gain switches among them, and the two parts of read noise.
+
+Numbers in, numbers out; `photosite.calibration.gain_series.gain_series` brings them from frames.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.photon_transfer.fit import Fit, fit_linear
+
+FALSE_ALARMS = 0.01
+"""Share of series without a conversion-gain switch in which one may be found."""
+
+FEWEST_SETTINGS = 5
+"""Below it the scatter about the models has too few degrees of freedom to tell a switch from it."""
+
+LEAST_STEP = math.log(1.2)
+"""A step in gain per setting alone is a switch from here on: nominal settings are off by more than sampling."""
+
+_POSITION_95 = 3.841458820694124
+"""Deviance by which a position may be worse than the best: chi-square's 95 % point, one degree of freedom."""
+
+LawName = Literal["proportional", "tenths of a decibel", "decibels"]
+
+_DECIBEL = math.log(10.0) / 20.0
+
+
+def log_amplification(settings: NDArray[np.float64], law: LawName) -> NDArray[np.float64]:
+    """Natural logarithm of the amplification that the settings stand for, up to a constant.
+
+    ISO and plain gains are proportional to it; some machine-vision and astronomy cameras count decibels or tenths.
+
+    Examples
+    --------
+    >>> np.exp(log_amplification(np.array([0.0, 200.0]), "tenths of a decibel")).round(12).tolist()
+    [1.0, 10.0]
+    """
+    if law == "proportional":
+        return np.log(settings)
+    return settings * (_DECIBEL if law == "decibels" else 0.1 * _DECIBEL)
+
+
+def find_law(settings: NDArray[np.float64], gain: NDArray[np.float64]) -> LawName:
+    """The law that leaves least of the measured gains: after one step, so that a switch does not decide.
+
+    Parameters
+    ----------
+    settings, gain
+        (n,) settings, rising, and system gains.
+
+    Examples
+    --------
+    >>> find_law(np.array([100.0, 200.0, 400.0]), np.array([0.1, 0.21, 0.4]))
+    'proportional'
+    >>> find_law(np.array([0.0, 60.0, 120.0]), np.array([0.1, 0.2, 0.4]))
+    'tenths of a decibel'
+    """
+    laws: tuple[LawName, ...] = ("proportional", "tenths of a decibel", "decibels")
+    allowed = laws if settings.min() > 0 else laws[1:]
+
+    def left(law: LawName) -> float:
+        rest = np.log(gain) - log_amplification(settings, law)
+        whole = float(np.sum((rest - rest.mean()) ** 2))
+        if len(rest) < 4:
+            return whole
+        return min(
+            float(np.sum((rest[:k] - rest[:k].mean()) ** 2) + np.sum((rest[k:] - rest[k:].mean()) ** 2))
+            for k in range(1, len(rest))
+        )
+
+    return min(allowed, key=left)
+
+
+@dataclass(frozen=True)
+class StepTest:
+    """A step among rising settings, tried between each two of them.
+
+    Parameters
+    ----------
+    p_value
+        Chance of a step as significant as the best one where there is none, over all places (Bonferroni).
+    split
+        Index of the first setting above the best step.
+    step, step_uncertainty
+        (n - 1,) its size, if it were before setting 1, 2, ...
+    deviance
+        (n - 1,) -2 log likelihood of each place.
+    """
+
+    p_value: float
+    split: int
+    step: NDArray[np.float64]
+    step_uncertainty: NDArray[np.float64]
+    deviance: NDArray[np.float64]
+
+
+def step_in_gain(log_gain_per_setting: NDArray[np.float64], variance: NDArray[np.float64]) -> StepTest:
+    """Whether the gain per unit of amplification steps up at some setting.
+
+    A level on either side, weighted by sampling variance and the scatter that nominal settings have (`fit_linear`);
+    the step over its uncertainty goes by Student's t of n - 2 degrees of freedom, one-sided.
+
+    Parameters
+    ----------
+    log_gain_per_setting, variance
+        (n,) ln K - ln amplification, and its sampling variance.
+    """
+    y, n = log_gain_per_setting, len(log_gain_per_setting)
+    fits = [fit_linear(_step_design(n, k), y, np.diag(variance)) for k in range(1, n)]
+    designs = [_step_design(n, k) for k in range(1, n)]
+    step = np.array([fit.parameters[1] for fit in fits])
+    uncertainty = np.array([math.sqrt(fit.covariance[1, 1]) for fit in fits])
+    return _tested(step, uncertainty, n - 2, [_deviance(d, y, variance, f) for d, f in zip(designs, fits, strict=True)])
+
+
+def _step_design(n: int, k: int) -> NDArray[np.float64]:
+    return np.column_stack([np.ones(n), np.arange(n) >= k]).astype(np.float64)
+
+
+def step_in_read_noise(noise: ReadNoise) -> StepTest:
+    """Whether the read noise before the amplifier, in electrons, steps down at some setting.
+
+    sigma_dn^2 = A K^2 + B with one A below the step and another above it; the drop in A over its uncertainty goes by
+    Student's t of n - 3 degrees of freedom, one-sided. The models may miss each point by a relative scatter.
+    """
+    n = len(noise.gain)
+    drop, uncertainty, deviance = [], [], []
+    for k in range(1, n):
+        above = np.arange(n) >= k
+        squares = noise.gain**2
+        columns = np.column_stack([np.where(above, 0.0, squares), np.where(above, squares, 0.0), np.ones(n)])
+        fit, design, variance = noise.fit(columns)
+        drop.append(fit.parameters[0] - fit.parameters[1])
+        cov = fit.covariance
+        uncertainty.append(math.sqrt(cov[0, 0] + cov[1, 1] - 2 * cov[0, 1]))
+        deviance.append(_deviance(design, np.ones(n), variance, fit))
+    return _tested(np.array(drop), np.array(uncertainty), n - 3, deviance)
+
+
+def _tested(
+    step: NDArray[np.float64], uncertainty: NDArray[np.float64], freedom: int, deviance: list[float]
+) -> StepTest:
+    from scipy.stats import t as student
+
+    chances = student.sf(step / uncertainty, freedom)
+    best = int(np.argmin(chances))
+    p_value = min(1.0, len(step) * float(chances[best]))
+    return StepTest(p_value, best + 1, step, uncertainty, np.array(deviance))
+
+
+def _deviance(design: NDArray[np.float64], y: NDArray[np.float64], variance: NDArray[np.float64], fit: Fit) -> float:
+    total = variance + fit.extra_variance
+    residual = y - design @ fit.parameters
+    return float(np.sum(residual**2 / total + np.log(total)))
+
+
+@dataclass(frozen=True)
+class ReadNoise:
+    """Read noise at the settings of a series.
+
+    Parameters
+    ----------
+    gain, gain_uncertainty
+        (n,) system gain, DN per electron.
+    variance_dn2, variance_uncertainty
+        (n,) read noise squared, above 0, rounding taken off.
+    """
+
+    gain: NDArray[np.float64]
+    gain_uncertainty: NDArray[np.float64]
+    variance_dn2: NDArray[np.float64]
+    variance_uncertainty: NDArray[np.float64]
+
+    def __getitem__(self, index: slice) -> ReadNoise:
+        return ReadNoise(
+            self.gain[index], self.gain_uncertainty[index], self.variance_dn2[index], self.variance_uncertainty[index]
+        )
+
+    def fit(self, columns: NDArray[np.float64]) -> tuple[Fit, NDArray[np.float64], NDArray[np.float64]]:
+        """Least squares of the variances, each in units of itself, by columns of which all but the last are A K^2.
+
+        Gains are uncertain too: the effective variance (2 A K u(K))^2 is that of the fit before.
+
+        Returns
+        -------
+        tuple
+            The fit, the design (n, p) and the sampling variances (n,), in relative units.
+        """
+        design = columns / self.variance_dn2[:, None]
+        sampling = (self.variance_uncertainty / self.variance_dn2) ** 2
+        variance = sampling
+        for _ in range(3):
+            fit = fit_linear(design, np.ones(len(sampling)), np.diag(variance))
+            slope = columns[:, :-1] @ fit.parameters[:-1] / self.gain  # A K of each point
+            variance = sampling + (2.0 * slope * self.gain_uncertainty / self.variance_dn2) ** 2
+        return fit_linear(design, np.ones(len(sampling)), np.diag(variance)), design, variance
+
+    def two_parts(self) -> Fit:
+        """A (electrons^2) and B (DN^2) of sigma_dn^2 = A K^2 + B."""
+        fit, _, _ = self.fit(np.column_stack([self.gain**2, np.ones(len(self.gain))]))
+        return fit
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A conversion-gain switch among settings.
+
+    Parameters
+    ----------
+    split
+        Index of the first setting above it.
+    first, last
+        Indices of the first settings above the lowest and highest place that the data allow (95 %).
+    p_value
+        Chance of such evidence where there is no switch.
+    seen_in
+        What shows it: "read noise", "gain per setting" or both.
+    """
+
+    split: int
+    first: int
+    last: int
+    p_value: float
+    seen_in: tuple[str, ...]
+
+
+def find_switch(gain_step: StepTest, noise_step: StepTest | None) -> Switch | None:
+    """Whether the pixel's conversion gain switches, and where.
+
+    There are two signs, and a camera may show either: the noise before the amplifier falls in electrons, and the gain
+    per unit of setting rises. (Where the maker lowers the amplifier's gain at the switch, so that settings stay
+    proportional to the gain, only the noise shows it.) Each is tried at half of `FALSE_ALARMS`; a step in gain alone
+    must also be one that inexact settings do not explain (`LEAST_STEP`).
+
+    Parameters
+    ----------
+    gain_step, noise_step
+        The two tests, of the same settings; None where the read noise could not be measured.
+    """
+    seen = []
+    if gain_step.p_value < FALSE_ALARMS / 2 and gain_step.step[gain_step.split - 1] > LEAST_STEP:
+        seen.append("gain per setting")
+    if noise_step is not None and noise_step.p_value < FALSE_ALARMS / 2:
+        seen.append("read noise")
+    if not seen:
+        return None
+    both = (("gain per setting", gain_step), ("read noise", noise_step))
+    tests = [test for name, test in both if name in seen and test is not None]
+    deviance = np.sum([test.deviance for test in tests], axis=0)
+    possible = np.flatnonzero(deviance <= deviance.min() + _POSITION_95)
+    return Switch(
+        int(np.argmin(deviance)) + 1,
+        int(possible[0]) + 1,
+        int(possible[-1]) + 1,
+        min(1.0, 2.0 * min(test.p_value for test in tests)),
+        tuple(seen),
+    )

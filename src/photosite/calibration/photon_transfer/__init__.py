@@ -1,0 +1,1 @@
+"""Photon transfer, linearity and signal-to-noise ratio."""

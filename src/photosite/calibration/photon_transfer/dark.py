@@ -1,0 +1,195 @@
+"""What darkness tells: the dark line against exposure, and how to take the dark off a light level."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.calibration.photon_transfer.fit import Fit, fit_linear
+from photosite.calibration.reduction.groups import Level
+from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
+
+BEYOND_SAMPLING = 0.001
+"""Share of ideal measurements whose dark variances may be said to scatter more than their sampling."""
+
+SAME_EXPOSURE = 1e-6
+"""Relative difference up to which two exposure times are the same one."""
+
+
+def same_exposure(exposure_s: ArrayLike, other_s: ArrayLike) -> NDArray[np.bool_]:
+    """Whether exposure times are the same but for rounding."""
+    return np.asarray(np.isclose(exposure_s, other_s, rtol=SAME_EXPOSURE, atol=0.0))
+
+
+@dataclass(frozen=True)
+class DarkLine:
+    """A quantity of the dark levels against exposure, and the straight line through it.
+
+    Parameters
+    ----------
+    exposure_s, y, variance
+        (m,) exposure, measured quantity, its sampling variance.
+    fit
+        The line, or None with one exposure only.
+    shared
+        (m,) standard uncertainty that the points have in common: of clipped darks, and of rounding.
+    points
+        The quantity with its independent sources, where other results share them; else empty.
+    """
+
+    exposure_s: NDArray[np.float64]
+    y: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    fit: Fit | None
+    shared: NDArray[np.float64]
+    points: tuple[Uncertain, ...] = ()
+
+    @classmethod
+    def through(
+        cls,
+        exposure_s: NDArray[np.float64],
+        y: NDArray[np.float64],
+        variance: NDArray[np.float64],
+        shared: NDArray[np.float64],
+        points: Sequence[Uncertain] = (),
+    ) -> DarkLine:
+        """Fit the line, where there are two exposures or more.
+
+        Points with sources are temporal variances, whose uncertainty follows their size: weights come from what the
+        line says of them, for the reason given at `photon_transfer.fit_gain`.
+        """
+        if len(np.unique(exposure_s)) < 2:
+            return cls(exposure_s, y, variance, None, shared, tuple(points))
+        design, together = _line(exposure_s), np.outer(shared, shared)
+        fit = fit_linear(design, y, np.diag(variance) + together)
+        expected = design @ fit.parameters
+        if points and (expected > 0.0).all():
+            variance = variance * (expected / y) ** 2
+            fit = fit_linear(design, y, np.diag(variance) + together)
+        return cls(exposure_s, y, variance, fit, shared, tuple(points))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(m, m) of the measured quantity."""
+        return np.asarray(np.diag(self.variance) + np.outer(self.shared, self.shared))
+
+    @property
+    def line(self) -> tuple[Value, Value]:
+        """Intercept and slope per second."""
+        if self.fit is None:
+            reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
+            return Missing(reason), Missing(reason)
+        if not self.points:
+            intercept, slope = self.fit.uncertain
+            return intercept, slope
+        fit = self.fit
+        left = fit.covariance - (fit.estimator * self.variance) @ fit.estimator.T  # what the points share or scatter
+        freedom = fit.degrees_of_freedom if fit.extra_variance > 0.0 else math.inf
+        rest = correlated(np.zeros(2), left, freedom)
+        intercept, slope = (combined(self.points, row) + more for row, more in zip(fit.estimator, rest, strict=True))
+        return intercept, slope
+
+    @property
+    def at_zero(self) -> Uncertain:
+        """The intercept, or the mean where there is one exposure only."""
+        intercept, _ = self.line
+        if isinstance(intercept, Uncertain):
+            return intercept
+        weight = 1.0 / self.variance / np.sum(1.0 / self.variance)
+        if self.points:
+            return combined(self.points, weight) + Uncertain.of(0.0, abs(float(weight @ self.shared)))
+        return Uncertain.of(float(weight @ self.y), float(np.sqrt(weight @ self.covariance @ weight)))
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the points about the line beyond sampling, relative to their mean; 0 if by chance.
+
+        Of dark variances it says how far the noise is from independent frames: interference that keeps its pattern
+        from frame to frame adds to some combinations of frames and cancels in others.
+        """
+        from scipy.stats import chi2
+
+        fit = self.fit
+        if fit is None or fit.degrees_of_freedom == 0:
+            return 0.0
+        if fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, fit.degrees_of_freedom)):
+            return 0.0
+        return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
+
+    def weights_at(self, exposure_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(exposures, m): the dark value at each exposure is this times `y`.
+
+        Darks of the same exposure where there are some (EMVA 1288), else the line.
+        """
+        weights = np.zeros((len(exposure_s), len(self.exposure_s)))
+        for row, t in zip(weights, exposure_s, strict=True):
+            same = same_exposure(self.exposure_s, t)
+            if same.any():
+                row[same] = (1.0 / self.variance[same]) / np.sum(1.0 / self.variance[same])
+            elif self.fit is not None:
+                row[:] = _line(np.array([t]))[0] @ self.fit.estimator
+            else:
+                row[:] = (1.0 / self.variance) / np.sum(1.0 / self.variance)
+        return weights
+
+
+def _line(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.ones_like(t), t])
+
+
+@dataclass(frozen=True)
+class Darkness:
+    """One channel in the dark: mean level and temporal variance against exposure, in DN and DN^2."""
+
+    mean: DarkLine
+    variance: DarkLine
+
+    @classmethod
+    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> Darkness:
+        """From the dark levels of a channel; those with one frame tell their mean only."""
+        t = np.asarray(exposure_s, dtype=np.float64)
+        repeated = np.array([level.repeated for level in levels])
+        temporal, uncertainty = temporal_variances(t, levels)
+        samples = np.array([level.frames * level.pixels for level in levels])
+        own = np.array([level.mean_variance for level in levels])
+        turned = np.array([level.shared_mean > 0.0 for level in levels])
+        best_known = min((level for level in levels if level.repeated), key=lambda level: level.variance_uncertainty)
+        of_mean, of_variance = (
+            np.array([getattr(level, f"shared_{name}") for level in levels])
+            if turned.any()
+            # One phase for all: unequal shares of one cause would let the fit play them off against each other.
+            else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
+            for name in ("mean", "variance")
+        )
+        mean = DarkLine.through(
+            t, np.array([level.mean for level in levels]), np.where(turned, own, temporal / samples), of_mean
+        )
+        noise = DarkLine.through(
+            t[repeated],
+            temporal[repeated],
+            uncertainty[repeated] ** 2,
+            of_variance[repeated],
+            [level.noise for level in levels if level.repeated],
+        )
+        return cls(mean, noise)
+
+
+def temporal_variances(
+    exposure_s: NDArray[np.float64], levels: Sequence[Level]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m,) temporal variance of each dark level and its uncertainty, DN^2.
+
+    A lone frame does not show its noise: it is given that of the repeated darks of the nearest exposure.
+    """
+    variance = np.array([level.variance for level in levels])
+    uncertainty = np.array([level.variance_uncertainty for level in levels])
+    repeated = np.flatnonzero([level.repeated for level in levels])
+    for index, level in enumerate(levels):
+        if not level.repeated:
+            nearest = repeated[np.argmin(np.abs(exposure_s[repeated] - exposure_s[index]))]
+            variance[index], uncertainty[index] = variance[nearest], uncertainty[nearest]
+    return variance, uncertainty

@@ -1,0 +1,180 @@
+"""What can be told of a camera whose light is not known, or whose response is not straight: EMVA 1288 R4.0 General."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.patterns import Channel
+from photosite.calibration.result import Estimate
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
+
+LEAST_LEVELS = 3
+"""Light levels that a local slope in their middle needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralModel:
+    """One channel by its characteristic curve alone: nothing is assumed of its shape, nor of where its noise is from.
+
+    The noise that is seen in the output, over the local slope of the characteristic curve, is the noise that light
+    would have to have for it: the input's noise. What the eye or a program can tell from a picture is the amount of
+    light over that.
+
+    Parameters
+    ----------
+    abscissa
+        "photons_per_pixel" or "exposure_s": what amounts of light, `threshold` and `saturation` are in.
+    x, signal_dn, signal_uncertainty
+        (points,) the characteristic curve: amount of light; mean less dark; its standard uncertainty.
+    slope, slope_uncertainty
+        (points,) local slope, DN per unit of `x`: of the parabola through a level and its neighbours.
+    noise_dn
+        (points,) temporal standard deviation.
+    snr, snr_uncertainty
+        (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the level has no noise, is notably
+        clipped, or the curve does not rise.
+    threshold
+        Amount of light at which that ratio is 1.
+    saturation
+        Amount of light at which it is largest, known to lie between that level's neighbours.
+    dynamic_range_db
+        20 log10 of their quotient.
+
+    Notes
+    -----
+    EMVA 1288 R4.0 General. For a linear camera the ratio is that of the linear model. The threshold is read off a
+    variance that is interpolated between the levels, the dark one included.
+    """
+
+    abscissa: str
+    x: NDArray[np.float64]
+    signal_dn: NDArray[np.float64]
+    signal_uncertainty: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    slope_uncertainty: NDArray[np.float64]
+    noise_dn: NDArray[np.float64]
+    snr: NDArray[np.float64]
+    snr_uncertainty: NDArray[np.float64]
+    threshold: Value
+    saturation: Value
+    dynamic_range_db: Value
+
+    def to_dict(self) -> dict[str, Any]:
+        """`abscissa`, and `threshold`, `saturation` and `dynamic_range_db` with value and standard_uncertainty."""
+        values = ((name, getattr(self, name)) for name in ("threshold", "saturation", "dynamic_range_db"))
+        return {"abscissa": self.abscissa} | {name: Estimate.of(value, "").to_dict() for name, value in values}
+
+
+def general_model(channel: Channel) -> GeneralModel | Missing:
+    """The general model of a channel, or why there is none.
+
+    Parameters
+    ----------
+    channel
+        What the light levels told. Levels with one frame have no noise, but shape the curve; of several groups at one
+        amount of light, that with the most certain signal stands for them.
+    """
+    levels, dark = channel.levels, channel.dark.variance
+    place = _one_each(levels.x, np.diag(levels.signal_covariance))
+    x, signal = levels.x[place], levels.signal[place]
+    if len(x) < LEAST_LEVELS:
+        return Missing(f"{len(x)} light levels; a characteristic curve needs {LEAST_LEVELS} or more")
+    covariance = levels.signal_covariance[np.ix_(place, place)]
+    difference = local_slopes(x)
+    slope = difference @ signal
+    slope_u = np.sqrt(np.sum((difference @ covariance) * difference, axis=1))
+    weights = dark.weights_at(levels.exposure_s)[place]
+    variance = levels.shot[place] + weights @ dark.y
+    of_dark = np.sum(weights**2 * dark.variance, axis=1)
+    variance_u = np.sqrt(np.maximum(np.diag(levels.shot_covariance)[place] - of_dark, 0.0))  # rounding alone
+
+    good = (variance > 0.0) & (slope > 0.0) & ~levels.clipped[place]
+    noise = np.sqrt(np.where(variance > 0.0, variance, np.nan))
+    snr = np.where(good, x * slope / noise, np.nan)
+    relative = np.hypot(slope_u / np.where(good, slope, np.nan), 0.5 * variance_u / np.where(good, variance, np.nan))
+    threshold = _threshold(channel, x[good], slope[good], variance[good])
+    saturation = _saturation(channel, x, snr)
+    return GeneralModel(
+        abscissa=levels.abscissa,
+        x=x,
+        signal_dn=signal,
+        signal_uncertainty=np.sqrt(np.diag(covariance)),
+        slope=slope,
+        slope_uncertainty=slope_u,
+        noise_dn=noise,
+        snr=snr,
+        snr_uncertainty=snr * relative,
+        threshold=threshold,
+        saturation=saturation,
+        dynamic_range_db=derive(lambda top, low: (top / low).decibel(20.0), saturation, threshold),
+    )
+
+
+def _one_each(x: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Of each amount of light the level that is known best."""
+    order = np.lexsort((variance, x))
+    return np.asarray(order[np.append(True, np.diff(x[order]) > 0.0)])
+
+
+def local_slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, m) by which ordinates become the slopes of the parabolas through each point and its two neighbours.
+
+    At the ends it is that of the parabola through the last three.
+
+    Examples
+    --------
+    >>> x = np.array([0.0, 1.0, 3.0, 4.0])
+    >>> (local_slopes(x) @ x**2).round(12).tolist()
+    [0.0, 2.0, 6.0, 8.0]
+    """
+    m = len(x)
+    slopes = np.zeros((m, m))
+    for i in range(m):
+        three = min(max(i - 1, 0), m - 3) + np.arange(3)
+        a, b, c = x[three]
+        slopes[i, three] = (
+            (2.0 * x[i] - b - c) / ((a - b) * (a - c)),
+            (2.0 * x[i] - a - c) / ((b - a) * (b - c)),
+            (2.0 * x[i] - a - b) / ((c - a) * (c - b)),
+        )
+    return slopes
+
+
+def _threshold(
+    channel: Channel, x: NDArray[np.float64], slope: NDArray[np.float64], variance: NDArray[np.float64]
+) -> Value:
+    """Where x slope = noise: the variance and the slope taken as straight between the levels, from the dark on."""
+    dark = channel.dark.variance.at_zero
+    if not x.size or dark.value <= 0.0:
+        return Missing("no light level shows noise and signal, or the dark temporal variance is not above zero")
+    light, noise = np.append(0.0, x), np.append(dark.value, variance)
+    rise = np.append(slope[0], slope)
+    above = np.flatnonzero(light**2 * rise**2 >= noise)
+    if not above.size:
+        return Missing("no light level has a signal-to-noise ratio of 1 or more")
+    i = int(above[0])
+
+    def excess(at: float) -> float:
+        part = (at - light[i - 1]) / (light[i] - light[i - 1])
+        between = rise[i - 1] + part * (rise[i] - rise[i - 1])
+        return float((at * between) ** 2 - noise[i - 1] - part * (noise[i] - noise[i - 1]))
+
+    from scipy.optimize import brentq
+
+    root = float(brentq(excess, light[i - 1], light[i]))
+    # Near zero light the noise is that of the dark: what its variance moves the root by is half its relative error.
+    relative = 0.5 * dark.relative if i == 1 else 0.0
+    return Uncertain.of(root, root * relative)
+
+
+def _saturation(channel: Channel, x: NDArray[np.float64], snr: NDArray[np.float64]) -> Value:
+    if channel.saturation.signal is None or not np.isfinite(snr).any():
+        return Missing("no flat reached saturation; take flats up to where they do not get brighter")
+    peak = int(np.nanargmax(snr))
+    low, high = x[max(peak - 1, 0)], x[min(peak + 1, len(x) - 1)]
+    return Uncertain.of(float(x[peak]), float(high - low) / math.sqrt(12.0))

@@ -1,0 +1,234 @@
+"""How far the response is from a straight line: linearity after EMVA 1288, in its present and its former definition."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.patterns import Channel
+from photosite.calibration.result import Estimate
+from photosite.values.uncertain import Missing, Uncertain, weighted_mean
+
+RANGE = (0.05, 0.95)
+"""EMVA 1288: the regression takes signals from 5 to 95 % of that at saturation."""
+
+LEAST_LEVELS = 3
+"""Light levels that a deviation from a straight line needs; the standard wants 50 equal steps up to saturation, at
+least 9 of them in the range."""
+
+Definition = Literal["relative", "full scale"]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearityFit:
+    """A straight line through the response, and what it leaves.
+
+    Parameters
+    ----------
+    definition
+        "relative" or "full scale", see `linearity`.
+    intercept, slope
+        Of the line: DN, and DN per unit of the abscissa.
+    deviation_percent, deviation_uncertainty
+        (points,) deviation of each light level that has one, and its standard uncertainty from sampling.
+    error, lowest, highest
+        The linearity error in percent: of "relative" the mean of the absolute deviations, of "full scale" half the
+        difference of the highest and the lowest; and those two. All over the levels that were fitted.
+    """
+
+    definition: Definition
+    intercept: float
+    slope: float
+    deviation_percent: NDArray[np.float64]
+    deviation_uncertainty: NDArray[np.float64]
+    error: Uncertain
+    lowest: Uncertain
+    highest: Uncertain
+
+
+@dataclass(frozen=True, eq=False)
+class Linearity:
+    """The linearity of one channel.
+
+    Parameters
+    ----------
+    abscissa
+        "photons_per_pixel" or "exposure_s".
+    x, signal_dn, signal_uncertainty
+        (points,) the light levels below saturation: amount of light; mean less dark; its standard uncertainty.
+    used
+        (points,) whether the signal is between 5 and 95 % of that at saturation, so that the lines were fitted to it.
+    relative
+        By EMVA 1288 releases 3.1 and 4.0.
+    full_scale
+        By release 3.0.
+    """
+
+    abscissa: str
+    x: NDArray[np.float64]
+    signal_dn: NDArray[np.float64]
+    signal_uncertainty: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    relative: LinearityFit
+    full_scale: LinearityFit
+
+
+def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Estimate]:
+    """The linearity errors as parameters: of one channel, or of several together.
+
+    Parameters
+    ----------
+    channels
+        One or more. Of several, the errors are the mean over the channels, the extremes those of all.
+    """
+    known = [entry for entry in channels if isinstance(entry, Linearity)]
+    of_several = f"; over {len(known)} of {len(channels)} channels" if len(channels) > 1 else ""
+    relative = f"of least relative squares, relative to it (EMVA 1288 R4.0, equations 61 and 62){of_several}"
+    range_text = "signals from 5 to 95 % of saturation about the line"
+    methods = {
+        "linearity_error_percent": f"mean absolute deviation of {range_text} {relative}",
+        "linearity_error_min_percent": f"lowest deviation of {range_text} {relative}",
+        "linearity_error_max_percent": f"highest deviation of {range_text} {relative}",
+        "linearity_error_full_scale_percent": f"half the range of the deviations of {range_text} of least squares, "
+        f"over 0.9 of the signal at saturation (EMVA 1288 R3.0){of_several}",
+    }
+    if not known:
+        missing = next((entry for entry in channels if isinstance(entry, Missing)), Missing("no light frames"))
+        return {name: Estimate.of(missing, text) for name, text in methods.items()}
+    even = [1.0] * len(known)
+    values = (
+        weighted_mean([entry.relative.error for entry in known], even),
+        min((entry.relative.lowest for entry in known), key=lambda part: part.value),
+        max((entry.relative.highest for entry in known), key=lambda part: part.value),
+        weighted_mean([entry.full_scale.error for entry in known], even),
+    )
+    return {name: Estimate.of(value, text) for (name, text), value in zip(methods.items(), values, strict=True)}
+
+
+def channel_linearity(channel: Channel) -> Linearity | Missing:
+    """The linearity of a channel's light levels, or why it cannot be told.
+
+    Parameters
+    ----------
+    channel
+        What the light levels told. Without known photons the abscissa is the exposure time: the light is then taken
+        as constant (the standard's method I).
+    """
+    levels, saturation = channel.levels, channel.saturation
+    if saturation.signal is None or saturation.index is None:
+        return Missing("linearity is told from 5 to 95 % of saturation, and no flat reached saturation")
+    below = np.arange(len(levels.x)) <= saturation.index
+    return linearity(
+        levels.x[below],
+        levels.signal[below],
+        levels.signal_covariance[np.ix_(below, below)],
+        saturation.signal,
+        levels.abscissa,
+    )
+
+
+def linearity(
+    x: NDArray[np.float64],
+    signal: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    saturation: float,
+    abscissa: str = "photons_per_pixel",
+) -> Linearity | Missing:
+    """Linearity after EMVA 1288, from signals y at amounts of light H, in two definitions.
+
+    Relative (R4.0 Linear, equations 61 and 62; the same since R3.1). The line a0 + a1 H is the one of least relative
+    squares, sum ((y - a0 - a1 H) / y)^2, over signals from 5 to 95 % of that at saturation. The deviation is
+    100 (y - a0 - a1 H) / (a0 + a1 H). LE_min and LE_max are the lowest and highest in that range, LE the mean of
+    their absolute values.
+
+    Full scale (R3.0). The line is that of plain least squares over the same range; the deviation is
+    100 (y - a0 - a1 H) / (0.9 y_sat), 0.9 being the range's part of the full scale, and LE is half of the difference
+    between highest and lowest. Small signals hardly count in it; a camera of high dynamic range hides its errors there.
+
+    Parameters
+    ----------
+    x, signal
+        (m,) amounts of light and signals in DN, dark taken off, up to saturation.
+    covariance
+        (m, m) of the signals.
+    saturation
+        The signal at saturation, DN.
+    abscissa
+        What `x` is.
+
+    Returns
+    -------
+    Linearity or Missing
+        Missing with fewer than three amounts of light in the range. The uncertainties are those of the signals by
+        sampling. Noise draws extremes outwards and has a mean size: compare errors with their uncertainty.
+
+    Examples
+    --------
+    >>> light = np.linspace(0.0, 1.0, 11)
+    >>> bent = linearity(light, 1000.0 * light * (1.0 - 0.1 * light), 0.01 * np.eye(11), 900.0)
+    >>> fit = bent.relative
+    >>> [round(part.value, 2) for part in (fit.lowest, fit.highest, fit.error)]
+    [-2.47, 1.99, 1.4]
+    """
+    used = (signal >= RANGE[0] * saturation) & (signal <= RANGE[1] * saturation)
+    different = len(np.unique(x[used]))
+    if different < LEAST_LEVELS:
+        return Missing(
+            f"{different} light levels lie between 5 and 95 % of saturation; linearity needs {LEAST_LEVELS}, better 9"
+        )
+    relative = _fit("relative", x, signal, covariance, used, saturation)
+    full_scale = _fit("full scale", x, signal, covariance, used, saturation)
+    if not math.isfinite(relative.error.value):
+        return Missing("the line of least relative squares through the response falls to zero within its range")
+    return Linearity(abscissa, x, signal, np.sqrt(np.diag(covariance)), used, relative, full_scale)
+
+
+def _fit(
+    definition: Definition,
+    x: NDArray[np.float64],
+    signal: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    saturation: float,
+) -> LinearityFit:
+    relative = definition == "relative"
+    weight = np.zeros_like(signal)
+    weight[used] = 1.0 / signal[used] ** 2 if relative else 1.0
+    design = np.column_stack([np.ones_like(x), x])
+    # (2, m): intercept and slope are this times the signals, the weights taken as they are.
+    estimator = np.linalg.solve(design.T @ (weight[:, None] * design), design.T * weight)
+    line = design @ (estimator @ signal)
+    # Where the line is not above zero there is no relative deviation.
+    scale = np.where(line > 0.0, line, np.nan) if relative else np.full_like(line, (RANGE[1] - RANGE[0]) * saturation)
+    deviation = 100.0 * (signal - line) / scale
+    # Of least relative squares the weights move with the signals: by y the line moves (2 line / y - 1) times as far.
+    moved = np.divide(2.0 * line, signal, out=np.ones_like(line), where=used) - used if relative else used
+    hat = (design @ estimator) * moved
+    share = signal / scale if relative else np.ones_like(x)
+    slopes = 100.0 / scale[:, None] * (np.eye(len(x)) - share[:, None] * hat)
+    uncertainty = np.sqrt(np.sum((slopes @ covariance) * slopes, axis=1))
+
+    inside = np.flatnonzero(used)
+    low, high = (int(inside[choose(deviation[inside])]) for choose in (np.argmin, np.argmax))
+    if relative:
+        error = float(np.abs(deviation[inside]).mean())
+        gradient = (np.sign(deviation[inside])[:, None] * slopes[inside]).mean(axis=0)
+    else:
+        error = 0.5 * float(deviation[high] - deviation[low])
+        gradient = 0.5 * (slopes[high] - slopes[low])
+    intercept, slope = (float(p) for p in estimator @ signal)
+    return LinearityFit(
+        definition,
+        intercept,
+        slope,
+        deviation,
+        uncertainty,
+        Uncertain.of(error, math.sqrt(float(gradient @ covariance @ gradient))),
+        Uncertain.of(float(deviation[low]), float(uncertainty[low])),
+        Uncertain.of(float(deviation[high]), float(uncertainty[high])),
+    )

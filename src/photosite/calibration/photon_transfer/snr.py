@@ -1,0 +1,157 @@
+"""The signal-to-noise ratio against the amount of light: as measured, and as the linear model has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.calibration.patterns import Channel
+from photosite.calibration.photon_transfer.photon_transfer import fit_response
+from photosite.values.uncertain import Missing, Uncertain
+
+
+@dataclass(frozen=True, eq=False)
+class SnrCurve:
+    """Signal-to-noise ratio of one channel at each light level, and the linear model's.
+
+    Parameters
+    ----------
+    x, snr, snr_uncertainty
+        (points,) amount of light; signal over temporal noise, a plain ratio; its standard uncertainty from sampling.
+    used
+        (points,) whether the level is in the linear range.
+    photons
+        Whether `x` counts photons per pixel; else it is the signal in electrons.
+    response_dn
+        DN per unit of `x`.
+    gain_dn_per_e
+        System gain.
+    dark_variance_dn2
+        Temporal variance at exposure zero, quantisation in it.
+
+    Notes
+    -----
+    EMVA 1288 R4.0 Linear, the signal-to-noise ratio: SNR = signal / temporal noise, of the linear model
+    eta p / sqrt(sigma_d^2 + sigma_q^2 / K^2 + eta p), and of an ideal sensor sqrt(p). Where the photons are not known,
+    the electrons stand for them: an ideal sensor is then one without any noise but the shot noise.
+    """
+
+    x: NDArray[np.float64]
+    snr: NDArray[np.float64]
+    snr_uncertainty: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    photons: bool
+    response_dn: Uncertain
+    gain_dn_per_e: Uncertain
+    dark_variance_dn2: Uncertain
+
+    def model(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The linear model's ratio and its standard uncertainty, to first order.
+
+        Parameters
+        ----------
+        x
+            Amounts of light above 0, any shape.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Both of the shape of `x`; NaN where a dark variance that came out negative leaves no noise.
+
+        Examples
+        --------
+        >>> one = Uncertain(1.0)
+        >>> levels, none = np.array([]), np.array([], dtype=bool)
+        >>> curve = SnrCurve(levels, levels, levels, none, True, one, one, Uncertain.of(0.0, 2.0))
+        >>> [round(float(n), 3) for n in curve.model(100.0)]
+        [10.0, 0.1]
+        """
+        light = np.asarray(x, dtype=np.float64)
+        k = self.gain_dn_per_e
+        signal = light * (self.response_dn.value if self.photons else k.value)
+        variance = self.dark_variance_dn2.value + k.value * signal
+        variance = np.where(variance > 0.0, variance, np.nan)
+        snr = signal / np.sqrt(variance)
+        of_dark = -0.5 * snr / variance * self.dark_variance_dn2.standard_uncertainty
+        if self.photons:
+            of_gain = -0.5 * snr / variance * signal * k.standard_uncertainty
+            of_response = snr * (1.0 - 0.5 * k.value * signal / variance) * self.response_dn.relative
+        else:
+            of_gain = snr * (1.0 - k.value * signal / variance) * k.relative
+            of_response = np.zeros_like(snr)
+        return snr, np.sqrt(of_dark**2 + of_gain**2 + of_response**2)
+
+    def with_pattern(self, x: ArrayLike, dsnu_dn: float, prnu: float) -> NDArray[np.float64]:
+        """The linear model's ratio with the fixed pattern among the noise: that of pixels side by side in one frame.
+
+        Parameters
+        ----------
+        x
+            Amounts of light above 0, any shape.
+        dsnu_dn
+            DSNU1288 in DN; a spread below zero, whose variance came out negative, takes away.
+        prnu
+            PRNU1288, as a share of the signal.
+
+        Notes
+        -----
+        EMVA 1288 R4.0 Linear, the total SNR.
+
+        Examples
+        --------
+        >>> one, none = Uncertain(1.0), np.array([])
+        >>> curve = SnrCurve(none, none, none, none.astype(bool), True, one, one, Uncertain(0.0))
+        >>> curve.with_pattern([1e4, 1e8], 0.0, 0.01).round(1).tolist()
+        [70.7, 100.0]
+        """
+        light = np.asarray(x, dtype=np.float64)
+        signal = light * (self.response_dn.value if self.photons else self.gain_dn_per_e.value)
+        variance = self.dark_variance_dn2.value + self.gain_dn_per_e.value * signal
+        variance = variance + dsnu_dn * abs(dsnu_dn) + prnu * abs(prnu) * signal**2
+        return np.asarray(signal / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
+
+
+def snr_curve(channel: Channel) -> SnrCurve | Missing:
+    """The signal-to-noise ratios of a channel's light levels, or why there are none.
+
+    Parameters
+    ----------
+    channel
+        What the light levels told.
+
+    Returns
+    -------
+    SnrCurve or Missing
+        Levels with one frame, those whose noise or signal is not above zero, and those brighter than that of the
+        largest noise, where clipping takes the noise away, have no ratio and no point.
+    """
+    levels, gain, dark = channel.levels, channel.gain, channel.dark.variance
+    photons = levels.abscissa == "photons_per_pixel"
+    fit = fit_response(levels, channel.used)
+    if isinstance(gain, Missing):
+        return gain
+    if fit is None:
+        return Missing("no light level lies in the linear range")
+    weights = dark.weights_at(levels.exposure_s)
+    variance = levels.shot + weights @ dark.y
+    of_dark = np.sum(weights**2 * dark.variance, axis=1)
+    variance_u2 = np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)  # rounding alone makes it negative
+    there = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
+    if channel.saturation.index is not None:
+        there[channel.saturation.index + 1 :] = False
+    signal, variance, variance_u2 = levels.signal[there], variance[there], variance_u2[there]
+    snr = signal / np.sqrt(variance)
+    relative = np.sqrt(np.diag(levels.signal_covariance)[there] / signal**2 + variance_u2 / (2.0 * variance) ** 2)
+    slope = Uncertain.of(float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0])))
+    return SnrCurve(
+        x=levels.x[there] if photons else signal / gain.value,
+        snr=snr,
+        snr_uncertainty=snr * relative,
+        used=channel.used[there],
+        photons=photons,
+        response_dn=slope if photons else gain,
+        gain_dn_per_e=gain,
+        dark_variance_dn2=dark.at_zero,
+    )

@@ -1,0 +1,1 @@
+"""Frames reduced to sums and levels."""

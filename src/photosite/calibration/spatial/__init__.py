@@ -1,0 +1,1 @@
+"""Spatial nonuniformity: DSNU, PRNU, row and column parts, profiles and spectrograms."""

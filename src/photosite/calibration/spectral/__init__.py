@@ -1,0 +1,1 @@
+"""Quantum efficiency by wavelength, from a monochromator or a chart."""

@@ -1,0 +1,190 @@
+"""Signals of a spectral measurement: the bands' digital numbers above their darks, and how well they are known."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.checks.judge import CLIPPED_BLACK
+from photosite.calibration.reduction.groups import CLIPPED_SHARE, Level
+from photosite.calibration.spectral.frames import Band, SpectralFrames
+from photosite.engine.accumulate import FrameSums
+from photosite.errors import CalibrationError, FileError
+from photosite.frames.frame_set import FrameSource
+from photosite.sensor.model import Sensor
+from photosite.values.cfa import channel_names, shifted
+
+_NEAR_FULL = 3.0
+"""Standard deviations of a pixel by which a mean stays below the well's capacity."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralLevels:
+    """What the frames say, per channel (in the order of the sensor's channels) and band.
+
+    Parameters
+    ----------
+    signal_dn
+        (channels, bands) mean above the dark.
+    covariance_dn2
+        (channels, bands, bands) its covariance: noise of frames, flicker, and the darks that bands share.
+    reasons
+        Per channel and band, why it cannot be used; empty where it can.
+    flicker
+        Relative standard deviation of the light from frame to frame, 0 where it is not distinguishable from steady.
+    sha256
+        One digest per frame, of its digital numbers, sorted.
+    """
+
+    signal_dn: NDArray[np.float64]
+    covariance_dn2: NDArray[np.float64]
+    reasons: tuple[tuple[str, ...], ...]
+    flicker: float
+    sha256: tuple[str, ...]
+
+
+class _Reader:
+    """Reads groups of frames into levels, one per channel; counts and hashes the frames."""
+
+    def __init__(self, frames: SpectralFrames, progress: Callable[[int, int], None] | None) -> None:
+        self._frames = frames
+        self._progress = progress
+        self._done = 0
+        region = frames.region
+        self._rows = slice(0, frames.rows) if region is None else slice(region.r0, region.r1)
+        self._cols = slice(0, frames.cols) if region is None else slice(region.c0, region.c1)
+        names = channel_names(frames.cfa)
+        tile = shifted(frames.cfa, self._rows.start, self._cols.start)
+        self._shape = (self._rows.stop - self._rows.start, self._cols.stop - self._cols.start)
+        self._labels = np.array([[names.index(name) for name in row] for row in tile], np.int64)
+        self.sha256: list[str] = []
+
+    def levels(self, sources: tuple[FrameSource, ...]) -> tuple[Level, ...]:
+        white = (1 << self._frames.bits) - 1
+        sums = FrameSums(self._shape, self._labels, white=white)
+        seen: dict[str, str] = {}
+        for source in sources:
+            dn = source.read()
+            if dn.shape != (self._frames.rows, self._frames.cols):
+                raise FileError(source.name, f"is {dn.shape}, the other frames {self._frames.rows, self._frames.cols}")
+            digest = hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()
+            if digest in seen:
+                raise FileError(source.name, f"repeats {seen[digest]} pixel for pixel; take one of them out")
+            seen[digest] = source.name
+            self.sha256.append(digest)
+            sums.add(np.ascontiguousarray(dn[self._rows, self._cols]))
+            self._done += 1
+            if self._progress is not None:
+                self._progress(self._done, self._frames.frame_count)
+        return tuple(Level.of(totals) for totals in sums.label_totals())
+
+
+def spectral_levels(
+    frames: SpectralFrames, sensor: Sensor, progress: Callable[[int, int], None] | None = None
+) -> SpectralLevels:
+    """Read a spectral measurement's frames.
+
+    Raises
+    ------
+    FileError
+        If a frame cannot be read, has another size, or repeats another.
+    CalibrationError
+        If dark frames are clipped at 0, or a channel has too few pixels in the region.
+    """
+    reader = _Reader(frames, progress)
+    darks = {exposure_s: reader.levels(sources) for exposure_s, sources in sorted(frames.darks.items())}
+    _check_darks(frames, darks)
+    lights = [reader.levels(band.frames) for band in frames.bands]
+    black_shift2 = _black_shift2(darks)
+    channels = range(len(channel_names(frames.cfa)))
+    paired = [(levels, darks[band.exposure_s]) for band, levels in zip(frames.bands, lights, strict=True)]
+    flicker2 = _flicker2(paired, black_shift2)
+    signal = np.array([[light[c].mean - dark[c].mean for light, dark in paired] for c in channels])
+    covariance = np.stack([_covariance(frames.bands, paired, c, flicker2, black_shift2) for c in channels])
+    reasons = tuple(tuple(_reason(light[c], dark[c], sensor) for light, dark in paired) for c in channels)
+    return SpectralLevels(signal, covariance, reasons, math.sqrt(flicker2), tuple(sorted(reader.sha256)))
+
+
+def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) -> None:
+    for exposure_s, levels in darks.items():
+        for level, name in zip(levels, channel_names(frames.cfa), strict=True):
+            if level.pixels < 2:
+                raise CalibrationError(f"{frames.source}: the region holds {level.pixels} pixels of channel {name}")
+            if level.low_fraction > CLIPPED_BLACK:
+                raise CalibrationError(
+                    f"{frames.source}: {100 * level.low_fraction:.3g} % of the dark frames' numbers at "
+                    f"{exposure_s:g} s are clipped at 0, so that what is taken off the light frames is too high; "
+                    f"raise the black level"
+                )
+
+
+def _excess(level: Level) -> tuple[float, float]:
+    """Variance of the frame means beyond the pixels' noise, and that estimate's weight, one over its variance."""
+    explained = level.variance / level.pixels
+    return math.copysign(level.frame_shift**2, level.frame_shift), (level.frames - 1) / (2 * explained**2)
+
+
+def _black_shift2(darks: dict[float, tuple[Level, ...]]) -> float:
+    """Variance of the black level from frame to frame, DN^2; 0 where it is not distinguishable from steady."""
+    found = [_excess(level) for levels in darks.values() for level in levels if level.repeated and level.variance > 0]
+    total = sum(weight for _, weight in found)
+    return max(sum(value * weight for value, weight in found) / total, 0.0) if total else 0.0
+
+
+def _flicker2(paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]], black_shift2: float) -> float:
+    """Relative variance of the light from frame to frame, by least squares of the frame shifts on signal squared.
+
+    A variance component: what comes out negative is not distinguishable from a steady lamp, and adds nothing.
+    """
+    above = below = 0.0
+    for light, dark in paired:
+        for level, black in zip(light, dark, strict=True):
+            if not level.repeated or not level.variance > 0 or level.clipped:
+                continue
+            square = (level.mean - black.mean) ** 2
+            value, weight = _excess(level)
+            above += weight * square * (value - black_shift2)
+            below += weight * square**2
+    return max(above / below, 0.0) if below else 0.0
+
+
+def _mean_variance(level: Level) -> float:
+    """Sampling variance of a mean. A single frame tells no temporal noise: its spread over pixels, which is more."""
+    return level.mean_variance if level.repeated else level.spatial_variance / level.pixels
+
+
+def _covariance(
+    bands: tuple[Band, ...],
+    paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]],
+    channel: int,
+    flicker2: float,
+    black_shift2: float,
+) -> NDArray[np.float64]:
+    """(bands, bands) DN^2: bands of one exposure share their darks."""
+    result = np.zeros((len(bands), len(bands)))
+    for row, (light, dark) in enumerate(paired):
+        level, black = light[channel], dark[channel]
+        signal = level.mean - black.mean
+        result[row, row] += _mean_variance(level) + (flicker2 * signal**2 + black_shift2) / level.frames
+        shared = _mean_variance(black) + black_shift2 / black.frames
+        for col, other in enumerate(bands):
+            if other.exposure_s == bands[row].exposure_s:
+                result[row, col] += shared
+    return result
+
+
+def _reason(light: Level, dark: Level, sensor: Sensor) -> str:
+    """Why a channel's band cannot be used; empty where it can."""
+    if light.high_fraction > CLIPPED_SHARE:
+        return f"{100 * light.high_fraction:.3g} % of its pixels are saturated; expose it for less time"
+    well = sensor.pixel.well_capacity_e
+    spread_dn = math.sqrt(max(light.spatial_variance, 0.0))
+    full_dn = well.value * sensor.system_gain_dn_per_e
+    if not well.assumed and light.mean - dark.mean + _NEAR_FULL * spread_dn > full_dn:
+        return f"its signal of {light.mean - dark.mean:.4g} DN is at the well's capacity; expose it for less time"
+    return ""

@@ -1,0 +1,1 @@
+"""Scene, lens and sensor joined: mean image, captures, sequences and the camera file."""

@@ -1,0 +1,318 @@
+"""Scene, optics and sensor joined: mean electrons and raw frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.camera.depth import layered_rate, layered_regions
+from photosite.camera.dng_profile import color_matrix, noise_profile
+from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
+from photosite.camera.optical_stack import channel_mixing, warn_of_lens_table
+from photosite.color.spectrum import Rule, integration_weights
+from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
+from photosite.optics.spread import Optics
+from photosite.scene.planes import Planes
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.sensor.readout import Device, Rectangle, digital_numbers
+from photosite.values.cfa import shifted
+from photosite.values.exposure import check_exposure
+from photosite.values.region import Region
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A lens in front of a sensor.
+
+    Parameters
+    ----------
+    optics
+        The lens, `DiffractionLimited` say.
+    sensor
+        The sensor.
+    integration
+        Rule of the integral over wavelength: "trapezoid", or "rectangle" to compare with tools that use it.
+    cells_per_pixel
+        Cells on each axis of a pixel on which the scene is laid before blurring; odd. 1 is right for scenes that are
+        smooth on the scale of a pixel; an edge that is to be measured wants 3 or more.
+
+    Raises
+    ------
+    InputError
+        If the rule is unknown or cells_per_pixel is not odd and positive.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+    >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    >>> chart = ps.charts.macbeth(illuminant="A", mean_luminance_cd_m2=40)
+    >>> raw = camera.capture(chart, exposure_s=1 / 3, seed=7)
+    >>> raw.dn.shape, raw.dn.dtype
+    ((132, 196), dtype('uint16'))
+    """
+
+    optics: Optics
+    sensor: Sensor
+    integration: Rule = "trapezoid"
+    cells_per_pixel: int = 1
+
+    def __post_init__(self) -> None:
+        integration_weights([500.0], self.integration)
+        if self.cells_per_pixel < 1 or self.cells_per_pixel % 2 == 0:
+            raise InputError(f"cells_per_pixel is odd and positive, not {self.cells_per_pixel}; take 1, 3, 5, ...")
+
+    def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
+        """Mean electrons from light in every pixel: no noise, no fixed pattern, no dark current, no well.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera: a scene, or `Planes` in depth.
+        exposure_s
+            Exposure time.
+
+        Returns
+        -------
+        ndarray
+            (rows, cols) float32, the mosaic: each pixel seen through its own filter.
+
+        Raises
+        ------
+        InputError
+            If the exposure is not above 0 or too long for 32-bit floats, the scene lies within the focal length, or
+            its radiance is negative somewhere.
+
+        Warns
+        -----
+        PhotositeWarning
+            If the sensor responds to light beyond the scene's wavelengths.
+
+        Notes
+        -----
+        Irradiance from the lens (`optics`), times quantum efficiency, pixel area, fill factor and exposure, summed over
+        wavelength. The photodetector is a centred square of side pitch * sqrt(fill factor).
+        """
+        time_s = check_exposure(exposure_s)
+        rate = self._electron_rate(scene)
+        return _exposed(rate, time_s, out=rate)
+
+    def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
+        rule, cells = self.integration, self.cells_per_pixel
+        warn_of_lens_table(self.optics, self.sensor)
+        if isinstance(scene, Planes):
+            return layered_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
+        return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
+
+    def capture(
+        self,
+        scene: Scene | Planes,
+        exposure_s: float,
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        region: Rectangle | None = None,
+        device: Device = "cpu",
+    ) -> RawFrame:
+        """A raw frame of a scene.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera.
+        exposure_s
+            Exposure time.
+        seed
+            Key of the temporal noise, 0 to 2^64 - 1. The same seed and frame number give the same frame.
+        frame
+            Number of the frame in a sequence, 0 to 2^32 - 1: frames of one seed are independent of each other. The
+            fixed pattern belongs to the sensor's serial and is the same in all.
+        region
+            (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded: that part of the frame,
+            bit for bit. None is the whole frame.
+        device
+            Where noise is drawn and pixels are read: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with the same
+            digital numbers. The mean image is computed on the CPU.
+
+        Raises
+        ------
+        InputError
+            As `mean_electrons`; or if the seed or frame number is out of range, the region is not on the chip, or the
+            device is missing.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> whole = camera.capture(ps.charts.macbeth(), 1 / 3, seed=7)
+        >>> part = camera.capture(ps.charts.macbeth(), 1 / 3, seed=7, region=(10, 30, 51, 99))
+        >>> bool((part.dn == whole.dn[10:30, 51:99]).all()), part.cfa
+        (True, (('G', 'R'), ('B', 'G')))
+        """
+        mean = self.mean_electrons(scene, exposure_s)
+        return self.expose(mean, exposure_s, seed=seed, frame=frame, region=region, device=device)
+
+    def stream(
+        self,
+        scene: Scene | Planes,
+        exposures_s: float | Iterable[float],
+        frames: int = 1,
+        *,
+        seed: int = 0,
+        first_frame: int = 0,
+        region: Rectangle | None = None,
+        device: Device = "cpu",
+    ) -> Iterator[RawFrame]:
+        """Raw frames of a scene, one after another; the mean image is computed once.
+
+        Parameters
+        ----------
+        scene
+            What stands in front of the camera.
+        exposures_s
+            One exposure time or several.
+        frames
+            Frames at each exposure.
+        seed, region, device
+            As for `capture`.
+        first_frame
+            Number of the first frame; the n-th frame is what `capture` gives for frame first_frame + n.
+
+        Raises
+        ------
+        InputError
+            As `capture`, at the first frame.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> sensor = ps.load_sensor("nikon-d200").with_(rows=132, cols=196)
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+        >>> [raw.exposure_s for raw in camera.stream(ps.charts.macbeth(), [1 / 4, 1 / 2], frames=2)]
+        [0.25, 0.25, 0.5, 0.5]
+        """
+        if frames < 1:
+            raise InputError(f"a stream has 1 frame or more at each exposure, not {frames}")
+        times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
+        checked = [check_exposure(exposure_s) for exposure_s in times]
+        rate = self._electron_rate(scene)
+        number = first_frame
+        mean = rate if len(checked) == 1 else np.empty_like(rate)
+        for exposure_s in checked:
+            _exposed(rate, exposure_s, out=mean)
+            for _ in range(frames):
+                yield self.expose(mean, exposure_s, seed=seed, frame=number, region=region, device=device)
+                number += 1
+
+    def expose(
+        self,
+        mean_electrons: NDArray[np.float32],
+        exposure_s: float,
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        region: Rectangle | None = None,
+        device: Device = "cpu",
+    ) -> RawFrame:
+        """A raw frame from mean electrons, which several frames may share.
+
+        Parameters
+        ----------
+        mean_electrons
+            (rows, cols) of the whole chip, as `mean_electrons` gives them, none negative.
+        exposure_s
+            Exposure time; dark current grows with it.
+        seed, frame, region, device
+            As for `capture`.
+
+        Raises
+        ------
+        InputError
+            If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, the region is
+            not on the chip, or the device is missing.
+        """
+        time_s = check_exposure(exposure_s)
+        dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
+        readout, cfa = self.sensor.readout, self.sensor.array.cfa
+        metadata: dict[str, Any] = {
+            "camera": self.sensor.name,
+            "serial": self.sensor.serial,
+            "seed": seed,
+            "frame": frame,
+        }
+        if region is not None:
+            cfa = shifted(cfa, region[0], region[2])
+            metadata["region"] = ",".join(map(str, region))
+        return RawFrame(
+            dn,
+            bits=readout.bits,
+            cfa=cfa,
+            black_level_dn=readout.black_level_dn.value,
+            exposure_s=exposure_s,
+            color_matrix=color_matrix(self.sensor),
+            noise_profile=noise_profile(self.sensor, exposure_s),
+            metadata=MappingProxyType(metadata),
+        )
+
+    def as_shot_neutral(self, light: Scene) -> str | None:
+        """What an even gray reads in R, G and B, the largest 1: a frame's metadata hold it for DNG's AsShotNeutral.
+
+        Parameters
+        ----------
+        light
+            A uniform field of the light.
+
+        Returns
+        -------
+        str or None
+            Three numbers with commas between; None where the channels are not R, G and B, or one sees none of it.
+
+        Notes
+        -----
+        DNG specification 1.7, AsShotNeutral.
+
+        Examples
+        --------
+        >>> import photosite as ps
+        >>> camera = Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), ps.load_sensor("nikon-d200"))
+        >>> camera.as_shot_neutral(ps.charts.uniform("A", 1))
+        '1,0.927022,0.323447'
+        """
+        names = self.sensor.channel_names
+        if set(names) != {"R", "G", "B"}:
+            return None
+        alone = electrons_per_weight(light, self.optics, self.sensor, self.integration).sum(axis=(1, 2))
+        electrons = channel_mixing(self.sensor) @ alone
+        reading = np.array([electrons[names.index(name)] for name in "RGB"])
+        if not reading.min() > 0:
+            return None
+        return ",".join(f"{part:.6g}" for part in reading / reading.max())
+
+    def image_regions(self, scene: Scene | Planes) -> tuple[Region, ...]:
+        """The scene's named regions in pixels of the frame; behind a lens that distorts, rectangles inside them.
+
+        Raises
+        ------
+        InputError
+            If a region holds no whole pixel of the frame.
+        """
+        if isinstance(scene, Planes):
+            return layered_regions(scene, self.optics, self.sensor)
+        return image_regions(scene, self.optics, self.sensor)
+
+
+def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Electrons in a time, or an error where 32-bit floats do not hold them."""
+    with np.errstate(over="raise"):
+        try:
+            return np.multiply(rate, np.float32(time_s), out=out)
+        except FloatingPointError:
+            raise InputError(f"an exposure time of {time_s:g} s is too long: no float holds its electrons") from None

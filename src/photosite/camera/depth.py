@@ -1,0 +1,135 @@
+"""Scenes in depth: planes one behind another, each imaged by itself, put together from the farthest to the nearest.
+
+Every plane has its own magnification, defocus, distortion and fall-off. Neighbours that the lens blurs alike, all that
+are in focus say, hide each other before the blur, on the frame's cells, as in a painter's picture. Of planes blurred
+differently p lets pass of what is behind it what its opacity, imaged as it is itself, leaves over, by channel:
+
+    image = image_p(alpha radiance) + (1 - image_p(alpha)) * image behind.
+
+The opacity's image is taken in the light that it takes away: in the mean spectrum of what is behind. These are linear
+layers; a lens sees each point of a plane through its whole pupil, and another part of the plane behind through each
+part of the pupil. The product is exact where either of the two is in focus, but for the lens's finest blur, and where
+the plane behind is even. It errs near edges of opacity where both are out of focus (docs/depth.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.camera.mean_image import (
+    arrived,
+    image_rate,
+    image_regions,
+    low_rank_error,
+    pitch_m,
+    warn_of_missing_light,
+)
+from photosite.color.spectrum import Rule
+from photosite.optics.spread import FieldSpread, Optics, RadialSpread, Spread
+from photosite.scene.planes import Plane, Planes
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+from photosite.values.region import Region
+
+_ALIKE = 0.05
+_FREQUENCIES = 33
+_DIRECTIONS = 8
+
+
+def layered_rate(
+    planes: Planes, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
+) -> NDArray[np.float32]:
+    """(rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
+    for plane in planes.planes:
+        warn_of_missing_light(plane.scene, sensor)
+    groups = _groups(planes.planes, optics, sensor)
+    mosaic = np.zeros((sensor.array.rows, sensor.array.cols), np.float32)
+    behind: tuple[Plane, ...] = ()
+    for group in reversed(groups):
+        how = optics, sensor, rule, cells_per_pixel
+        if behind:
+            _hide(mosaic, group, behind, *how)
+        covers = [plane.cover(True, *_mean_light(group)) for plane in group]
+        for index, plane in enumerate(group):
+            ends = bool(behind) or index < len(group) - 1
+            mosaic += image_rate(plane.light(ends), *how, before=covers[:index])
+        behind = (*group, *behind)
+    scenes = [plane.scene for plane in planes.planes]
+    missing = max(scene.relative_error + low_rank_error(optics, scene.distance_m) for scene in scenes)
+    return arrived(mosaic, optics, sensor, scenes, rule, missing)
+
+
+def layered_regions(planes: Planes, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
+    """All planes' regions in pixels of the frame; see `Camera.image_regions`."""
+    return tuple(region for plane in planes.planes for region in image_regions(plane.scene, optics, sensor))
+
+
+def _groups(planes: tuple[Plane, ...], optics: Optics, sensor: Sensor) -> list[tuple[Plane, ...]]:
+    """Neighbours that the lens blurs alike."""
+    groups: list[tuple[Plane, ...]] = []
+    for plane in planes:
+        if groups and _alike(optics, groups[-1][0].scene, plane.scene, sensor):
+            groups[-1] = (*groups[-1], plane)
+        else:
+            groups.append((plane,))
+    return groups
+
+
+def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
+    """Whether two scenes' point spreads differ by no more than `_ALIKE` at any frequency that pixels tell."""
+    if one.distance_m == other.distance_m:
+        return True
+    spreads = optics.spread(one.distance_m), optics.spread(other.distance_m)
+    frequency = np.linspace(0.0, 0.5 / min(pitch_m(sensor)), _FREQUENCIES)
+    wavelengths = one.wavelength_nm[[0, one.wavelength_nm.size // 2, -1]]
+    a, b = (_samples(spread, frequency, wavelengths) for spread in spreads)
+    return a.shape == b.shape and bool(np.abs(a - b).max() <= _ALIKE)
+
+
+def _samples(
+    spread: Spread, frequency_per_m: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """A spread's transfer functions; of one that differs over the field at every node of it."""
+    if isinstance(spread, RadialSpread):
+        return np.concatenate([spread.otf(frequency_per_m, float(w)) for w in wavelength_nm]).astype(np.complex128)
+    if isinstance(spread, FieldSpread):
+        modes = np.stack([_samples(mode, frequency_per_m, wavelength_nm) for mode in spread.modes])
+        at_nodes: NDArray[np.complex128] = np.tensordot(spread.weights, modes, axes=(0, 0)).ravel()
+        return at_nodes
+    angle = np.arange(_DIRECTIONS)[:, None] * (np.pi / _DIRECTIONS)
+    fy, fx = frequency_per_m * np.sin(angle), frequency_per_m * np.cos(angle)
+    return np.concatenate([spread.otf(fy, fx, float(w)).ravel() for w in wavelength_nm])
+
+
+def _hide(
+    mosaic: NDArray[np.float32],
+    group: tuple[Plane, ...],
+    behind: tuple[Plane, ...],
+    optics: Optics,
+    sensor: Sensor,
+    rule: Rule,
+    cells_per_pixel: int,
+) -> None:
+    """Take from the image of what is behind some planes what they hide, in place."""
+    spectrum, grid = _mean_light(behind)
+    covers = [plane.cover(True, spectrum, grid) for plane in group]
+    hidden = np.zeros_like(mosaic)
+    for index, cover in enumerate(covers):
+        opaque = image_rate(cover, optics, sensor, rule, cells_per_pixel, before=covers[:index])
+        # What an opacity of 1 would give: the lens's fall-off and the channel's response are in both.
+        even = Scene.uniform(spectrum, grid, cover.distance_m)
+        full = image_rate(even, optics, sensor, rule, cells_per_pixel)
+        # A channel that sees nothing of the light behind has nothing to lose.
+        hidden += np.divide(opaque, full, out=np.zeros_like(full), where=full > 0)
+    # Beyond 1 by the transforms' rounding only.
+    mosaic *= np.maximum(np.float32(1) - hidden, np.float32(0))
+
+
+def _mean_light(planes: tuple[Plane, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The planes' mean radiances, summed, at all their wavelengths."""
+    grid = np.unique(np.concatenate([plane.scene.wavelength_nm for plane in planes]))
+    total = np.zeros(grid.size)
+    for plane in planes:
+        total += np.interp(grid, plane.scene.wavelength_nm, plane.mean_radiance(), left=0.0, right=0.0)
+    return np.maximum(total, 0.0), grid

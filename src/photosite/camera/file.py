@@ -1,0 +1,184 @@
+"""Camera files: sensor, optics and scene of a whole set-up in one YAML file.
+
+photosite_camera: 1
+name: D200 with its 50 mm
+sensor: nikon-d200                  # a preset, or a sensor file
+optics: planar50.optics.yaml        # an optics file, or its fields: {f_number: 8, focal_length_mm: 50}
+scene: {source: macbeth, illuminant: A, luminance_cd_m2: 40, distance_m: 1.2}    # or a list of planes in depth
+exposure: 1/3
+integration: trapezoid
+cells_per_pixel: 1
+
+File names are relative to the camera file. What is left out is the 2008 paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, get_args
+
+from photosite.camera.camera import Camera
+from photosite.color.spectrum import Rule
+from photosite.errors import FileError, InputError
+from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
+from photosite.optics.lens import DiffractionLimited
+from photosite.optics.spread import Optics
+from photosite.scene.io.section import parse_scene
+from photosite.scene.request import PlanesRequest, SceneRequest
+from photosite.scene.scene import DEFAULT_DISTANCE_M
+from photosite.sensor.io.sensor_file import load_sensor
+from photosite.sensor.model import Sensor
+from photosite.values.exposure import parse_exposure
+
+VERSION_KEY = "photosite_camera"
+DEFAULT_SENSOR = "nikon-d200"
+DEFAULT_F_NUMBER = 8.0
+DEFAULT_FOCAL_LENGTH_MM = 50.0
+DEFAULT_EXPOSURE_S = 1 / 3
+"""The 2008 paper's set-up; its scene's defaults stand in `photosite.scene.request`."""
+
+_KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """A camera, and what it is usually pointed at.
+
+    Parameters
+    ----------
+    sensor, optics, integration, cells_per_pixel
+        As for `Camera`.
+    scene
+        What is seen.
+    exposure_s
+        Exposure time.
+    name
+        What to call it.
+
+    Examples
+    --------
+    >>> paper = SetUp()
+    >>> paper.sensor.name, paper.scene.source
+    ('Nikon D200', 'macbeth')
+    """
+
+    sensor: Sensor = field(default_factory=lambda: load_sensor(DEFAULT_SENSOR))
+    optics: Optics = field(default_factory=lambda: DiffractionLimited(DEFAULT_F_NUMBER, DEFAULT_FOCAL_LENGTH_MM))
+    scene: SceneRequest | PlanesRequest = field(default_factory=SceneRequest)
+    exposure_s: float = DEFAULT_EXPOSURE_S
+    integration: Rule = "trapezoid"
+    cells_per_pixel: int = 1
+    name: str | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The lens in front of the sensor.
+
+        Raises
+        ------
+        InputError
+            If cells_per_pixel is not odd and positive.
+        """
+        return Camera(self.optics, self.sensor, self.integration, self.cells_per_pixel)
+
+    @property
+    def seen(self) -> SceneRequest | PlanesRequest:
+        """The scene, edges by formula drawn as finely as the camera's cells: they would be staircases otherwise.
+
+        Raises
+        ------
+        InputError
+            If the scene lies within the focal length.
+        """
+        array, cells = self.sensor.array, self.cells_per_pixel
+        frame = array.rows * cells, array.cols * cells
+        cell_m = self.sensor.pixel.width_um.value * 1e-6 / cells
+
+        def samples_per_m(request: SceneRequest) -> float:
+            distance_m = DEFAULT_DISTANCE_M if request.distance_m is None else request.distance_m
+            return self.optics.magnification(distance_m) / cell_m
+
+        if isinstance(self.scene, PlanesRequest):
+            return self.scene.drawn_for(frame, samples_per_m)
+        return self.scene.drawn_for(frame, samples_per_m(self.scene)) if not self.scene.is_file else self.scene
+
+
+def load_camera(path: str | PathLike[str]) -> SetUp:
+    """A set-up from a camera file.
+
+    Parameters
+    ----------
+    path
+        A YAML file with the fields that this module's text shows.
+
+    Raises
+    ------
+    FileError
+        If it is missing, is not YAML, or does not describe a camera, with the line; or if a file that it names is so.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "mine.camera.yaml").write_text("photosite_camera: 1\\noptics: {f_number: 4}\\n")
+    ...     load_camera(f"{folder}/mine.camera.yaml").optics.f_number
+    Traceback (most recent call last):
+    photosite.errors.FileError: ...mine.camera.yaml:2: optics: field 'focal_length_mm' is missing
+    """
+    file = Path(path)
+    data = read_yaml(file, "a camera file")
+    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1 or isinstance(data[VERSION_KEY], bool):
+        raise FileError(file, f"does not describe a camera: expected '{VERSION_KEY}: 1' and the camera's fields")
+    check_keys(file, data, _KEYS, "a camera file")
+    given: dict[str, Any] = {"name": optional_text(file, data, "name")}
+    for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):
+        if data.get(key) is not None:
+            given["exposure_s" if key == "exposure" else key] = read(file, data)
+    if (rule := optional_text(file, data, "integration")) is not None:
+        if rule not in get_args(Rule):
+            raise FileError(
+                file, f"integration is 'trapezoid' or 'rectangle', not '{rule}'", line_of(data, "integration")
+            )
+        given["integration"] = rule
+    if (cells := data.get("cells_per_pixel")) is not None:
+        if not isinstance(cells, int) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
+            raise FileError(
+                file, f"cells_per_pixel is 1, 3, 5, ..., not {cells!r:.40}", line_of(data, "cells_per_pixel")
+            )
+        given["cells_per_pixel"] = int(cells)
+    return SetUp(**given)
+
+
+def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:
+    name = optional_text(file, data, "sensor") or ""
+    is_file = Path(name).suffix in (".yaml", ".yml") or Path(name).name != name
+    try:
+        return load_sensor(file.parent / name if is_file else name)
+    except InputError as error:
+        raise FileError(file, str(error), line_of(data, "sensor")) from None
+    except FileError as error:
+        raise FileError(file, f"sensor: {error}", line_of(data, "sensor")) from None
+
+
+def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
+    from photosite.optics.io.optics_file import load_optics, parse_optics
+
+    told = data["optics"]
+    if isinstance(told, str):
+        try:
+            return load_optics(file.parent / told)
+        except FileError as error:
+            raise FileError(file, f"optics: {error}", line_of(data, "optics")) from None
+    if not isinstance(told, Mapping):
+        raise FileError(file, f"optics is an optics file, or its fields, not {told!r:.40}", line_of(data, "optics"))
+    return parse_optics(told, file, section="optics")
+
+
+def _exposure(file: Path, data: Mapping[str, Any]) -> float:
+    try:
+        return parse_exposure(fspath(str(data["exposure"])))
+    except InputError as error:
+        raise FileError(file, f"exposure: {error}", line_of(data, "exposure")) from None

@@ -1,0 +1,211 @@
+"""At the sensor's door: what the optical stack on the chip does to mean electrons on their way into its pixels.
+
+The sensor file's section `optical_stack` says what there is (`photosite.sensor.optical_stack`); here it is applied
+to a mosaic
+of mean electrons. Filters work on the spectrum, in `Sensor.response_at`.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.crosstalk import gathered, scale_by_angle
+from photosite.engine.jit import threads_for
+from photosite.errors import InputError, PhotositeWarning
+from photosite.optics.spread import Optics
+from photosite.sensor.model import Sensor
+from photosite.sensor.optical_stack import AngularResponse, Crosstalk, Kernel
+from photosite.values.cfa import Cfa
+
+_NO_CROSSTALK: Kernel = ((1.0,),)
+_FINE = 1001
+_STOPPED_LIMIT = 0.01
+"""Share of a channel's response beyond the lens's table above which a warning is due."""
+
+
+def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
+    """Distance of the low-pass filter's spots, (vertical, horizontal); 0 where it has none.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> low_pass_split_m(ps.load_sensor("nikon-d200"))
+    (0.0, 0.0)
+    """
+    stack = sensor.optical_stack
+    if stack is None or stack.low_pass_filter is None:
+        return 0.0, 0.0
+    return stack.low_pass_filter.split_y_um.value * 1e-6, stack.low_pass_filter.split_x_um.value * 1e-6
+
+
+def warn_of_lens_table(optics: Optics, sensor: Sensor) -> None:
+    """Say that the lens's transmittance table ends while it passes light that a channel responds to.
+
+    A table that comes down to 0 at its end says itself that nothing passes beyond.
+
+    Warns
+    -----
+    PhotositeWarning
+        If more than 1 % of a channel's response lies beyond such an end.
+    """
+    table = getattr(getattr(optics, "base", optics), "transmittance", None)
+    grid = getattr(table, "wavelength_nm", None)
+    if table is None or grid is None:
+        return
+    first, last = float(grid[0]), float(grid[-1])
+    for name in sensor.channel_names:
+        known = sensor.response(name)[0]
+        fine = np.union1d(np.linspace(known[0], known[-1], _FINE), [*known, first, last])
+        response = sensor.response_at(name, fine)
+        area = np.diff(fine) * (response[1:] + response[:-1]) / 2
+        middle = (fine[1:] + fine[:-1]) / 2
+        open_ends = (middle < first) & (table.values[0] > 0) | (middle > last) & (table.values[-1] > 0)
+        beyond = float(area[open_ends].sum() / area.sum()) if area.sum() > 0 else 0.0
+        if beyond > _STOPPED_LIMIT:
+            warnings.warn(
+                f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} to "
+                f"{last:g} nm, and there nothing passes; continue the table, down to 0 where the lens is dark",
+                PhotositeWarning,
+                stacklevel=4,
+            )
+            return
+
+
+def through_door(mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float) -> NDArray[np.float32]:
+    """Mean electrons after angular response and crosstalk.
+
+    Parameters
+    ----------
+    mosaic
+        (rows, cols) electrons, or electrons per second, as if each pixel took all light that falls on it and kept all
+        its electrons. It may be changed.
+    sensor
+        Whose optical stack.
+    optics, distance_m
+        The lens, for the angle of its light where the stack does not name an exit pupil, and how far the scene is.
+
+    Returns
+    -------
+    ndarray
+        (rows, cols); the same array where nothing is to be done.
+
+    Raises
+    ------
+    InputError
+        If light comes in at a steeper angle than the table of angular response goes.
+
+    Notes
+    -----
+    Shares of a Poisson count are Poisson counts, independent of each other: noise is drawn after.
+    """
+    stack = sensor.optical_stack
+    if stack is None:
+        return mosaic
+    with threads_for(mosaic.size):
+        if stack.angular_response is not None:
+            _apply_angular_response(mosaic, stack.angular_response, sensor, optics, distance_m)
+        if stack.crosstalk is None:
+            return mosaic
+        return gathered(mosaic, crosstalk_shares(stack.crosstalk, sensor.array.cfa))
+
+
+def exit_pupil_m(response: AngularResponse, optics: Optics, distance_m: float) -> float:
+    """Distance of the exit pupil from the sensor: the file's, or a thin lens's image distance, f (1 + |m|)."""
+    if response.exit_pupil_mm is not None:
+        return response.exit_pupil_mm.value * 1e-3
+    return optics.magnification(distance_m) * distance_m
+
+
+def _apply_angular_response(
+    mosaic: NDArray[np.float32], table: AngularResponse, sensor: Sensor, optics: Optics, distance_m: float
+) -> None:
+    pupil_m = exit_pupil_m(table, optics, distance_m)
+    pixel, cfa = sensor.pixel, sensor.array.cfa
+    y, x = (
+        (np.arange(size) + 0.5 - size / 2) * (pitch.value * 1e-6 / pupil_m)
+        for size, pitch in zip(mosaic.shape, (pixel.height_um, pixel.width_um), strict=True)
+    )
+    steepest_deg = float(np.degrees(np.arctan(np.hypot(y[-1], x[-1]))))
+    if steepest_deg > table.angle_deg[-1]:
+        raise InputError(
+            f"light reaches the frame's corner at {steepest_deg:.4g} degrees from an exit pupil {pupil_m * 1e3:.4g} mm "
+            f"away, but optical_stack.angular_response ends at {table.angle_deg[-1]:g} degrees; extend it, or give "
+            "exit_pupil_mm where the lens is telecentric towards the sensor"
+        )
+    names = sensor.channel_names
+    scale_by_angle(
+        mosaic,
+        y,
+        x,
+        np.array([[names.index(name) for name in row] for row in cfa]),
+        np.radians(table.angle_deg),
+        np.array([table.of(name) for name in names], np.float64),
+    )
+
+
+def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
+    """Optical and electrical crosstalk as one gathering kernel for each place in the tile.
+
+    Returns
+    -------
+    ndarray
+        (tile rows, tile cols, size, size): what a pixel of that place gets of the one (i - size // 2) rows below it
+        and (j - size // 2) columns to its right. Summed over all that receive, a pixel's shares are 1.
+
+    Examples
+    --------
+    >>> right = ((0, 0, 0), (0, 0.9, 0.1), (0, 0, 0))
+    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # of the one to its left
+    array([0.1, 0.9, 0. ])
+    """
+    light = _by_place(crosstalk.optical, cfa)
+    charge = _by_place(crosstalk.electrical, cfa)
+    rows, cols = light.shape[:2]
+    h, g = light.shape[2] // 2, charge.shape[2] // 2
+    size = 2 * (h + g) + 1
+    shares = np.zeros((rows, cols, size, size))
+    for r, c in np.ndindex(rows, cols):
+        # Electrons reach (r, c) by diffusing from (r + y, c + x), and got there with light meant for a pixel (v, u)
+        # away from that.
+        for y, x in np.ndindex(2 * g + 1, 2 * g + 1):
+            via_r, via_c = r + y - g, c + x - g
+            diffused = charge[via_r % rows, via_c % cols, 2 * g - y, 2 * g - x]
+            for v, u in np.ndindex(2 * h + 1, 2 * h + 1):
+                source = light[(via_r + v - h) % rows, (via_c + u - h) % cols]
+                shares[r, c, y + v, x + u] += diffused * source[2 * h - v, 2 * h - u]
+    return shares
+
+
+def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
+    """(channels, channels): what each channel reads of an even field's electrons by channel, crosstalk included.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> channel_mixing(ps.load_sensor("nikon-d200")).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    names, cfa = sensor.channel_names, sensor.array.cfa
+    stack = sensor.optical_stack
+    if stack is None or stack.crosstalk is None:
+        return np.eye(len(names))
+    shares = crosstalk_shares(stack.crosstalk, cfa)
+    rows, cols, size, _ = shares.shape
+    mixing = np.zeros((len(names), len(names)))
+    for r, c, i, j in np.ndindex(shares.shape):
+        source = cfa[(r + i - size // 2) % rows][(c + j - size // 2) % cols]
+        mixing[names.index(cfa[r][c]), names.index(source)] += shares[r, c, i, j]
+    sites = [sum(row.count(name) for row in cfa) for name in names]
+    mixed: NDArray[np.float64] = mixing / np.array(sites)[:, None]
+    return mixed
+
+
+def _by_place(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:
+    """(tile rows, tile cols, size, size): each place's own kernel, all as large as the largest."""
+    found = {name: np.array(kernels[name] if kernels else _NO_CROSSTALK) for row in cfa for name in row}
+    size = max(len(kernel) for kernel in found.values())
+    padded = {name: np.pad(kernel, (size - len(kernel)) // 2) for name, kernel in found.items()}
+    return np.array([[padded[name] for name in row] for row in cfa], np.float64)

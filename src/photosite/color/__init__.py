@@ -1,0 +1,1 @@
+"""Spectra, illuminants, colour-matching functions, XYZ, Lab and colour difference."""

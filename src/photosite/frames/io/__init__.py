@@ -1,0 +1,1 @@
+"""Raw frame files, one module a format."""

@@ -1,0 +1,208 @@
+"""Frames in TIFF: grey pages of 8 or 16 bits, each of them a frame."""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+from photosite.frames.io.header import FrameHeader, Place, describe, described
+from photosite.frames.io.tiff_directory import Directory, read_directories, read_directory
+from photosite.frames.raw_frame import RawFrame
+
+WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC, DESCRIPTION = 256, 257, 258, 259, 262, 270
+SAMPLES, SAMPLE_FORMAT, EXPOSURE_TIME = 277, 339, 33434
+NEW_SUBFILE_TYPE, ISO_SPEED, RECOMMENDED_EXPOSURE_INDEX = 254, 34855, 34866
+ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH = 278, 322, 323
+FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 279, 324, 325
+_PLACES = (STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS)
+_SIZES = (WIDTH, LENGTH, BITS, SAMPLES, COMPRESSION, ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH, FILL_ORDER)
+
+_DENSEST = 10_000
+"""Pixels to a compressed byte: more than LZW and deflate reach, far more than noise lets them."""
+
+_GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
+_COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
+
+
+def write_tiff(frame: RawFrame, path: Path) -> None:
+    """Write the frame as uncompressed 16-bit TIFF, its description in ImageDescription."""
+    import tifffile
+
+    tifffile.imwrite(
+        path, frame.dn, photometric="minisblack", description=describe(frame), metadata=None, software="photosite"
+    )
+
+
+def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
+    """What a TIFF file says of its frames, one a page. Smaller versions of a page (thumbnails) are left out.
+
+    What a page does not say of itself holds as the first page says it.
+
+    Raises
+    ------
+    FileError
+        If the file is truncated, or its pixels are not one number of 8 or 16 bits.
+    """
+    pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
+    if not pages:
+        raise FileError(path, "holds nothing but smaller versions of a picture; a raw frame is a full page")
+    first = _header(path, pages[0], None)
+    if len(pages) == 1:
+        _check_not_hidden(path, pages[0])
+        return (first,)
+    headers = [first, *(_header(path, page, first) for page in pages[1:])]
+    return tuple(
+        replace(header, place=Place(f"[{number}]", page.offset))
+        for number, (page, header) in enumerate(zip(pages, headers, strict=True))
+    )
+
+
+def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHeader:
+    rows, cols, stored_bits = checked_size(path, page)
+    if (own := described(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
+        return own
+    exposure_s, metadata = exposure_of(page), camera_settings(page)
+    if first is None:
+        return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=MappingProxyType(metadata))
+    return replace(
+        first,
+        rows=rows,
+        cols=cols,
+        stored_bits=stored_bits,
+        exposure_s=exposure_s or first.exposure_s,
+        metadata=MappingProxyType({**first.metadata, **metadata}),
+    )
+
+
+def _check_not_hidden(path: Path, page: Directory) -> None:
+    """ImageJ writes stacks above 4 GB as one page, the others lying behind it without a directory."""
+    said = re.match(r"ImageJ=.*?^images=(\d+)", page.text(DESCRIPTION) or "", re.DOTALL | re.MULTILINE)
+    if said and int(said[1]) > 1:
+        raise FileError(path, f"is an ImageJ stack of {said[1]} frames with one page; save it as an image sequence")
+
+
+def camera_settings(page: Directory) -> dict[str, Any]:
+    """Maker, model and ISO, by what Exif or TIFF/EP say, under the names that `RawFrame.metadata` has for them.
+
+    Exif keeps ISO in 16 bits; the tag that goes on from there is RecommendedExposureIndex (CIPA DC-008, 4.6.6).
+    """
+    iso = page.exif(ISO_SPEED)
+    if iso == 65535:
+        iso = page.exif(RECOMMENDED_EXPOSURE_INDEX) or iso
+    found = {"make": page.text(271), "model": page.text(272), "iso": iso or None}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def exposure_of(page: Directory) -> float | None:
+    """The exposure time in seconds from Exif or TIFF/EP, or None where there is none above 0."""
+    exposure_s = page.exif(EXPOSURE_TIME)
+    return float(exposure_s) if exposure_s is not None and 0 < exposure_s < float("inf") else None
+
+
+def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
+    """Rows, columns and stored bits of a page that can be a raw frame.
+
+    Raises
+    ------
+    FileError
+        If the page is in colour, inverted, or its pixels are not unsigned integers of 8 or 16 bits.
+    """
+    _check_whole_numbers(path, page)
+    rows, cols = page.number(LENGTH), page.number(WIDTH)
+    bits = page.number(BITS) or 1
+    samples = page.number(SAMPLES) or 1
+    photometric = page.number(PHOTOMETRIC)
+    if not rows or not cols:
+        raise FileError(path, "is damaged: its page has no size")
+    if samples != 1 or photometric not in _GREY:
+        kind = _COLOUR.get(photometric, f"photometric interpretation {photometric}")
+        if samples != 1:
+            kind += f" with {samples} samples a pixel"
+        raise FileError(path, f"is not a raw frame: it is {kind}; a raw frame is one grey number a pixel")
+    if (page.number(SAMPLE_FORMAT) or 1) != 1 or bits not in (8, 16):
+        raise FileError(path, f"has pixels that are not unsigned integers of 8 or 16 bits ({bits} bits); convert it")
+    counts = page.numbers(STRIP_COUNTS) or page.numbers(TILE_COUNTS)
+    if counts is None or (page.numbers(STRIP_OFFSETS) or page.numbers(TILE_OFFSETS)) is None:
+        raise FileError(path, "is damaged: its page has no image data")
+    if page.number(COMPRESSION) in (None, 1) and sum(counts) < rows * cols * bits // 8:
+        raise FileError(path, f"is damaged: {sum(counts)} bytes of image data, {rows * cols * bits // 8} expected")
+    if len(counts) != (segments := _segments(page, rows, cols)):
+        raise FileError(
+            path, f"is damaged: its {rows} x {cols} pixels are {segments} pieces, and {len(counts)} are there"
+        )
+    if rows * cols > _DENSEST * sum(counts):
+        raise FileError(path, f"is damaged: {rows} x {cols} pixels cannot come out of {sum(counts)} bytes")
+    return int(rows), int(cols), int(bits)
+
+
+def _check_whole_numbers(path: Path, page: Directory) -> None:
+    """Sizes and places are whole numbers, none negative; a damaged field type makes others of them."""
+    for tag in (*_SIZES, *_PLACES):
+        for number in page.numbers(tag) or ():
+            if not isinstance(number, int) or number < 0:
+                raise FileError(path, f"is damaged: tag {tag} is {number}, not a whole number of 0 or more")
+
+
+def _segments(page: Directory, rows: int, cols: int) -> int:
+    """How many strips or tiles the page has to have."""
+    if page.numbers(STRIP_OFFSETS):
+        return -(-rows // max(int(page.number(ROWS_PER_STRIP) or rows), 1))
+    high, wide = (max(int(page.number(tag) or 0), 1) for tag in (TILE_LENGTH, TILE_WIDTH))
+    return -(-rows // high) * -(-cols // wide)
+
+
+def read_tiff_pixels(path: Path, place: Place | None = None) -> NDArray[np.uint16]:
+    """The (rows, cols) numbers of a TIFF file's page; of the first without a place.
+
+    Raises
+    ------
+    FileError
+        If they cannot be decoded.
+    """
+    page = read_directories(path)[0] if place is None else read_directory(path, int(place.part))
+    rows, cols, bits = checked_size(path, page)
+    if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
+        return _stored_pixels(path, page, (rows, cols), bits)
+    import tifffile
+
+    tifffile.logger().setLevel(logging.CRITICAL)  # it prints what it thinks of damaged tags; one line says it here
+    try:
+        with tifffile.TiffFile(path) as file:
+            file.filehandle.seek(page.offset)
+            pixels = tifffile.TiffPage(file, 0).asarray()
+    # tifffile lets its decoders' own exceptions through; which they are depends on the compression.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be decoded ({reason}); save it uncompressed") from None
+    if pixels.shape != (rows, cols):
+        raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
+    return np.ascontiguousarray(pixels, dtype=np.uint16)
+
+
+def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> NDArray[np.uint16]:
+    """Pixels that lie in the file as they are, strip after strip."""
+    strips = zip(page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or (), strict=True)
+    stored = np.empty(shape, dtype=f"{page.order}u{bits // 8}")
+    wanted, done = stored.nbytes, 0
+    room = stored.view(np.uint8).reshape(-1)
+    try:
+        # Unbuffered, and straight to where the pixels stay: reading is then one copy from the system's memory.
+        with path.open("rb", buffering=0) as file:
+            for offset, count in strips:
+                end = min(done + int(count), wanted)
+                file.seek(offset)
+                while done < end and (got := file.readinto(room[done:end].data)):
+                    done += got
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    if done < wanted:
+        raise FileError(path, f"is truncated: {done} bytes of image data, {wanted} expected")
+    return stored.astype(np.uint16, copy=False)

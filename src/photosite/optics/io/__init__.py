@@ -1,0 +1,1 @@
+"""Optics files and the lens tables they name."""

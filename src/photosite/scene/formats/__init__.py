@@ -1,1 +1,0 @@
-"""Scenes on disk: a file a format. `photosite.scene.files` is the door to all of them."""

@@ -1,0 +1,154 @@
+"""Measured charts as CSV: a line per patch and a column per wavelength, or the other way round; the heading tells.
+
+    patch,400,410,420            wavelength_nm,white,grey
+    white,0.81,0.85,0.88         400,0.81,0.19
+    grey,0.19,0.19,0.19          410,0.85,0.19
+
+Commas, semicolons or tabs between; what follows a # is a note, and `# units: percent` says what the values are.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from photosite.errors import FileError, InputError
+from photosite.files.atomic import atomic_path
+from photosite.scene.bands import wavelengths_in_nm
+from photosite.scene.io.patch_table import (
+    PatchTable,
+    chart_scene,
+    checked_names,
+    number,
+    patch_table,
+    patches_across,
+    read_text,
+)
+from photosite.scene.options import ReadOptions
+from photosite.scene.scene import Scene
+from photosite.scene.units import Units, parse_units
+
+Line = tuple[int, list[str]]
+
+_NOTE = re.compile(r"#\s*(units|cols|title)\s*[:=]\s*(.+)", re.IGNORECASE)
+_WAVELENGTH = re.compile(r"(?:lambda|wavelengths?|wl)?[ _]*(\d+(?:\.\d+)?) *(nm|um|µm)?", re.IGNORECASE)
+_AXIS = re.compile(
+    r"(?:lambda|wavelengths?|wl|nm)(?:[ _]*[\[(]?(nm|um|µm|nanometers?|nanometres?)[\])]?)?", re.IGNORECASE
+)
+_EXPECTED = "a heading 'patch,400,410,...' with a line per patch, or 'wavelength_nm,first,second,...'"
+
+
+def read(path: Path, options: ReadOptions) -> Scene:
+    """The chart that a file's patches make.
+
+    Raises
+    ------
+    FileError
+        As `read_patches` and `photosite.scene.io.patch_table.chart_scene`.
+    """
+    return chart_scene(read_patches(path), options)
+
+
+def read_patches(path: Path) -> PatchTable:
+    """The table in a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    FileError
+        If it is none; with the line where there is one.
+    """
+    notes, lines = _lines(read_text(path))
+    if len(lines) < 2:
+        raise FileError(path, f"holds no chart: expected {_EXPECTED}")
+    heading, body = lines[0], lines[1:]
+    for line_number, cells in body:
+        if len(cells) != len(heading[1]):
+            raise FileError(path, f"expected {len(heading[1])} cells as in the heading, got {len(cells)}", line_number)
+    if axis := _AXIS.fullmatch(heading[1][0]):
+        table = _by_lines(path, heading, body, axis[1])
+    else:
+        table = _by_columns(path, heading, body)
+    try:
+        units: Units | None = parse_units(notes["units"]) if "units" in notes else None
+    except InputError as error:
+        raise FileError(path, str(error)) from None
+    across = notes.get("cols", "")
+    cols = patches_across(across)
+    return PatchTable(path, table.names, table.wavelength_nm, table.values, units, cols, notes.get("title"))
+
+
+def _lines(text: str) -> tuple[dict[str, str], list[Line]]:
+    """What notes say, and the lines that hold something, in cells."""
+    notes: dict[str, str] = {}
+    kept: list[tuple[int, str]] = []
+    for line_number, line in enumerate(text.split("\n"), start=1):
+        if match := _NOTE.fullmatch(line.strip()):
+            notes[match[1].lower()] = " ".join(match[2].split())
+        elif not line.lstrip().startswith("#") and line.strip(" ,;\t"):
+            kept.append((line_number, line))
+    mark = max("\t;,", key=kept[0][1].count) if kept else ","
+    return notes, [
+        (at, [cell.strip() for cell in row]) for at, line in kept for row in csv.reader([line], delimiter=mark)
+    ]
+
+
+def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
+    """A line per patch: the first column names it, those headed by a wavelength are its spectrum."""
+    found = [(k, match) for k, cell in enumerate(heading[1]) if (match := _WAVELENGTH.fullmatch(cell))]
+    if not found or found[0][0] == 0:
+        raise FileError(path, f"has a heading without wavelengths; expected {_EXPECTED}", heading[0])
+    grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], _unit(path, heading, found), None)
+    values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
+    names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
+    return PatchTable(path, names, grid, np.array(values))
+
+
+def _unit(path: Path, heading: Line, found: list[tuple[int, re.Match[str]]]) -> str | None:
+    units = {match[2] for _, match in found}
+    if len(units) > 1:
+        raise FileError(path, "has wavelengths of several units, or some without one, in its heading", heading[0])
+    return units.pop()
+
+
+def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> PatchTable:
+    """A line per wavelength: a column per patch."""
+    names = heading[1][1:]
+    if not names:
+        raise FileError(path, f"has wavelengths and no patches; expected {_EXPECTED}", heading[0])
+    wavelengths = [number(path, cells[0], at, "a wavelength") for at, cells in body]
+    unit = "nm" if heading[1][0].lower() == "nm" else unit
+    grid = wavelengths_in_nm(path, wavelengths, unit, None)
+    values = [
+        [number(path, cell, at, f"'{name[:30]}'", gaps=True) for name, cell in zip(names, cells[1:], strict=True)]
+        for at, cells in body
+    ]
+    return PatchTable(path, checked_names(path, names, [heading[0]] * len(names)), grid, np.array(values).T)
+
+
+def write(scene: Scene, path: Path) -> None:
+    """Write the patches of a chart: reflectances where they are known, else energy radiance.
+
+    Raises
+    ------
+    FileError
+        If the scene has no patches, or the file cannot be written.
+    """
+    table = patch_table(scene, path)
+    reflects = table.units is not None and table.units.quantity == "reflectance"
+    title = " ".join((table.title or "").split())
+    lines = [f"# units: {'reflectance' if reflects else 'W/m2/sr/nm'}", f"# cols: {table.cols}", f"# title: {title}"]
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        file.write("\n".join([*lines, ""]))
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["patch", *(f"{wavelength:g}nm" for wavelength in table.wavelength_nm)])
+        rows.writerows(
+            [name, *(f"{value:.7g}" for value in row)] for name, row in zip(table.names, table.values, strict=True)
+        )

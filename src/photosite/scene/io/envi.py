@@ -1,0 +1,272 @@
+"""ENVI: a text header (.hdr) and a file of plain numbers beside it, read through the `spectral` library.
+
+Fields used: samples, lines, bands, header offset, data type, interleave, byte order; wavelength and wavelength units;
+reflectance scale factor (values over it are reflectance); data gain values (times, per band); data ignore value; bbl,
+the list of bad bands (those marked 0 are left out); data units, which photosite writes and reads as
+`photosite.scene.units` has them, with distance m, width m and light.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.files.atomic import atomic_path
+from photosite.scene.bands import wavelengths_in_nm
+from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, cube_of_scene, picked
+from photosite.scene.io.hdf5_cube import said_units, stated_units
+from photosite.scene.options import ReadOptions
+from photosite.scene.scene import Scene
+from photosite.scene.units import Units, parse_units
+
+_DATA_SUFFIXES = ("", ".img", ".dat", ".raw", ".bin", ".hyspex", ".bsq", ".bil", ".bip", ".sli")
+_UNIT_FIELDS = ("data units", "radiance units", "units")
+_BLOCK_BYTES = 32 << 20
+_INTERLEAVES: tuple[Interleave, ...] = ("bsq", "bil", "bip")
+
+
+def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
+    """The cube of an ENVI file, given by its header or by its numbers.
+
+    Raises
+    ------
+    FileError
+        If one of the two is missing, they do not fit, or the header lacks what is needed.
+    """
+    header_path = _header_of(path)
+    header = _read_header(header_path)
+    with _complaints(header_path):
+        from spectral.io import envi
+
+        envi.check_compatibility(header)
+        layout = envi.gen_params(header)
+        bands = int(layout.nbands)
+        shape = int(layout.nrows), int(layout.ncols), bands
+        dtype = np.dtype(layout.dtype)
+        offset = int(layout.offset)
+    interleave = next((kind for kind in _INTERLEAVES if kind == str(header["interleave"]).lower()), None)
+    if dtype.kind not in "fiu":
+        raise FileError(
+            header_path,
+            f"has data of type {header.get('data type')} ({dtype}); a scene's are integers or real floats: "
+            "save magnitudes as type 4",
+        )
+    if interleave is None or min(shape) <= 0 or offset < 0:
+        raise FileError(
+            header_path, f"says {shape} lines, samples, bands of {dtype}, interleave '{header['interleave']!s:.10}'"
+        )
+    if str(header.get("file compression", "0")).strip() not in ("0", ""):
+        raise FileError(header_path, "says that its data are compressed; save them without compression")
+    if str(header.get("file type", "")).strip().lower() == "envi spectral library":
+        raise FileError(header_path, "is a library of spectra, and no image")
+    data_path = _data_of(path, header_path)
+    _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
+    values = _list(header_path, header, "wavelength", bands)
+    unit = str(header["wavelength units"]) if "wavelength units" in header else None
+    if unit is not None and unit.strip().lower() in ("", "unknown"):
+        unit = None
+    units = _units(header_path, header, said)
+    gain = _list(header_path, header, "data gain values", bands)
+    if _list(header_path, header, "data offset values", bands, 0.0) is not None:
+        raise FileError(header_path, "has data offset values, which are not read; save the data with them applied")
+    cube = RawCube(
+        name=str(path),
+        shape=shape,
+        wavelength_nm=wavelengths_in_nm(header_path, values, unit, said.wavelength_nm),
+        quantity=units.quantity,
+        light=_list(header_path, header, "light", bands),
+        distance_m=_number(header_path, header, "distance m"),
+        width_m=_number(header_path, header, "width m"),
+        title=path.stem,
+        path=data_path,
+        dtype=dtype,
+        interleave=interleave,
+        offset=offset,
+        scale=units.scale if gain is None else units.scale * gain,
+        no_data=_number(header_path, header, "data ignore value", any_sign=True),
+    )
+    return picked(cube, _good_bands(header_path, header, bands))
+
+
+def _header_of(path: Path) -> Path:
+    if path.suffix.lower() == ".hdr":
+        return path
+    for candidate in (path.with_suffix(".hdr"), path.with_name(path.name + ".hdr"), path.with_suffix(".HDR")):
+        if candidate.is_file():
+            return candidate
+    with path.open("rb") as file:
+        if file.read(4) == b"ENVI":
+            return path
+    raise FileError(path, f"has no header: {path.with_suffix('.hdr').name} is not beside it")
+
+
+def _data_of(path: Path, header_path: Path) -> Path:
+    if path != header_path:
+        return path
+    for suffix in _DATA_SUFFIXES:
+        for candidate in {header_path.with_suffix(suffix), header_path.with_suffix(suffix.upper())}:
+            if candidate.is_file() and candidate != header_path:
+                return candidate
+    raise FileError(
+        path, f"has no data beside it: {header_path.with_suffix('.img').name}, or the name without ending, say"
+    )
+
+
+@contextmanager
+def _complaints(path: Path) -> Iterator[None]:
+    """What the library stumbles over, as one line."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # names of fields in capitals
+            yield
+    except ImportError:
+        raise FileError(path, "reading ENVI needs the extra 'spectral': pip install 'photosite[spectral]'") from None
+    except KeyError as error:
+        raise FileError(path, f"is no whole ENVI header: {error} is missing or unknown") from None
+    except Exception as error:  # the library raises whatever its parsing runs into
+        if isinstance(error, FileError):
+            raise
+        raise FileError(path, f"is no ENVI header that can be read ({' '.join(str(error).split())})") from None
+
+
+def _read_header(path: Path) -> Mapping[str, Any]:
+    with _complaints(path):
+        from spectral.io import envi
+
+        header: Mapping[str, Any] = envi.read_envi_header(str(path))
+        return header
+
+
+def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
+    size = data_path.stat().st_size
+    if size == wanted:
+        return
+    why = "it is truncated, or " if size < wanted else ""
+    raise FileError(
+        data_path,
+        f"has {size} bytes, and its header {header_path.name} describes {wanted}: {why}lines, samples, bands, data "
+        "type or header offset are not this file's",
+    )
+
+
+def _good_bands(path: Path, header: Mapping[str, Any], bands: int) -> NDArray[np.bool_]:
+    """(bands,) whether each is marked as good (bbl): 1, or above 0; those marked 0 are left out, and that is said."""
+    listed = _list(path, header, "bbl", bands)
+    if listed is None or (listed != 0).all():
+        return np.ones(bands, np.bool_)
+    bad = np.flatnonzero(listed == 0)
+    if len(bad) == bands:
+        raise FileError(path, "marks all its bands as bad (bbl); mark those that are good with 1, or take bbl out")
+    warnings.warn(
+        f"{path}: {len(bad)} of {bands} bands are marked as bad (bbl) and left out, the first band {bad[0] + 1}; take "
+        "bbl out of the header to use them",
+        PhotositeWarning,
+        stacklevel=3,
+    )
+    return np.asarray(listed != 0)
+
+
+def _units(path: Path, header: Mapping[str, Any], said: ReadOptions) -> Units:
+    factor = _number(path, header, "reflectance scale factor")
+    stated = next((header[name] for name in _UNIT_FIELDS if name in header), None)
+    if factor is None:
+        return stated_units(path, said, stated)
+    own, text = Units("reflectance", 1 / factor), f"reflectance scale factor = {factor:g}"
+    if said.units is None:
+        units = own if stated is None else stated_units(path, said, stated)
+        return units if units.quantity != "reflectance" else own
+    try:
+        if stated is not None and (units := parse_units(str(stated)[:80])).quantity != "reflectance":
+            own, text = units, str(stated)
+    except InputError:  # what is not understood cannot contradict
+        pass
+    return said_units(path, said.units, text, own)
+
+
+def _list(path: Path, header: Mapping[str, Any], name: str, bands: int, neutral: float | None = None) -> Array | None:
+    """(bands,) numbers of a field; None where it is missing, or `neutral` throughout."""
+    if name not in header:
+        return None
+    given = header[name]
+    try:
+        values = np.array([float(value) for value in (given if isinstance(given, list) else [given])])
+    except ValueError:
+        raise FileError(path, f"its '{name}' holds something that is no number") from None
+    if values.size != bands:
+        raise FileError(path, f"its '{name}' has {values.size} entries for {bands} bands")
+    if not np.isfinite(values).all():
+        raise FileError(path, f"its '{name}' holds something that is not finite")
+    return None if neutral is not None and (values == neutral).all() else values
+
+
+def _number(path: Path, header: Mapping[str, Any], name: str, *, any_sign: bool = False) -> float | None:
+    if name not in header:
+        return None
+    try:
+        value = float(header[name])
+    except (ValueError, TypeError):
+        raise FileError(path, f"its '{name}' is '{header[name]!s:.20}', not a number") from None
+    if not any_sign and not (math.isfinite(value) and value > 0):
+        raise FileError(path, f"its '{name}' is {value:g}, not above 0")
+    return value if math.isfinite(value) else None  # NaN is no data without being said
+
+
+def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
+    """Header and numbers (.img) of a scene's photon radiance at every sample, in single precision, block by block.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be written.
+    InputError
+        If the interleave is unknown.
+    """
+    kind = next((kind for kind in _INTERLEAVES if kind == interleave), None)
+    if kind is None:
+        raise InputError(f"interleave is 'bsq', 'bil' or 'bip', not '{interleave}'")
+    if path.suffix.lower() != ".hdr":
+        raise FileError(path, f"cannot be written: name the header, {path.with_suffix('.hdr').name}")
+    cube = cube_of_scene(scene)
+    rows, cols, bands = cube.shape
+    with atomic_path(path) as header, atomic_path(path.with_suffix(".img")) as numbers:
+        with numbers.open("r+b") as file:
+            for first, block in cube.blocks(max(1, _BLOCK_BYTES // (8 * cols * bands))):
+                values = block.astype("<f4")
+                if kind == "bsq":
+                    for band in range(bands):
+                        file.seek(4 * (band * rows + first) * cols)
+                        file.write(np.ascontiguousarray(values[:, :, band]).data)
+                else:
+                    file.write(np.ascontiguousarray(values.transpose(0, 2, 1) if kind == "bil" else values).data)
+        fields: dict[str, Any] = {
+            "description": "{written by photosite}",
+            "samples": cols,
+            "lines": rows,
+            "bands": bands,
+            "header offset": 0,
+            "file type": "ENVI Standard",
+            "data type": 4,
+            "interleave": kind,
+            "byte order": 0,
+            "wavelength units": "Nanometers",
+            "wavelength": _written(cube.wavelength_nm),
+            "data units": "photons/s/sr/m2/nm",
+            "distance m": repr(float(scene.distance_m)),
+        }
+        if scene.width_m is not None:
+            fields["width m"] = repr(float(scene.width_m))
+        if cube.light is not None:
+            fields["light"] = _written(cube.light)
+        header.write_text("ENVI\n" + "".join(f"{name} = {value}\n" for name, value in fields.items()), encoding="ascii")
+
+
+def _written(values: Array) -> str:
+    return "{" + ", ".join(repr(float(value)) for value in values) + "}"

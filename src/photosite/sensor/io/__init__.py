@@ -1,0 +1,1 @@
+"""Sensor files and the maps beside them."""

@@ -1,0 +1,1 @@
+"""A virtual sensor measured, calibrated and compared with its truth."""

@@ -1,0 +1,247 @@
+"""The report of a closed loop: a virtual sensor measured, simulated again from what was found, and compared."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.report.blocks import figure_block, sentence
+from photosite.report.calibration import FOOTER, provenance_blocks, rejected_blocks, warning_blocks
+from photosite.report.figures.color_difference import color_difference_figure
+from photosite.report.figures.deviations import deviations_figure
+from photosite.report.figures.noise_budget import noise_budget_figure
+from photosite.report.figures.patches import patch_means_figure, patch_snr_figure
+from photosite.report.html import (
+    Block,
+    Column,
+    Details,
+    Image,
+    Images,
+    Listing,
+    Notice,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+    write_page,
+)
+from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnified, shrink
+from photosite.report.plots import curve_blocks
+from photosite.scene.charts import macbeth_regions
+from photosite.values.measured import COVERAGE_95
+
+if TYPE_CHECKING:
+    from photosite.studies.closed_loop.study import ClosedLoop, ParameterRow
+
+_TRUE, _CALIBRATED = "true sensor", "calibrated sensor"
+
+_MAGNIFICATION = 8.0
+"""Of deviations from a mean colour and of the difference of two pictures."""
+
+_DETAIL = (48, 72)
+"""Largest detail of a picture, (rows, cols) in pixels."""
+
+_DETAIL_ENLARGED = 6
+
+_DETAIL_PATCH = "neutral 3.5"
+
+_Picture = NDArray[np.float32]
+
+
+def write_demo_report(result: ClosedLoop, path: str | PathLike[str]) -> None:
+    """Write the report of a closed loop: one HTML file that needs no other.
+
+    Parameters
+    ----------
+    result
+        What the closed loop gave.
+    path
+        The file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written; a file that had the name stays as it was.
+    """
+    write_page(demo_page(result), path)
+
+
+def demo_page(result: ClosedLoop) -> Page:
+    """The report of a closed loop as a page, before it is HTML.
+
+    Parameters
+    ----------
+    result
+        As for `write_demo_report`.
+    """
+    sensor, calibration = result.true_sensor, result.calibration
+    array = sensor.array
+    lead = (
+        f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels shot {result.frames_shot} frames of darkness "
+        "and flat light. A calibration that saw only those frames estimated the sensor's parameters. The sensor as "
+        "estimated then photographed a colour chart, and so did the true one."
+    )
+    notice = Notice(
+        "Every image on this page was made by a virtual camera. “Measured” means read from the frames of the virtual "
+        "sensor with the true parameters; “simulated” means read from the frames of the sensor as calibrated."
+    )
+    sections = (
+        Section("What was done", (notice, *_story(result))),
+        Section("Parameters", _parameter_blocks(result.parameters)),
+        Section("Pictures", _picture_blocks(result)),
+        Section("Comparison", _comparison_blocks(result)),
+        Section("Noise budget", _budget_blocks(result)),
+        Section("Fits", curve_blocks(calibration)),
+        Section(
+            "Provenance", (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
+        ),
+    )
+    return Page(f"The loop closed on a virtual {sensor.name}", lead, sections, FOOTER)
+
+
+def _story(result: ClosedLoop) -> tuple[Block, ...]:
+    metered = any(row.name == "quantum_efficiency_percent" and row.estimated is not None for row in result.parameters)
+    light = " and the photons per pixel of each exposure" if metered else ""
+    steps = (
+        f"The virtual sensor shot its protocol ({result.protocol.name}): {result.frames_shot} raw frames.",
+        "The calibration read the frames. Beforehand it knew the pixel's geometry, the converter, the voltage swing, "
+        f"the spectral response{light}, and none of the parameters below.",
+        f"The true and the calibrated sensor each photographed the same scene ({result.scene.name}) behind the same "
+        "lens, as two chips of one design: with other noise and another fixed pattern.",
+        "Patch means, noise and colours of the two raw frames were compared.",
+    )
+    columns = (Column("Frames"), Column("Exposure (s)", numeric=True), Column("Count", numeric=True))
+    rows = tuple((step.kind, format_number(step.exposure_s, 4), str(step.count)) for step in result.protocol.steps)
+    return (Listing(steps), Details("The protocol", (Table("What was shot, in this order", columns, rows),)))
+
+
+def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]:
+    found = [row for row in parameters if row.estimated is not None]
+    missing = [row for row in parameters if row.estimated is None]
+    columns = (
+        Column("Parameter"),
+        Column("Unit"),
+        Column("True", numeric=True),
+        Column("Estimated ± standard uncertainty", numeric=True),
+        Column("(Estimated − true) / uncertainty", numeric=True),
+    )
+    blocks: list[Block] = [Table("Truth and estimate", columns, tuple(_parameter_row(row) for row in found))]
+    if missing:
+        lines = tuple((row.label, row.unit, row.reason or "") for row in missing)
+        blocks.append(Table("Not estimated", (Column("Parameter"), Column("Unit"), Column("Why")), lines))
+    drawn = [(f"{row.label} ({row.unit})", row.deviation) for row in found if row.deviation is not None]
+    if drawn:
+        inside = sum(abs(deviation) <= COVERAGE_95 for _, deviation in drawn)
+        caption = (
+            "Distance of each estimate from the truth in its standard uncertainties. In the band lie 95 % of an honest "
+            f"calibration's estimates, here {inside} of {len(drawn)}. They are not independent: all come from the same "
+            "frames, one quantity may stand here in several units, and those in electrons and decibels share the error "
+            "of the system gain."
+        )
+        labels, deviations = zip(*drawn, strict=True)
+        blocks.append(
+            figure_block(deviations_figure(labels, deviations), "Distance of each estimate from the truth", caption)
+        )
+    return tuple(blocks)
+
+
+def _parameter_row(row: ParameterRow) -> tuple[str, ...]:
+    """A row of the table, for a parameter that was estimated."""
+    estimated = "" if row.estimated is None else format_uncertain(row.estimated, row.standard_uncertainty or 0.0)
+    deviation = "" if row.deviation is None else f"{row.deviation:+.2f}".replace("-", "−")
+    return row.label, row.unit, format_number(row.true, 5), estimated, deviation
+
+
+def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
+    colors = result.validation.color
+    matrix = None if colors is None else colors.matrix
+    true, calibrated = develop_alike(result.true_raw, result.calibrated_raw, matrix)
+    small, small_calibrated = shrink(true), shrink(calibrated)
+    detail = _detail(result.true_raw.shape)
+    level = true[detail].mean(axis=(0, 1))
+    noise, noise_calibrated = (
+        enlarge(magnified(picture[detail], level, _MAGNIFICATION), _DETAIL_ENLARGED) for picture in (true, calibrated)
+    )
+    difference = magnified(small_calibrated, small, _MAGNIFICATION)
+    return (
+        _pair(
+            (small, small_calibrated),
+            "the chart",
+            "The chart as each sensor sees it, developed alike: bilinear demosaic, one colour matrix and one exposure "
+            "for both.",
+        ),
+        _pair(
+            (noise, noise_calibrated),
+            "noise in the chart",
+            f"The middle of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean colour, "
+            f"{_MAGNIFICATION:g} times magnified. The noise differs, its size and grain should not.",
+        ),
+        Images(
+            (_jpeg(difference, "Difference of the two pictures: noise around middle gray"),),
+            f"Calibrated less true, {_MAGNIFICATION:g} times magnified around middle gray. What is left is "
+            "the noise and the fixed pattern of two chips, strongest in the dark, where the display's curve is steep; "
+            "a patch that stood out in colour would be a wrong parameter.",
+        ),
+    )
+
+
+def _detail(shape: tuple[int, int]) -> tuple[slice, slice]:
+    """Rows and columns in the middle of a patch."""
+    region = next(region for region in macbeth_regions(*shape) if region.name == _DETAIL_PATCH)
+    rows, cols = (min(most, size) for most, size in zip(_DETAIL, region.shape, strict=True))
+    r0, c0 = (region.r0 + region.r1 - rows) // 2, (region.c0 + region.c1 - cols) // 2
+    return slice(r0, r0 + rows), slice(c0, c0 + cols)
+
+
+def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
+    validation = result.validation
+    blocks: list[Block] = [
+        Paragraph("The verdict: the two cameras " + ("agree." if validation.agrees else "differ.")),
+        Listing(tuple(sentence(line) for line in (*validation.reasons, *validation.notes))),
+        figure_block(
+            patch_means_figure(validation, _TRUE, _CALIBRATED),
+            "Patch means of the true sensor against those of the calibrated sensor",
+            "Patch means of each channel on the raw mosaic. Below, the difference relative to the calibrated sensor; "
+            "bars are 95 % intervals.",
+        ),
+        figure_block(
+            patch_snr_figure(validation, _TRUE, _CALIBRATED),
+            "Patch signal-to-noise ratios of the true sensor against those of the calibrated sensor",
+            "Signal-to-noise ratio over the pixels of each patch. Below, the difference; bars are 95 % intervals.",
+        ),
+    ]
+    if validation.color is not None:
+        caption = (
+            "Colour difference between the true and the calibrated sensor's patch means, through one colour matrix. "
+            "A difference of about 1 is the smallest that is seen between adjacent surfaces."
+        )
+        figure = color_difference_figure(validation.color)
+        blocks.append(figure_block(figure, "Colour difference of each patch", caption))
+    return tuple(blocks)
+
+
+def _budget_blocks(result: ClosedLoop) -> tuple[Block, ...]:
+    caption = (
+        "Signal-to-noise ratio of one frame of an even surface against the signal, whole and with one noise alone: "
+        "lines for the true sensor, rings for the sensor as calibrated (Farrell, Okincha and Parmar 2008, Figure 6)."
+    )
+    figure = noise_budget_figure(result.true_sensor, result.calibration.sensor)
+    return (figure_block(figure, "Signal-to-noise ratio against signal, true and calibrated", caption),)
+
+
+def _pair(pictures: tuple[_Picture, _Picture], what: str, caption: str) -> Images:
+    return Images(
+        tuple(
+            _jpeg(picture, f"{what.capitalize()} by the {title}", title.capitalize())
+            for picture, title in zip(pictures, (_TRUE, _CALIBRATED), strict=True)
+        ),
+        caption,
+    )
+
+
+def _jpeg(picture: _Picture, alternative: str, title: str = "") -> Image:
+    return Image(jpeg_bytes(picture), "image/jpeg", alternative, title)

@@ -1,0 +1,324 @@
+"""Numbers that know where their uncertainty comes from.
+
+First-order propagation after the GUM (JCGM 100:2008, 5.1 and 5.2): a result keeps its sensitivity to every
+independent source, so that what two results share, a system gain say, is counted once in their ratio.
+
+A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those:
+to each side the root of the summed squares (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869, and for differences
+by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, a mean square over few lines say,
+whose interval is chi-square's and not symmetric, and the usual one where all sources are normal. The sum of many is
+nearly normal, but squares of sides shorter than the normal one stay short: of such a side, what is short counts in the
+share that the source has of the whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import InputError, did_you_mean
+from photosite.values.measured import COVERAGE_95
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Source:
+    """An independent cause of uncertainty, itself and no other.
+
+    Parameters
+    ----------
+    below, above
+        How far the end of the 95 % interval lies below and above what was found, in standard uncertainties.
+    """
+
+    below: float = COVERAGE_95
+    above: float = COVERAGE_95
+
+    @classmethod
+    def student(cls, freedom: float) -> Source:
+        """A mean, or a fitted line's parameter, whose uncertainty was found from so many degrees of freedom.
+
+        Examples
+        --------
+        >>> round(Source.student(3.0).above, 3)
+        3.182
+        """
+        from scipy.special import stdtrit
+
+        reach = float(stdtrit(freedom, 0.975))
+        return cls(reach, reach)
+
+    @classmethod
+    def mean_square(cls, freedom: float) -> Source:
+        """A variance found from so many degrees of freedom: chi-square's interval.
+
+        Examples
+        --------
+        >>> source = Source.mean_square(7.0)  # of 8 frames
+        >>> round(source.below, 2), round(source.above, 2)
+        (1.05, 5.88)
+        """
+        from scipy.special import chdtri
+
+        # In standard uncertainties, the value times sqrt(2 / freedom).
+        scale = math.sqrt(0.5 * freedom)
+        return cls(
+            (1.0 - freedom / float(chdtri(freedom, 0.025))) * scale,
+            (freedom / float(chdtri(freedom, 0.975)) - 1.0) * scale,
+        )
+
+    def scaled(self, factor: float) -> Source:
+        """One whose interval reaches `factor` times as far, in the same standard uncertainties."""
+        return Source(factor * self.below, factor * self.above)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A value and, per independent source, the change that one standard uncertainty of the source makes in it.
+
+    Examples
+    --------
+    >>> gain = Uncertain.of(0.28, 0.01)
+    >>> response = Uncertain.of(0.126, 0.0)
+    >>> efficiency = response / gain
+    >>> round(efficiency.relative, 4), (efficiency * gain).standard_uncertainty < 1e-15
+    (0.0357, True)
+    """
+
+    value: float
+    parts: dict[Source, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, value: float, standard_uncertainty: float = 0.0, source: Source | None = None) -> Uncertain:
+        """A new, independent input; exact where the uncertainty is 0.
+
+        Parameters
+        ----------
+        value, standard_uncertainty
+            What was found.
+        source
+            The shape of its interval; normal if None.
+        """
+        if standard_uncertainty == 0.0:
+            return cls(value)
+        return cls(value, {source or Source(): standard_uncertainty})
+
+    @classmethod
+    def of_variance(cls, value: float, standard_uncertainty: float = 0.0) -> Uncertain:
+        """A new, independent mean square; its degrees of freedom are 2 (value / uncertainty)^2 (Satterthwaite).
+
+        Examples
+        --------
+        >>> low, high = Uncertain.of_variance(4.0, 4.0 * math.sqrt(2 / 7)).interval_95
+        >>> round(low, 2), round(high, 2)
+        (1.75, 16.57)
+        """
+        if standard_uncertainty == 0.0 or value <= 0.0:
+            return cls.of(value, standard_uncertainty)
+        return cls.of(value, standard_uncertainty, Source.mean_square(2.0 * (value / standard_uncertainty) ** 2))
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Root of the summed squares of the parts."""
+        return math.hypot(*self.parts.values())
+
+    @property
+    def interval_95(self) -> tuple[float, float]:
+        """The 95 % interval, lower and upper end."""
+        below, above = self._reach(-1.0), self._reach(1.0)
+        return self.value - below, self.value + above
+
+    def _reach(self, side: float) -> float:
+        """How far the 95 % interval reaches: above the value for side 1, below it for -1."""
+        whole = self.standard_uncertainty
+        if whole == 0.0:
+            return 0.0
+        squares = 0.0
+        for source, part in self.parts.items():
+            reach = source.above if part * side > 0.0 else source.below
+            short = max(COVERAGE_95 - reach, 0.0)
+            squares += (part * (reach + short * (1.0 - abs(part) / whole))) ** 2
+        return math.sqrt(squares)
+
+    def covariance(self, other: Uncertain) -> float:
+        """Covariance with another result, from the sources that they share.
+
+        Examples
+        --------
+        >>> gain = Uncertain.of(2.0, 0.1)
+        >>> round((3.0 * gain).covariance(1.0 / gain), 6)
+        -0.0075
+        """
+        return math.fsum(part * other.parts[source] for source, part in self.parts.items() if source in other.parts)
+
+    @property
+    def relative(self) -> float:
+        """Standard uncertainty as a fraction of the value's size."""
+        return self.standard_uncertainty / abs(self.value)
+
+    def _with(self, value: float, slope: float, other: Uncertain | None = None, slope2: float = 0.0) -> Uncertain:
+        parts = {source: slope * part for source, part in self.parts.items()}
+        if other is not None:
+            for source, part in other.parts.items():
+                parts[source] = parts.get(source, 0.0) + slope2 * part
+        return Uncertain(value, parts)
+
+    def __add__(self, other: Uncertain | float) -> Uncertain:
+        b = _lift(other)
+        return self._with(self.value + b.value, 1.0, b, 1.0)
+
+    def __sub__(self, other: Uncertain | float) -> Uncertain:
+        b = _lift(other)
+        return self._with(self.value - b.value, 1.0, b, -1.0)
+
+    def __mul__(self, other: Uncertain | float) -> Uncertain:
+        b = _lift(other)
+        return self._with(self.value * b.value, b.value, b, self.value)
+
+    def __truediv__(self, other: Uncertain | float) -> Uncertain:
+        b = _lift(other)
+        return self._with(self.value / b.value, 1.0 / b.value, b, -self.value / b.value**2)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __rtruediv__(self, other: float) -> Uncertain:
+        return _lift(other) / self
+
+    def apply(self, function: Callable[[float], float], derivative: Callable[[float], float]) -> Uncertain:
+        """A function of the value, given with its derivative."""
+        return self._with(function(self.value), derivative(self.value))
+
+    def sqrt(self) -> Uncertain:
+        """Square root of a positive value."""
+        return self.apply(math.sqrt, lambda x: 0.5 / math.sqrt(x))
+
+    def decibel(self, factor: float) -> Uncertain:
+        """`factor` times the decimal logarithm."""
+        return self.apply(lambda x: factor * math.log10(x), lambda x: factor / (math.log(10.0) * x))
+
+
+def _lift(number: Uncertain | float) -> Uncertain:
+    return number if isinstance(number, Uncertain) else Uncertain(float(number))
+
+
+def correlated(
+    values: NDArray[np.float64], covariance: NDArray[np.float64], freedom: float = math.inf
+) -> tuple[Uncertain, ...]:
+    """Inputs that share a covariance matrix, such as the intercept and slope of a fitted line.
+
+    Parameters
+    ----------
+    values, covariance
+        (p,) and (p, p).
+    freedom
+        Degrees of freedom that the covariance was found from.
+
+    Examples
+    --------
+    >>> a, b = correlated(np.array([1.0, 2.0]), np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    >>> round((a + b).standard_uncertainty, 12)
+    0.0
+    """
+    scales, vectors = np.linalg.eigh(covariance)
+    keys = [Source.student(freedom) if math.isfinite(freedom) else Source() for _ in scales]
+    loads = vectors * np.sqrt(np.clip(scales, 0.0, None))  # rounding alone makes an eigenvalue negative
+    return tuple(
+        Uncertain(float(value), {key: float(load) for key, load in zip(keys, row, strict=True)})
+        for value, row in zip(values, loads, strict=True)
+    )
+
+
+def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Uncertain:
+    """Mean with given weights, what the values share kept.
+
+    Examples
+    --------
+    >>> weighted_mean([Uncertain.of(1.0), Uncertain.of(4.0)], [2, 1]).value
+    2.0
+    """
+    total = sum(weights)
+    return combined(values, [weight / total for weight in weights])
+
+
+def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArray[np.float64]) -> Uncertain:
+    """A linear combination, what the values share kept."""
+    result = Uncertain(0.0)
+    for value, coefficient in zip(values, coefficients, strict=True):
+        result = result + value * float(coefficient)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """The covariance of several results.
+
+    Parameters
+    ----------
+    names
+        (n,) what they are called.
+    matrix
+        (n, n) in their units.
+
+    Examples
+    --------
+    >>> a, b = Uncertain.of(1.0, 0.5), Uncertain.of(2.0, 0.1)
+    >>> joint = JointCovariance.of({"a": a, "b": b, "sum": a + b})
+    >>> joint.among(["a", "sum"]).round(4).tolist()
+    [[0.25, 0.25], [0.25, 0.26]]
+    """
+
+    names: tuple[str, ...]
+    matrix: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Uncertain]) -> JointCovariance:
+        """Of results that may share sources."""
+        n = len(values)
+        matrix = np.array([[a.covariance(b) for b in values.values()] for a in values.values()])
+        return cls(tuple(values), matrix.reshape(n, n))
+
+    def among(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """(names, names) of some of them.
+
+        Raises
+        ------
+        InputError
+            If one is not among the results.
+        """
+        for name in names:
+            if name not in self.names:
+                raise InputError(f"there is no value of '{name}'; {did_you_mean(name, self.names)}")
+        place = [self.names.index(name) for name in names]
+        return self.matrix[np.ix_(place, place)]
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What could not be estimated, and why."""
+
+    reason: str
+
+    def to_dict(self) -> dict[str, str]:
+        """`reason`."""
+        return {"reason": self.reason}
+
+
+Value = Uncertain | Missing
+
+
+def derive(function: Callable[..., Uncertain], *inputs: Value) -> Value:
+    """`function(*inputs)`, or the first input that is missing.
+
+    Examples
+    --------
+    >>> derive(lambda a, b: a / b, Uncertain.of(1.0), Missing("no volts")).reason
+    'no volts'
+    """
+    for entry in inputs:
+        if isinstance(entry, Missing):
+            return entry
+    return function(*inputs)

@@ -1,0 +1,393 @@
+"""Point spreads of any shape, and such as differ over the field: against closed forms and slow, obvious ways."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+import photosite as ps
+from photosite.camera import lens_tables, transfers
+from photosite.camera.transfers import reduced_transfers
+from photosite.engine.transfer import Sampling
+from photosite.errors import InputError
+from photosite.optics.lens import DiffractionLimited
+from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+from photosite.scene.scene import Scene
+from photosite.sensor.model import Sensor
+
+Array = NDArray[np.float64]
+
+D200 = ps.load_sensor("nikon-d200")
+PITCH_M = 6.05e-6
+SIDE_M = PITCH_M * math.sqrt(0.9)
+LINE = np.array([550.0])
+
+
+@dataclass(frozen=True)
+class Lens(DiffractionLimited):
+    """A lens with a given spread."""
+
+    f_number: float = 8.0
+    focal_length_mm: float = 50.0
+    given: Any = None
+
+    def spread(self, distance_m: float) -> Any:
+        return self.given
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A Gaussian of light: share, standard deviation, centre (down, right)."""
+
+    share: float
+    sigma_m: float
+    y_m: float = 0.0
+    x_m: float = 0.0
+
+    def otf(self, fy: Array, fx: Array, wavelength_nm: float) -> NDArray[np.complex128]:
+        blur = np.exp(-2 * (math.pi * self.sigma_m) ** 2 * (fy**2 + fx**2))
+        return np.asarray(self.share * blur * np.exp(-2j * math.pi * (fy * self.y_m + fx * self.x_m)))
+
+    def read(self, dy_m: Array, dx_m: Array, cell_m: float = PITCH_M) -> Array:
+        """What a photodetector reads of a cell of radiance 1 that lies (dy, dx) above and left of it."""
+        return self.share * self._line(dy_m - self.y_m, cell_m) * self._line(dx_m - self.x_m, cell_m)
+
+    def _line(self, t: Array, cell_m: float) -> Array:
+        """Gaussian, cell and photodetector convolved: differences of the Gaussian's second integral."""
+
+        def twice(x: Array) -> Array:
+            z = x / self.sigma_m
+            return np.asarray(x * ndtr(z) + self.sigma_m * np.exp(-z * z / 2) / math.sqrt(2 * math.pi))
+
+        outer, inner = (cell_m + SIDE_M) / 2, (cell_m - SIDE_M) / 2
+        return (twice(t + outer) - twice(t + inner) - twice(t - inner) + twice(t - outer)) / SIDE_M
+
+
+def plane(*spots: Spot) -> PlaneSpread:
+    return PlaneSpread(
+        otf=lambda fy, fx, w: sum((s.otf(fy, fx, w) for s in spots), np.zeros(1, complex)),
+        cutoff_per_m=lambda w: max(1.2 / s.sigma_m for s in spots),
+        reach_m=lambda w: max(6 * s.sigma_m + math.hypot(s.y_m, s.x_m) for s in spots),
+    )
+
+
+COMA = (Spot(0.7, 2.5e-6), Spot(0.3, 5e-6, 14e-6, 7e-6))
+"""A core, and a flare below and to the right of it."""
+
+
+def mono(rows: int, cols: int) -> Sensor:
+    flat = {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}
+    return D200.with_(rows=rows, cols=cols, cfa="mono", channels=flat)
+
+
+def point(rows: int, cols: int, row: int, col: int) -> Scene:
+    weights = np.zeros((1, rows, cols), np.float32)
+    weights[0, row, col] = 1
+    return Scene(weights, np.array([[1e17]]), LINE)
+
+
+def random_scene(rows: int, cols: int, seed: int = 1, count: int = 5) -> Scene:
+    rng = np.random.default_rng(seed)
+    grid = np.arange(380.0, 781.0, 20)
+    weights = np.kron(rng.random((count, rows // 4, cols // 4)), np.ones((4, 4)))
+    return Scene(weights.astype(np.float32), 1e14 * rng.random((count, grid.size)), grid)
+
+
+def as_plane(lens: DiffractionLimited) -> PlaneSpread:
+    """A lens's radial spread as if nothing were known of its symmetry."""
+    radial = lens.spread(1.2)
+    return PlaneSpread(
+        lambda fy, fx, w: radial.otf(np.hypot(fy, fx), w).astype(complex), radial.cutoff_per_m, radial.reach_m
+    )
+
+
+def even_electrons(sensor: Sensor, lens: Any) -> float:
+    return float(ps.Camera(lens, sensor).mean_electrons(Scene.uniform([1e17], LINE), 0.01)[0, 0])
+
+
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+@pytest.mark.parametrize("cells", [1, 3])
+def test_diffraction_is_the_same_whether_its_symmetry_is_known_or_not(f_number: float, cells: int) -> None:
+    """Within 1e-5 of full scale, far from where either frame's padding ends."""
+    lens = DiffractionLimited(f_number, 50)
+    scene = random_scene(96, 128)
+    tiled = Scene(np.tile(scene.weights, (1, 5, 5)), scene.basis, scene.wavelength_nm)
+    sensor = D200.with_(rows=480, cols=640)
+    middle = np.s_[192:288, 256:384]
+    known = ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(tiled, 1 / 30)[middle]
+    given = Lens(f_number, given=as_plane(lens))
+    unknown = ps.Camera(given, sensor, cells_per_pixel=cells).mean_electrons(tiled, 1 / 30)[middle]
+    assert np.abs(known - unknown).max() < 3e-6 * known.max()
+
+
+def test_the_cone_of_diffraction_is_found_whatever_smooth_blur_comes_with_it() -> None:
+    """1 for a circular pupil, with defocus or without; 0 for a Gaussian, which has none."""
+    radial = DiffractionLimited(8, 50).spread(1.2)
+    exact = as_plane(DiffractionLimited(8, 50))
+    blurred = PlaneSpread(
+        lambda fy, fx, w: radial.otf(np.hypot(fy, fx), w) * Spot(1, 20e-6, 5e-6).otf(fy, fx, w),
+        radial.cutoff_per_m,
+        radial.reach_m,
+    )
+    assert lens_tables._cone(exact, 550.0) == pytest.approx(1, abs=1e-6)
+    assert lens_tables._cone(blurred, 550.0) == pytest.approx(1, abs=2e-2)
+    assert lens_tables._cone(plane(*COMA), 550.0) == pytest.approx(0, abs=2e-2)
+
+
+def comatic(scale: float) -> Any:
+    """A flare that grows with wavelength, after diffraction: (fy, fx, wavelength) -> factor of its transfer."""
+    return lambda fy, fx, w: (
+        Spot(0.7, 1e-6).otf(fy, fx, w) + Spot(0.3, 4e-6, 8e-6 * w / 550 * scale, -5e-6 * w / 550 * scale).otf(fy, fx, w)
+    )
+
+
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+def test_an_asymmetric_spread_equals_the_sum_over_wavelengths(f_number: float) -> None:
+    """Against one transform pair per wavelength in double precision, every folded term; within 1e-5 of full scale."""
+    lens, flare = DiffractionLimited(f_number, 50), comatic(1.0)
+    exact = as_plane(lens)
+    spread = PlaneSpread(
+        lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w),
+        exact.cutoff_per_m,
+        lambda w: 60e-6 + exact.reach_m(w),
+    )
+    scene = random_scene(96, 128)
+    rows, cols = scene.shape
+    fy, fx = np.fft.fftfreq(rows, PITCH_M)[:, None], np.fft.fftfreq(cols, PITCH_M)[None, :]
+    images = {name: np.zeros((rows, cols)) for name in "RGB"}
+    for index, wavelength in enumerate(scene.wavelength_nm):
+        radiance = np.tensordot(scene.basis[:, index], scene.weights.astype(np.float64), axes=1)
+        transfer = np.zeros((rows, cols), complex)
+        for m in range(-5, 6):
+            for n in range(-5, 6):
+                y, x = fy + m / PITCH_M, fx + n / PITCH_M
+                box = np.sinc(y * SIDE_M) * np.sinc(x * SIDE_M) * np.sinc(y * PITCH_M) * np.sinc(x * PITCH_M)
+                transfer += spread.otf(y, x, wavelength) * box
+        irradiance = np.fft.ifft2(np.fft.fft2(radiance) * transfer).real
+        irradiance *= lens.irradiance_per_radiance(np.array([wavelength]), 1.2)
+        width = 10.0 if index in (0, scene.wavelength_nm.size - 1) else 20.0
+        for name, image in images.items():
+            image += irradiance * D200.channels[name].quantum_efficiency_at([wavelength]) * width * SIDE_M**2 / 30
+    oracle = np.empty((rows, cols))
+    for (r, c), name in {(0, 0): "R", (0, 1): "G", (1, 0): "G", (1, 1): "B"}.items():
+        oracle[r::2, c::2] = images[name][r::2, c::2]
+
+    tiled = Scene(np.tile(scene.weights, (1, 5, 5)), scene.basis, scene.wavelength_nm)
+    camera = ps.Camera(Lens(f_number, given=spread), D200.with_(rows=5 * rows, cols=5 * cols))
+    ours = camera.mean_electrons(tiled, 1 / 30)[2 * rows : 3 * rows, 2 * cols : 3 * cols]
+    assert np.abs(ours - oracle).max() < 1e-5 * oracle.max()
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("spots", [(Spot(1, 4e-6),), COMA, (Spot(1, 2e-6, 31e-6, -18e-6),)])
+def test_a_point_becomes_the_spread_times_photodetector_and_cell(spots: tuple[Spot, ...], cells: int) -> None:
+    """The closed form within 1e-6 of its peak, the right way round: positive is down and right.
+
+    The sample is as large as a pixel, whatever the cells.
+    """
+    rows, cols, row, col = 33, 40, 14, 19
+    lens, sensor = Lens(given=plane(*spots)), mono(rows, cols)
+    got = ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(point(rows, cols, row, col), 0.01)
+    dy, dx = (np.arange(rows) - row)[:, None] * PITCH_M, (np.arange(cols) - col)[None, :] * PITCH_M
+    expected = sum(spot.read(dy, dx) for spot in spots)
+    assert np.abs(got / even_electrons(sensor, lens) - expected).max() < 2e-6 * expected.max()
+
+
+@pytest.mark.parametrize("spots", [(Spot(1, 4e-6),), COMA])
+def test_light_is_kept_to_a_millionth(spots: tuple[Spot, ...]) -> None:
+    sensor, lens = mono(40, 44), Lens(given=plane(*spots))
+    got = ps.Camera(lens, sensor).mean_electrons(point(40, 44, 19, 21), 0.01)
+    assert got.sum(dtype=np.float64) == pytest.approx(even_electrons(sensor, lens), rel=1e-6)
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("f_number", [2.8, 8.0])
+def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: int) -> None:
+    """The operator itself, to 1e-9: of diffraction, whose rings never end, with a flare."""
+    exact, flare = as_plane(DiffractionLimited(f_number, 50)), comatic(1.0)
+    spread = PlaneSpread(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
+    sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells)
+    coupling = np.random.default_rng(1).random((3, 2, 4))
+    (reduced,) = reduced_transfers(spread, coupling, np.array([450.0, 500, 550, 600]), sampling)
+    assert reduced.transfer.radial is not None
+    assert reduced.transfer.kernels is not None
+    light = reduced.transfer.kernels.sum(axis=(2, 3)) + reduced.transfer.radial.table[:, :, 0]
+    assert light @ reduced.mixing[:, 0] == pytest.approx(coupling.sum(axis=2), rel=1e-9)
+
+
+@pytest.mark.parametrize("reach_m", [7e-3, math.inf, math.nan])
+def test_a_spread_larger_than_any_frame_is_refused(reach_m: float) -> None:
+    """Micrometres taken for millimetres, say."""
+    whole = plane(*COMA)
+    given = PlaneSpread(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
+    with pytest.raises(InputError, match="check the units of its optics and its focus"):
+        ps.Camera(Lens(given=given), mono(20, 20)).mean_electrons(point(20, 20, 5, 5), 0.01)
+
+
+def test_an_even_scene_stays_even() -> None:
+    lens, sensor = Lens(given=plane(*COMA)), D200.with_(rows=40, cols=60)
+    grid = np.arange(400.0, 701, 50)
+    structured = Scene(np.ones((1, 5, 7), np.float32), np.full((1, 7), 1e15), grid)
+    got = ps.Camera(lens, sensor).mean_electrons(structured, 0.01)
+    even = ps.Camera(lens, sensor).mean_electrons(Scene.uniform(np.full(7, 1e15), grid), 0.01)
+    assert got == pytest.approx(even, rel=2e-6)
+
+
+def test_spreads_known_at_some_wavelengths_are_linear_between() -> None:
+    """At 500 nm one spot, at 600 nm another: at 525 nm three quarters of the first; at 450 nm the first alone."""
+    first, second = Spot(1, 3e-6, 10e-6), Spot(1, 5e-6, 0, -12e-6)
+    whole = plane(first, second)
+    given = PlaneSpread(
+        lambda fy, fx, w: {500.0: first, 600.0: second}[w].otf(fy, fx, w),
+        whole.cutoff_per_m,
+        whole.reach_m,
+        np.array([500.0, 600.0]),
+    )
+    sensor = mono(21, 23)
+    dy, dx = (np.arange(21) - 10)[:, None] * PITCH_M, (np.arange(23) - 11)[None, :] * PITCH_M
+    for wavelength, share in ((525.0, 0.75), (450.0, 1.0), (700.0, 0.0)):
+        scene = Scene(point(21, 23, 10, 11).weights, np.array([[1e17]]), np.array([wavelength]))
+        lens = Lens(given=given)
+        got = ps.Camera(lens, sensor).mean_electrons(scene, 0.01)
+        even = ps.Camera(lens, sensor).mean_electrons(Scene.uniform([1e17], [wavelength]), 0.01)[0, 0]
+        expected = share * first.read(dy, dx) + (1 - share) * second.read(dy, dx)
+        assert np.abs(got / even - expected).max() < 2e-6 * expected.max()
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+def test_a_low_pass_filter_splits_a_point_into_four(cells: int) -> None:
+    """The kernel is the mean of four, each shifted by half the split, on both axes."""
+    split = (4.1e-6, 5.3e-6)
+    sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells, split)
+    (reduced,) = reduced_transfers(plane(Spot(1, 3e-6)), np.ones((1, 1, 1)), LINE, sampling)
+    assert reduced.transfer.kernels is not None
+    kernel = reduced.transfer.kernels[0, 0] * reduced.mixing[0, 0, 0]
+    shift = (np.arange(len(kernel)) - len(kernel) // 2) * PITCH_M / cells
+    spots = [Spot(0.25, 3e-6, v * split[0] / 2, h * split[1] / 2) for v in (-1, 1) for h in (-1, 1)]
+    expected = sum(spot.read(shift[:, None], shift[None, :], PITCH_M / cells) for spot in spots)
+    assert np.abs(kernel - expected).max() < 1e-6 * expected.max()
+
+
+# Spreads that differ over the field.
+
+ROWS, COLS = 24, 30
+NODES_Y_M, NODES_X_M = np.array([-60e-6, 5e-6, 80e-6]), np.array([-100e-6, -20e-6, 30e-6, 75e-6])
+"""Neither even nor centred, and the outer ones within the frame's padding."""
+
+
+def spots_at(y_m: float, x_m: float) -> tuple[Spot, Spot]:
+    """A core, and a flare that points away from the axis and grows with the distance from it."""
+    return Spot(0.75, 2.5e-6 + 0.01 * abs(x_m)), Spot(0.25, 4e-6, 0.15 * y_m, 0.15 * x_m)
+
+
+def full_rank() -> FieldSpread:
+    """One mode for each node, whose weight is 1 there and 0 at the others."""
+    count = NODES_Y_M.size * NODES_X_M.size
+    weights = np.eye(count).reshape(count, NODES_Y_M.size, NODES_X_M.size)
+    modes = tuple(plane(*spots_at(y, x)) for y in NODES_Y_M for x in NODES_X_M)
+    return FieldSpread(NODES_Y_M, NODES_X_M, weights, modes)
+
+
+def hats(nodes: Array, at: float) -> Array:
+    return np.array([np.interp(at, nodes, unit) for unit in np.eye(nodes.size)])
+
+
+def applied_directly(radiance: Array, cells: int = 1) -> Array:
+    """Sample after sample, each with its own spread: linear between those of the four nodes around it.
+
+    Beyond the frame the scene goes on with its border samples, as far as any flare reaches.
+    """
+    margin = 16
+    wide = np.pad(radiance, margin, mode="edge")
+    total = np.zeros((ROWS, COLS))
+    pixel_y = ((np.arange(ROWS) + 0.5 - ROWS / 2) * PITCH_M)[:, None]
+    pixel_x = ((np.arange(COLS) + 0.5 - COLS / 2) * PITCH_M)[None, :]
+    offsets = (np.arange(cells) - (cells - 1) / 2) / cells
+    for r, c in np.argwhere(wide):
+        light = wide[r, c]
+        for down in offsets:
+            for right in offsets:
+                y = (r - margin + 0.5 + down - ROWS / 2) * PITCH_M
+                x = (c - margin + 0.5 + right - COLS / 2) * PITCH_M
+                share = np.outer(hats(NODES_Y_M, y), hats(NODES_X_M, x))
+                for p, q in np.argwhere(share):
+                    for spot in spots_at(NODES_Y_M[p], NODES_X_M[q]):
+                        total += light * share[p, q] * spot.read(pixel_y - y, pixel_x - x, PITCH_M / cells)
+    return total
+
+
+def measured(spread: Spread, radiance: Array, cells: int = 1) -> Array:
+    """Electrons over those of radiance 1 everywhere."""
+    lens, sensor = Lens(given=spread), mono(ROWS, COLS)
+    scene = Scene(radiance[None].astype(np.float32), np.array([[1e17]]), LINE)
+    got = ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.01)
+    return np.asarray(got / even_electrons(sensor, lens), np.float64)
+
+
+def test_a_field_of_spreads_equals_direct_application() -> None:
+    radiance = np.random.default_rng(3).random((ROWS, COLS))
+    expected = applied_directly(radiance)
+    got = measured(full_rank(), radiance)
+    assert np.abs(got - expected).max() < 1e-5 * expected.max()
+    one = measured(plane(*spots_at(0.0, 0.0)), radiance)
+    assert np.abs(one - expected).max() > 1e-2 * expected.max()  # and the field matters
+
+
+@pytest.mark.parametrize(("row", "col", "cells"), [(2, 3, 1), (12, 15, 1), (21, 27, 1), (5, 26, 3)])
+def test_points_over_the_field_have_their_own_spread(row: int, col: int, cells: int) -> None:
+    radiance = np.zeros((ROWS, COLS))
+    radiance[row, col] = 1
+    expected = applied_directly(radiance, cells)
+    assert np.abs(measured(full_rank(), radiance, cells) - expected).max() < 1e-5 * expected.max()
+
+
+@pytest.mark.parametrize("factor", [0.5, 2])
+def test_scenes_coarser_and_finer_than_the_cells(factor: float) -> None:
+    """Laid on the cells first: a sample of several pixels, and several samples in a pixel."""
+    rng = np.random.default_rng(4)
+    twice = np.ones((2, 2))
+    if factor < 1:
+        scene = rng.random((ROWS // 2, COLS // 2))
+        cells = np.kron(scene, twice)
+    else:
+        scene = np.kron(rng.random((ROWS, COLS)), twice)
+        scene[2:-2, 2:-2] = rng.random((2 * ROWS - 4, 2 * COLS - 4))  # the border is what goes on beyond the frame
+        cells = scene.reshape(ROWS, 2, COLS, 2).mean(axis=(1, 3))
+    assert np.abs(measured(full_rank(), scene) - measured(full_rank(), cells)).max() < 1e-6
+
+
+def wider_in_red(spread: PlaneSpread) -> PlaneSpread:
+    """In proportion to wavelength, as diffraction is: at every wavelength another spread."""
+    return PlaneSpread(
+        lambda fy, fx, w: spread.otf(fy * (w / 550), fx * (w / 550), w),
+        lambda w: spread.cutoff_per_m(w) * 550 / w,
+        lambda w: spread.reach_m(w) * w / 550,
+    )
+
+
+def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chart of 24 spectra behind four parts, as few terms, against all 96: within 1e-5 of full scale."""
+    nodes = np.array([-90e-6, 90e-6])
+    modes = tuple(wider_in_red(plane(*spots_at(y, x))) for y in nodes for x in nodes)
+    lens = Lens(given=FieldSpread(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
+    camera = ps.Camera(lens, D200.with_(rows=40, cols=60))
+    terms: list[int] = []
+    plain = transfers._combined
+
+    def counted(*arguments: Any) -> Any:
+        terms.append(len((found := plain(*arguments))[1]))
+        return found
+
+    monkeypatch.setattr(transfers, "_combined", counted)
+    combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
+    monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
+    apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
+    assert 12 < terms[0] < 48  # more than channels times parts: the tolerance decides
+    assert terms[1] == 96
+    assert np.abs(combined - apart).max() < 1e-5 * apart.max()

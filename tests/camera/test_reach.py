@@ -1,0 +1,57 @@
+"""Point spreads that cover too many cells are refused, or said, before anything is computed."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import photosite as ps
+from photosite.camera.kernel_size import check_reach, kernel_size
+from photosite.camera.transfers import reduced_transfers
+from photosite.engine.transfer import Sampling
+from photosite.errors import InputError, PhotositeWarning
+from photosite.optics.spread import PlaneSpread, RadialSpread
+
+CELLS = Sampling((6e-6, 6e-6), (5e-6, 5e-6), 1, (0.0, 0.0))
+WAVELENGTHS = np.array([500.0, 600.0])
+
+
+def untouchable(*_: object) -> np.ndarray:
+    raise AssertionError("a transfer function was computed")
+
+
+@pytest.mark.parametrize(
+    ("make", "reach_m", "cells"),
+    [(PlaneSpread, 7e-3, 2335), (RadialSpread, 60e-3, 20002)],
+)
+def test_what_covers_too_many_cells_is_refused_first(make: type, reach_m: float, cells: int) -> None:
+    spread = make(untouchable, lambda _: 1e5, lambda _: reach_m)
+    with pytest.raises(InputError, match=rf"over {2e3 * reach_m:g} mm, {cells} cells .* check the units"):
+        reduced_transfers(spread, np.ones((1, 1, 2)), WAVELENGTHS, CELLS)
+
+
+def test_what_takes_long_is_said_first() -> None:
+    spread = PlaneSpread(untouchable, lambda _: 1e5, lambda _: 3e-3)
+    with (
+        pytest.warns(PhotositeWarning, match="over 1002 cells .* may take minutes; check the units"),
+        pytest.raises(AssertionError, match="was computed"),
+    ):
+        reduced_transfers(spread, np.ones((1, 1, 2)), WAVELENGTHS, CELLS)
+
+
+def test_usual_sizes_pass_unsaid() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert kernel_size(1e-3, CELLS) == 343  # 335.3 cells or more: 343 = 7 x 7 x 7
+        assert kernel_size(1e-6, CELLS) == 75  # the first odd size from 65 on that transforms well
+        check_reach(48e-3, CELLS)
+
+
+def test_an_absurd_wavefront_is_said_before_it_is_computed() -> None:
+    """50 um of coma, meant as 50 nm."""
+    lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront({8: 50000}))
+    reach_m = max(lens.spread(1.2).reach_m(w) for w in (400.0, 550.0, 700.0))
+    with pytest.warns(PhotositeWarning, match="may take minutes"):
+        kernel_size(reach_m, CELLS)

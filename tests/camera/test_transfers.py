@@ -1,0 +1,147 @@
+"""What is kept from frame to frame, and what few modes leave open: against lenses that nothing is kept of."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import photosite as ps
+from photosite.camera import transfers
+from photosite.optics.compound import Lens
+from photosite.optics.distortion import LateralColor
+from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens_design import LensDesign
+from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+
+BASE = DiffractionLimited(4, 50)
+D200 = ps.load_sensor("nikon-d200").with_(rows=44, cols=64)
+
+
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """A Gaussian that grows with distance and wavelength, and the calls of its transfer function."""
+
+    calls: list[float]
+
+    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+        def otf(fy: NDArray[np.float64], fx: NDArray[np.float64], wavelength_nm: float) -> NDArray[np.complex128]:
+            self.calls.append(wavelength_nm)
+            sigma_m = 2e-6 * distance_m * wavelength_nm / 550
+            return np.asarray(np.exp(-2 * (np.pi * sigma_m) ** 2 * (fy**2 + fx**2)), np.complex128)
+
+        return PlaneSpread(otf, lambda w: 0.6e6 / distance_m * 550 / w, lambda w: 8e-6 * distance_m * w / 550)
+
+
+def counted(**parts: Any) -> tuple[Lens, list[float]]:
+    calls: list[float] = []
+    return Lens(BASE, Counted(calls), **parts), calls
+
+
+def test_a_second_frame_asks_the_lens_for_nothing() -> None:
+    lens, calls = counted()
+    scene = ps.charts.macbeth()
+    first = ps.Camera(lens, D200).mean_electrons(scene, 0.1)
+    asked = len(calls)
+    again = ps.Camera(lens, D200.with_(rows=44, cols=64)).mean_electrons(scene, 0.1)
+    assert asked > 0
+    assert len(calls) == asked
+    assert (again == first).all()
+    ps.Camera(lens, D200.with_(rows=88, cols=96)).mean_electrons(scene, 0.3)
+    assert len(calls) == asked  # neither the frame's size nor the exposure is the lens's affair
+
+
+def test_what_is_kept_is_that_of_the_same_scene_distance_sensor_and_cells_only() -> None:
+    """Frames through one lens, in turn, against those of lenses that see one frame each."""
+    chart, color = ps.charts.macbeth(), LateralColor.from_magnification([400, 700], [1.0005, 0.9995])
+    lens, _ = counted(lateral_color=color)
+    smaller = D200.with_(fill_factor=D200.pixel.fill_factor.value / 2)
+    cases: list[tuple[ps.Scene, ps.Sensor, int]] = [
+        (chart, D200, 1),
+        (ps.charts.macbeth("A"), D200, 1),
+        (ps.charts.macbeth(distance_m=1.5), D200, 1),
+        (chart, smaller, 1),
+        (chart, D200.with_(cfa=(("B", "G"), ("G", "R"))), 1),
+        (chart, D200, 3),
+    ]
+    for scene, sensor, cells in [*cases, cases[0], cases[-1]]:
+        fresh, _ = counted(lateral_color=color)
+        expected = ps.Camera(fresh, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.1)
+        assert (ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.1) == expected).all()
+
+
+def test_lateral_colour_asks_for_each_wavelength_once() -> None:
+    scene, sensor = ps.charts.macbeth(), D200
+    alone, calls_alone = counted()
+    ps.Camera(alone, sensor).mean_electrons(scene, 0.1)
+    lens, calls = counted(lateral_color=LateralColor.from_magnification([400, 700], [1.004, 0.996]))
+    ps.Camera(lens, sensor).mean_electrons(scene, 0.1)
+    assert len(calls) == len(calls_alone)
+
+
+def test_few_spreads_and_transfers_are_kept_and_none_of_a_lens_that_is_gone() -> None:
+    lens, calls = counted()
+    camera = ps.Camera(lens, D200)
+    for distance_m in np.linspace(1, 2, 9):
+        camera.mean_electrons(ps.charts.macbeth(distance_m=distance_m), 0.1)
+    asked = len(calls)
+    camera.mean_electrons(ps.charts.macbeth(distance_m=1.0), 0.1)
+    assert len(calls) > asked  # the first was dropped
+    before = len(transfers._kept)
+    del lens, camera
+    gc.collect()
+    assert len(transfers._kept) < before
+
+
+def test_a_lens_that_was_used_can_be_sent_to_other_processes() -> None:
+    lens = Lens(DiffractionLimited(8, 50), focus_distance_m=2.0)
+    before = ps.Camera(lens, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5), 0.1)
+    other = pickle.loads(pickle.dumps(lens))
+    assert (ps.Camera(other, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5), 0.1) == before).all()
+
+
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """A design's field with another stated error, which decides how well its terms are combined."""
+
+    design: LensDesign
+    relative_error: float
+
+    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+        whole = self.design.spread(base, distance_m, focus_distance_m)
+        assert isinstance(whole, FieldSpread)
+        return replace(whole, relative_error=self.relative_error)
+
+
+def growing() -> LensDesign:
+    """Gaussians that grow to one side, and shift, towards the edge of a small field."""
+    axis = np.arange(-20, 21) * 0.6
+    places = np.linspace(0, 0.25, 5)
+    y, x = axis[:, None], axis[None, :]
+    spots = np.stack(
+        [
+            [np.exp(-(y**2 + (x - 8 * h * color) ** 2) / (2 * (1 + 6 * h * color) ** 2)) for color in (0.7, 1.0, 1.4)]
+            for h in places
+        ]
+    )
+    return LensDesign(np.array([450.0, 550, 650]), spots, 0.6, np.zeros(5), places, rank=6)
+
+
+def test_terms_are_combined_to_a_hundredth_of_what_few_modes_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    design, scene = growing(), ps.charts.macbeth()
+    terms: list[int] = []
+    plain = transfers._combined
+
+    def noted(*arguments: Any) -> Any:
+        terms.append(len((found := plain(*arguments))[1]))
+        return found
+
+    monkeypatch.setattr(transfers, "_combined", noted)
+    frames = [ps.Camera(Lens(BASE, Stated(design, error)), D200).mean_electrons(scene, 0.1) for error in (0.0, 0.03)]
+    assert terms[0] > terms[1]
+    assert 0 < np.linalg.norm(frames[1] - frames[0]) < 0.01 * 0.03 * np.linalg.norm(frames[0])

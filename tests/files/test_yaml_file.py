@@ -1,0 +1,71 @@
+"""YAML read or refused in one line."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from photosite.errors import FileError
+from photosite.files.yaml import LARGEST_BYTES, check_keys, line_of, optional_text, parse_yaml, read_yaml
+
+
+def test_lines_are_counted_from_one():
+    data = parse_yaml("a: 1\nb:\n  - x\n  - {c: 2}\n", "f.yaml")
+    assert (line_of(data, "a"), line_of(data, "b"), line_of(data["b"], 1), line_of(data, "z")) == (1, 2, 4, None)
+    assert line_of(3, "a") is None
+
+
+def test_aliases_that_write_out_to_too_much_are_refused_at_once():
+    lines = ["a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8, 9]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12)]
+    begun = time.monotonic()
+    with pytest.raises(FileError, match="more than 1000000 values"):
+        parse_yaml("\n".join(lines), "bomb.yaml")
+    assert time.monotonic() - begun < 2.0
+
+
+def test_few_aliases_are_welcome():
+    data = parse_yaml("base: &b {x: 1}\nother: {<<: *b, y: 2}\nlist: [*b, *b]\n", "f.yaml")
+    assert dict(data["other"]) == {"x": 1, "y": 2}
+
+
+@pytest.mark.parametrize("content", ["&a [*a]", "[" * 5000, "{a: " * 3000 + "1" + "}" * 3000])
+def test_what_holds_itself_or_nests_too_deep_is_refused(content):
+    with pytest.raises(FileError):
+        parse_yaml(content, "deep.yaml")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(FileError, match="there is no such file"):
+        read_yaml(tmp_path / "none.yaml", "a protocol")
+    with pytest.raises(FileError, match="cannot be read"):
+        read_yaml(tmp_path, "a protocol")
+    (tmp_path / "a.yaml").write_bytes(b"a: \xff\xfe")
+    with pytest.raises(FileError, match="is not a protocol: it is not text in UTF-8"):
+        read_yaml(tmp_path / "a.yaml", "a protocol")
+    (tmp_path / "b.yaml").write_bytes(b"#" * (LARGEST_BYTES + 1))
+    with pytest.raises(FileError, match="larger than 4 MiB"):
+        read_yaml(tmp_path / "b.yaml", "a protocol")
+
+
+def test_keys_and_texts():
+    data = parse_yaml("name: x\nfrmes: 3\n", "f.yaml")
+    with pytest.raises(FileError, match=r"f\.yaml:2: a protocol has no key 'frmes'; did you mean 'frames'"):
+        check_keys("f.yaml", data, ("name", "frames"), "a protocol")
+    assert (optional_text("f.yaml", data, "name"), optional_text("f.yaml", data, "none")) == ("x", None)
+    with pytest.raises(FileError, match=r"f\.yaml:2: 'frmes' is text, not 3"):
+        optional_text("f.yaml", data, "frmes")
+
+
+def test_whole_numbers_that_no_float_holds_are_refused():
+    """The largest float has 1024 bits; what comes after would fail wherever it is first used."""
+    assert parse_yaml(f"a: {2**1023}", "f.yaml")["a"] == 2**1023
+    with pytest.raises(FileError, match="a whole number of 1329 bits"):
+        parse_yaml("a: [{b: 1" + "0" * 400 + "}]", "f.yaml")
+
+
+@pytest.mark.parametrize("content", ["a: !!set x", "a: !!int x", "a: !!timestamp x", "a: !!omap 3"])
+def test_tags_that_do_not_fit_are_refused(content):
+    with pytest.raises(FileError, match=r"f\.yaml"):
+        parse_yaml(content, "f.yaml")

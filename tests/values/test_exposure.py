@@ -1,0 +1,70 @@
+"""Exposure times: read as people write them, written so that they come back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.errors import InputError
+from photosite.values.exposure import check_exposure, format_exposure, parse_exposure
+
+
+@pytest.mark.parametrize(
+    ("text", "exposure_s"),
+    [
+        ("1/8000", 0.000125),
+        ("1/3", 1 / 3),
+        ("0.005", 0.005),
+        ("5e-3", 0.005),
+        ("30", 30.0),
+        (0.25, 0.25),
+        (2, 2.0),
+    ],
+)
+def test_parsed(text, exposure_s):
+    assert parse_exposure(text) == exposure_s
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0",
+        "-1",
+        "1/0",
+        "-1/8000",
+        "nan",
+        "inf",
+        "1e999",
+        "",
+        "fast",
+        "1/8000 s",
+        "1e999999999",
+        0,
+        -0.1,
+        math.nan,
+        math.inf,
+    ],
+)
+def test_refused(text):
+    with pytest.raises(InputError, match="exposure"):
+        parse_exposure(text)
+
+
+@pytest.mark.parametrize("exposure_s", ["1/3", "0.1", True, None, np.bool_(True), np.ones(2), 1j])
+def test_numbers_only(exposure_s):
+    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+        check_exposure(exposure_s)
+
+
+@pytest.mark.parametrize("exposure_s", [2, 0.5, np.float32(0.5), np.int64(3)])
+def test_numbers_of_any_kind(exposure_s):
+    assert check_exposure(exposure_s) == exposure_s
+    assert type(check_exposure(exposure_s)) is float
+
+
+def test_what_is_formatted_is_parsed_back():
+    rng = np.random.default_rng(1)
+    values = [*(1 / n for n in range(1, 9000, 7)), *(10.0 ** rng.uniform(-7, 3, 500)), 4e-5, 0.01402, 1e-300]
+    assert [parse_exposure(format_exposure(value)) for value in values] == values
