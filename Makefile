@@ -4,13 +4,17 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test fuzz install lint format clean
+.PHONY: demo test test-slow fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto
+
+# The statistical studies that make test leaves out: minutes to an hour.
+test-slow: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n auto -m slow
 
 # The long run of what tests/fuzz does for some seconds: minutes, on one core.
 fuzz: $(VENV)/installed-dev
