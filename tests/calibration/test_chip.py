@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from virtual_chips import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip_maps.chip import measure_chip
@@ -16,7 +17,6 @@ from photosite.report.chip import temporal_blocks
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
-from photosite.studies.planted import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 ROWS, COLS = 120, 160
 PIXELS = ROWS * COLS

@@ -9,12 +9,12 @@ from itertools import pairwise
 import numba
 import numpy as np
 import pytest
+from virtual_gain_series import GainModel, gain_series_lab
 
 import photosite as ps
 from photosite.calibration.gain_series.gain_series import calibrate_series
 from photosite.errors import CalibrationError, InputError
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.studies.gain_series import GainModel, gain_series_lab
 
 SETTINGS = (100, 200, 400, 800, 1600, 3200)
 PRE_MV, POST_DN = 0.2, 1.5

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from virtual_monochromator import MonochromatorRun, without_spectra
 
 from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
 from photosite.calibration.spectral.passband import Passband, band_matrix, triangular_passband
@@ -16,7 +17,6 @@ from photosite.frames.frame_set import FrameSource
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.studies.virtual_monochromator import MonochromatorRun, without_spectra
 from photosite.values.measured import Measured
 
 GAIN_DN_PER_E = 0.25

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from virtual_monochromator import MonochromatorRun
 
 import photosite as ps
 from photosite.calibration.spectral.protocol import open_spectral
@@ -13,7 +14,6 @@ from photosite.calibration.spectral.spectral import calibrate_spectral
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.studies.virtual_monochromator import MonochromatorRun
 
 
 @pytest.fixture(scope="module")

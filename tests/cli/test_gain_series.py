@@ -8,10 +8,10 @@ from typing import Any
 
 import numba
 import pytest
+from virtual_gain_series import GainModel, GainSeriesLab, gain_series_lab
 
 import photosite as ps
 from photosite.frames.io.noise_profiles import read_darktable
-from photosite.studies.gain_series import GainModel, GainSeriesLab, gain_series_lab
 
 SETTINGS = (100, 200, 400, 800, 1600)
 

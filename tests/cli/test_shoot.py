@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from virtual_chips import drawn_maps
 
 import photosite as ps
-from photosite.studies.planted import drawn_maps
 
 
 def test_shoots_the_papers_protocol(photosite: Any, tmp_path: Path) -> None:

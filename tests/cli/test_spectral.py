@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from virtual_monochromator import MonochromatorRun
 
 import photosite as ps
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.studies.virtual_monochromator import MonochromatorRun
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from virtual_monochromator import without_spectra
 
 import photosite as ps
 from photosite.calibration.spectral.chart import calibrate_chart
@@ -14,7 +15,6 @@ from photosite.metrics.patches import patch_statistics
 from photosite.studies.chart_protocol import is_chart_protocol, open_chart
 from photosite.studies.chart_spectral import ChartShot, chart_views, unit_electrons
 from photosite.studies.virtual_lab import with_pedestal
-from photosite.studies.virtual_monochromator import without_spectra
 from photosite.values.measured import Measured
 
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)

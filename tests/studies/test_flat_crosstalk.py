@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_monochromator import MonochromatorRun, without_spectra
 
 import photosite as ps
 from photosite.camera.optical_stack import channel_mixing
@@ -15,7 +16,6 @@ from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor, virtual_lab
-from photosite.studies.virtual_monochromator import MonochromatorRun, without_spectra
 from photosite.studies.virtual_sensors import condition
 from photosite.values.cfa import channel_mask
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from virtual_chips import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 from photosite.errors import InputError
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
-from photosite.studies.planted import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 SENSOR = load_sensor("nikon-d200").with_(
     rows=60, cols=80, black_level_dn=64, dark_voltage_mv_per_s=0.5, dcnu_percent=20.0

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_gain_series import GainModel, gain_series_lab, gain_series_protocol
 
 import photosite as ps
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
-from photosite.studies.gain_series import GainModel, gain_series_lab, gain_series_protocol
 
 
 def base() -> Sensor:
