@@ -55,7 +55,7 @@ _HOMES = {
 }
 _MODULES = {
     "charts": "photosite.scene.charts",
-    "lamps": "photosite.color.lamps",
+    "illuminants": "photosite.color.illuminants",
     "lights": "photosite.scene.lights",
     "pictures": "photosite.scene.pictures",
     "render": "photosite.scene.render",
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from photosite.calibration.spectral.spectral import calibrate_spectral as calibrate_spectral
     from photosite.camera.camera import Camera as Camera
     from photosite.camera.file import load_camera as load_camera
-    from photosite.color import lamps as lamps
+    from photosite.color import illuminants as illuminants
     from photosite.color.spectrum import Spectrum as Spectrum
     from photosite.frames.io.read import read_raw as read_raw
     from photosite.frames.open import open_frames as open_frames

@@ -11,7 +11,6 @@ from virtual_monochromator import MonochromatorRun
 import photosite as ps
 from photosite.calibration.spectral.protocol import open_spectral
 from photosite.calibration.spectral.spectral import calibrate_spectral
-from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError
 from photosite.studies.virtual_lab import with_pedestal
 
@@ -77,33 +76,3 @@ def test_a_region_is_measured_alone(written):
         found.append(calibrate_spectral(open_spectral(folder / "part.yaml")).channels["R"].band_mean)
     assert found[0] == pytest.approx((found[1] + found[2]) / 2, rel=1e-12)
     assert not np.allclose(found[1], found[2], rtol=1e-9)
-
-
-def test_spectra_from_csv(tmp_path):
-    file = tmp_path / "a.csv"
-    file.write_text("# a lamp\nnm, power, u\n400, 1.5, 0.1  # start\n\n410,2,0.2\n")
-    spectrum, uncertainty = read_spectrum(file)
-    assert (spectrum.wavelength_nm.tolist(), spectrum.values.tolist()) == ([400.0, 410.0], [1.5, 2.0])
-    assert uncertainty.tolist() == [0.1, 0.2]
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "holds no spectrum"),
-        ("nm,v\n", "holds no spectrum"),
-        ("nm,v\nnm,v\n", ":2: expected two or three finite numbers"),
-        ("400,1\n390,2\n", ":2: wavelengths rise"),
-        ("400,1\n410,nan\n", ":2: expected 2 finite numbers"),
-        ("400,1\n410,2,3\n", ":2: expected 2 finite numbers"),
-        ("400,1,-1\n", ":1: a standard uncertainty is 0 or above"),
-        ("-400,1\n", "positive"),
-    ],
-)
-def test_spectra_that_are_none(tmp_path, text, said):
-    file = tmp_path / "a.csv"
-    file.write_text(text)
-    with pytest.raises(FileError, match=re.escape(said)):
-        read_spectrum(file)
-    with pytest.raises(FileError, match="there is no such file"):
-        read_spectrum(tmp_path / "none.csv")

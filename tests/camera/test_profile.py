@@ -8,7 +8,8 @@ import numpy as np
 
 import photosite as ps
 from photosite.camera.dng_profile import color_matrix, noise_profile
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, color_matching_functions
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM
+from photosite.color.tristimulus import color_matching_functions
 
 
 def test_matrix_of_an_ideal_colorimeter_is_diagonal() -> None:

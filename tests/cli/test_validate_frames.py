@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.cli.main import run
-from photosite.color.spectrum import illuminant
+from photosite.color.illuminants import illuminant
 
 CORNERS = ("8,8", "8,384", "256,384", "256,8")
 

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from photosite.color.cie import colour_science
-from photosite.color.difference import D65_WHITE_XYZ
+from photosite.color.colour_science import colour_science
+from photosite.color.srgb import encode_srgb
+from photosite.color.tristimulus import D65_WHITE_XYZ
 from photosite.develop.develop import develop
-from photosite.develop.display import encode_srgb
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import NAMED, channel_mask, channel_names

@@ -21,7 +21,8 @@ from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFram
 from photosite.calibration.spectral.passband import Passband, triangular_passband
 from photosite.camera.camera import Camera
 from photosite.camera.optical_stack import channel_mixing
-from photosite.color.spectrum import Spectrum, illuminant, photons_from_energy
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameSource

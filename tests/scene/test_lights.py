@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from photosite.color.spectrum import illuminant, luminance_cd_m2, photons_from_energy
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import photons_from_energy
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.lights import gradient, mixed, spot
@@ -88,7 +90,7 @@ def test_gradients_and_spots() -> None:
         ([("D65", -1.0, None)], "0 cd/m2 or more, not -1.0"),
         ([("D65", 1.0, np.ones((3, 3)))], r"light 1 is \(rows, cols\) = \(20, 30\).*not \(3, 3\)"),
         ([("A", 1.0, None), ("D65", 1.0, -np.ones((20, 30)))], "spread of light 2 is 0 or more"),
-        ([("D66", 1.0, None)], "unknown illuminant"),
+        ([("D66", 1.0, None)], "illuminant must be a known name"),
         ([("D65", 1.0, lambda y, x: np.full((20, 30), math.nan))], "0 or more everywhere"),
     ],
 )

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from photosite.color.difference import delta_e_2000
-from photosite.color.spectrum import energy_from_photons, illuminant, luminance_cd_m2, photons_from_energy, xyz
-from photosite.develop.display import XYZ_FROM_SRGB, encode_srgb
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import energy_from_photons, photons_from_energy
+from photosite.color.srgb import XYZ_FROM_SRGB, encode_srgb
+from photosite.color.tristimulus import luminance_cd_m2, xyz
 from photosite.errors import InputError
 from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of
 from photosite.scene.pictures import (

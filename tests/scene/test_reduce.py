@@ -10,7 +10,9 @@ import pytest
 
 import photosite.scene.io.store as store_module
 import photosite.scene.reduce as reduce_module
-from photosite.color.spectrum import Spectrum, illuminant, luminance_cd_m2, photons_from_energy
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import Spectrum, photons_from_energy
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, CubeHead
 from photosite.scene.options import ReadOptions

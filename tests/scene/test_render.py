@@ -15,7 +15,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from photosite.color.spectrum import blackbody, energy_from_photons
+from photosite.color.illuminants import blackbody
+from photosite.color.spectrum import energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.render import EXAMPLE, example_scene, render_mitsuba
 from photosite.scene.scene import Scene

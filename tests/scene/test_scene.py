@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Spectrum, photons_from_energy
-from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.scene import Scene

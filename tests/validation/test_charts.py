@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photosite.color.cie import colour_science
+from photosite.color.colour_science import colour_science
 from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.charts import chart_regions, chart_xyz_d65

@@ -8,13 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.optical_stack import channel_mixing
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    illuminant,
-    integration_weights,
-    photons_from_energy,
-    xyz,
-)
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, integration_weights, photons_from_energy
+from photosite.color.tristimulus import xyz
 from photosite.scene.charts import macbeth_reflectance
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile

@@ -1,1 +1,1 @@
-"""Spectra, illuminants, colour-matching functions, XYZ, Lab and colour difference."""
+"""Spectra, illuminants, colour-matching functions, XYZ, Lab, sRGB and colour difference."""

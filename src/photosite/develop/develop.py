@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.difference import D65_WHITE_XYZ
+from photosite.color.srgb import SRGB_FROM_XYZ, encode_srgb
+from photosite.color.tristimulus import D65_WHITE_XYZ
 from photosite.develop.color_matrix import ColorMatrix
 from photosite.develop.demosaic import demosaic_bilinear, plane_names
-from photosite.develop.display import SRGB_FROM_XYZ, encode_srgb
 from photosite.develop.white_balance import gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError, did_you_mean
 from photosite.frames.raw_frame import RawFrame

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.spectrum import Rule, Spectrum, luminance_cd_m2, photons_from_energy
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import Rule, Spectrum, photons_from_energy
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import Scene
@@ -95,7 +96,7 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     scene
         Its own light is put out.
     lights
-        For each: what `photosite.color.spectrum.illuminant` takes; the luminance, in cd/m2, of a perfect white in
+        For each: what `photosite.color.illuminants.illuminant` takes; the luminance, in cd/m2, of a perfect white in
         this light
         alone where its spread is 1; and its spread over the field, 0 or more: an array (rows, cols), a function such as
         `gradient` or `spot` give, or None for even light.

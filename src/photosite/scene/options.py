@@ -36,7 +36,7 @@ class ReadOptions:
     tolerance
         Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make; 1e-6 or more.
     illuminant
-        Light on reflectances, as `photosite.color.spectrum.illuminant` has it.
+        Light on reflectances, as `photosite.color.illuminants.illuminant` has it.
     mean_luminance_cd_m2
         To scale the scene to: the mean of a chart's patches (`Scene.patches`: measured charts, and charts in
         photosite's own file), of all samples of anything else. `Scene.said_luminance_cd_m2` gives it back;

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.cie import colour_science
+from photosite.color.colour_science import colour_science
 from photosite.errors import InputError, did_you_mean
 
 Array = NDArray[np.float64]

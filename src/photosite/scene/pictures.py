@@ -13,9 +13,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.cie import colour_science
-from photosite.color.spectrum import Rule, Spectrum, luminance_cd_m2, photons_from_energy, wavelength_grid
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.picture_colors import (
     OutOfGamut,
@@ -119,7 +120,7 @@ def from_rgb(
     picture
         (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1; outside by 1e-6 is rounding.
     illuminant
-        As for `photosite.color.spectrum.illuminant`. Under "D65" the scene has the picture's colours.
+        As for `photosite.color.illuminants.illuminant`. Under "D65" the scene has the picture's colours.
     mean_luminance_cd_m2
         Mean over all samples.
     space
@@ -259,8 +260,8 @@ def from_hdr(
     mean_luminance_cd_m2
         Mean over all samples.
     white
-        Spectrum of white light, as for `photosite.color.spectrum.illuminant`; other colours are it through Mallett and
-        Yuksel's filters. Under any but "D65" colours shift with it, as in a room with that light.
+        Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colours are it through Mallett
+        and Yuksel's filters. Under any but "D65" colours shift with it, as in a room with that light.
     space, out_of_gamut, wavelength_nm, distance_m, width_m, rule, name
         As for `from_rgb`.
 

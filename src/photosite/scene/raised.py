@@ -7,8 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.cie import colour_science
-from photosite.color.spectrum import color_matching_functions, illuminant, integration_weights
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import integration_weights
+from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
 from photosite.scene.reduction import principal_spectra
 from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance

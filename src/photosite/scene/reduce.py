@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.spectrum import illuminant as relative_energy
-from photosite.color.spectrum import luminance_cd_m2, photons_from_energy
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import photons_from_energy
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
 from photosite.scene.bands import band_order
 from photosite.scene.cube import Array, SpectralCube

@@ -116,7 +116,7 @@ class SceneRequest:
     source
         A formula's name (`FORMULAS`), or a file that `photosite.scene.io.files.read_scene` reads.
     illuminant
-        As for `photosite.color.spectrum.illuminant`. For a formula None is CIE A, the paper's light. A file of
+        As for `photosite.color.illuminants.illuminant`. For a formula None is CIE A, the paper's light. A file of
         reflectances or
         of a picture is lit by it; one of radiances whose reflectances are not known refuses it.
     mean_luminance_cd_m2

@@ -9,15 +9,9 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.spectrum import (
-    Rule,
-    Spectrum,
-    integration_weights,
-    luminance_cd_m2,
-    photons_from_energy,
-    wavelength_grid,
-)
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import Rule, Spectrum, integration_weights, photons_from_energy, wavelength_grid
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.weights import checked_weights, component_means
 from photosite.values.region import Region
@@ -281,7 +275,7 @@ class Scene:
         Parameters
         ----------
         illuminant
-            As for `photosite.color.spectrum.illuminant`.
+            As for `photosite.color.illuminants.illuminant`.
         mean_luminance_cd_m2
             Mean over all samples under the new light; None keeps the mean that the scene has.
         rule

@@ -160,7 +160,7 @@ def _shot(entry: ProtocolEntry, chart: _Chart, data: Mapping[Any, Any]) -> Chart
         raise entry.error("a light has an 'illuminant' or a 'spectrum' (a CSV file)")
     light: str | float | Spectrum
     if measured is not None:
-        light, _ = read_spectrum(entry.file.parent / (optional_text(entry.file, entry.data, "spectrum") or ""))
+        light = read_spectrum(entry.file.parent / (optional_text(entry.file, entry.data, "spectrum") or "")).spectrum
     elif isinstance(named, bool) or not isinstance(named, str | int | float):
         raise entry.error(f"'illuminant' is a CIE name or a temperature such as 3200K, not {named!r:.80}", "illuminant")
     else:

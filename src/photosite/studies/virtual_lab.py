@@ -282,7 +282,7 @@ def virtual_lab(
     protocol
         What to shoot.
     illuminant
-        Light of the uniform field, as for `photosite.color.spectrum.illuminant`.
+        Light of the uniform field, as for `photosite.color.illuminants.illuminant`.
     level
         Mean electrons of the brightest channel at the longest exposure, in saturation capacities.
     seed, photons_known

@@ -63,7 +63,9 @@ def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
     >>> chart_xyz_d65("macbeth", ["white", "neutral 5"])[:, 1].round(3)
     array([0.887, 0.203])
     """
-    from photosite.color.spectrum import illuminant, photons_from_energy, xyz
+    from photosite.color.illuminants import illuminant
+    from photosite.color.spectrum import photons_from_energy
+    from photosite.color.tristimulus import xyz
     from photosite.scene.charts import MACBETH_NAMES, macbeth_reflectance
 
     check_chart(chart)

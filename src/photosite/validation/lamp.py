@@ -10,15 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    Spectrum,
-    illuminant,
-    integration_weights,
-    luminance_cd_m2,
-    photons_from_energy,
-)
-from photosite.color.spectrum_file import read_heading, read_spectrum
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Spectrum, integration_weights, photons_from_energy
+from photosite.color.spectrum_file import read_spectrum
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, did_you_mean
 from photosite.scene.charts import macbeth_reflectance
 
@@ -69,7 +64,7 @@ class Lamp:
 
     @classmethod
     def named(cls, name: str) -> Lamp:
-        """An illuminant by its name, as for `photosite.color.spectrum.illuminant`; its level is not known.
+        """An illuminant by its name, as for `photosite.color.illuminants.illuminant`; its level is not known.
 
         Raises
         ------
@@ -141,8 +136,9 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     20.0
     """
     file = Path(path)
-    spectrum, _ = read_spectrum(file)
-    per_unit = _RADIANCE_PER_UNIT[_quantity(file)]
+    content = read_spectrum(file)
+    spectrum = content.spectrum
+    per_unit = _RADIANCE_PER_UNIT[_quantity(file, content.columns)]
     if (spectrum.values < 0).any():
         at = int(np.argmin(spectrum.values))
         raise FileError(
@@ -157,8 +153,7 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     return Lamp(file.name, light, light.wavelength_nm, level)
 
 
-def _quantity(file: Path) -> str:
-    heading = read_heading(file)
+def _quantity(file: Path, heading: tuple[str, ...]) -> str:
     wanted = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
     if len(heading) < 2 or heading[0] != _WAVELENGTH:
         raise FileError(file, f"does not say what its columns are; its first line must be {wanted}")

@@ -1,1 +1,1 @@
-"""Small immutable values shared by all stages: measured values, uncertainty propagation, CFA, region, exposure time."""
+"""Small immutable values that all stages share: measured value, uncertainty, CFA, region, exposure time."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.color.cie import colour_science
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, illuminant, photons_from_energy, xyz
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, photons_from_energy
+from photosite.color.tristimulus import xyz
 from photosite.errors import InputError
 from photosite.scene import charts
 

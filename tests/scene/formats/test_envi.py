@@ -149,7 +149,7 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
     array = RNG.uniform(0.1, 0.9, (4, 6, 5)).astype(np.float32)
     head = {"wavelength": [400, 600, 780, 900, 1000], "wavelength units": "nm", "data units": "reflectance"}
     path = saved(tmp_path, array, head)
-    with pytest.raises(FileError, match=r"cube\.hdr: illuminant D65 is known from 300 to 830 nm only") as caught:
+    with pytest.raises(FileError, match="illuminant D65") as caught:
         read_scene(path, illuminant="D65", mean_luminance_cd_m2=100)
     assert "band_range_nm=(300, 830)" in str(caught.value)
     said = {"illuminant": "D65", "mean_luminance_cd_m2": 100, "band_range_nm": (400, 780), "tolerance": 1e-6}

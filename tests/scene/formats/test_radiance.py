@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photosite.color.spectrum import luminance_cd_m2
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError
 from photosite.scene.io.files import read_scene
 from photosite.scene.pictures import from_hdr

@@ -36,7 +36,9 @@ def test_signal_goes_with_the_area(sizes) -> None:
     large, small = sizes.curve(2.2, False), sizes.curve(1.4, False)
     assert small.electrons_per_cd_m2 / large.electrons_per_cd_m2 == pytest.approx(AREAS, rel=1e-6)
     # From the lens and the quantum efficiency by hand, for the green of 2.2 um under CIE A.
-    from photosite.color.spectrum import illuminant, luminance_cd_m2, photons_from_energy
+    from photosite.color.illuminants import illuminant
+    from photosite.color.spectrum import photons_from_energy
+    from photosite.color.tristimulus import luminance_cd_m2
 
     grid = np.arange(380.0, 781.0, 10.0)
     light = photons_from_energy(illuminant("A", grid), grid)

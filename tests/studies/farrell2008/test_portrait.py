@@ -42,7 +42,7 @@ def test_luminances() -> None:
     scene = portrait_scene(5.0)
     assert scene.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
     # The slow way: each sample's spectrum.
-    from photosite.color.spectrum import luminance_cd_m2
+    from photosite.color.tristimulus import luminance_cd_m2
 
     radiance = np.einsum("kij,kl->ijl", scene.weights[:, FACE.r0 : FACE.r1 : 9, FACE.c0 : FACE.c1 : 9], scene.basis)
     thinned = luminance_cd_m2(radiance, scene.wavelength_nm).mean()

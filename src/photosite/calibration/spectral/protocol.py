@@ -276,7 +276,7 @@ def _passband(entry: ProtocolEntry) -> tuple[Passband, float]:
             centre, width = entry.positive("centre_nm"), entry.quantity("bandwidth_nm")
             return triangular_passband(centre.value, width.value), centre.standard_uncertainty
         name = optional_text(entry.file, entry.data, "passband") or ""
-        spectrum, _ = read_spectrum(entry.file.parent / name)
+        spectrum = read_spectrum(entry.file.parent / name).spectrum
         return Passband.of_energy(spectrum), 0.0
     except InputError as error:
         raise entry.error(str(error)) from None
@@ -293,7 +293,8 @@ def _photodiode(top: ProtocolEntry) -> Photodiode | None:
     name = optional_text(top.file, data, "responsivity")
     if name is None:
         raise entry.error("'photodiode' lacks 'responsivity', a CSV file of wavelength_nm and A/W")
-    responsivity, uncertainty = read_spectrum(top.file.parent / name)
+    table = read_spectrum(top.file.parent / name)
+    responsivity, uncertainty = table.spectrum, table.standard_uncertainty
     try:
         return Photodiode(responsivity, uncertainty, entry.positive("area_mm2"))
     except InputError as error:

@@ -7,15 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.cie import colour_science
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    Rule,
-    Spectrum,
-    photons_from_energy,
-    wavelength_grid,
-)
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, photons_from_energy, wavelength_grid
 from photosite.errors import InputError
 from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions
 from photosite.scene.placement import place
@@ -108,7 +102,7 @@ def macbeth(
     Parameters
     ----------
     illuminant
-        As for `photosite.color.spectrum.illuminant`; "A" is the paper's tungsten light.
+        As for `photosite.color.illuminants.illuminant`; "A" is the paper's tungsten light.
     mean_luminance_cd_m2
         Mean luminance of the 24 patches (of the patches, not of the black between them).
     wavelength_nm

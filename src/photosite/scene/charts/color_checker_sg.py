@@ -8,16 +8,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.cie import colour_science
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    Rule,
-    Spectrum,
-    color_matching_functions,
-    integration_weights,
-    wavelength_grid,
-)
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, integration_weights, wavelength_grid
+from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError, did_you_mean
 from photosite.scene.charts.patches import reflectance_chart
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene

@@ -8,14 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    Rule,
-    Spectrum,
-    photons_from_energy,
-    wavelength_grid,
-)
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, photons_from_energy, wavelength_grid
 from photosite.errors import InputError
 from photosite.scene.charts import coverage
 from photosite.scene.charts.grey import between, check_range, check_size, dark_share, grey_scene

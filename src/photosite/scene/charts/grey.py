@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
-from photosite.color.spectrum import illuminant as relative_energy
 from photosite.errors import InputError
 from photosite.scene.scene import Scene, light_title
 from photosite.values.region import Region

@@ -9,15 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.spectrum import (
-    DEFAULT_WAVELENGTH_NM,
-    Rule,
-    Spectrum,
-    luminance_cd_m2,
-    photons_from_energy,
-    wavelength_grid,
-)
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.illuminants import illuminant as relative_energy
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.charts.grey import check_range, grey_scene
 from photosite.scene.reduction import few_spectra
@@ -73,7 +67,7 @@ def reflectance_chart(
     names
         Of the patches, all different; None numbers them from 1.
     illuminant
-        As for `photosite.color.spectrum.illuminant`.
+        As for `photosite.color.illuminants.illuminant`.
     mean_luminance_cd_m2
         Mean luminance of the patches (of the patches, not of the black between them).
     distance_m

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.cie import colour_science
+from photosite.color.colour_science import colour_science
 from photosite.errors import FileError
 from photosite.scene.picture_colors import SPACES, linear_srgb_of, primaries_to_xyz
 

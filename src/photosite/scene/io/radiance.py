@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.cie import colour_science
+from photosite.color.colour_science import colour_science
 from photosite.errors import FileError
 from photosite.scene.io.light_picture import scene_of_light
 from photosite.scene.io.picture import check_said

@@ -15,7 +15,7 @@ from os import fspath
 from pathlib import Path
 from typing import Any
 
-from photosite.color.spectrum import illuminant as relative_energy
+from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.yaml import check_keys, line_of, optional_text

@@ -6,8 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.color.spectrum import color_matching_functions, illuminant, integration_weights
-from photosite.develop.display import XYZ_FROM_SRGB
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import integration_weights
+from photosite.color.srgb import XYZ_FROM_SRGB
+from photosite.color.tristimulus import color_matching_functions
 from photosite.report.style import BLACK, BLUE, ORANGE, VERMILION, styled
 from photosite.scene import charts
 from photosite.scene.lights import gradient, mixed, spot

@@ -5,42 +5,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.color.difference import D65_WHITE_XYZ
+from photosite.color.tristimulus import D65_WHITE_XYZ
 
 _PRIMARIES_XY = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])
 """Chromaticities of red, green and blue (IEC 61966-2-1, ITU-R BT.709)."""
 
 
 def _xyz_from_srgb() -> NDArray[np.float64]:
-    """The primaries' XYZ as columns, scaled so that (1, 1, 1) is the white."""
+    """Return the primaries' XYZ as columns, scaled so that (1, 1, 1) is the white."""
     primaries = np.column_stack([_PRIMARIES_XY, 1.0 - _PRIMARIES_XY.sum(axis=1)]).T
     return np.asarray(primaries * np.linalg.solve(primaries, D65_WHITE_XYZ))
 
 
 XYZ_FROM_SRGB: NDArray[np.float64] = _xyz_from_srgb()
-"""(3, 3): XYZ (Y = 1 for white) of linear sRGB, from the primaries; the standard prints it rounded."""
+"""(3, 3), linear sRGB to XYZ (Y = 1 for white), from the primaries; the standard prints it rounded."""
 XYZ_FROM_SRGB.flags.writeable = False
 
 SRGB_FROM_XYZ: NDArray[np.float64] = np.asarray(np.linalg.inv(XYZ_FROM_SRGB), dtype=np.float64)
-"""(3, 3): linear sRGB of XYZ."""
+"""(3, 3), XYZ to linear sRGB."""
 SRGB_FROM_XYZ.flags.writeable = False
 
 
 def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear sRGB as display sRGB.
+    """Encode linear sRGB for the display.
 
     Parameters
     ----------
     linear
-        Any shape. Below 0 and above 1 the display has nothing to show, and such values become 0 and 1.
+        Any shape. Values are clipped to 0..1.
 
     Returns
     -------
     numpy.ndarray
         The same shape, 0 to 1.
 
-    Notes
-    -----
+    References
+    ----------
     IEC 61966-2-1:1999, 5.2: 12.92 x up to 0.0031308, 1.055 x^(1/2.4) - 0.055 above.
 
     Examples
@@ -48,8 +48,8 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     >>> encode_srgb(np.array([-0.1, 0.0, 0.002, 0.5, 1.0, 3.0], np.float32)).round(4)
     array([0.    , 0.    , 0.0258, 0.7354, 1.    , 1.    ], dtype=float32)
     """
-    shown = np.clip(linear, 0.0, 1.0, dtype=np.float32)
+    clipped = np.clip(linear, 0.0, 1.0, dtype=np.float32)
     # 1.055 p - 0.055, written so that white is 1 exactly.
-    curve = 1 - np.float32(1.055) * (1 - shown ** np.float32(1 / 2.4))
-    encoded: NDArray[np.float32] = np.where(shown <= np.float32(0.0031308), np.float32(12.92) * shown, curve)
+    curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
+    encoded: NDArray[np.float32] = np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve)
     return encoded

@@ -1,4 +1,4 @@
-"""The door to colour-science: imported when first used, and kept from changing how NumPy prints."""
+"""Import of the colour-science package: deferred to first use, and without its side effect on NumPy's printing."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 
 def colour_science() -> Any:
-    """The `colour` package.
+    """Return the `colour` package.
 
-    Its import switches NumPy's printing to a legacy mode for the whole process and takes about a second;
-    here the first is undone and the second happens only when a CIE table is needed.
+    Importing it takes about a second, so that happens when a CIE table is first needed. The import switches NumPy to
+    legacy printing; this function restores the print options.
 
     Examples
     --------

@@ -1,0 +1,63 @@
+"""Spectra, integration over wavelength and tristimulus values."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from photosite.color.colour_science import colour_science
+from photosite.color.spectrum import Spectrum, integration_weights, photons_from_energy, wavelength_grid
+from photosite.color.tristimulus import lab, luminance_cd_m2
+from photosite.errors import InputError
+from photosite.scene import charts
+
+
+def test_trapezoid_is_exact_for_straight_lines_on_uneven_grids() -> None:
+    grid = np.array([400.0, 410.0, 440.0, 445.0])
+    assert (3 * grid + 1) @ integration_weights(grid) == pytest.approx(1.5 * (445**2 - 400**2) + 45, rel=1e-14)
+
+
+def test_rectangle_rule_rejects_unequal_steps() -> None:
+    with pytest.raises(InputError):
+        integration_weights([400, 410, 430], "rectangle")
+
+
+@pytest.mark.parametrize("grid", [[500, 400], [400, 400], [], [[400, 500]], [math.nan, 1], [-1, 5]])
+def test_invalid_wavelength_grids(grid: list[float]) -> None:
+    with pytest.raises(InputError) as caught:
+        wavelength_grid(grid)
+    assert caught.value.what == "wavelength_nm"
+
+
+def test_spectrum_needs_a_value_per_wavelength() -> None:
+    with pytest.raises(InputError) as caught:
+        Spectrum([400.0, 500.0], [1.0])
+    assert caught.value.what == "values"
+
+
+def test_luminance_of_a_monochromatic_watt() -> None:
+    """1 W/sr/m2 at 555 nm is 683 cd/m2 by definition; at 507 nm V = 0.444310 (CIE 1931, 1 nm table)."""
+    grid = np.arange(380.0, 781.0)
+    for wavelength, v in ((555.0, 1.0), (507.0, 0.444310)):
+        line = photons_from_energy(np.where(grid == wavelength, 1.0, 0.0), grid)
+        assert luminance_cd_m2(line, grid) == pytest.approx(683 * v, rel=1e-5)
+
+
+@pytest.mark.parametrize("xyz", [[1.0, 2.0], [1.0, np.nan, 1.0]])
+def test_lab_rejects_invalid_xyz(xyz: list[float]) -> None:
+    with pytest.raises(InputError) as caught:
+        lab(xyz)
+    assert caught.value.what == "xyz"
+
+
+def test_importing_colour_science_keeps_numpy_print_options() -> None:
+    before = np.get_printoptions()
+    colour_science()
+    assert np.get_printoptions() == before
+
+
+def test_chart_without_visible_light() -> None:
+    with pytest.raises(InputError):
+        charts.macbeth(Spectrum(np.array([380.0, 780.0]), np.zeros(2)))
