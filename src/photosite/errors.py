@@ -126,14 +126,19 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         spelling
             How the user's interface writes arguments.
         """
-        text = self.what if self.expected is None else f"{spelling.name(self.what)} must be {self.expected}"
+        text = self.what if self.expected is None else f"{self._field(spelling)} must be {self.expected}"
         if self.value is not NOT_GIVEN:
             text += f", got {_short(self.value)}"
         if self.hint:
-            written = {name: spelling.argument(name, value) for name, value in self.arguments.items()}
-            hint = self.hint.format(**written) if written else self.hint
-            text += f". {hint}"
+            text += f". {self._spelled_hint(spelling)}"
         return f"{self.where}: {text}" if self.where else text
+
+    def _field(self, spelling: Spelling) -> str:
+        return spelling.name(self.what)
+
+    def _spelled_hint(self, spelling: Spelling) -> str | None:
+        written = {name: spelling.argument(name, value) for name, value in self.arguments.items()}
+        return self.hint.format(**written) if self.hint and written else self.hint
 
     def __str__(self) -> str:
         return self.format()
@@ -149,10 +154,20 @@ def _made_again(kind: type[Any], positional: tuple[Any, ...], fields: dict[str, 
 class PhotositeError(_Fields):
     """Base class of the exceptions that photosite raises on purpose."""
 
-    def in_file(self, path: str | PathLike[str], line: int | None = None) -> FileError:
+    def in_file(
+        self, path: str | PathLike[str], line: int | None = None, spelling: Spelling | None = None
+    ) -> FileError:
         """Return this error as that of a file's content.
 
         `where` is kept: it is the section inside the file.
+
+        Parameters
+        ----------
+        path, line
+            As for `FileError`.
+        spelling
+            How arguments are written in that file. None: the hint's placeholders are kept, to be filled by the
+            interface.
 
         Examples
         --------
@@ -160,7 +175,11 @@ class PhotositeError(_Fields):
         >>> print(error.in_file("protocol.yaml", line=7))
         protocol.yaml:7: frames[2]: exposure_s must be above 0, got 0
         """
-        return FileError(path, self.what, line, **self.fields)
+        if spelling is None:
+            return FileError(path, self.what, line, **self.fields)
+        what = self.what if self.expected is None else self._field(spelling)
+        fields = self.fields | {"hint": self._spelled_hint(spelling), "arguments": {}}
+        return FileError(path, what, line, **fields)
 
     def within(self, where: str) -> Self:
         """Return this error with a place in front of `where`.
@@ -199,14 +218,27 @@ class FileError(PhotositeError):
         self.line = line
         super().__init__(what, **fields)
 
+    @property
+    def place(self) -> str:
+        """The path, and the line number where it is known."""
+        return self.path if self.line is None else f"{self.path}:{self.line}"
+
     def format(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message, one line, which begins with the path and the line number."""
-        place = self.path if self.line is None else f"{self.path}:{self.line}"
-        return f"{place}: {self.format_content(spelling)}"
+        return f"{self.place}: {self.format_content(spelling)}"
 
     def format_content(self, spelling: Spelling = _PYTHON) -> str:
         """Return the message without the path and the line number."""
         return super().format(spelling)
+
+    def in_file(
+        self, path: str | PathLike[str], line: int | None = None, spelling: Spelling | None = None
+    ) -> FileError:
+        """Return this error as that of another file's content, which names this one."""
+        return super().in_file(path, line, spelling).within(self.place)
+
+    def _field(self, spelling: Spelling) -> str:
+        return self.what  # a field of the file, not an argument of the interface
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), (self.path, self.what, self.line), self.fields)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json, table
 
 
-@click.command("bench")
+@click.command("bench", cls=Command)
 @click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
 @click.option("--case", "names", multiple=True, metavar="NAME", help="Only this case; may be given several times.")
 @options.json_option

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.gain_series import calibrate_gain_series
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
 
 
-@click.command("calibrate")
+@click.command("calibrate", cls=Command)
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
     "--sensor",

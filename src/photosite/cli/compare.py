@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from photosite.cli import options
+from photosite.cli.command import Command, OptionSpelling
 from photosite.cli.output import print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
@@ -18,11 +19,19 @@ if TYPE_CHECKING:
     from photosite.validation.result import Validation
     from photosite.validation.set_up import SetUp
 
-_OF_OPTIONS = ("sensor_name", "illuminant", "luminance", "distance", "f_number", "focal_length", "exposure")
+_OF_OPTIONS = (
+    "sensor_name",
+    "illuminant",
+    "mean_luminance_cd_m2",
+    "distance_m",
+    "f_number",
+    "focal_length_mm",
+    "exposure_s",
+)
 """Parameters that a set-up's file says itself."""
 
 
-@click.command("compare")
+@click.command("compare", cls=Command)
 @click.argument("other", type=click.Path(path_type=Path))
 @click.argument("reference", type=click.Path(path_type=Path), required=False)
 @click.option(
@@ -54,11 +63,21 @@ _OF_OPTIONS = ("sensor_name", "illuminant", "luminance", "distance", "f_number",
 )
 @options.sensor_option()
 @options.illuminant_option("A")
-@click.option("--luminance", type=options.above(), default=40.0, metavar="CD/M2", help="Mean luminance of the patches.")
-@click.option("--distance", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m.")
+@click.option(
+    "--luminance",
+    "mean_luminance_cd_m2",
+    type=options.above(),
+    default=40.0,
+    metavar="CD/M2",
+    help="Mean luminance of the patches.",
+)
+@click.option(
+    "--distance", "distance_m", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m."
+)
 @options.lens_options
 @click.option(
     "--exposure",
+    "exposure_s",
     type=options.exposure_time,
     default="1/3",
     metavar="SECONDS",
@@ -120,7 +139,7 @@ def _set_up(ctx: click.Context, other: Path, told: dict[str, Any], *, needed: bo
     given = [name for name in _OF_OPTIONS if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE]
     if file is not None and needed:
         if given:
-            option = "--" + given[0].removesuffix("_name").replace("_", "-")
+            option = OptionSpelling(ctx.command).name(given[0])
             raise click.UsageError(f"{option} belongs to a set-up by options, and {file} gives the set-up", ctx)
         return read_set_up(file, told["case"], integration=told["integration"])[0]
     return _of_options(told) if needed else None
@@ -136,10 +155,14 @@ def _of_options(told: dict[str, Any]) -> SetUp:
     lamp = lamp_from(told["illuminant"])
     rule = told["integration"]
     chart = macbeth(
-        lamp.light, told["luminance"], wavelength_nm=lamp.wavelength_nm, distance_m=told["distance"], rule=rule
+        lamp.light,
+        told["mean_luminance_cd_m2"],
+        wavelength_nm=lamp.wavelength_nm,
+        distance_m=told["distance_m"],
+        rule=rule,
     )
-    camera = Camera(options.lens(told["f_number"], told["focal_length"]), load_sensor(told["sensor_name"]), rule)
-    return SetUp.of_chart(camera, chart, told["exposure"])
+    camera = Camera(options.lens(told["f_number"], told["focal_length_mm"]), load_sensor(told["sensor_name"]), rule)
+    return SetUp.of_chart(camera, chart, told["exposure_s"])
 
 
 def _content(path: Path, told: dict[str, Any], set_up: SetUp | None) -> Content:
@@ -161,7 +184,7 @@ def _reading(told: dict[str, Any], sensor: Sensor) -> Any:
     from photosite.validation.other_tool import Reading
     from photosite.values.cfa import cfa_from
 
-    black_dn = told["black_level"]
+    black_dn = told["black_level_dn"]
     return Reading(
         cfa=sensor.array.cfa if told["cfa"] is None else cfa_from(told["cfa"]),
         bits=told["bits"] or sensor.readout.bits,

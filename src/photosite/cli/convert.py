@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json
 from photosite.cli.words import told_in_options
 
@@ -87,7 +88,7 @@ def _said(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-@click.command("convert")
+@click.command("convert", cls=Command)
 @click.argument("source", type=click.Path(path_type=Path))
 @options.output_option(*_SUFFIXES, text="Scene to write: .h5 (photosite's own), .mat, .tif, .hdr (ENVI), .exr.")
 @_said

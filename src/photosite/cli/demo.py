@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say, say_if_compiling, table
 from photosite.cli.shoot import prepared_sensor
 
@@ -20,7 +21,7 @@ REPORT_NAME, SENSOR_NAME, FRAMES_NAME = "report.html", "calibrated.sensor.yaml",
 PROTOCOL_NAME = "protocol.yaml"
 
 
-@click.command("demo")
+@click.command("demo", cls=Command)
 @options.sensor_option()
 @click.option("--rows", type=click.IntRange(1), default=1296, help="Rows of the virtual chip.")
 @click.option("--cols", type=click.IntRange(1), default=1936, help="Columns of the virtual chip.")

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json
 
 
@@ -25,7 +26,7 @@ def brightness_of(text: str) -> str | float:
     return text if text == "auto" else options.above()(text)
 
 
-@click.command("develop")
+@click.command("develop", cls=Command)
 @click.argument("raw", type=click.Path(path_type=Path))
 @options.output_option(*options.PICTURE_SUFFIXES, text="Picture to write (.png).")
 @click.option(

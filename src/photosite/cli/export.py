@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say, say_if_compiling
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class _Asked(NamedTuple):
     cfa: str | None
 
 
-@click.command("export")
+@click.command("export", cls=Command)
 @click.argument("source", metavar="FOLDER|FILE|SENSOR")
 @click.argument("form", metavar="FORMAT", type=click.Choice(list(SUFFIXES)))
 @click.option(

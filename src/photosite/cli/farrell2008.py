@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say_if_compiling
 
 
-@click.command("farrell2008")
+@click.command("farrell2008", cls=Command)
 @options.seed_option(2008)
 @click.option(
     "-o",

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
     from photosite.studies.farrell2008.recovery import Recovery
 
 
-@click.command("fill-factor")
+@click.command("fill-factor", cls=Command)
 @click.option("--seeds", type=click.IntRange(1), default=100, help="Cameras of each kind; seeds 0, 1, ...")
 @options.json_option
 def command(seeds: int, as_json: bool) -> None:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json, say, table
 
 if TYPE_CHECKING:
     from photosite.sensor.noise_profile import NoiseProfile
 
 
-@click.command("import")
+@click.command("import", cls=Command)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--model", help="The camera, of a file that holds several.")
 @click.option("--mono", is_flag=True, help="darktable: the camera has no colour filters (photosite's own say).")

@@ -1,6 +1,6 @@
-"""The command `photosite`: which commands there are, and how every failure becomes one line.
+"""The command `photosite`: the table of commands, exit statuses, errors and warnings in one line each.
 
-A command's module is imported when that command is called, so that `photosite --help` answers at once.
+A command's module is imported only when that command runs, so that `photosite --help` starts fast.
 """
 
 from __future__ import annotations
@@ -18,69 +18,62 @@ from typing import NoReturn, TextIO
 import click
 
 import photosite
-from photosite.errors import PhotositeError, PhotositeWarning, did_you_mean
+from photosite.cli.command import Group, spelling_of_current_command
+from photosite.errors import PhotositeError, PhotositeWarning
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
+"""128 + SIGINT, as shells return."""
 EXIT_TERMINATED = 143
 """128 + SIGTERM."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A command of the table: its module in this folder, and its line of help."""
+    """A command: its module in this folder, and its line of help."""
 
     module: str
     summary: str
 
 
 COMMANDS: dict[str, Entry] = {
-    "demo": Entry("demo", "Close the loop on a virtual D200: shoot, calibrate, simulate, compare, report."),
+    "demo": Entry("demo", "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report."),
     "sensors": Entry("sensors", "List, show, check and export sensor files."),
-    "optics": Entry("optics", "Check optics files: what they hold, and the lens's contrast."),
-    "scenes": Entry("scenes", "List the scenes by formula, look at scenes and their files."),
-    "convert": Entry("convert", "Reduce a spectral image to a scene of few spectra, in a file."),
-    "render": Entry("render", "Render a scene of Mitsuba 3, with units."),
+    "optics": Entry("optics", "Check optics files; print what they hold and the MTF."),
+    "scenes": Entry("scenes", "List the built-in scenes; show scenes and scene files."),
+    "convert": Entry("convert", "Reduce a spectral image to a scene of few basis spectra, and write it."),
+    "render": Entry("render", "Render a Mitsuba 3 scene to spectral radiance."),
     "simulate": Entry("simulate", "Simulate a raw frame of a scene."),
-    "shoot": Entry("shoot", "Simulate a measurement: the dark and flat frames that a calibration needs."),
-    "plan": Entry("plan", "How many frames a wanted precision takes; what precision a protocol reaches."),
-    "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark and flat frames."),
-    "spectral": Entry("spectral", "Measure quantum efficiency: bands of light and a photodiode, or a chart."),
+    "shoot": Entry("shoot", "Simulate a measurement: the dark frames and flat fields of a calibration."),
+    "plan": Entry("plan", "Plan a measurement: frames needed for a precision, precision reached by a protocol."),
+    "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark frames and flat fields."),
+    "spectral": Entry("spectral", "Measure quantum efficiency from narrow bands and a photodiode, or from a chart."),
     "export": Entry("export", "Write noise profiles and EMVA 1288 files for other programs."),
-    "import": Entry("import_", "Read other programs' noise profiles, into sensor files too."),
+    "import": Entry("import_", "Read noise profiles of other programs, also into sensor files."),
     "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),
     "compare": Entry("compare", "Compare another simulator's patches or mosaics with photosite's."),
-    "develop": Entry("develop", "Make a picture of a raw frame."),
-    "reproduce": Entry("reproduce", "Run studies anew: whether intervals cover the truth."),
-    "bench": Entry("bench", "Time photosite on this machine, beside the plain way to do the same work."),
+    "develop": Entry("develop", "Develop a raw frame to a picture."),
+    "reproduce": Entry("reproduce", "Repeat the studies, such as the coverage of the intervals."),
+    "bench": Entry("bench", "Time photosite on this machine against a plain implementation."),
 }
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported when they are called."""
+class LazyGroup(Group):
+    """A group whose commands are imported when they run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """The commands in the table's order: the order in which one meets them."""
+        """Return the names in the table's order: the order of use."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command, imported now; every module calls its own `command`."""
+        """Import and return a command; every module calls its own `command`."""
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(f"photosite.cli.{COMMANDS[cmd_name].module}").command
         return command
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click's, but an unknown command is told which was probably meant."""
-        if args[0] not in COMMANDS and not args[0].startswith("-"):
-            raise click.UsageError(f"no command '{args[0]}'; {did_you_mean(args[0], COMMANDS)}", ctx)
-        return super().resolve_command(ctx, args)
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The table itself; nothing is imported for it."""
+        """Write the table; no command is imported for it."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
 
@@ -90,22 +83,22 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Measure image sensors and simulate the cameras around them.
 
-    Frames of darkness and of flat light become a sensor file; a spectral scene, a lens and that file become
-    simulated raw frames; measured and simulated frames are compared.
+    Dark frames and flat fields give a sensor file. A spectral scene, a lens and that file give simulated raw frames.
+    Measured and simulated frames are compared.
 
-    Every command takes --help. Results go to standard output, messages to standard error; a wrong call or bad
-    input is one line there, and exit status 2.
+    Every command takes --help. Results go to standard output, messages to standard error. A wrong call or bad input
+    gives one line there, and exit status 2.
     """
 
 
 def main() -> NoReturn:
-    """The entry point of the console script."""
+    """Run the console script."""
     signal.signal(signal.SIGTERM, _terminated)
     sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command line; what was raised on purpose becomes one line on standard error.
+    """Run a command line; every intended error becomes one line on standard error.
 
     Returns
     -------
@@ -117,13 +110,13 @@ def run(arguments: Sequence[str]) -> int:
         warnings.showwarning = partial(_show_warning, warnings.showwarning)
         try:
             status = cli.main(list(arguments), prog_name="photosite", standalone_mode=False)
-        except PhotositeError as error:
-            return _fail(str(error))
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "photosite"
-            return _fail(f"{error.format_message()} ({command} --help says more)")
+            return _fail(f"{error.format_message()} (see {command} --help)")
         except click.ClickException as error:
             return _fail(error.format_message())
+        except PhotositeError as error:
+            return _fail(str(error))
         except (KeyboardInterrupt, click.Abort):
             click.echo("photosite: interrupted", err=True)
             return EXIT_INTERRUPTED
@@ -139,8 +132,8 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    if issubclass(category, PhotositeWarning):
-        click.echo(f"photosite: warning: {_one_line(str(message))}", err=True)
+    if isinstance(message, PhotositeWarning):
+        click.echo(f"photosite: warning: {_one_line(message.format(spelling_of_current_command()))}", err=True)
     else:
         default(message, category, filename, lineno, file, line)
 
@@ -155,5 +148,5 @@ def _one_line(message: str) -> str:
 
 
 def _terminated(signum: int, frame: FrameType | None) -> NoReturn:
-    """Unwind, so that half-written output is removed."""
+    """Unwind, so that temporary output is removed."""
     sys.exit(EXIT_TERMINATED)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from photosite.cli.command import Group
 from photosite.cli.options import json_option
 from photosite.cli.output import print_json, table
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError
 
 if TYPE_CHECKING:
     from photosite.optics.compound import Lens
@@ -21,17 +22,7 @@ _OF_FIELD = ("frequency_per_mm", "tangential", "sagittal")
 """Right of the axis the radius lies along the rows."""
 
 
-class _Subcommands(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click's, but an unknown subcommand is told which was probably meant, as at the top."""
-        if args[0] not in self.commands and not args[0].startswith("-"):
-            raise click.UsageError(f"no command 'optics {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
-        return super().resolve_command(ctx, args)
-
-
-@click.group("optics", cls=_Subcommands)
+@click.group("optics", cls=Group)
 def command() -> None:
     """Look at optics files.
 

@@ -130,14 +130,14 @@ def size_options(function: F) -> F:
 
 def black_level_option(text: str) -> Callable[[F], F]:
     """--black-level, with what leaving it out means."""
-    return click.option("--black-level", type=above(or_equal=True), metavar="DN", help=text)
+    return click.option("--black-level", "black_level_dn", type=above(or_equal=True), metavar="DN", help=text)
 
 
 def lens_options(function: F) -> F:
     """--f-number and --focal-length, of a lens limited by diffraction."""
-    function = click.option("--focal-length", type=above(), default=50.0, metavar="MM", help="Focal length in mm.")(
-        function
-    )
+    function = click.option(
+        "--focal-length", "focal_length_mm", type=above(), default=50.0, metavar="MM", help="Focal length in mm."
+    )(function)
     return click.option("--f-number", type=above(), default=8.0, metavar="N", help="f-number.")(function)
 
 
@@ -187,6 +187,7 @@ def _said_of_scene(function: F) -> F:
         ),
         click.option(
             "--wavelengths",
+            "wavelength_nm",
             type=wavelengths_of,
             metavar="START:STOP:STEP",
             help="Of a formula's scene, or of a file's bands where it does not say, in nm: 400:700:10 or 400,410,...",
@@ -194,10 +195,18 @@ def _said_of_scene(function: F) -> F:
         click.option(
             "--units", metavar="UNIT", help="What a scene's file holds, where it does not say, or says wrong."
         ),
-        click.option("--width", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."),
-        click.option("--distance", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"),
         click.option(
-            "--luminance", type=above(), metavar="CD/M2", help=f"{LUMINANCE_HELP}  [default: 40; a file's own]"
+            "--width", "width_m", type=above(), metavar="M", help="Width of the scene, in m; else it fills the frame."
+        ),
+        click.option(
+            "--distance", "distance_m", type=above(), metavar="M", help="From lens to scene, in m.  [default: 1.2]"
+        ),
+        click.option(
+            "--luminance",
+            "mean_luminance_cd_m2",
+            type=above(),
+            metavar="CD/M2",
+            help=f"{LUMINANCE_HELP}  [default: 40; a file's own]",
         ),
         click.option(
             "--illuminant",
@@ -235,11 +244,11 @@ def said_of_scene(told: Mapping[str, Any]) -> dict[str, Any]:
     """What the options say of a scene, by the fields of a `SceneRequest`."""
     said = {
         "illuminant": told["illuminant"],
-        "mean_luminance_cd_m2": told["luminance"],
-        "distance_m": told["distance"],
-        "width_m": told["width"],
+        "mean_luminance_cd_m2": told["mean_luminance_cd_m2"],
+        "distance_m": told["distance_m"],
+        "width_m": told["width_m"],
         "units": told["units"],
-        "wavelength_nm": told["wavelengths"],
+        "wavelength_nm": told["wavelength_nm"],
         "tolerance": told["tolerance"],
         "options": dict(told["scene_options"]) or None,
     }

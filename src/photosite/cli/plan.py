@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json, table
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 _NAMED = ("paper-d200",)
 
 
-@click.command("plan")
+@click.command("plan", cls=Command)
 @options.sensor_option()
 @options.size_options
 @options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
@@ -57,7 +58,7 @@ def command(
     sensor_name: str,
     rows: int | None,
     cols: int | None,
-    black_level: float | None,
+    black_level_dn: float | None,
     wants: tuple[str, ...],
     protocol: str | None,
     steps: tuple[str, ...],
@@ -86,7 +87,7 @@ def command(
     if sum(map(bool, (wants, protocol, steps))) != 1:
         raise click.UsageError("say what is wanted (--want), or what will be shot (--protocol, or --step), one of them")
     wanted = {want.parameter: want for want in map(Want.parse, wants)}
-    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level)
+    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level_dn)
     if wanted:
         plan = plan_frames(
             sensor, wanted, design=Design(longest_dark, longest_flat), illuminant=illuminant, metered=photons

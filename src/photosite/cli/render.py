@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json
 
 _SUFFIXES = (".h5", ".exr", ".mat", ".tif", ".tiff", ".hdr")
@@ -21,7 +22,7 @@ def _value(text: str) -> tuple[str, str]:
     return name, value
 
 
-@click.command("render")
+@click.command("render", cls=Command)
 @click.argument("source", type=click.Path(path_type=Path), required=False)
 @options.output_option(*_SUFFIXES, text="Scene to write: .h5 (photosite's own), .exr, .mat, .tif, .hdr (ENVI).")
 @click.option(

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Group
 from photosite.cli.farrell2008 import command as farrell2008
 from photosite.cli.fill_factor import command as fill_factor
 from photosite.cli.gallery import command as gallery
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
-from photosite.errors import did_you_mean
 
 if TYPE_CHECKING:
     from photosite.studies.coverage import Coverage, CoverageStudy
@@ -33,17 +33,7 @@ CONDITION_NAMES = (
 """Those of `photosite.studies.virtual_sensors`, which --help does not wait for; a test holds the two together."""
 
 
-class _Studies(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click's, but an unknown study is told which was probably meant, as at the top."""
-        if args[0] not in self.commands and not args[0].startswith("-"):
-            raise click.UsageError(f"no command 'reproduce {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
-        return super().resolve_command(ctx, args)
-
-
-@click.group("reproduce", cls=_Studies)
+@click.group("reproduce", cls=Group)
 def command() -> None:
     """Run a study anew.
 

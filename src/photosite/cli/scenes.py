@@ -9,25 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Group
 from photosite.cli.output import print_json, table
 from photosite.cli.words import told_in_options
-from photosite.errors import did_you_mean
 
 if TYPE_CHECKING:
     from photosite.scene.scene import Scene
 
 
-class _Subcommands(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click's, but an unknown subcommand is told which was probably meant, as at the top."""
-        if args[0] not in self.commands and not args[0].startswith("-"):
-            raise click.UsageError(f"no command 'scenes {args[0]}'; {did_you_mean(args[0], self.commands)}", ctx)
-        return super().resolve_command(ctx, args)
-
-
-@click.group("scenes", cls=_Subcommands, invoke_without_command=True)
+@click.group("scenes", cls=Group, invoke_without_command=True)
 @options.json_option
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say, say_if_compiling
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
 
 
-@click.command("shoot")
+@click.command("shoot", cls=Command)
 @options.sensor_option()
 @options.size_options
 @options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
@@ -45,7 +46,7 @@ def command(
     sensor_name: str,
     rows: int | None,
     cols: int | None,
-    black_level: float | None,
+    black_level_dn: float | None,
     no_pedestal: bool,
     illuminant: str,
     level: float,
@@ -70,9 +71,9 @@ def command(
     from photosite.studies.protocol import paper_d200_protocol
     from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
 
-    if no_pedestal and black_level is not None:
+    if no_pedestal and black_level_dn is not None:
         raise click.UsageError("--no-pedestal keeps the sensor's own black level; leave out --black-level")
-    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level, pedestal=not no_pedestal)
+    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level_dn, pedestal=not no_pedestal)
     protocol = paper_d200_protocol()
     if note:
         protocol = replace(protocol, name=f"{protocol.name}; {note}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json, say_if_compiling
 from photosite.cli.words import told_in_options
 from photosite.errors import InputError
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from photosite.scene.scene import Scene
 
 
-@click.command("simulate")
+@click.command("simulate", cls=Command)
 @click.option(
     "--camera",
     "camera_file",
@@ -45,10 +46,19 @@ if TYPE_CHECKING:
     help="Optics file (YAML, or ISETPARMS.txt).",
 )
 @click.option("--f-number", type=options.above(), metavar="N", help="f-number of a perfect lens.  [default: 8]")
-@click.option("--focal-length", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]")
-@click.option("--exposure", type=options.exposure_time, metavar="SECONDS", help="Exposure time in s.  [default: 1/3]")
+@click.option(
+    "--focal-length", "focal_length_mm", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]"
+)
+@click.option(
+    "--exposure",
+    "exposure_s",
+    type=options.exposure_time,
+    metavar="SECONDS",
+    help="Exposure time in s.  [default: 1/3]",
+)
 @click.option(
     "--cells",
+    "cells_per_pixel",
     type=click.IntRange(1),
     metavar="ODD",
     help="Cells across a pixel on which the scene is laid: 3 or more for edges that are to be measured.  [default: 1]",
@@ -63,7 +73,7 @@ if TYPE_CHECKING:
 )
 @options.json_option
 def command(
-    camera_file: Path | None, exposure: float | None, seed: int, output: Path, preview: Path | None, **told: Any
+    camera_file: Path | None, exposure_s: float | None, seed: int, output: Path, preview: Path | None, **told: Any
 ) -> None:
     """Simulate a raw frame of a scene.
 
@@ -83,7 +93,7 @@ def command(
     """
     as_json = told.pop("as_json")
     set_up = _set_up(camera_file, told)
-    camera, time_s = set_up.camera, set_up.exposure_s if exposure is None else exposure
+    camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
     scene = _scene(set_up.seen)
     say_if_compiling()
     raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
@@ -109,20 +119,20 @@ def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
     sensor = base.sensor
     if told["sensor_name"] is not None:
         sensor = options.load_sensor_resized(told["sensor_name"], None, None)
-    changes = {"rows": told["rows"], "cols": told["cols"], "black_level_dn": told["black_level"]}
+    changes = {"rows": told["rows"], "cols": told["cols"], "black_level_dn": told["black_level_dn"]}
     return replace(
         base,
         sensor=sensor.with_(**{name: value for name, value in changes.items() if value is not None}),
         optics=_optics(base.optics, told),
         scene=_request(base.scene, told),
-        cells_per_pixel=base.cells_per_pixel if told["cells"] is None else told["cells"],
+        cells_per_pixel=base.cells_per_pixel if told["cells_per_pixel"] is None else told["cells_per_pixel"],
     )
 
 
 def _optics(base: Optics, told: dict[str, Any]) -> Optics:
     from photosite.optics.lens import DiffractionLimited
 
-    marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length"]}
+    marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length_mm"]}
     marks = {name: value for name, value in marks.items() if value is not None}
     if told["optics_file"] is not None:
         from photosite.optics.io.optics_file import load_optics

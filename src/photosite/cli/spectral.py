@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
 
 
-@click.command("spectral")
+@click.command("spectral", cls=Command)
 @click.argument("path", metavar="PROTOCOL", type=click.Path(path_type=Path))
 @click.option(
     "--sensor",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from photosite.cli import options
+from photosite.cli.command import Command
 from photosite.cli.output import print_json, say_if_compiling
 from photosite.cli.validate_frames import only_with_measured, show, validate_measured
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
 
 
-@click.command("validate")
+@click.command("validate", cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="MEASURED SIMULATED | FILES")
 @click.option("--chart", default="macbeth", help="Chart that fills the frames; with two paths only.")
 @click.option("--level", type=options.above(), default=0.05, help="Share of false alarms allowed to the verdict.")

@@ -58,14 +58,18 @@ def only_with_measured(function: F) -> F:
         options.black_level_option("Black level of the frames in DN, for files that do not say."),
         click.option(
             "--exposure",
+            "exposure_s",
             type=options.exposure_time,
             metavar="SECONDS",
             help="Exposure time in s, instead of the files'; 1/3 is read as such.",
         ),
         options.lens_options,
-        click.option("--distance", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m."),
+        click.option(
+            "--distance", "distance_m", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m."
+        ),
         click.option(
             "--luminance",
+            "luminance_cd_m2",
             type=options.above(),
             metavar="CD/M2",
             help="Mean luminance of the patches; a lamp's file with absolute values says it, too.",
@@ -148,14 +152,14 @@ def _validated(
 
     told = Told(
         sensor=load_sensor(camera["sensor_name"]),
-        optics=options.lens(camera["f_number"], camera["focal_length"]),
+        optics=options.lens(camera["f_number"], camera["focal_length_mm"]),
         lamp=lamp_from(camera["illuminant"]),
-        exposure_s=camera["exposure"],
-        luminance_cd_m2=camera["luminance"],
-        distance_m=camera["distance"],
+        exposure_s=camera["exposure_s"],
+        luminance_cd_m2=camera["luminance_cd_m2"],
+        distance_m=camera["distance_m"],
     )
-    if camera["black_level"] is not None:
-        frames = [replace(frame, black_level_dn=camera["black_level"]) for frame in frames]
+    if camera["black_level_dn"] is not None:
+        frames = [replace(frame, black_level_dn=camera["black_level_dn"]) for frame in frames]
     # By the sensor file's filters: a file may not say, and the comparison reads the frames by them.
     seen = replace(frames[0], cfa=told.sensor.array.cfa)
     corners = find_chart(seen) if camera["detect"] else camera["corners"]
@@ -172,7 +176,7 @@ def _validated(
 
 def _taken_as_usual(ctx: click.Context) -> list[str]:
     """What was not said of the camera's place and lens, and bears on the level."""
-    named = {"f_number": "f/{:g}", "focal_length": "{:g} mm focal length", "distance": "{:g} m to the chart"}
+    named = {"f_number": "f/{:g}", "focal_length_mm": "{:g} mm focal length", "distance_m": "{:g} m to the chart"}
     usual = [
         text.format(ctx.params[name])
         for name, text in named.items()

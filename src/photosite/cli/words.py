@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError, PhotositeError, PhotositeWarning
 
 _OPTIONS = (
     (r"\bwavelength_nm=\[\.\.\.\]", "--wavelengths 400:700:10"),
@@ -70,17 +70,19 @@ def told_in_options(*, own: bool = False) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _translating(warnings.showwarning, own)
             yield
-    except FileError as error:
+    except PhotositeError as error:
+        if error.arguments or error.expected is not None or not isinstance(error, FileError | InputError):
+            raise  # spelled by the command
+        if isinstance(error, InputError):
+            raise InputError(in_options(str(error), own=own)) from None
         raise FileError(error.path, in_options(error.format_content(), own=own), error.line) from None
-    except InputError as error:
-        raise InputError(in_options(str(error), own=own)) from None
 
 
 def _translating(show: Callable[..., None], own: bool) -> Callable[..., None]:
     """What shows warnings, with photosite's in the command's words."""
 
     def shown(message: Warning | str, *place: Any, **more: Any) -> None:
-        if isinstance(message, PhotositeWarning):
+        if isinstance(message, PhotositeWarning) and not message.arguments:
             message = PhotositeWarning(in_options(str(message), own=own))
         show(message, *place, **more)
 

@@ -1,0 +1,134 @@
+"""The command classes that every command uses: errors are written with the command's own options."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from photosite.errors import PhotositeError, PythonSpelling, Spelling, did_you_mean
+
+
+class NameValueOption(click.Option):
+    """A repeatable option NAME=VALUE that carries arguments without an option of their own."""
+
+    def carries(self, field: str) -> bool:
+        """Return whether an argument of the library is given through this option."""
+        raise NotImplementedError
+
+
+class OptionSpelling:
+    """Arguments of the library as options of a command.
+
+    The name of each parameter of a command is the name of the library's argument, so that the command's own list of
+    parameters is the map from argument to option.
+
+    Parameters
+    ----------
+    command
+        The command.
+
+    Examples
+    --------
+    >>> option = click.Option(["--luminance", "mean_luminance_cd_m2"], type=float)
+    >>> OptionSpelling(click.Command("show", params=[option])).argument("mean_luminance_cd_m2", 100)
+    '--luminance 100'
+    """
+
+    def __init__(self, command: click.Command) -> None:
+        self._parameters = {parameter.name: parameter for parameter in command.params}
+        self._carriers = [entry for entry in command.params if isinstance(entry, NameValueOption)]
+
+    def name(self, field: str) -> str:
+        """Return the option that sets an argument, such as `--exposure`."""
+        parameter = self._parameters.get(field)
+        if parameter is not None:
+            return _flag(parameter)
+        carrier = self._carrier(field)
+        return field if carrier is None else f"{_flag(carrier)} {field}"
+
+    def argument(self, field: str, value: Any) -> str:
+        """Return the option with its value, such as `--exposure 0.01`."""
+        parameter = self._parameters.get(field)
+        if isinstance(parameter, click.Option) and parameter.is_flag:
+            return _flag(parameter)
+        if parameter is not None:
+            spell = getattr(parameter.type, "spell", _text)
+            return f"{_flag(parameter)} {shlex.quote(spell(value))}"
+        carrier = self._carrier(field)
+        if carrier is None:
+            return PythonSpelling().argument(field, value)
+        return f"{_flag(carrier)} {shlex.quote(f'{field}={_yaml(value)}')}"
+
+    def _carrier(self, field: str) -> NameValueOption | None:
+        return next((entry for entry in self._carriers if entry.carries(field)), None)
+
+
+def _flag(parameter: click.Parameter) -> str:
+    if isinstance(parameter, click.Option):
+        return max(parameter.opts, key=len)
+    return parameter.human_readable_name
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ",".join(_text(entry) for entry in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"[{_text(value)}]" if isinstance(value, list | tuple) else _text(value)
+
+
+def spelling_of_current_command() -> Spelling:
+    """Return the spelling of the command that runs; Python's where none does."""
+    context = click.get_current_context(silent=True)
+    return PythonSpelling() if context is None else OptionSpelling(context.command)
+
+
+@contextmanager
+def _errors_in_options(command: click.Command) -> Iterator[None]:
+    try:
+        yield
+    except PhotositeError as error:
+        raise click.ClickException(error.format(OptionSpelling(command))) from error
+
+
+class Command(click.Command):
+    """A command that reports photosite's errors in terms of its own options."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does."""
+        with _errors_in_options(self):
+            return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run as click does."""
+        with _errors_in_options(self):
+            return super().invoke(ctx)
+
+
+class Group(Command, click.Group):
+    """A group of such commands; a misspelled subcommand gets the most similar one as a hint."""
+
+    command_class = Command
+    group_class = type
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the subcommands in the order of their definition."""
+        return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the subcommand as click does."""
+        known = self.list_commands(ctx)
+        if args[0] not in known and not args[0].startswith("-"):
+            called = f"{self.name} {args[0]}" if ctx.parent is not None else args[0]
+            raise click.UsageError(f"no command '{called}'; {did_you_mean(args[0], known)}", ctx)
+        return super().resolve_command(ctx, args)
