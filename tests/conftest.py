@@ -1,9 +1,10 @@
-"""What tests share."""
+"""Fixtures that all tests share, and a summary of what a run left out."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from page_reader import PageReader
@@ -11,15 +12,38 @@ from page_reader import PageReader
 if TYPE_CHECKING:
     from photosite.studies.closed_loop.study import ClosedLoop
 
-REFERENCE = Path(__file__).parents[2] / "shared" / "reference"
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "tests" / "data"
+_SLOW = pytest.StashKey[int]()
+
+
+def reference_folder() -> Path | None:
+    """Return the folder of published camera frames: $PHOTOSITE_REFERENCE, else ../shared/reference, else None."""
+    named = os.environ.get("PHOTOSITE_REFERENCE")
+    folder = Path(named) if named else ROOT.parent / "shared" / "reference"
+    return folder if folder.is_dir() else None
 
 
 @pytest.fixture(scope="session")
-def reference() -> Path:
-    """The folder of real frames and independent results beside the project, where there is one."""
-    if not REFERENCE.is_dir():
-        pytest.skip(f"skipped: the reference frames and results are not there ({REFERENCE.name} beside the project)")
-    return REFERENCE
+def isetcam_results() -> Path:
+    """ISETCam's electrons of the ColorChecker patches."""
+    return DATA / "isetcam_macbeth_tungsten.json"
+
+
+@pytest.fixture(scope="session")
+def d200_sensitivity() -> Path:
+    """The published spectral sensitivity of the Nikon D200."""
+    return DATA / "nikon_d200_sensitivity.csv"
+
+
+@pytest.fixture(scope="session")
+def emva_frames() -> Path:
+    """The descriptor of the EMVA 1288 reference measurement, 300 frames of a CCD camera (68 MB)."""
+    folder = reference_folder()
+    descriptor = folder / "emva1288_ccd12" / "EMVA1288_Data.txt" if folder else None
+    if descriptor is None or not descriptor.is_file():
+        pytest.skip("camera frames of the EMVA 1288 reference measurement not found; README, 'Reference frames'")
+    return descriptor
 
 
 @pytest.fixture(scope="session")
@@ -39,3 +63,32 @@ def loop() -> ClosedLoop:
     steps = (*series("dark", 1 / 8000, 1.0, 4, 6), *series("light", 1 / 8000, 1 / 25, 8, 4))
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=132, cols=196))
     return closed_loop(sensor, ShootingProtocol("short", steps), seed=5)
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    """Count the slow tests that a run leaves out."""
+    slow = [item for item in items if "slow" in item.keywords]
+    if slow:
+        stash = slow[0].config.stash
+        stash[_SLOW] = stash.get(_SLOW, 0) + len(slow)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Tell the controlling process of a parallel run how many tests a worker left out."""
+    output: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["slow"] = session.config.stash.get(_SLOW, 0)
+
+
+def pytest_testnodedown(node: Any, error: object) -> None:
+    """Read the number from the workers; each collects all tests."""
+    stash = node.config.stash
+    stash[_SLOW] = max(stash.get(_SLOW, 0), getattr(node, "workeroutput", {}).get("slow", 0))
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Name what the run left out, and how to run it."""
+    slow = config.stash.get(_SLOW, 0)
+    if slow:
+        terminalreporter.write_line(f"left out: {slow} slow tests; run them with: make test-slow")

@@ -41,8 +41,8 @@ lie: half of a 2 % step higher, less what the clipping's gentle beginning takes.
 
 
 @pytest.fixture(scope="module")
-def calibration(reference):
-    return calibrate(open_frames(reference / "emva1288_ccd12" / "EMVA1288_Data.txt"))
+def calibration(emva_frames):
+    return calibrate(open_frames(emva_frames))
 
 
 @pytest.mark.parametrize("name", REFERENCE_IMPLEMENTATION)
@@ -55,8 +55,8 @@ def test_agrees_with_the_reference_implementation(calibration, name):
 
 
 @pytest.fixture(scope="module")
-def pairs_alone(reference):
-    frames = open_frames(reference / "emva1288_ccd12" / "EMVA1288_Data.txt")
+def pairs_alone(emva_frames):
+    frames = open_frames(emva_frames)
     return calibrate(replace(frames, groups=tuple(group for group in frames.groups if len(group) == 2)))
 
 

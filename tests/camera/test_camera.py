@@ -165,9 +165,9 @@ def test_cells_refine_towards_the_same_image() -> None:
     assert one == pytest.approx(five, rel=3e-3)
 
 
-def test_agrees_with_an_independent_simulator(reference: Path) -> None:
+def test_agrees_with_an_independent_simulator(isetcam_results: Path) -> None:
     """ISETCam's electrons of 24 patches, within 0.1 %; its integrals use the rectangle rule."""
-    facts = json.loads((reference / "isetcam_macbeth_tungsten.json").read_text())
+    facts = json.loads(isetcam_results.read_text())
     grid, case = facts["wavelength_nm"], facts["d200"]
     efficiency = np.array(case["quantum_efficiency_rgb"])
     channels = {

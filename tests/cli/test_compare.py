@@ -32,8 +32,8 @@ def patches(tmp_path: Path) -> Path:
     return write_csv(tmp_path / "patches.csv", SET_UP)
 
 
-def test_isetcams_electrons(photosite: Any, reference: Path) -> None:
-    file = reference / "isetcam_macbeth_tungsten.json"
+def test_isetcams_electrons(photosite: Any, isetcam_results: Path) -> None:
+    file = isetcam_results
     done = photosite("compare", file, "--case", "d200", "--integration", "rectangle", "--tolerance", 0.001)
     assert done.status == 0
     assert done.out.splitlines()[0].endswith(
@@ -45,8 +45,8 @@ def test_isetcams_electrons(photosite: Any, reference: Path) -> None:
     assert other_rule["beyond"] == 72
 
 
-def test_the_case_and_the_rule_that_agrees_are_said_at_the_top(photosite: Any, reference: Path) -> None:
-    file = reference / "isetcam_macbeth_tungsten.json"
+def test_the_case_and_the_rule_that_agrees_are_said_at_the_top(photosite: Any, isetcam_results: Path) -> None:
+    file = isetcam_results
     first = photosite("compare", file).out.splitlines()[:3]
     assert first[1:] == ["  case: d200", "  by the rectangle rule they agree: --integration rectangle"]
     other = photosite("compare", file, "--integration", "rectangle", "--json").json

@@ -143,9 +143,9 @@ def test_sizes_and_bits_are_the_descriptors(tmp_path):
         open_frames(descriptor(tmp_path, HEAD + "d 40\ni a.png\n"), bits=14)
 
 
-def test_the_real_measurement(reference):
+def test_the_real_measurement(emva_frames):
     """640 x 480, 12 bits: 50 exposures of 2 dark and 2 light frames, and 50 of each at one more; counts from grep."""
-    path = reference / "emva1288_ccd12" / "EMVA1288_Data.txt"
+    path = emva_frames
     text = path.read_text()
     listed = re.findall(r"^i (.*)$", text, flags=re.M)
     frames = open_frames(path)

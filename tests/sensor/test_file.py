@@ -76,8 +76,8 @@ def test_every_value_of_a_preset_has_a_source(name: str) -> None:
     assert all(channel.source for channel in sensor.channels.values())
 
 
-def test_d200_spectra_are_the_reference_scaled(reference: Path) -> None:
-    with (reference / "nikon_d200_sensitivity.csv").open() as lines:
+def test_d200_spectra_are_the_reference_scaled(d200_sensitivity: Path) -> None:
+    with d200_sensitivity.open() as lines:
         rows = list(csv.reader(line for line in lines if not line.startswith("#")))[1:]
     table = {float(row[0]): [float(x) for x in row[1:]] for row in rows}
     sensor = load_sensor("nikon-d200")

@@ -17,7 +17,6 @@ from photosite.validation.compare_tools import compare
 from photosite.validation.set_up import SetUp, read_set_up
 
 DOCS = Path(__file__).parents[2] / "docs" / "isetcam.md"
-FILE = "isetcam_macbeth_tungsten.json"
 
 
 def rows() -> dict[str, str]:
@@ -33,13 +32,13 @@ def span(result: PatchComparison) -> str:
 
 
 @pytest.fixture(scope="module")
-def case(reference: Path) -> dict[str, SetUp]:
+def case(isetcam_results: Path) -> dict[str, SetUp]:
     rules = ("rectangle", "trapezoid")
-    return {rule: read_set_up(reference / FILE, "d200", integration=rule)[0] for rule in rules}  # type: ignore[arg-type]
+    return {rule: read_set_up(isetcam_results, "d200", integration=rule)[0] for rule in rules}  # type: ignore[arg-type]
 
 
-def test_the_same_inputs_by_the_rectangle_rule(reference: Path, case: dict[str, SetUp]) -> None:
-    set_up, theirs = read_set_up(reference / FILE, integration="rectangle")
+def test_the_same_inputs_by_the_rectangle_rule(isetcam_results: Path, case: dict[str, SetUp]) -> None:
+    set_up, theirs = read_set_up(isetcam_results, integration="rectangle")
     assert theirs is not None
     result = compare(theirs, set_up, tolerance_percent=0.001)
     assert result.agrees
@@ -60,22 +59,22 @@ def test_the_patches_are_in_the_order_that_is_said(case: dict[str, SetUp]) -> No
     assert red[0] > 8 * blue[0]
 
 
-def test_the_trapezoidal_rule(reference: Path, case: dict[str, SetUp]) -> None:
-    theirs = read_set_up(reference / FILE, "d200")[1]
+def test_the_trapezoidal_rule(isetcam_results: Path, case: dict[str, SetUp]) -> None:
+    theirs = read_set_up(isetcam_results, "d200")[1]
     assert theirs is not None
     result = compare_values(theirs, case["trapezoid"].patch_values("e"))
     assert not result.agrees
     assert rows()["integral over wavelength: rectangle, not trapezoidal"] == span(result)
     # Why: the rectangle rule gives the first and last wavelength twice the weight.
-    facts = json.loads((reference / FILE).read_text())
+    facts = json.loads((isetcam_results).read_text())
     light, efficiency = (np.array(facts["d200"][key]) for key in ("patch_photon_radiance", "quantum_efficiency_rgb"))
     ends = (light[:, :1] * efficiency[0] + light[:, -1:] * efficiency[-1]) / 2
     expected = ends / (light @ efficiency - ends)
     assert np.asarray(result.relative_difference) == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_chart_and_its_lamp(reference: Path, case: dict[str, SetUp]) -> None:
-    theirs = read_set_up(reference / FILE, "d200")[1]
+def test_the_chart_and_its_lamp(isetcam_results: Path, case: dict[str, SetUp]) -> None:
+    theirs = read_set_up(isetcam_results, "d200")[1]
     assert theirs is not None
     told = case["rectangle"]
     chart = ps.charts.macbeth("A", 40, wavelength_nm=told.wavelength_nm, rule="rectangle")
@@ -84,8 +83,8 @@ def test_the_chart_and_its_lamp(reference: Path, case: dict[str, SetUp]) -> None
     assert rows()["chart and lamp: ISETCam's own files, not Ohta's ColorChecker under CIE A"] == span(result)
 
 
-def test_constants_of_light(reference: Path, case: dict[str, SetUp]) -> None:
-    facts = json.loads((reference / FILE).read_text())
+def test_constants_of_light(isetcam_results: Path, case: dict[str, SetUp]) -> None:
+    facts = json.loads((isetcam_results).read_text())
     told = facts["d200"]["result"]["patch_luminance_cd_m2"]
     grid, light = facts["wavelength_nm"], facts["d200"]["patch_photon_radiance"]
     ours = [Scene.uniform(row, grid).mean_luminance_cd_m2("rectangle") for row in light]
