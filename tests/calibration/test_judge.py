@@ -9,7 +9,7 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.checks.judge import CLIPPED_BLACK, clipping_bias
 from photosite.calibration.reduction.groups import Level
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays
 

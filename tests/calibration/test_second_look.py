@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.chip_maps.second_look import BINS, look_again
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 
 
 def test_a_stack_looked_at_again() -> None:

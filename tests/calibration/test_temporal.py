@@ -8,7 +8,7 @@ import pytest
 from photosite.calibration.chip_maps.second_look import look_again
 from photosite.calibration.chip_maps.temporal import measure_temporal
 from photosite.calibration.reduction.groups import GroupStatistics, Level
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.frames.frame_set import FrameGroup, FrameSource
 
 SHAPE, FRAMES = (300, 240), 24

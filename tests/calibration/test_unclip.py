@@ -10,7 +10,7 @@ import pytest
 from photosite.calibration.clipped_blacks.censored import CensoredDark, ClippedCounts, fit_censored
 from photosite.calibration.clipped_blacks.unclip import _moments, _Pixels, _temporal_covariance, unclip
 from photosite.calibration.reduction.groups import Level
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.values.uncertain import Missing
 
 

@@ -12,7 +12,7 @@ import photosite as ps
 from photosite.camera import mean_image as mosaic
 from photosite.camera import transfers
 from photosite.camera.distortion import color_nodes
-from photosite.engine.laying import Layer
+from photosite.engine.layers import Layer
 from photosite.optics.compound import Lens
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.lens import DiffractionLimited

@@ -43,8 +43,8 @@ from photosite.calibration.spatial.nonuniformity import (
 )
 from photosite.calibration.spatial.spatial import Parts, channel_parts
 from photosite.calibration.spatial.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
-from photosite.engine.accumulate import FrameSums, MeanFrame
-from photosite.engine.moments import Moments, label_moments
+from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.map_statistics import Moments, label_moments
 from photosite.frames.frame_set import FrameGroup
 from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 

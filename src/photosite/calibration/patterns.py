@@ -28,7 +28,7 @@ from photosite.calibration.spatial.nonuniformity import (
 )
 from photosite.calibration.spatial.spatial import Parts, channel_parts
 from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
-from photosite.engine.accumulate import MeanFrame
+from photosite.engine.frame_sums import MeanFrame
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 HALF_SATURATION = (0.3, 0.7)

@@ -35,7 +35,7 @@ from photosite.calibration.spatial.nonuniformity import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.engine.moments import label_pixels
+from photosite.engine.map_statistics import label_pixels
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameGroup, Kind
 from photosite.sensor.model import Sensor

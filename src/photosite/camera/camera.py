@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from photosite.camera.depth import layered_rate, layered_regions
 from photosite.camera.dng_profile import color_matrix, noise_profile
 from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
-from photosite.camera.optical_stack import channel_mixing, warn_of_lens_table
+from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
 from photosite.color.spectrum import Rule, integration_weights
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
@@ -106,7 +106,7 @@ class Camera:
 
     def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
         rule, cells = self.integration, self.cells_per_pixel
-        warn_of_lens_table(self.optics, self.sensor)
+        warn_of_transmittance_range(self.optics, self.sensor)
         if isinstance(scene, Planes):
             return layered_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
         return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)

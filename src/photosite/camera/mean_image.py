@@ -12,14 +12,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.camera.channel_transfers import Reduced, reduced_transfers
 from photosite.camera.distortion import color_nodes, warp, warped_regions
-from photosite.camera.lens_tables import field_scale
-from photosite.camera.optical_stack import low_pass_split_m, through_door
-from photosite.camera.transfers import Reduced, reduced_transfers
+from photosite.camera.optical_stack import apply_optical_stack, low_pass_split_m
+from photosite.camera.sampled_otf import field_scale
 from photosite.camera.veiling_glare import add_glare
 from photosite.color.spectrum import Rule, integration_weights
 from photosite.engine.jit import threads_for
-from photosite.engine.laying import Field, Grid, Layer, View
+from photosite.engine.layers import Field, Grid, Layer, View
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
@@ -93,7 +93,7 @@ def arrived(
     _not_negative(mosaic, relative_error, lambda: max(_brightest(scene, optics, sensor, rule) for scene in scenes))
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
-    return through_door(mosaic, sensor, optics, scenes[-1].distance_m)
+    return apply_optical_stack(mosaic, sensor, optics, scenes[-1].distance_m)
 
 
 def low_rank_error(optics: Optics, distance_m: float) -> float:

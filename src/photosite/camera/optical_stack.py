@@ -41,7 +41,7 @@ def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
     return stack.low_pass_filter.split_y_um.value * 1e-6, stack.low_pass_filter.split_x_um.value * 1e-6
 
 
-def warn_of_lens_table(optics: Optics, sensor: Sensor) -> None:
+def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
     """Say that the lens's transmittance table ends while it passes light that a channel responds to.
 
     A table that comes down to 0 at its end says itself that nothing passes beyond.
@@ -74,7 +74,9 @@ def warn_of_lens_table(optics: Optics, sensor: Sensor) -> None:
             return
 
 
-def through_door(mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float) -> NDArray[np.float32]:
+def apply_optical_stack(
+    mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float
+) -> NDArray[np.float32]:
     """Mean electrons after angular response and crosstalk.
 
     Parameters

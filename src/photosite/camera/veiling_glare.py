@@ -52,7 +52,7 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
 
     Notes
     -----
-    Against the sum over all pixels the glare errs by less than 0.5 % of itself (tests/camera/test_glare.py).
+    Against the sum over all pixels the glare errs by less than 0.5 % of itself (tests/camera/test_veiling_glare.py).
 
     Examples
     --------

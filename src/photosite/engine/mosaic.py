@@ -15,9 +15,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.engine.kernels import Gridding
-from photosite.engine.laying import WORKERS, Grid, Layer, laid_spectra
-from photosite.engine.summing import add_general, add_radial
+from photosite.engine.fold_spectra import add_general, add_radial
+from photosite.engine.gridding import Gridding
+from photosite.engine.layers import WORKERS, Grid, Layer, laid_spectra
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
 

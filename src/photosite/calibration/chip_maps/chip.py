@@ -20,7 +20,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, Level, poole
 from photosite.calibration.reduction.reading import FrameReader, Progress
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
-from photosite.engine.accumulate import FrameSums, MeanFrame
+from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps.tail import BLOCKS
 from photosite.calibration.spatial.line_noise import LineSums
-from photosite.engine.accumulate import MeanFrame
+from photosite.engine.frame_statistics import add_residuals, line_sums
+from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import threads_for
-from photosite.engine.lines import line_sums
-from photosite.engine.residuals import add_residuals
 
 BINS = 1024
 """Of the histogram of residuals, 8 to a standard deviation: it reaches 64 of them to each side."""

@@ -18,7 +18,7 @@ from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.result import Estimate
 from photosite.calibration.spatial.line_noise import TemporalParts, temporal_parts
 from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
-from photosite.engine.accumulate import MeanFrame
+from photosite.engine.frame_sums import MeanFrame
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import binom, chi2
 
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.values.uncertain import Missing
 
 ROUNDING = 1.0 / 12.0

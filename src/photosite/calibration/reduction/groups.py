@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.rounding import rounding_uncertainty
-from photosite.engine.accumulate import LabelTotals
+from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Source, Uncertain

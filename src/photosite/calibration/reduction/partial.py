@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import group_label
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
 from photosite.files.atomic import atomic_path
 from photosite.frames.frame_set import FrameGroup, FrameSet

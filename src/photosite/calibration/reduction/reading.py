@@ -18,7 +18,7 @@ from photosite.calibration.checks.broken import Grid, broken_frames, crowded
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.partial import PartialSums, Progressed
 from photosite.calibration.reduction.provenance import UsedFrame
-from photosite.engine.accumulate import FrameSums, MeanFrame
+from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 

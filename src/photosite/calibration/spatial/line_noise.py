@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.calibration.reduction.reading import FrameReader
-from photosite.engine.lines import line_sums
+from photosite.engine.frame_statistics import line_sums
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 LINE_FRAMES = 8
@@ -99,8 +99,8 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
 
     Examples
     --------
-    >>> from photosite.engine.accumulate import FrameSums
-    >>> from photosite.engine.lines import line_sums
+    >>> from photosite.engine.frame_sums import FrameSums
+    >>> from photosite.engine.frame_statistics import line_sums
     >>> rng = np.random.default_rng(1)
     >>> noise = rng.normal(100, 4, (40, 64, 64)) + rng.normal(0, 2, (40, 64, 1))
     >>> stack = noise.round().astype(np.uint16)

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import Level
-from photosite.engine.accumulate import MeanFrame
-from photosite.engine.moments import Moments, label_moments
-from photosite.engine.planes import add_scaled
+from photosite.engine.frame_sums import MeanFrame
+from photosite.engine.map_statistics import Moments, add_scaled, label_moments
 from photosite.values.uncertain import Uncertain
 
 

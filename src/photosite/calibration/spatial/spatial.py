@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.engine.planes import line_means, residual_moments, smooth_separable
+from photosite.engine.map_statistics import line_means, residual_moments, smooth_separable
 from photosite.values.uncertain import Missing, Source, Uncertain, weighted_mean
 
 MARGIN = 9

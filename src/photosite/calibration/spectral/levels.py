@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from photosite.calibration.checks.judge import CLIPPED_BLACK
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, Level
 from photosite.calibration.spectral.frames import Band, SpectralFrames
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.sensor.model import Sensor

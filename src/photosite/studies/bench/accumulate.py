@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.accumulate import FrameSums
+from photosite.engine.frame_sums import FrameSums
 from photosite.studies.bench.camera import COLS, ROWS
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import photosite as ps
+from photosite.camera.channel_transfers import reduced_transfers
 from photosite.camera.kernel_size import check_reach, kernel_size
-from photosite.camera.transfers import reduced_transfers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.spread import PlaneSpread, RadialSpread

@@ -22,7 +22,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.lens_tables import LensTables, lens_tables
+from photosite.camera.sampled_otf import LensTables, lens_tables
 from photosite.engine.transfer import Sampling, Transfer
 from photosite.optics.spread import FieldSpread, Spread
 

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 
 import photosite as ps
 from photosite.camera import lens_tables, transfers
-from photosite.camera.transfers import reduced_transfers
+from photosite.camera.channel_transfers import reduced_transfers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
 from photosite.optics.lens import DiffractionLimited

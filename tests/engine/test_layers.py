@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from photosite.engine.laying import Field, Grid, Layer, View, laid_spectra
+from photosite.engine.layers import Field, Grid, Layer, View, laid_spectra
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.engine.warp import Warp

@@ -15,8 +15,8 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.engine.folding import BAND, LANES, add_frames, label_squares, mean_map, variance_map
-from photosite.engine.moments import label_pixels
+from photosite.engine.frame_sum_kernels import BAND, LANES, add_frames, label_squares, mean_map, variance_map
+from photosite.engine.map_statistics import label_pixels
 
 MOST_FRAMES = 1 << 15
 """Frames that one `FrameSums` holds: n * sum(y^2) of 16-bit numbers then stays below 2^62."""

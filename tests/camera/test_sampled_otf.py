@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from photosite.camera.lens_tables import _NODES, _refined
+from photosite.camera.sampled_otf import _NODES, _refined
 from photosite.engine.transfer import RadialTransfer
 from photosite.optics.lens import DiffractionLimited
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.camera.optical_stack import crosstalk_shares, through_door, warn_of_lens_table
+from photosite.camera.optical_stack import apply_optical_stack, crosstalk_shares, warn_of_transmittance_range
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.spread import PlaneSpread, RadialSpread
 from photosite.sensor.optical_stack import Crosstalk
@@ -100,7 +100,7 @@ def test_light_is_shared_first_then_charge() -> None:
     mosaic[4:-4, 4:-4] = 1000 * rng.random((16, 22))
     expected = handed_out(handed_out(mosaic, crosstalk.optical, BAYER), crosstalk.electrical, BAYER)
     sensor = D200.with_(rows=24, cols=30, crosstalk=crosstalk.model_dump())
-    got = through_door(mosaic.astype(np.float32), sensor, LENS, 1.2)
+    got = apply_optical_stack(mosaic.astype(np.float32), sensor, LENS, 1.2)
     assert np.abs(got - expected)[3:-3, 3:-3].max() < 1e-6 * expected.max()
     assert got[4:-4, 4:-4].sum() < mosaic.sum()  # some of it has moved outside the lit part
     # All that is handed out arrives: the shares of a lit pixel far from the border sum to 1.
@@ -113,7 +113,7 @@ def test_a_point_hands_on_its_own_kernel() -> None:
         point = np.zeros((40, 44), np.float32)
         point[place] = 1.0
         of = kernels(5, 7)
-        got = through_door(point, D200.with_(crosstalk={"electrical": of}), LENS, 1.2)
+        got = apply_optical_stack(point, D200.with_(crosstalk={"electrical": of}), LENS, 1.2)
         r, c = place
         assert got[r - 2 : r + 3, c - 2 : c + 3] == pytest.approx(np.array(of[name]), abs=1e-7)
         assert np.count_nonzero(got) == 25
@@ -308,8 +308,8 @@ def test_angular_response_comes_before_crosstalk() -> None:
     table = {"angle_deg": [0, 60], "relative_response": [1, 0], "exit_pupil_mm": 0.02}
     right = {"M": [[0, 0, 0], [0, 0.75, 0.25], [0, 0, 0]]}
     sensor = one_light(D200.with_(rows=1, cols=8))
-    took = through_door(np.ones((1, 8), np.float32), sensor.with_(angular_response=table), LENS, 1.2)
-    both = through_door(
+    took = apply_optical_stack(np.ones((1, 8), np.float32), sensor.with_(angular_response=table), LENS, 1.2)
+    both = apply_optical_stack(
         np.ones((1, 8), np.float32), sensor.with_(angular_response=table, crosstalk={"optical": right}), LENS, 1.2
     )
     assert both[0, 1:] == pytest.approx(0.75 * took[0, 1:] + 0.25 * took[0, :-1], rel=1e-6)
@@ -341,4 +341,4 @@ def test_the_share_beyond_the_lens_table_is_the_responses() -> None:
     sensor = D200.with_(cfa="mono", channels={"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}})
     table = ps.Spectrum(np.array([400.0, 600.0]), np.array([0.9, 0.9]))
     with pytest.warns(PhotositeWarning, match=r"33\.3% of channel M's response .*, 400 to 600 nm, and there nothing"):
-        warn_of_lens_table(ps.DiffractionLimited(4, 50, table), sensor)
+        warn_of_transmittance_range(ps.DiffractionLimited(4, 50, table), sensor)

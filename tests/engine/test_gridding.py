@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from photosite.engine.kernels import TAPS, Gridding
-from photosite.engine.summing import _kernel_line
+from photosite.engine.fold_spectra import _kernel_line
+from photosite.engine.gridding import TAPS, Gridding
 
 
 def summed(kernel: NDArray[np.float64], rows: int, cols: int) -> NDArray[np.complex128]:

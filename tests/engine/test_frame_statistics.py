@@ -1,15 +1,15 @@
-"""Row and column sums against NumPy's."""
+"""Line sums and residuals of frames, compared with NumPy."""
 
 import numpy as np
 import pytest
 
-from photosite.engine.lines import LONGEST_LINE, line_sums
+from photosite.engine.frame_statistics import LONGEST_LINE, add_residuals, line_sums
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 2)])
 @pytest.mark.parametrize("shape", [(1, 1), (7, 5), (64, 33), (130, 66)])
-def test_sums_of_every_site_s_plane(shape, tile, dtype):
+def test_line_sums_of_each_tile_site_match_numpy(shape, tile, dtype):
     frames = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (3, *shape), dtype, endpoint=True)
     row_sums, column_sums = line_sums(frames, tile)
     assert row_sums.shape == (3, shape[0], tile[1])
@@ -21,13 +21,13 @@ def test_sums_of_every_site_s_plane(shape, tile, dtype):
             np.testing.assert_array_equal(column_sums[:, r, c :: tile[1]], plane.sum(1))
 
 
-def test_the_longest_line_of_the_highest_numbers_does_not_overflow():
+def test_line_sums_do_not_overflow():
     frame = np.full((1, LONGEST_LINE), 65_535, np.uint16)
     assert line_sums([frame])[0][0, 0, 0] == LONGEST_LINE * 65_535
     assert line_sums([frame.T])[1][0, 0, 0] == LONGEST_LINE * 65_535
 
 
-def test_views_and_iterators_are_taken():
+def test_line_sums_accept_views_and_iterators():
     frames = np.random.default_rng(2).integers(0, 4096, (2, 40, 30), np.uint16)
     row_sums, column_sums = line_sums(frame[::2, ::3] for frame in frames)
     np.testing.assert_array_equal(row_sums[:, :, 0], frames[:, ::2, ::3].sum(2, dtype=np.uint32))
@@ -37,12 +37,32 @@ def test_views_and_iterators_are_taken():
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
-        ([], "need a frame"),
-        ([np.zeros((2, 2), np.uint16), np.zeros((2, 3), np.uint16)], r"not \(2, 3\)"),
+        ([], "at least one frame"),
+        ([np.zeros((2, 2), np.uint16), np.zeros((2, 3), np.uint16)], r"got \(2, 3\)"),
         ([np.zeros((2, 2))], "float64"),
         ([np.zeros((1, LONGEST_LINE + 1), np.uint16)], "at most 65536"),
     ],
 )
-def test_wrong_frames_are_refused(frames, message):
+def test_line_sums_reject_invalid_frames(frames, message):
     with pytest.raises(ValueError, match=message):
         line_sums(frames)
+
+
+def test_residuals_match_numpy():
+    rng = np.random.default_rng(3)
+    frames = rng.integers(50, 90, (6, 37, 21)).astype(np.uint16)
+    frames[0, 5, 7] = 60_000  # beyond the last bin
+    total = frames.sum(axis=0, dtype=np.uint32)
+    rows, columns = rng.normal(0, 1, (6, 37)), rng.normal(0, 1, (6, 21))
+    fourth, histogram = np.zeros((37, 21), np.float32), np.zeros((5, 100), np.int64)
+    for frame, row, column in zip(frames, rows, columns, strict=True):
+        add_residuals(frame, total, 6, row, column, 2.5, fourth, histogram)
+
+    residual = frames - total / 6
+    np.testing.assert_allclose(fourth, (residual**4).sum(axis=0), rtol=1e-5)
+    shifted = residual - rows[:, :, None] - columns[:, None, :]
+    edges = (np.arange(101) - 50) / 2.5
+    edges[0], edges[-1] = -np.inf, np.inf
+    for block in range(5):
+        in_block = shifted[:, block * 37 // 5 : (block + 1) * 37 // 5]
+        assert histogram[block].tolist() == np.histogram(in_block, edges)[0].tolist()

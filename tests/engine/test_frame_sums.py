@@ -1,12 +1,11 @@
-"""The exact sums against Python integers and NumPy, and their independence of order and splitting."""
+"""Frame sums compared with Python integers and NumPy, and independent of the order and grouping of frames."""
 
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from photosite.engine.accumulate import FrameSums
-from photosite.engine.moments import label_moments
+from photosite.engine.frame_sums import FrameSums
 
 BAYER = np.array([[0, 1], [1, 2]])
 
@@ -21,7 +20,7 @@ def label_map(tile, shape):
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_sums_mean_and_variance_are_numpy_s(dtype):
+def test_sums_mean_and_variance_match_numpy(dtype):
     frames = stack(top=256, dtype=dtype)
     sums = FrameSums(frames.shape[1:]).add(frames)
     wide = frames.astype(np.int64)
@@ -31,15 +30,15 @@ def test_sums_mean_and_variance_are_numpy_s(dtype):
     np.testing.assert_allclose(sums.variance(), wide.var(0, ddof=1), rtol=1e-12)
 
 
-def test_variance_does_not_cancel_at_the_top_of_the_range():
-    """One digital number of noise on 65 535: float32 sums would lose it."""
+def test_variance_near_full_scale_is_exact():
+    """Noise of 1 DN at 65 535 DN would be lost in float32 sums."""
     frames = np.full((1001, 1, 2), 65_534, np.uint16)
     frames[::2, 0, 0] = 65_535
     expected = Fraction(501 * 500, 1001 * 1000)
     assert FrameSums((1, 2)).add(frames).variance()[0, 0] == float(expected)
 
 
-def test_totals_per_label_are_exact():
+def test_label_totals_are_exact():
     frames = stack()
     wide = frames.astype(object)
     totals = FrameSums(frames.shape[1:], BAYER, black=500, white=65_000).add(frames).label_totals()
@@ -63,7 +62,7 @@ def test_totals_per_label_are_exact():
         assert entry.frame_mean_variance == pytest.approx(numbers.mean(1).var(ddof=1), rel=1e-9)
 
 
-def test_totals_do_not_overflow_where_a_64_bit_sum_would():
+def test_totals_above_64_bits_do_not_overflow():
     """2^15 full-scale frames of 64 pixels: the sum of S^2 is 2^68."""
     sums = FrameSums((8, 8))
     frame = np.full((8, 8), 65_535, np.uint16)
@@ -77,8 +76,8 @@ def test_totals_do_not_overflow_where_a_64_bit_sum_would():
         sums.add(frame)
 
 
-def test_pixel_variance_leaves_common_shifts_out():
-    """Frames shifted as a whole have the variance of those that were not; the pair formula is EMVA's."""
+def test_pixel_variance_ignores_shifts_of_whole_frames():
+    """Shifting whole frames leaves it unchanged; for two frames it is EMVA 1288's pair formula."""
     frames = stack(top=1000, seed=3)
     shifts = np.array([0, 40, 3, 100, 7, 7, 250], np.uint16)[:, None, None]
     before = FrameSums(frames.shape[1:]).add(frames).label_totals()[0]
@@ -93,7 +92,7 @@ def test_pixel_variance_leaves_common_shifts_out():
     assert pair.pixel_variance == pytest.approx(emva * pixels / (pixels - 1), rel=1e-12)
 
 
-def test_order_and_splitting_change_nothing():
+def test_order_and_grouping_of_frames_do_not_matter():
     frames = stack(n=12, seed=5)
     whole = FrameSums(frames.shape[1:], BAYER).add(frames)
     parts = [FrameSums(frames.shape[1:], BAYER).add(frames[i::3]) for i in range(3)]
@@ -105,7 +104,7 @@ def test_order_and_splitting_change_nothing():
         assert merged.label_totals() == whole.label_totals()
 
 
-def test_frames_may_be_slices_and_fortran_ordered():
+def test_slices_and_fortran_order_are_accepted():
     frames = stack(n=2, shape=(8, 8), seed=8)
     plain = FrameSums((4, 8)).add(np.ascontiguousarray(frames[:, ::2]))
     sliced = FrameSums((4, 8)).add(np.asfortranarray(frames)[:, ::2])
@@ -116,7 +115,7 @@ def test_frames_may_be_slices_and_fortran_ordered():
 @pytest.mark.parametrize("cols", [1, 2, 63, 64, 4095, 4096, 4097, 8193])
 @pytest.mark.parametrize("tile", [BAYER, np.array([[0, 1, 2], [1, 2, 0]]), np.array([[0]])], ids=["2", "3", "1"])
 def test_every_width_tile_and_number_of_frames(dtype, cols, tile):
-    """Ends of runs and of groups of frames; numbers whose squares need 32 bits among such that do not."""
+    """Run ends and partial frame groups; squares that need 32 bits next to squares that do not."""
     n = 1 + cols % 17
     frames = stack(n=n, shape=(3, cols), top=256 if dtype == np.uint8 else 4096, seed=cols, dtype=dtype)
     if dtype == np.uint16:
@@ -134,8 +133,8 @@ def test_every_width_tile_and_number_of_frames(dtype, cols, tile):
         assert (entry.low, entry.high) == ((chosen <= 9).sum(), (chosen >= 200).sum())
 
 
-def test_frames_that_are_added_differently_give_the_same():
-    """One by one, as a list, from an iterator, of both types, at addresses between whole words, read-only."""
+def test_every_way_to_add_frames_gives_the_same_sums():
+    """One by one, as a list, from an iterator, of mixed types, at unaligned addresses, read-only."""
     frames = stack(n=19, shape=(5, 30), top=256, seed=4)
     whole = FrameSums((5, 30), BAYER).add(frames).label_totals()
 
@@ -151,7 +150,7 @@ def test_frames_that_are_added_differently_give_the_same():
         assert sums.label_totals() == whole
 
 
-def test_the_mean_alone_takes_the_fewest_bytes():
+def test_mean_frame_uses_the_smallest_type():
     frames = stack(n=16, top=4096, seed=6)
     sums = FrameSums(frames.shape[1:], BAYER).add(frames)
     kept = sums.mean_frame()
@@ -170,7 +169,7 @@ def test_frame_means():
     np.testing.assert_allclose(means, expected, rtol=1e-14)
 
 
-def test_wrong_frames_are_refused():
+def test_invalid_frames_are_rejected():
     sums = FrameSums((4, 4))
     with pytest.raises(ValueError, match=r"\(4, 5\)"):
         sums.add(np.zeros((4, 5), np.uint16))
@@ -181,19 +180,7 @@ def test_wrong_frames_are_refused():
     assert sums.count == 0
 
 
-def test_moments_of_a_map():
-    values = np.random.default_rng(2).gamma(2.0, 3.0, (30, 41)) + 1e6
-    labels = label_map(BAYER, values.shape)
-    for k, moments in enumerate(label_moments(values, BAYER)):
-        chosen = values[labels == k]
-        deviation = chosen - chosen.mean()
-        assert moments.pixels == chosen.size
-        assert moments.mean == pytest.approx(chosen.mean(), rel=1e-14)
-        assert moments.variance == pytest.approx(chosen.var(ddof=1), rel=1e-9)
-        assert moments.fourth == pytest.approx((deviation**4).mean(), rel=1e-9)
-
-
-def test_sums_begun_again_in_the_same_memory_hold_only_what_came_after() -> None:
+def test_cleared_sums_hold_only_later_frames() -> None:
     rng = np.random.default_rng(5)
     first, second = rng.integers(0, 4096, (2, 11, 37, 50)).astype(np.uint16)
     again = FrameSums((37, 50), white=4095).add(first).clear().add(second)
@@ -204,14 +191,14 @@ def test_sums_begun_again_in_the_same_memory_hold_only_what_came_after() -> None
     assert again.frame_totals() == fresh.frame_totals() == second.sum(axis=(1, 2), dtype=np.uint64).tolist()
 
 
-def test_a_mean_frame_outlives_the_memory_of_its_sums() -> None:
+def test_mean_frame_owns_its_memory() -> None:
     sums = FrameSums((2, 3)).add(np.full((4, 2, 3), 60_000, np.uint16))
     kept = sums.mean_frame()
     sums.clear().add(np.zeros((2, 3), np.uint16))
     assert kept.mean().tolist() == [[60_000.0] * 3] * 2
 
 
-def test_maps_fill_the_memory_given_and_refuse_one_that_does_not_fit() -> None:
+def test_maps_fill_the_given_array() -> None:
     stack = np.random.default_rng(6).integers(0, 1000, (5, 8, 9)).astype(np.uint16)
     sums, out = FrameSums((8, 9)).add(stack), np.full((8, 9), np.nan)
     assert sums.mean(out) is out

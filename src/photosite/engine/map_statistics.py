@@ -1,0 +1,279 @@
+"""Statistics and arithmetic on maps of floating-point numbers: line means, moments, smoothing, scaled sums.
+
+Sums are accumulated in a fixed order, in lanes that become vector instructions, so that a result does not depend on the
+number of threads. A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its colour
+channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.engine.jit import compiled, prange
+
+Floats = NDArray[np.float64]
+
+_LANES = 32
+_LABEL_LANES = 64
+_BAND = 32
+"""Rows that a thread processes at a time."""
+
+
+@compiled()
+def _row_sum(values: Floats, lanes: Floats) -> float:
+    lanes[:] = 0.0
+    whole = np.uint64(values.size) // np.uint64(_LANES) * np.uint64(_LANES)
+    for first in range(np.uint64(0), whole, np.uint64(_LANES)):
+        for lane in range(np.uint64(_LANES)):
+            lanes[lane] += values[first + lane]
+    total = 0.0
+    for lane in range(_LANES):
+        total += lanes[lane]
+    for j in range(whole, np.uint64(values.size)):
+        total += values[j]
+    return total
+
+
+@compiled(parallel=True)
+def _line_sums(values: Floats, rows_out: Floats, bands_out: Floats) -> None:
+    rows, cols = values.shape
+    for band in prange(bands_out.shape[0]):
+        lanes = np.empty(_LANES)
+        columns = bands_out[band]
+        for r in range(band * _BAND, min(rows, (band + 1) * _BAND)):
+            row = values[r]
+            rows_out[r] = _row_sum(row, lanes)
+            for c in range(cols):
+                columns[c] += row[c]
+
+
+def line_means(values: Floats) -> tuple[float, Floats, Floats]:
+    """Return the mean of a map, of each row and of each column.
+
+    Parameters
+    ----------
+    values
+        (rows, cols), C-contiguous.
+
+    Returns
+    -------
+    float, ndarray, ndarray
+        Mean; (rows,); (cols,).
+
+    Examples
+    --------
+    >>> mean, rows, cols = line_means(np.array([[1.0, 2.0], [3.0, 6.0]]))
+    >>> mean, rows.tolist(), cols.tolist()
+    (3.0, [1.5, 4.5], [2.0, 4.0])
+    """
+    rows, cols = values.shape
+    row_sums = np.empty(rows)
+    bands = np.zeros((-(-rows // _BAND), cols))
+    _line_sums(values, row_sums, bands)
+    return float(row_sums.sum()) / values.size, row_sums / cols, bands.sum(axis=0) / rows
+
+
+@compiled(parallel=True)
+def _residual_powers(values: Floats, row_offset: Floats, column_offset: Floats, out: Floats) -> None:
+    rows, cols = values.shape
+    for r in prange(rows):
+        squares, fourths = np.zeros(_LANES), np.zeros(_LANES)
+        row = values[r]
+        off = row_offset[r]
+        whole = np.uint64(cols) // np.uint64(_LANES) * np.uint64(_LANES)
+        for first in range(np.uint64(0), whole, np.uint64(_LANES)):
+            for lane in range(np.uint64(_LANES)):
+                d = row[first + lane] - off - column_offset[first + lane]
+                square = d * d
+                squares[lane] += square
+                fourths[lane] += square * square
+        for j in range(whole, np.uint64(cols)):
+            d = row[j] - off - column_offset[j]
+            squares[0] += d * d
+            fourths[0] += d * d * d * d
+        out[r, 0] = squares.sum()
+        out[r, 1] = fourths.sum()
+
+
+def residual_moments(values: Floats, row_offset: Floats, column_offset: Floats) -> tuple[float, float]:
+    """Return the mean second and fourth power of a map after subtracting an offset per row and per column.
+
+    Parameters
+    ----------
+    values
+        (rows, cols), C-contiguous.
+    row_offset, column_offset
+        (rows,), (cols,).
+
+    Examples
+    --------
+    >>> residual_moments(np.array([[1.0, 5.0]]), np.array([3.0]), np.zeros(2))
+    (4.0, 16.0)
+    """
+    sums = np.empty((values.shape[0], 2))
+    _residual_powers(values, row_offset, column_offset, sums)
+    second, fourth = sums.sum(axis=0) / values.size
+    return float(second), float(fourth)
+
+
+@compiled(parallel=True)
+def smooth_separable(values: Floats, kernel: Floats) -> Floats:
+    """Convolve a map with one kernel along both axes; the border that the kernel cannot cover is cut off.
+
+    Parameters
+    ----------
+    values
+        (rows, cols), C-contiguous.
+    kernel
+        (n,), n odd, symmetric.
+
+    Returns
+    -------
+    ndarray
+        (rows - n + 1, cols - n + 1).
+    """
+    rows, cols = values.shape
+    taps = kernel.size
+    n_rows, n_cols = rows - taps + 1, cols - taps + 1
+    out = np.empty((n_rows, n_cols))
+    for r in prange(n_rows):
+        down = np.zeros(cols)
+        for k in range(taps):
+            weight = kernel[k]
+            row = values[r + k]
+            for c in range(cols):
+                down[c] += weight * row[c]
+        target = out[r]
+        target[:] = 0.0
+        for k in range(taps):
+            weight = kernel[k]
+            shifted = down[k:]
+            for c in range(n_cols):
+                target[c] += weight * shifted[c]
+    return out
+
+
+@compiled(parallel=True)
+def _add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
+    rows, cols = target.shape
+    for r in prange(rows):
+        row, added, factor = target[r], source[r], factors[r % factors.shape[0]]
+        for c in range(cols):
+            row[c] += np.float64(added[c]) * factor[c]
+
+
+def add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
+    """Add a map, multiplied by a repeating tile of factors, to another map in place.
+
+    Parameters
+    ----------
+    target, source
+        (rows, cols); the source may hold integers.
+    factors
+        (tile rows, tile cols).
+
+    Examples
+    --------
+    >>> total = np.zeros((1, 3))
+    >>> add_scaled(total, np.array([[1, 2, 3]], np.uint32), np.array([[1.0, 10.0]]))
+    >>> total.tolist()
+    [[1.0, 20.0, 3.0]]
+    """
+    cols = target.shape[1]
+    _add_scaled(target, source, np.tile(factors, -(-cols // factors.shape[1]))[:, :cols].copy())
+
+
+@compiled(parallel=True)
+def _power_sums(values: Floats, labels: NDArray[Any], center: Floats, out: Floats) -> None:
+    """Sum the first to fourth power of the deviation from `center[label]`, by row and label."""
+    rows = values.shape[0]
+    tile_rows, tile_cols = labels.shape
+    lanes = max(_LABEL_LANES // tile_cols, 1) * tile_cols
+    for r in prange(rows):
+        centers = np.empty(lanes)
+        powers = np.zeros((4, lanes))
+        for lane in range(lanes):
+            centers[lane] = center[labels[r % tile_rows, lane % tile_cols]]
+        _lane_powers(values[r], centers, powers[0], powers[1], powers[2], powers[3])
+        for lane in range(lanes):
+            for k in range(4):
+                out[r, labels[r % tile_rows, lane % tile_cols], k] += powers[k, lane]
+
+
+@compiled()
+def _lane_powers(values: Floats, centers: Floats, p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> None:
+    size, lanes = np.uint64(values.size), np.uint64(centers.size)
+    for first in range(np.uint64(0), size, lanes):
+        for lane in range(min(lanes, size - first)):
+            d = values[first + lane] - centers[lane]
+            square = d * d
+            p1[lane] += d
+            p2[lane] += square
+            p3[lane] += square * d
+            p4[lane] += square * square
+
+
+def label_pixels(shape: tuple[int, ...], labels: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return the number of pixels of each label.
+
+    Examples
+    --------
+    >>> label_pixels((3, 3), np.array([[0, 1], [1, 2]])).tolist()
+    [4, 4, 1]
+    """
+    pixels = np.zeros(int(labels.max()) + 1, np.int64)
+    for (r, c), label in np.ndenumerate(labels):
+        pixels[label] += len(range(r, shape[0], labels.shape[0])) * len(range(c, shape[1], labels.shape[1]))
+    return pixels
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean, unbiased variance and fourth central moment over the pixels of one label."""
+
+    pixels: int
+    mean: float
+    variance: float
+    fourth: float
+
+
+def label_moments(values: Floats, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
+    """Return the moments of a map over the pixels of each label.
+
+    Parameters
+    ----------
+    values
+        (rows, cols).
+    labels
+        (tile rows, tile cols) repeating tile of labels, from 0; None is one label for all pixels.
+
+    Examples
+    --------
+    >>> label_moments(np.array([[1.0, 10.0], [3.0, 10.0]]), np.array([[0, 1]]))[0].variance
+    2.0
+    """
+    tile = np.zeros((1, 1), np.int64) if labels is None else np.asarray(labels, np.int64)
+    n_labels = int(tile.max()) + 1
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    center = np.array([values[tuple(np.argwhere(tile == label)[0])] for label in range(n_labels)])
+    counts = label_pixels(values.shape, tile)
+    # Two passes: the first finds the mean, the second the moments about it, to avoid cancellation.
+    for final in (False, True):
+        by_row = np.zeros((values.shape[0], n_labels, 4))
+        _power_sums(values, tile, center, by_row)
+        powers = by_row.sum(axis=0)
+        if not final:
+            center = center + powers[:, 0] / counts
+    return tuple(
+        Moments(
+            pixels=int(n),
+            mean=float(c),
+            variance=float(p[1] / (n - 1)) if n > 1 else 0.0,
+            fourth=float(p[3] / n),
+        )
+        for n, c, p in zip(counts, center, powers, strict=True)
+    )
