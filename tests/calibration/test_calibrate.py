@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.calibration.reduction import reading
-from photosite.calibration.result import Parameters
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
+from photosite.calibration.reduction import frame_reader
 from photosite.calibration.spatial.line_noise import LINE_FRAMES
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
@@ -125,7 +124,7 @@ def test_progress_counts_every_frame_read(mono, monkeypatch):
     calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
     assert seen == [(done, frames.frame_count) for done in range(1, frames.frame_count + 1)]
 
-    monkeypatch.setattr(reading, "KEPT_BYTES", 0)
+    monkeypatch.setattr(frame_reader, "KEPT_BYTES", 0)
     seen.clear()
     calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
     assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
@@ -139,7 +138,7 @@ def test_mean_frames_kept_or_read_again_are_the_same(mono, monkeypatch, room):
     """No room for the mean frames, and room for some of them."""
     _, frames = mono
     whole = calibrate(frames)
-    monkeypatch.setattr(reading, "KEPT_BYTES", room)
+    monkeypatch.setattr(frame_reader, "KEPT_BYTES", room)
     assert calibrate(frames).to_dict() == whole.to_dict()
 
 
@@ -150,8 +149,8 @@ def test_few_frames_are_held_at_a_time(mono, monkeypatch, thread_safe):
     import weakref
 
     _, frames = mono
-    monkeypatch.setattr(reading, "_TOGETHER", 3)
-    monkeypatch.setattr(reading, "_AHEAD", 2)
+    monkeypatch.setattr(frame_reader, "_TOGETHER", 3)
+    monkeypatch.setattr(frame_reader, "_AHEAD", 2)
     alive, held, threads = [], [], set()
 
     def guard(source):

@@ -8,9 +8,9 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.export.noise_profile import calibration_noise_profile
-from photosite.calibration.result import Estimate
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_profile import sensor_noise_profile
+from photosite.values.estimate import Estimate
 
 
 @pytest.fixture(scope="module", params=["mono", "rggb"])

@@ -4,8 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.result import Parameters
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.errors import InputError
 
 UNITS = {

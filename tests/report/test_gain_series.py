@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 import photosite as ps
 from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import Kind, frame_set_from_arrays
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.gain_series import gain_series_page, modes_table, settings_table, write_gain_series_report
 from photosite.report.html import render_page
+from photosite.values.estimate import Estimate
 
 SETTINGS = (100.0, 200.0, 400.0, 800.0)
 GAIN = (0.1, 0.2, 1.2, 2.4)

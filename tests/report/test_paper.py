@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_uncertain
 from photosite.report.paper import table_1
 from photosite.studies.closed_loop.study import ClosedLoop
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Uncertain
 
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 
-from photosite.calibration.checks import judge, plausible
+from photosite.calibration.checks import frame_set_checks as judge
+from photosite.calibration.checks import result_screening as plausible
 from photosite.calibration.checks.stated_levels import stated_level_warnings
-from photosite.calibration.figures import LEAST_DARK_VARIANCE, Measurements, parameters
+from photosite.calibration.fixed_pattern import PatternReader
 from photosite.calibration.measure import (
     NO_LIGHT,
     DarkSide,
@@ -22,20 +23,22 @@ from photosite.calibration.measure import (
     read_darks,
     read_lights,
 )
-from photosite.calibration.patterns import Channel, PatternReader
-from photosite.calibration.photon_transfer.bend import bend_warning, bent_gain, with_bends
+from photosite.calibration.measurements import LEAST_DARK_VARIANCE, Measurements, parameters
+from photosite.calibration.photon_transfer.channel import Channel, curvature_warning, with_curvature
 from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
 from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
+from photosite.calibration.photon_transfer.response_curvature import gain_with_curvature
 from photosite.calibration.photon_transfer.snr import snr_curve
-from photosite.calibration.reduction.partial import PartialSums
-from photosite.calibration.reduction.reading import FrameReader, Progress
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.reduction.checkpoint import Checkpoint
+from photosite.calibration.reduction.frame_reader import FrameReader, Progress
+from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.spatial_analysis import FarThresholds
 from photosite.errors import InputError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 SCATTER = 4.0
@@ -125,7 +128,7 @@ def calibrate(
     base = sensor if sensor is not None else frames.sensor
     judge.check_sensor(frames, base)
     judge.check_plan(frames)
-    kept = PartialSums(partial, frames) if partial is not None else None
+    kept = Checkpoint(partial, frames) if partial is not None else None
     with FrameReader(frames, progress, kept) as reader:
         calibration = _calibrate(frames, base, reader, far)
     if maps:
@@ -158,7 +161,7 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
     measured: list[Measurements]
     gain_fit: GainFit | None = None
     if lights:
-        channels = with_bends([read_channel(k, dark, lights, reader.white) for k in range(len(names))])
+        channels = with_curvature([read_channel(k, dark, lights, reader.white) for k in range(len(names))])
         tops = [reader.tops[id(entry.group)] for entry in lights]
         plausible.check_flats(frames, names, dark.as_read, channels, tops)
         gain_fit = fit_gain([c.levels for c in channels], [c.used for c in channels])
@@ -172,7 +175,10 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
         measured = measure_channels(dark, (), ())
         spatial = dark_patterns(dark, far)
     together = measure_together(
-        dark, names, measured, bent_gain(gain_value(gain_fit), channels) if lights else NO_LIGHT
+        dark,
+        names,
+        measured,
+        gain_with_curvature(gain_value(gain_fit), [c.curvature for c in channels]) if lights else NO_LIGHT,
     )
 
     known = _known_scale(base)
@@ -196,8 +202,10 @@ def _calibrate(frames: FrameSet, base: Sensor | None, reader: FrameReader, far: 
             list(frames.notes)
             + ([] if dark.clipped is None else [dark.clipped.warning(names)])
             + plausible.warnings(frames, dark.groups, channels)
-            + bend_warning(names, channels)
-            + plausible.nonsense((("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)))
+            + curvature_warning(names, channels)
+            + plausible.implausible_warnings(
+                (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity))
+            )
             + judge.frame_warnings(frames, dark.groups, lights)
             + stated_level_warnings(frames, dark.groups, lights)
             + _warnings(names, reader, dark, channels, together, gain_fit)

@@ -8,18 +8,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.checks.judge import check_darks, reference_dark, zero_clip_uncertainty
-from photosite.calibration.checks.plausible import Nonsense, check_step, dark_current_slope, efficient, of_variance
-from photosite.calibration.clipped_blacks.clipped import (
+from photosite.calibration.checks.frame_set_checks import check_darks
+from photosite.calibration.checks.result_screening import (
+    Implausible,
+    check_step,
+    of_variance,
+    screen_dark_slope,
+    screen_responsivity,
+)
+from photosite.calibration.clipped_blacks.clipped_darks import (
     METHOD,
     NO_PIXEL_SLOPES,
     ClippedDarks,
     are_clipped,
-    read_clipped,
+    correct_clipped_darks,
 )
-from photosite.calibration.figures import QUANTISATION, Measurements, pool
-from photosite.calibration.patterns import Channel, Patterns, mean_planes
-from photosite.calibration.photon_transfer.dark import Darkness, temporal_variances
+from photosite.calibration.fixed_pattern import Patterns, mean_planes
+from photosite.calibration.measurements import Measurements, pool
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.photon_transfer.linearity import channel_linearity
 from photosite.calibration.photon_transfer.photon_transfer import (
     find_saturation,
@@ -29,8 +36,8 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     light_levels,
     linear_levels,
 )
-from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.reduction.reading import FrameReader
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.nonuniformity import (
     PixelSlopes,
@@ -46,6 +53,7 @@ from photosite.calibration.spatial.spatial_analysis import FarThresholds, Spatia
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.frames.frame_set import FrameGroup
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 
 NO_LIGHT = Missing("no light frames")
@@ -128,9 +136,9 @@ def read_darks(reader: FrameReader) -> DarkSide:
     seconds = [entry.group.exposure_s for entry in groups]
     as_read, clipped = groups, None
     if are_clipped(groups):
-        clipped = read_clipped(reader, groups, reference)
+        clipped = correct_clipped_darks(reader, groups, reference)
         groups = list(clipped.groups)
-    scatter = Darkness.of(seconds, [pooled_level(entry.levels) for entry in groups]).variance.scatter
+    scatter = DarkLines.of(seconds, [pooled_level(entry.levels) for entry in groups]).variance.scatter
     noise = mean_frame_parts(reader, as_read[reference], scatter)
     if slopes is None or coefficients is None:
         return DarkSide(groups, reference, kept, None, scatter, noise, clipped)
@@ -192,10 +200,10 @@ def read_lights(reader: FrameReader) -> list[GroupStatistics]:
     return lights
 
 
-def darkness(dark: DarkSide, channel: int | None) -> Darkness:
+def darkness(dark: DarkSide, channel: int | None) -> DarkLines:
     """One channel in the dark, or all pixels together (None)."""
     levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in dark.groups]
-    return Darkness.of([entry.group.exposure_s for entry in dark.groups], levels)
+    return DarkLines.of([entry.group.exposure_s for entry in dark.groups], levels)
 
 
 def read_channel(channel: int, dark: DarkSide, lights: Sequence[GroupStatistics], white: int) -> Channel:
@@ -226,8 +234,8 @@ def measure_channels(dark: DarkSide, channels: Sequence[Channel], patterns: Sequ
         for k in range(len(moments))
     ]
     for entry in measured:
-        if isinstance(why := entry.responsivity, Nonsense):
-            # One light fell on all channels: photons that are nonsense for one are for all.
+        if isinstance(why := entry.responsivity, Implausible):
+            # One light fell on all channels: photons that are implausible_warnings for one are for all.
             return [replace(m, responsivity=why, saturation_responsivity=why, saturation_photons=why) for m in measured]
     return measured
 
@@ -277,9 +285,9 @@ def _censored(
 
 def _with_light(measured: Measurements, channel: Channel, patterns: Patterns) -> Measurements:
     responsivity = _responsivity(channel)
-    if channel.bend is not None and isinstance(responsivity, Uncertain):
-        responsivity = channel.bend.widen(responsivity, channel.bend.responsivity)
-    responsivity = efficient(responsivity, channel.gain)
+    if channel.curvature is not None and isinstance(responsivity, Uncertain):
+        responsivity = channel.curvature.widen(responsivity, channel.curvature.responsivity)
+    responsivity = screen_responsivity(responsivity, channel.gain)
     return replace(
         measured,
         response_variance=patterns.response_variance,
@@ -313,13 +321,13 @@ def measure_together(
     return replace(stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
 
 
-def measure_dark(background: Darkness, level: Level, label: str) -> Measurements:
+def measure_dark(background: DarkLines, level: Level, label: str) -> Measurements:
     """What the dark frames alone tell; the rest says that there is no light."""
     black, slope = background.mean.line
-    slope = dark_current_slope(slope, background.mean.exposure_s)
-    noise_slope = dark_current_slope(background.variance.line[1], background.variance.exposure_s, of_variance=True)
-    clipping = zero_clip_uncertainty(level)
-    read = level.noise + Uncertain.of(-QUANTISATION, clipping) + Uncertain.of(0.0, level.rounding_variance)
+    slope = screen_dark_slope(slope, background.mean.exposure_s)
+    noise_slope = screen_dark_slope(background.variance.line[1], background.variance.exposure_s, of_variance=True)
+    clipping = level.clipping_uncertainty
+    read = level.noise + Uncertain.of(-QUANTISATION_DN2, clipping) + Uncertain.of(0.0, level.rounding_variance)
     return Measurements(
         pixels=level.pixels,
         read_variance=read,

@@ -1,10 +1,68 @@
-"""What the parameters are called where people read them: one label and one unit for each, for the whole project."""
+"""The parameters of a sensor, and the label and unit of each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from photosite.errors import InputError, did_you_mean
+from photosite.values.estimate import Estimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """The parameters of a sensor or of one colour channel, named after EMVA 1288 and the 2008 paper.
+
+    Noise and non-uniformity are standard deviations. `_dn`, `_e` and `_mv` are the same quantity in digital numbers,
+    electrons and millivolts at the pixel.
+    """
+
+    read_noise_dn: Estimate
+    read_noise_e: Estimate
+    read_noise_mv: Estimate
+    dsnu_dn: Estimate
+    dsnu_e: Estimate
+    dsnu_mv: Estimate
+    prnu_percent: Estimate
+    dark_voltage_mv_per_s: Estimate
+    dark_current_e_per_s: Estimate
+    dark_current_from_variance_e_per_s: Estimate
+    dcnu_percent: Estimate
+    black_level_dn: Estimate
+    system_gain_dn_per_e: Estimate
+    conversion_gain_uv_per_e: Estimate
+    saturation_dn: Estimate
+    saturation_capacity_e: Estimate
+    responsivity_dn_per_photon: Estimate
+    quantum_efficiency_percent: Estimate
+    temporal_dark_noise_e: Estimate
+    sensitivity_threshold_photons: Estimate
+    saturation_capacity_photons: Estimate
+    snr_max_db: Estimate
+    dynamic_range_db: Estimate
+    linearity_error_percent: Estimate
+    linearity_error_min_percent: Estimate
+    linearity_error_max_percent: Estimate
+    linearity_error_full_scale_percent: Estimate
+    dsnu1288_e: Estimate
+    dsnu1288_row_e: Estimate
+    dsnu1288_column_e: Estimate
+    dsnu1288_pixel_e: Estimate
+    dsnu1288_filtered_e: Estimate
+    dsnu1288_filtered_row_e: Estimate
+    dsnu1288_filtered_column_e: Estimate
+    dsnu1288_filtered_pixel_e: Estimate
+    prnu1288_percent: Estimate
+    prnu1288_row_percent: Estimate
+    prnu1288_column_percent: Estimate
+    prnu1288_pixel_percent: Estimate
+    prnu1288_unfiltered_percent: Estimate
+    prnu1288_unfiltered_row_percent: Estimate
+    prnu1288_unfiltered_column_percent: Estimate
+    prnu1288_unfiltered_pixel_percent: Estimate
+
+    def estimates(self) -> dict[str, Estimate]:
+        """Return all parameters by name, in the order above."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(Parameters)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +74,9 @@ class ParameterLabel:
     label
         Its name in words.
     unit
-        Its unit in symbols.
+        Its unit.
     topic
-        What it belongs to: the heading it stands under in a long table.
+        Heading in long tables.
     """
 
     label: str
@@ -87,11 +145,11 @@ PARAMETER_LABELS: dict[str, ParameterLabel] = {
         prnu1288_unfiltered_pixel_percent=("PRNU1288 without high-pass, pixels", "%"),
     ),
 }
-"""By the parameter's name in `Parameters`, in its order."""
+"""Label and unit by the parameter's name, in the order of `Parameters`."""
 
 
 def parameter_label(name: str) -> ParameterLabel:
-    """How a parameter is shown.
+    """Return a parameter's label and unit.
 
     Parameters
     ----------
@@ -101,7 +159,7 @@ def parameter_label(name: str) -> ParameterLabel:
     Raises
     ------
     InputError
-        If there is no such parameter.
+        If the name is unknown.
 
     Examples
     --------
@@ -110,5 +168,5 @@ def parameter_label(name: str) -> ParameterLabel:
     ('Read noise', 'mV')
     """
     if name not in PARAMETER_LABELS:
-        raise InputError(f"there is no parameter '{name}'; {did_you_mean(name, PARAMETER_LABELS)}")
+        raise InputError("name", value=name, expected="a parameter", hint=did_you_mean(name, PARAMETER_LABELS))
     return PARAMETER_LABELS[name]

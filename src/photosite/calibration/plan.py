@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.checks.judge import CLIPPED_BLACK, reference_dark
-from photosite.calibration.figures import Measurements, parameters, pool
+from photosite.calibration.fixed_pattern import plan_slopes
 from photosite.calibration.measure import (
     NO_LIGHT,
     NO_PHOTONS,
@@ -17,8 +16,10 @@ from photosite.calibration.measure import (
     stand_for_the_sensor,
     without_dark_shot,
 )
-from photosite.calibration.patterns import Channel, plan_slopes
-from photosite.calibration.photon_transfer.dark import Darkness
+from photosite.calibration.measurements import Measurements, parameters, pool
+from photosite.calibration.parameters import Parameters
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import (
     find_saturation,
     fit_gain,
@@ -27,8 +28,13 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     light_levels,
     linear_levels,
 )
-from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.result import Parameters
+from photosite.calibration.reduction.groups import (
+    CLIPPED_DARK_SHARE,
+    GroupStatistics,
+    Level,
+    pooled_level,
+    reference_dark,
+)
 from photosite.calibration.spatial.nonuniformity import (
     SlopeSpread,
     relative_response_variance,
@@ -111,7 +117,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     _check_darks(darks)
     exposures = [entry.group.exposure_s for entry in darks]
     reference = darks[reference_dark(darks)]
-    darkness = [Darkness.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
+    darkness = [DarkLines.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
     channels = [_channel(sensor, k, darkness[k], lights) for k in range(len(names))] if lights else []
     gain = gain_value(fit_gain([c.levels for c in channels], [c.used for c in channels])) if lights else NO_LIGHT
     measured = [
@@ -174,14 +180,14 @@ def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Le
 def _check_darks(darks: Sequence[GroupStatistics]) -> None:
     for entry in darks:
         low = max(level.low_fraction for level in entry.levels)
-        if low > CLIPPED_BLACK:
+        if low > CLIPPED_DARK_SHARE:
             raise InputError(
                 f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be at 0 DN; a plan "
                 f"is for frames that do not clip: take a black level (pedestal) of five standard deviations of the dark"
             )
 
 
-def _channel(sensor: Sensor, index: int, dark: Darkness, lights: Sequence[GroupStatistics]) -> Channel:
+def _channel(sensor: Sensor, index: int, dark: DarkLines, lights: Sequence[GroupStatistics]) -> Channel:
     levels = light_levels(lights, index, dark)
     saturation = find_saturation(levels, int(sensor.white_level_dn))
     used = linear_levels(levels, saturation)
@@ -190,7 +196,7 @@ def _channel(sensor: Sensor, index: int, dark: Darkness, lights: Sequence[GroupS
 
 def _measured(
     sensor: Sensor,
-    background: Darkness,
+    background: DarkLines,
     darks: Sequence[GroupStatistics],
     reference: GroupStatistics,
     channel: Channel | None,
@@ -279,7 +285,7 @@ def _together(
 ) -> Measurements:
     if len(names) == 1:
         return replace(measured[0], gain=gain)
-    background = Darkness.of(exposures, [pooled_level(entry.levels) for entry in darks])
+    background = DarkLines.of(exposures, [pooled_level(entry.levels) for entry in darks])
     dark = measure_dark(background, pooled_level(reference.levels), reference.label)
     pooled = without_dark_shot(pool(names, measured, dark, gain), reference.group.exposure_s)
     return replace(stand_for_the_sensor(pooled), responsivity=pooled.responsivity)

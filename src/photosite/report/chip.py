@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from photosite.calibration.chip_maps.tail import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal import TemporalNoise
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.report.blocks import figure_block, reason_block
 from photosite.report.figures.defect_map import defect_map_figure
 from photosite.report.figures.noise_histogram import noise_histogram_figure
@@ -15,6 +15,7 @@ from photosite.report.html import Block, Column, Details, Paragraph, Table
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.measured_chip import DefectKind, Defects
+from photosite.values.estimate import Estimate
 
 _LISTED = 200
 """Pixels of a list at most: the farthest off."""

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.result import Calibration, Curve, Estimate
+from photosite.calibration.photon_transfer.curves import Curve
+from photosite.calibration.result import Calibration
 from photosite.report.html import Block, Column, Heading, Table
 from photosite.report.numbers import format_number, format_time
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.cfa import tile_text
+from photosite.values.estimate import Estimate
 
 _MODELS = {
     "linear": "EMVA 1288 R4.0 Linear, photon transfer",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from photosite.calibration.export.measured_sensor import well_capacity
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.report.blocks import figure_block
 from photosite.report.figures.noise_budget import noise_budget_figure
 from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
@@ -15,6 +15,7 @@ from photosite.report.numbers import format_number, format_uncertain
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
+from photosite.values.estimate import Estimate
 from photosite.values.measured import Measured
 
 PAPER_SENSOR = "nikon-d200"

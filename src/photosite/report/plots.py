@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.photon_transfer.snr import SnrCurve
-from photosite.calibration.result import Calibration, Curve
+from photosite.calibration.result import Calibration
 from photosite.report.blocks import figure_block, lacking_blocks, reason_block
 from photosite.report.chip import defect_blocks, temporal_blocks
 from photosite.report.figures.curve import Residuals, curve_figure

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
-from photosite.calibration.result import Calibration, Estimate, LinearRange, Parameters
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
+from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.result import Calibration
 from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
+from photosite.values.estimate import Estimate
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:

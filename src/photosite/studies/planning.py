@@ -9,14 +9,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.plan import PlannedGroup, predict
-from photosite.calibration.result import Estimate, Parameters
 from photosite.errors import InputError
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.virtual_lab import VirtualLab
 from photosite.values.cfa import channel_sites
+from photosite.values.estimate import Estimate
 from photosite.values.exposure import parse_exposure
 
 

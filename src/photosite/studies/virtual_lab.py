@@ -63,7 +63,7 @@ def dark_noise_dn(sensor: Sensor) -> float:
 def with_pedestal(sensor: Sensor) -> Sensor:
     """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
 
-    Of clipped darks a calibration sees half (`calibration/clipped_blacks/censored.py`). Where the black level is
+    Of clipped darks a calibration sees half (`calibration/clipped_blacks`). Where the black level is
     less than 5 standard
     deviations of the dark, it becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
 

@@ -15,8 +15,8 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 import photosite as ps
+from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.photon_transfer.snr import SnrCurve
-from photosite.calibration.result import Curve
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget

@@ -7,8 +7,8 @@ import pytest
 
 from photosite.calibration.chip_maps.tail import Tail
 from photosite.calibration.chip_maps.temporal import TemporalNoise
-from photosite.calibration.result import Estimate
 from photosite.report.figures.noise_histogram import noise_histogram_figure
+from photosite.values.estimate import Estimate
 
 
 def noise(values, width=0.25, shape=Estimate(-0.05, 0.01)):  # noqa: B008

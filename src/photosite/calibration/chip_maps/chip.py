@@ -8,22 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.judge import reference_dark
-from photosite.calibration.checks.plausible import too_short
+from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import blinking, defects
 from photosite.calibration.chip_maps.chip_lights import ResponseMap, needed_lights, read_response
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
 from photosite.calibration.chip_maps.second_look import SecondLook, look_again
 from photosite.calibration.chip_maps.temporal import TemporalNoise, Trace, measure_temporal
-from photosite.calibration.figures import QUANTISATION
-from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.reduction.reading import FrameReader, Progress
+from photosite.calibration.reduction.frame_reader import FrameReader, Progress
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
 from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 
 CLIPPED_DARK = 1e-3
 """Share of numbers at 0 in the darks above which there are no maps: those pixels' offset and noise are not seen."""
@@ -241,7 +240,7 @@ def _chip(
         unknown = np.zeros((1, 1), np.float32)
         rate, of_rate = (maps.get(name, unknown) for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"))
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
-    if too_short(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
+    if too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
         for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"):
             maps.pop(name, None)  # per second of times that cannot be true; taken off flats in the same times above
     blinkers = _blinking(dark, look, suspects, shot)
@@ -271,7 +270,7 @@ def _dark_maps(
     noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
     of_mean = np.zeros(len(dark.groups))
     of_mean[dark.reference] = 1.0
-    read = dark.variance - np.float32(QUANTISATION)
+    read = dark.variance - np.float32(QUANTISATION_DN2)
     if dark.rate is not None:
         level -= np.float32(reference_s) * dark.rate
         of_mean -= reference_s * dark.coefficients
@@ -301,7 +300,7 @@ def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap,
     variance = noise * np.float32(share.sum())
     if shot is not None:
         variance += shot * np.float32(share @ longer)
-    np.maximum(variance, np.float32(QUANTISATION * share.sum()), out=variance)
+    np.maximum(variance, np.float32(QUANTISATION_DN2 * share.sum()), out=variance)
     np.sqrt(variance, out=variance)
     return variance
 
@@ -356,7 +355,7 @@ def _blinking(dark: _DarkMaps, look: SecondLook, place: _Place, shot: FloatMap |
         return _Blinkers(no_blinking(), np.zeros(0), ())
     jumps, levels = blinking.blinking(look.series)
     row, col = place[0][jumps], place[1][jumps]
-    within = levels.within[jumps] - QUANTISATION
+    within = levels.within[jumps] - QUANTISATION_DN2
     if shot is not None:
         within = within - dark.stack.group.exposure_s * shot[row, col]
     amplitude = (levels.upper - levels.lower)[jumps]

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.chip_maps import defects
+from photosite.calibration.photon_transfer.curves import LinearRange
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
-from photosite.calibration.reduction.reading import FrameReader
-from photosite.calibration.result import Calibration, LinearRange
+from photosite.calibration.result import Calibration
 from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names

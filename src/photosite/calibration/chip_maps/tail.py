@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.figures import QUANTISATION
-from photosite.calibration.result import Estimate
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Source, Uncertain
 
 QUANTISATION_FOURTH = -1.0 / 120.0
@@ -112,8 +112,8 @@ def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n
 def _cumulants(sums: NDArray[np.float64]) -> tuple[float, float, float]:
     """Means over pixels of variance, fourth cumulant and squared variance, without rounding's share."""
     variance, fourth, squared = (float(x) for x in sums[1:] / sums[0])
-    exact = variance - QUANTISATION
-    return exact, fourth - QUANTISATION_FOURTH, squared - 2 * QUANTISATION * variance + QUANTISATION**2
+    exact = variance - QUANTISATION_DN2
+    return exact, fourth - QUANTISATION_FOURTH, squared - 2 * QUANTISATION_DN2 * variance + QUANTISATION_DN2**2
 
 
 def _within(sums: NDArray[np.float64]) -> float:

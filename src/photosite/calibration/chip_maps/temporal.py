@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from photosite.calibration.chip_maps.banding import Band, find_bands
 from photosite.calibration.chip_maps.second_look import SecondLook
 from photosite.calibration.chip_maps.tail import Tail, measure_tail
-from photosite.calibration.figures import QUANTISATION
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
-from photosite.calibration.result import Estimate
 from photosite.calibration.spatial.line_noise import TemporalParts, temporal_parts
 from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
 from photosite.engine.frame_sums import MeanFrame
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 
@@ -127,7 +127,7 @@ def measure_temporal(
     return TemporalNoise(
         frames=stack.frames,
         exposure_s=stack.group.exposure_s,
-        pixel_noise_dn=_deviation(parts.pixel - QUANTISATION + Uncertain.of(0.0, rounding), method),
+        pixel_noise_dn=_deviation(parts.pixel - QUANTISATION_DN2 + Uncertain.of(0.0, rounding), method),
         row_noise_dn=_deviation(parts.row, method),
         column_noise_dn=_deviation(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),

@@ -18,9 +18,10 @@ from os import PathLike
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.calibration.result import Calibration, Estimate, Parameters
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
+from photosite.calibration.result import Calibration
 from photosite.files.atomic import atomic_path
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Value, derive
 
 EMVA_XML_LOSS = (

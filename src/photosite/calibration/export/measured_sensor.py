@@ -6,11 +6,11 @@ from datetime import date
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from photosite.calibration.result import Estimate
 from photosite.errors import CalibrationError
 from photosite.sensor.covariance import Covariance
 from photosite.sensor.io.maps_file import maps_path
 from photosite.sensor.model import Sensor
+from photosite.values.estimate import Estimate
 from photosite.values.measured import Measured
 from photosite.values.uncertain import JointCovariance, Uncertain, Value, derive
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from photosite.calibration.result import Calibration, Estimate, Parameters
+from photosite.calibration.parameters import Parameters
+from photosite.calibration.result import Calibration
 from photosite.errors import CalibrationError
 from photosite.sensor.noise_profile import QUANTISATION_DN2, NoiseProfile
+from photosite.values.estimate import Estimate
 from photosite.values.measured import Measured
 
 

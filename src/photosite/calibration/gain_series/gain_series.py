@@ -26,13 +26,14 @@ from photosite.calibration.gain_series.gain_law import (
     step_in_read_noise,
 )
 from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
+from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.fit import fit_linear
-from photosite.calibration.reduction.reading import Progress
-from photosite.calibration.result import Estimate, Parameters
+from photosite.calibration.reduction.frame_reader import Progress
 from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
+from photosite.values.estimate import Estimate
 from photosite.values.measured import COVERAGE_95, Measured
 from photosite.values.uncertain import Uncertain, correlated
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.gain_series.gain_law import LawName
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.errors import InputError
+from photosite.values.estimate import Estimate
 
 
 @dataclass(frozen=True)

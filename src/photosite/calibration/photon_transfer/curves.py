@@ -1,93 +1,161 @@
-"""The points behind the fits, for reports and for eyes."""
+"""The points behind the fits of one channel, and its linear range."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
-from photosite.calibration.patterns import Channel
-from photosite.calibration.photon_transfer.dark import DarkLine, Darkness
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.dark_lines import DarkLine, DarkLines
 from photosite.calibration.photon_transfer.fit import Fit
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE, fit_gain, fit_response
 from photosite.calibration.reduction.groups import CLIPPED_SHARE
-from photosite.calibration.result import Curve, LinearRange
 
 
-def channel_curves(background: Darkness, channel: Channel | None) -> dict[str, Curve]:
-    """One channel's curves by name: "dark_signal", "dark_variance", "response", "photon_transfer"."""
+@dataclass(frozen=True)
+class Curve:
+    """Measured points and the straight line through them.
+
+    Parameters
+    ----------
+    title, x_label, y_label
+        Labels of a plot, units included.
+    x, y, y_uncertainty
+        (points,) measured values; the standard uncertainty is that of sampling alone.
+    used
+        (points,) whether the fit used the point.
+    intercept, slope
+        The line; None where no line could be fitted.
+    extra_variance
+        Variance per point, beyond sampling, that explains the scatter about the line; 0 for ideal frames.
+    line_covariance
+        (2, 2) covariance of intercept and slope; None without a line.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    y_uncertainty: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    intercept: float | None = None
+    slope: float | None = None
+    extra_variance: float = 0.0
+    line_covariance: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of_fit(
+        cls,
+        title: str,
+        x_label: str,
+        y_label: str,
+        points: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
+        fit: Fit | None,
+    ) -> Curve:
+        """Return the curve of a fit with two parameters, or with the slope alone through the origin.
+
+        Parameters
+        ----------
+        title, x_label, y_label
+            Labels of a plot, units included.
+        points
+            x, y, y_uncertainty and used.
+        fit
+            None where no line could be fitted.
+        """
+        if fit is None:
+            return cls(title, x_label, y_label, *points)
+        intercept, covariance = 0.0, np.zeros((2, 2))
+        if len(fit.parameters) == 1:
+            covariance[1, 1] = fit.covariance[0, 0]
+        else:
+            intercept, covariance = float(fit.parameters[0]), fit.covariance
+        slope = float(fit.parameters[-1])
+        return cls(title, x_label, y_label, *points, intercept, slope, fit.extra_variance, covariance)
+
+    def line(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return the line and its standard uncertainty at some abscissae; None without a line.
+
+        With a the intercept and b the slope, u^2 = u^2(a) + 2 x u(a, b) + x^2 u^2(b). This is the uncertainty of the
+        true line, not of another point.
+
+        Examples
+        --------
+        >>> none, used = np.array([]), np.array([], dtype=bool)
+        >>> curve = Curve("", "s", "DN", none, none, none, used, 1.0, 2.0, 0.0, np.array([[4.0, -1.0], [-1.0, 1.0]]))
+        >>> [numbers.tolist() for numbers in curve.line([0.0, 1.0])]
+        [[1.0, 3.0], [2.0, 1.7320508075688772]]
+        """
+        if self.intercept is None or self.slope is None or self.line_covariance is None:
+            return None
+        at = np.asarray(x, dtype=np.float64)
+        (aa, ab), (_, bb) = self.line_covariance
+        return self.intercept + self.slope * at, np.sqrt(aa + 2.0 * ab * at + bb * at**2)
+
+
+@dataclass(frozen=True)
+class LinearRange:
+    """The range of light in which a channel is taken as linear.
+
+    Parameters
+    ----------
+    abscissa
+        "exposure_s" or "photons_per_pixel": the axis of the light levels.
+    lowest, highest
+        The range on that axis.
+    highest_dn
+        Mean digital number of the brightest level inside.
+    levels
+        Number of light levels inside, of `levels_measured`.
+    rule
+        How the range was found.
+    """
+
+    abscissa: str
+    lowest: float
+    highest: float
+    highest_dn: float
+    levels: int
+    levels_measured: int
+    rule: str
+
+
+def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]:
+    """Return one channel's curves: "dark_signal", "dark_variance" and, with light, "response", "photon_transfer"."""
     curves = {
-        "dark_signal": _dark_curve(background.mean, "Dark signal", "mean (DN)"),
-        "dark_variance": _dark_curve(background.variance, "Dark temporal variance", "variance (DN²)"),
+        "dark_signal": _dark_curve(dark.mean, "Dark signal", "mean (DN)"),
+        "dark_variance": _dark_curve(dark.variance, "Dark temporal variance", "variance (DN²)"),
     }
-    if channel is not None:
-        curves["response"] = _response(channel)
-        curves["photon_transfer"] = _photon_transfer(channel)
+    if channel is None:
+        return curves
+    levels, used = channel.levels, channel.used
+    axis = "photons per pixel" if levels.abscissa == "photons_per_pixel" else "exposure (s)"
+    uncertainty = np.sqrt(np.diag(levels.signal_covariance))
+    curves["response"] = Curve.of_fit(
+        "Response", axis, "signal (DN)", (levels.x, levels.signal, uncertainty, used), fit_response(levels, used)
+    )
+    known = levels.repeated
+    uncertainty = np.sqrt(np.diag(levels.shot_covariance))[known]
+    curves["photon_transfer"] = Curve.of_fit(
+        "Photon transfer",
+        "signal (DN)",
+        "temporal variance less dark (DN²)",
+        (levels.signal[known], levels.shot[known], uncertainty, used[known]),
+        fit_gain([levels], [used]),
+    )
     return curves
 
 
 def _dark_curve(line: DarkLine, title: str, y_label: str) -> Curve:
-    fit = line.fit
-    return Curve(
-        title,
-        "exposure (s)",
-        y_label,
-        line.exposure_s,
-        line.y,
-        np.sqrt(line.variance),
-        np.ones(len(line.y), dtype=np.bool_),
-        None if fit is None else float(fit.parameters[0]),
-        None if fit is None else float(fit.parameters[1]),
-        0.0 if fit is None else fit.extra_variance,
-        None if fit is None else fit.covariance,
-    )
-
-
-def _response(channel: Channel) -> Curve:
-    levels = channel.levels
-    fit = fit_response(levels, channel.used)
-    return Curve(
-        "Response",
-        "photons per pixel" if levels.abscissa == "photons_per_pixel" else "exposure (s)",
-        "signal (DN)",
-        levels.x,
-        levels.signal,
-        np.sqrt(np.diag(levels.signal_covariance)),
-        channel.used,
-        None if fit is None else 0.0,
-        None if fit is None else float(fit.parameters[0]),
-        0.0 if fit is None else fit.extra_variance,
-        None if fit is None else _through_origin(fit),
-    )
-
-
-def _photon_transfer(channel: Channel) -> Curve:
-    levels = channel.levels
-    there = levels.repeated
-    fit = fit_gain([levels], [channel.used])
-    return Curve(
-        "Photon transfer",
-        "signal (DN)",
-        "temporal variance less dark (DN²)",
-        levels.signal[there],
-        levels.shot[there],
-        np.sqrt(np.diag(levels.shot_covariance))[there],
-        channel.used[there],
-        None if fit is None else 0.0,
-        None if fit is None else float(fit.parameters[0]),
-        0.0 if fit is None else fit.extra_variance,
-        None if fit is None else _through_origin(fit),
-    )
-
-
-def _through_origin(fit: Fit) -> NDArray[np.float64]:
-    """(2, 2) covariance of intercept and slope of a line whose intercept is 0 by definition."""
-    covariance = np.zeros((2, 2))
-    covariance[1, 1] = fit.covariance[0, 0]
-    return covariance
+    points = line.exposure_s, line.y, np.sqrt(line.variance), np.ones(len(line.y), dtype=np.bool_)
+    return Curve.of_fit(title, "exposure (s)", y_label, points, line.fit)
 
 
 def linear_range(channel: Channel) -> LinearRange:
-    """The linear range of a channel that has levels in it."""
+    """Return the linear range of a channel that has at least one level in it."""
     levels, used = channel.levels, channel.used
     rule = f"at most {100 * CLIPPED_SHARE:g} % of the pixels clipped"
     if channel.saturation.signal is not None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.patterns import Channel
-from photosite.calibration.result import Estimate
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 LEAST_LEVELS = 3

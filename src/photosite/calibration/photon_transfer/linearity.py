@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.patterns import Channel
-from photosite.calibration.result import Estimate
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
 
 RANGE = (0.05, 0.95)

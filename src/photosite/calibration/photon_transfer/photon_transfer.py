@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.photon_transfer.dark import Darkness
+from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, combined
@@ -78,7 +78,7 @@ class LightLevels:
         return np.isfinite(self.shot)
 
 
-def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: Darkness) -> LightLevels:
+def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLines) -> LightLevels:
     """One channel's light levels with the dark taken off.
 
     The dark is that of the same exposure where there is one, else read off the line through the darks. What

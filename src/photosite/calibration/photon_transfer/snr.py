@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.calibration.patterns import Channel
+from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.photon_transfer import fit_response
 from photosite.values.uncertain import Missing, Uncertain
 

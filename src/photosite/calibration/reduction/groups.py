@@ -1,57 +1,80 @@
-"""What each group of frames says in numbers."""
+"""Statistics of a group of frames: level, temporal variance and spatial variance per channel."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.reduction.rounding import rounding_uncertainty
+from photosite.calibration.reduction.quantisation import rounding_uncertainty
 from photosite.engine.frame_sums import LabelTotals
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Source, Uncertain
 
 CLIPPED_SHARE = 0.001
-"""Share of numbers at 0 or at the top from which on a light level is not linear any more."""
+"""Share of numbers at 0 or at full scale above which a light level is outside the linear range."""
+
+CLIPPED_DARK_SHARE = 0.005
+"""Share of a dark level's numbers at 0 above which the darks count as clipped (`clipped_blacks/clipped_darks.py`).
+
+At this share the read noise comes out 0.5 % low. Below it, the possible effect of clipping widens the uncertainty."""
+
+
+def clipping_bias(fraction: float) -> float:
+    """Return the relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
+
+    With a = z(fraction), it is the clipped variable's second moment about the true mean, less the square of its new
+    mean: 1 + a^2 F - (F - a f) - (f + a F)^2 - 1 (F, f: normal distribution and density at a).
+
+    Examples
+    --------
+    >>> round(clipping_bias(0.005), 4), round(clipping_bias(1e-5), 7)
+    (-0.0091, -1.91e-05)
+    """
+    if fraction <= 0.0:
+        return 0.0
+    normal = NormalDist()
+    a = normal.inv_cdf(min(fraction, 1.0 - 1e-12))
+    density = normal.pdf(a)
+    return a * a * fraction - (fraction - a * density) - (density + a * fraction) ** 2
 
 
 @dataclass(frozen=True)
 class Level:
-    """One channel of one group: its mean, its temporal variance, and how well each is known. All in DN, DN^2.
+    """One channel of one group: mean and variances in DN and DN^2, with their uncertainties.
 
     Parameters
     ----------
     pixels, frames
-        How many of each are behind it.
+        Numbers of pixels and frames.
     mean
         Mean digital number.
     mean_variance
-        Sampling variance of the mean (temporal noise only).
+        Sampling variance of the mean, from temporal noise only.
     variance
-        Temporal variance of a pixel, quantisation included, shifts common to a frame left out; NaN for one frame.
+        Temporal variance of a pixel, quantisation included, shifts of whole frames excluded; NaN for one frame.
     variance_uncertainty
-        Its standard uncertainty, from the spread of the pixels' own variances, so that it holds whatever the
-        distribution of the noise is.
+        Its standard uncertainty, from the spread of the per-pixel variances, so valid for any noise distribution.
     spatial_variance
         Variance over pixels of the mean frame, temporal noise included.
     low_fraction, high_fraction
-        Share of the digital numbers at 0 and at the converter's highest number.
+        Shares of the digital numbers at 0 and at full scale.
     frame_shift
-        Standard deviation of the shifts common to a whole frame, signed where its variance came out negative.
+        Standard deviation of the shifts of whole frames; negative where its variance came out negative.
     shared_mean, shared_variance
-        Standard uncertainties that all clipped dark levels of the channel share: they do not drop out of a difference
-        with a light level, and do out of one between two of them. 0 where nothing was clipped.
+        Standard uncertainties shared by all clipped dark levels of the channel; 0 without clipping. They cancel in a
+        difference of two dark levels, but not in a difference with a light level.
     rounding_mean, rounding_variance
-        Standard uncertainties of mean and variance from rounding (`calibration/reduction/rounding.py`), which are
-        not among the
-        others: levels of one mean share them.
+        Standard uncertainties of mean and variance from rounding (`reduction/quantisation.py`), not included in the
+        others: levels with the same mean share them.
     sources
-        Shares of `variance_uncertainty`, in squares, by independent source: what is found with this level is
-        correlated with what else is.
+        Shares of `variance_uncertainty`, squared, by independent source. Results computed from this level are
+        correlated through them.
     """
 
     pixels: int
@@ -72,57 +95,66 @@ class Level:
 
     @classmethod
     def of(cls, totals: LabelTotals) -> Level:
-        """From the exact totals."""
+        """Return the level of exact totals."""
         samples = totals.frames * totals.pixels
-        variance = totals.pixel_variance if totals.frames > 1 else math.nan
-        shift = totals.frame_mean_variance - variance / totals.pixels if totals.frames > 1 else math.nan
+        variance = uncertainty = shift = math.nan
+        if totals.frames > 1:
+            variance = totals.pixel_variance
+            uncertainty = math.sqrt(totals.variance_spread / totals.pixels)
+            shift_variance = totals.frame_mean_variance - variance / totals.pixels
+            shift = math.copysign(math.sqrt(abs(shift_variance)), shift_variance)
         level = cls(
             pixels=totals.pixels,
             frames=totals.frames,
             mean=totals.mean,
             mean_variance=variance / samples,
             variance=variance,
-            variance_uncertainty=(math.sqrt(totals.variance_spread / totals.pixels) if totals.frames > 1 else math.nan),
+            variance_uncertainty=uncertainty,
             spatial_variance=totals.spatial_variance,
             low_fraction=totals.low / samples,
             high_fraction=totals.high / samples,
-            frame_shift=math.copysign(math.sqrt(abs(shift)), shift) if totals.frames > 1 else math.nan,
+            frame_shift=shift,
         )
         return level.with_rounding()
 
     def with_rounding(self) -> Level:
-        """The level with what rounding may have done to its mean and variance."""
+        """Return the level with the uncertainties from rounding."""
         spatial = self.spatial_variance - self.variance / self.frames
         of_mean, of_variance = rounding_uncertainty(self.variance, self.variance_uncertainty, spatial)
         return replace(self, rounding_mean=of_mean, rounding_variance=of_variance)
 
     @property
     def noise(self) -> Uncertain:
-        """`variance` as an input that all results share which use it."""
+        """`variance` with its sources, DN^2."""
         u = self.variance_uncertainty
         return Uncertain(self.variance, {source: u * math.sqrt(share) for source, share in self.sources.items()})
 
     @property
+    def clipping_uncertainty(self) -> float:
+        """Standard uncertainty of `variance` from a few numbers clipped at 0, DN^2."""
+        return abs(clipping_bias(self.low_fraction)) * self.variance
+
+    @property
     def clipped(self) -> bool:
-        """Whether so many numbers are at an end of the range that the level is not linear."""
+        """Whether so many numbers are clipped that the level is outside the linear range."""
         return max(self.low_fraction, self.high_fraction) > CLIPPED_SHARE
 
     @property
     def repeated(self) -> bool:
-        """Whether there is a temporal variance."""
+        """Whether there are several frames, and so a temporal variance."""
         return self.frames > 1
 
     def shifts_beyond_chance(self, false_alarms: float) -> bool:
-        """Whether the means of the frames scatter by more than the noise of their pixels explains.
+        """Return whether the frame means scatter more than the noise of the pixels explains.
 
-        Over steady frames the variance of the frame means is variance / pixels, and the quotient of their estimates
-        follows Fisher's F of n - 1 and (n - 1)(P - 1) degrees of freedom (two-way analysis of variance, n frames by P
-        pixels). Noise that a row shares counts as a shift here: its frame means do scatter more.
+        For steady frames the variance of the frame means is variance / pixels, and the quotient of the two estimates
+        follows Fisher's F distribution with n - 1 and (n - 1)(P - 1) degrees of freedom (two-way analysis of variance,
+        n frames by P pixels). Row noise counts as a shift here, because it scatters the frame means.
 
         Parameters
         ----------
         false_alarms
-            Share of steady levels for which the answer may be yes.
+            Share of steady levels for which the answer may be True.
         """
         from scipy.stats import f
 
@@ -134,8 +166,8 @@ class Level:
         return explained + math.copysign(self.frame_shift**2, self.frame_shift) > limit * explained
 
 
-def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
-    """All channels of a group as one: means over pixels, spreads within the channels."""
+def pooled_level(levels: Sequence[Level]) -> Level:
+    """Return all channels of a group as one level: means over pixels, spreads within the channels."""
     pixels = sum(level.pixels for level in levels)
     share = [level.pixels / pixels for level in levels]
 
@@ -152,22 +184,15 @@ def pooled_level(levels: list[Level] | tuple[Level, ...]) -> Level:
         for source, part in level.sources.items()
         if whole > 0.0
     }
+    means = ("mean", "variance", "spatial_variance", "low_fraction", "high_fraction", "frame_shift")
     return Level(
         pixels=pixels,
         frames=levels[0].frames,
-        mean=mean("mean"),
         mean_variance=mean("mean_variance", 2),
-        variance=mean("variance"),
         variance_uncertainty=whole,
-        spatial_variance=mean("spatial_variance"),
-        low_fraction=mean("low_fraction"),
-        high_fraction=mean("high_fraction"),
-        frame_shift=mean("frame_shift"),
-        shared_mean=independent("shared_mean"),
-        shared_variance=independent("shared_variance"),
-        rounding_mean=mean("rounding_mean"),
-        rounding_variance=mean("rounding_variance"),
         sources=sources,
+        **{name: mean(name) for name in (*means, "rounding_mean", "rounding_variance")},
+        **{name: independent(name) for name in ("shared_mean", "shared_variance")},
     )
 
 
@@ -180,24 +205,36 @@ class GroupStatistics:
 
     @property
     def frames(self) -> int:
-        """Frames used, repeats left out."""
+        """Frames used, without repeated ones."""
         return self.levels[0].frames
 
     @property
     def label(self) -> str:
-        """How to call the group in a message."""
+        """The group's name in messages."""
         return group_label(self.group)
 
 
 def group_label(group: FrameGroup) -> str:
-    """How to call a group in a message: "dark frames at 0.01 s"."""
+    """Return a group's name in messages: "dark frames at 0.01 s"."""
     text = f"{group.kind} frames at {group.exposure_s:g} s"
     if group.kind == "light" and group.photons_per_pixel is not None:
         text += f" ({group.photons_per_pixel:g} photons)"
     return text
 
 
+def reference_dark(darks: Sequence[GroupStatistics] | Sequence[FrameGroup]) -> int:
+    """Return the index of the dark group for read noise and DSNU: most frames, then shortest exposure."""
+
+    def rank(index: int) -> tuple[int, float]:
+        entry = darks[index]
+        if isinstance(entry, GroupStatistics):
+            return -entry.frames, entry.group.exposure_s
+        return -len(entry), entry.exposure_s
+
+    return min(range(len(darks)), key=rank)
+
+
 def label_tile(frames: FrameSet) -> NDArray[np.int64]:
-    """The CFA's tile as integers, in the order of `channel_names`."""
+    """Return the CFA's tile as integers, in the order of `channel_names`."""
     names = channel_names(frames.cfa)
     return np.array([[names.index(name) for name in row] for row in frames.cfa], dtype=np.int64)

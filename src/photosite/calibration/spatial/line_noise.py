@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
-from photosite.calibration.reduction.reading import FrameReader
 from photosite.engine.frame_statistics import line_sums
 from photosite.values.uncertain import Uncertain, weighted_mean
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.judge import CLIPPED_BLACK
-from photosite.calibration.reduction.groups import CLIPPED_SHARE, Level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, CLIPPED_SHARE, Level
 from photosite.calibration.spectral.frames import Band, SpectralFrames
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError, FileError
@@ -115,7 +114,7 @@ def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) 
         for level, name in zip(levels, channel_names(frames.cfa), strict=True):
             if level.pixels < 2:
                 raise CalibrationError(f"{frames.source}: the region holds {level.pixels} pixels of channel {name}")
-            if level.low_fraction > CLIPPED_BLACK:
+            if level.low_fraction > CLIPPED_DARK_SHARE:
                 raise CalibrationError(
                     f"{frames.source}: {100 * level.low_fraction:.3g} % of the dark frames' numbers at "
                     f"{exposure_s:g} s are clipped at 0, so that what is taken off the light frames is too high; "

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.calibration.result import Curve
+from photosite.calibration.photon_transfer.curves import Curve
 from photosite.report.figures.marks import channel_handles, draw_band, draw_points
 from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, styled
 from photosite.values.measured import COVERAGE_95

@@ -50,15 +50,15 @@ def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
             continue
         drawn = np.argsort(-np.abs(chosen.deviation), kind="stable")[:_MOST]
         label = f"{name}: {len(chosen)}" + (f", {_MOST} drawn" if len(chosen) > _MOST else "")
-        crowded = len(drawn) > 400
+        top_value_shares = len(drawn) > 400
         axes.plot(
             chosen.col[drawn],
             chosen.row[drawn],
             marker,
             color=color,
             markerfacecolor="none",
-            markersize=3.0 if crowded else 5.0,
-            markeredgewidth=0.7 if crowded else 1.1,
+            markersize=3.0 if top_value_shares else 5.0,
+            markeredgewidth=0.7 if top_value_shares else 1.1,
             label=label,
         )
     axes.set_xlim(-0.5, cols - 0.5)

@@ -8,7 +8,7 @@ from typing import Any
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.calibration.result import Calibration, Estimate
+from photosite.calibration.result import Calibration
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.closed_loop.study import Silence, Watcher
@@ -17,6 +17,7 @@ from photosite.studies.farrell2008.eight_frames import EightFrames, eight_frames
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol, paper_vendor_protocol
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
+from photosite.values.estimate import Estimate
 
 Size = tuple[int, int]
 

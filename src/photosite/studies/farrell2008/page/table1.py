@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from photosite.calibration.result import Estimate
 from photosite.report.figures.deviations import deviations_figure
 from photosite.report.html import Block, Column, Details, Listing, Paragraph, Subheading, Table
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
 from photosite.studies.farrell2008.eight_frames import EightFrames
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.table1 import CameraTable, Table1, Table1Row
+from photosite.values.estimate import Estimate
 from photosite.values.measured import COVERAGE_95
 
 _DIFFERENCES = (

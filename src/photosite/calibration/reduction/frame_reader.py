@@ -14,9 +14,9 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.checks.broken import Grid, broken_frames, crowded
+from photosite.calibration.checks.frame_screening import Grid, find_outlier_frames, top_value_shares
+from photosite.calibration.reduction.checkpoint import Checkpoint, GroupProgress
 from photosite.calibration.reduction.groups import group_label, label_tile
-from photosite.calibration.reduction.partial import PartialSums, Progressed
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
@@ -55,7 +55,7 @@ class FrameReader:
 
     Threads read the next frames while those that came are reduced. Each frame is checked against what the
     set promised, and one whose pixels repeat an earlier one of its group to the last bit is left out: a copy would pass
-    for a frame without noise. Once a group is read, frames that are broken (`calibration/checks/broken.py`) are left
+    for a frame without noise. Once a group is read, frames that are broken (`checks/frame_screening.py`) are left
     out, too,
     and the others summed again. To be used in a `with` statement, which ends the threads.
 
@@ -69,14 +69,14 @@ class FrameReader:
         Where the sums of the first pass are kept in case it is broken off, and found again.
     """
 
-    def __init__(self, frames: FrameSet, progress: Progress | None = None, partial: PartialSums | None = None) -> None:
+    def __init__(self, frames: FrameSet, progress: Progress | None = None, partial: Checkpoint | None = None) -> None:
         self.frames = frames
         self.tile = label_tile(frames)
         self.white = (1 << frames.bits) - 1
         self.used_frames: list[UsedFrame] = []
         self.rejected: list[str] = []
         self.tops: dict[int, tuple[tuple[float, float], ...]] = {}
-        """By `id` of a group, per channel: the highest number, and the share at it (`crowded`)."""
+        """By `id` of a group, per channel: the highest number, and the share at it (`top_value_shares`)."""
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -175,7 +175,7 @@ class FrameReader:
 
     def _judge(self, look: _FirstLook, sums: FrameSums) -> None:
         """Leave broken frames out of a group's sums."""
-        if broken := broken_frames(look.samples, self._dark_dn):
+        if broken := find_outlier_frames(look.samples, self._dark_dn):
             label, n = group_label(look.group), len(look.used)
             named = [(look.group.frames[look.used[entry.place]].name, entry.reason) for entry in broken]
             if 2 * len(broken) >= n:
@@ -191,7 +191,7 @@ class FrameReader:
             self.expect(len(look.used))
             self._add(sums.clear(), self._read_ahead(look.group.frames[i] for i in look.used))
         rows, cols = np.ix_(look.grid.rows % self.tile.shape[0], look.grid.cols % self.tile.shape[1])
-        look.tops = crowded(look.samples, self.tile[rows, cols], self.frames.bits)
+        look.tops = top_value_shares(look.samples, self.tile[rows, cols], self.frames.bits)
         look.judged, look.samples = True, []
 
     def _new(self, look: _FirstLook) -> Iterator[_Read]:
@@ -274,7 +274,7 @@ class FrameReader:
 
 
 class _FirstLook:
-    """The first pass over a group, as far as it got: see `Progressed`."""
+    """The first pass over a group, as far as it got: see `GroupProgress`."""
 
     def __init__(self, group: FrameGroup, grid: Grid) -> None:
         self.group = group
@@ -287,16 +287,16 @@ class _FirstLook:
         self.tops: tuple[tuple[float, float], ...] = ()
         self.samples: list[NDArray[np.uint16]] = []
 
-    def resume(self, kept: Progressed) -> None:
+    def resume(self, kept: GroupProgress) -> None:
         """Go on from what was kept."""
         self.looked_at, self.judged, self.tops = kept.looked_at, kept.judged, kept.tops
         self.used, self.seen, self.rejected = list(kept.used), list(kept.seen), list(kept.rejected)
         self.samples = list(kept.samples)
 
-    def progressed(self) -> Progressed:
+    def progressed(self) -> GroupProgress:
         """What is to be kept."""
         none = np.empty((0, len(self.grid.rows), len(self.grid.cols)), np.uint16)
-        return Progressed(
+        return GroupProgress(
             self.looked_at, tuple(self.used), tuple(self.seen), tuple(self.rejected), self.judged, self.tops,
             np.stack(self.samples) if self.samples else none,
         )  # fmt: skip

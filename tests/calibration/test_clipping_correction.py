@@ -7,8 +7,13 @@ Statistical tests have fixed seeds. Of 60 pulls (error over uncertainty) the mea
 import numpy as np
 import pytest
 
-from photosite.calibration.clipped_blacks.censored import CensoredDark, ClippedCounts, fit_censored
-from photosite.calibration.clipped_blacks.unclip import _moments, _Pixels, _temporal_covariance, unclip
+from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, ClippedCounts, fit_censored
+from photosite.calibration.clipped_blacks.clipping_correction import (
+    _moments,
+    _Pixels,
+    _temporal_covariance,
+    correct_clipping,
+)
 from photosite.calibration.reduction.groups import Level
 from photosite.engine.frame_sums import FrameSums
 from photosite.values.uncertain import Missing
@@ -70,7 +75,7 @@ def test_levels_and_the_steps_between_them(black, dsnu, read, frames, shift):
         first, second = draw(rng, means, read, 30), draw(rng, means + shift, read, frames)
         whole = first.astype(np.int64)
         dark = fit_censored(ClippedCounts.of((whole == 0).sum(0), whole.sum(0), 30, int((whole**2).sum())))
-        a, b = unclip(level_of(first), dark), unclip(level_of(second), dark)
+        a, b = correct_clipping(level_of(first), dark), correct_clipping(level_of(second), dark)
         of_step = np.sqrt(a.mean_variance + b.mean_variance + (a.shared_mean - b.shared_mean) ** 2)
         of_noise = np.hypot(a.variance_uncertainty, a.shared_variance)
         pulls.append(
@@ -91,14 +96,14 @@ def test_levels_and_the_steps_between_them(black, dsnu, read, frames, shift):
 def test_a_level_that_is_not_clipped_is_left_alone():
     y = draw(np.random.default_rng(4), np.full(512, 60.0), 2.0, 5)
     level = level_of(y)
-    assert unclip(level, like(60.0, 1.0, 2.0)) is level
+    assert correct_clipping(level, like(60.0, 1.0, 2.0)) is level
 
 
 def test_what_no_clipped_normal_explains_is_missing():
     """Numbers without temporal noise under half of zeros."""
     y = np.zeros((6, 512), np.uint16)
     y[:, ::2] = 4
-    found = unclip(level_of(y), like(0.0, 2.0, 2.0))
+    found = correct_clipping(level_of(y), like(0.0, 2.0, 2.0))
     assert isinstance(found, Missing)
     assert "50 % of the numbers are 0" in found.reason
 

@@ -1,7 +1,7 @@
 """Dark levels as they would be without clipping at zero.
 
 What clipping leaves of a level's mean, temporal variance and spatial variance is, under the model of
-`calibration/clipped_blacks/censored.py`, a known function of its true mean, DSNU and noise; here that is turned
+`censored_likelihood.py`, a known function of its true mean, DSNU and noise; here that is turned
 round. All dark levels
 go the same way, so that what the chip's own pixels do to them is nearly the same in all, and drops out of slopes.
 """
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 from scipy.special import ndtr
 
-from photosite.calibration.clipped_blacks.censored import ROUNDING, CensoredDark
+from photosite.calibration.clipped_blacks.censored_likelihood import ROUNDING, CensoredDark
 from photosite.calibration.reduction.groups import Level
 from photosite.values.uncertain import Missing
 
@@ -96,7 +96,7 @@ def moment_slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def unclip(level: Level, like: CensoredDark) -> Level | Missing:
+def correct_clipping(level: Level, like: CensoredDark) -> Level | Missing:
     """A dark level without its clipping.
 
     Parameters
@@ -120,7 +120,7 @@ def unclip(level: Level, like: CensoredDark) -> Level | Missing:
     >>> mean, temporal, spatial = (float(entry) for entry in seen)
     >>> level = Level(10**6, 10, mean, 1e-6, temporal, 1e-3, spatial + temporal / 10, 0.5, 0.0, 0.0)
     >>> like = CensoredDark(10**6, 10, 0.5, 0.1, 3.9, 9.2, np.eye(3), 1.0, True)
-    >>> whole = unclip(level, like)
+    >>> whole = correct_clipping(level, like)
     >>> abs(whole.mean) < 1e-6, round(whole.variance - 1 / 12, 6)
     (True, 9.0)
     """

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.photon_transfer.bend import Bend
-from photosite.calibration.photon_transfer.dark import Darkness, same_exposure
-from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation
+from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.dark_lines import same_exposure
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.calibration.reduction.reading import FrameReader
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.nonuniformity import (
     PixelSlopes,
@@ -33,19 +32,6 @@ from photosite.values.uncertain import Missing, Uncertain, Value
 
 HALF_SATURATION = (0.3, 0.7)
 """Signal, as a share of that at saturation, that counts as EMVA 1288's 50 % where no level is nearer."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """What the first reading told of one channel."""
-
-    index: int
-    dark: Darkness
-    levels: LightLevels
-    saturation: Saturation
-    used: NDArray[np.bool_]
-    gain: Value
-    bend: Bend | None = None
 
 
 @dataclass(frozen=True)
@@ -265,6 +251,6 @@ class PatternReader:
         place = int(np.flatnonzero(levels.group == group)[0])
         signal = Uncertain.of(float(levels.signal[place]), float(np.sqrt(levels.signal_covariance[place, place])))
         relative = 1.0 / (signal * signal)
-        if (bend := self._channels[k].bend) is not None:
-            relative = bend.widen(relative, -2.0 * bend.contrast(float(levels.x[place])))
+        if (curvature := self._channels[k].curvature) is not None:
+            relative = curvature.widen(relative, -2.0 * curvature.contrast(float(levels.x[place])))
         return (light - dark).scaled(relative)

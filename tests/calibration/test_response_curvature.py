@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photosite.calibration.photon_transfer.bend import Bend, bent_gain, find_bend
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain, fit_response
+from photosite.calibration.photon_transfer.response_curvature import (
+    ResponseCurvature,
+    find_curvature,
+    gain_with_curvature,
+)
 from photosite.values.uncertain import Missing, Source, Uncertain
 
 GAIN, EFFICIENCY, PIXELS = 0.3, 0.5, 10_000
@@ -40,7 +44,7 @@ def light_levels(rng, *, response=0.0, lamp=0.0, levels=20):
 
 
 def found(levels):
-    return find_bend(levels, np.ones(len(levels.x), np.bool_), Source())
+    return find_curvature(levels, np.ones(len(levels.x), np.bool_), Source())
 
 
 @pytest.mark.parametrize("response", [-0.04, 0.03])
@@ -72,13 +76,13 @@ def test_light_that_bends_is_not_the_gain_s():
 
 
 def test_the_bend_goes_into_the_uncertainty_and_what_shares_it_drops_out():
-    bend = Bend(0.03, 0.01, -1e-6, Source())
+    bend = ResponseCurvature(0.03, 0.01, -1e-6, Source())
     gain, responsivity = bend.widen(Uncertain.of(0.3, 1e-4), bend.gain), bend.widen(Uncertain(0.15), bend.responsivity)
     assert gain.value == 0.3
     assert gain.relative == pytest.approx(0.03, rel=1e-3)
     assert (responsivity / gain).relative == pytest.approx(0.02, rel=1e-3)
-    assert bent_gain(Missing("no"), []) == Missing("no")
-    assert bent_gain(Uncertain(0.3), []) == Uncertain(0.3)
+    assert gain_with_curvature(Missing("no"), []) == Missing("no")
+    assert gain_with_curvature(Uncertain(0.3), []) == Uncertain(0.3)
 
 
 @pytest.mark.parametrize("lights", [1, 2, 4])

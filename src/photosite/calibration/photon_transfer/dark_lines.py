@@ -142,14 +142,14 @@ def _line(t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Darkness:
+class DarkLines:
     """One channel in the dark: mean level and temporal variance against exposure, in DN and DN^2."""
 
     mean: DarkLine
     variance: DarkLine
 
     @classmethod
-    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> Darkness:
+    def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> DarkLines:
         """From the dark levels of a channel; those with one frame tell their mean only."""
         t = np.asarray(exposure_s, dtype=np.float64)
         repeated = np.array([level.repeated for level in levels])

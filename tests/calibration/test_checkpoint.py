@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction import partial, reading
+from photosite.calibration.reduction import checkpoint, frame_reader
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
@@ -53,8 +53,8 @@ class Lab:
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums kept after every batch, and small batches."""
-    monkeypatch.setattr(partial, "SAVE_EVERY_S", -1.0)
-    monkeypatch.setattr(reading, "_TOGETHER", 4)
+    monkeypatch.setattr(checkpoint, "SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr(frame_reader, "_TOGETHER", 4)
 
 
 @pytest.mark.usefixtures("often")

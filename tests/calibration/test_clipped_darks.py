@@ -10,7 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.clipped_blacks.clipped import are_clipped
+from photosite.calibration.clipped_blacks.clipped_darks import are_clipped
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.studies.closed_loop.study import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol

@@ -1,6 +1,7 @@
 """Clipped darks in a calibration: where they are, and what takes the place of what was read.
 
-`censored.py` has the likelihood and `unclip.py` the levels; here they meet the frames, and what the clipped mean frame
+`censored_likelihood.py` has the likelihood and `clipping_correction.py` the levels; here they meet the frames, and
+what the clipped mean frame
 tells of rows and columns is brought back to scale.
 """
 
@@ -11,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.checks.judge import CLIPPED_BLACK
-from photosite.calibration.clipped_blacks.censored import CensoredDark, count_clipped, fit_censored
-from photosite.calibration.clipped_blacks.unclip import moment_slopes, unclip
-from photosite.calibration.reduction.groups import GroupStatistics
-from photosite.calibration.reduction.reading import FrameReader
+from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, count_clipped, fit_censored
+from photosite.calibration.clipped_blacks.clipping_correction import correct_clipping, moment_slopes
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics
 from photosite.calibration.spatial.spatial import Parts
 from photosite.errors import CalibrationError
 from photosite.values.cfa import channel_names
@@ -31,7 +31,7 @@ METHOD = "censored maximum likelihood (normal DSNU, normal noise, rounded, clipp
 
 def are_clipped(darks: Sequence[GroupStatistics]) -> bool:
     """Whether more is clipped in some dark level than a calibration can pass over."""
-    return any(level.low_fraction > CLIPPED_BLACK for entry in darks for level in entry.levels)
+    return any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class ClippedDarks:
         return text
 
 
-def read_clipped(reader: FrameReader, darks: Sequence[GroupStatistics], reference: int) -> ClippedDarks:
+def correct_clipped_darks(reader: FrameReader, darks: Sequence[GroupStatistics], reference: int) -> ClippedDarks:
     """Read the reference group again for its zeros, fit it, and turn the levels of all groups back.
 
     Raises
@@ -135,7 +135,7 @@ def read_clipped(reader: FrameReader, darks: Sequence[GroupStatistics], referenc
     for entry in darks:
         levels = []
         for name, level, dark in zip(names, entry.levels, censored, strict=True):
-            whole = unclip(level, dark)
+            whole = correct_clipping(level, dark)
             if isinstance(whole, Missing):
                 raise _refusal(reader, entry, name, whole)
             levels.append(whole)

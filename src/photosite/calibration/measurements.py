@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.linearity import Linearity, linearity_estimates
-from photosite.calibration.result import Estimate, Parameters
 from photosite.calibration.spatial.spatial import Parts, pool_parts
 from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
+from photosite.values.estimate import Estimate
 from photosite.values.uncertain import (
     Missing,
     Uncertain,

@@ -105,7 +105,7 @@ class Broken:
     reason: str
 
 
-def broken_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) -> list[Broken]:
+def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) -> list[Broken]:
     """The frames of a group that are off, by their samples; more than half of them where no majority agrees.
 
     Of two frames both are off if they differ.
@@ -121,10 +121,10 @@ def broken_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) 
     --------
     >>> rng = np.random.default_rng(1)
     >>> frames = [np.uint16(rng.normal(500.0, 10.0, (64, 64))) for _ in range(5)]
-    >>> broken_frames(frames, 64.0)
+    >>> find_outlier_frames(frames, 64.0)
     []
     >>> frames[3][30:] = 0
-    >>> [(entry.place, entry.reason) for entry in broken_frames(frames, 64.0)]
+    >>> [(entry.place, entry.reason) for entry in find_outlier_frames(frames, 64.0)]
     [(3, 'its mean is 234 DN, that of the others 499.4 DN')]
     """
     n = len(samples)
@@ -207,7 +207,7 @@ def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> floa
     return _NORMAL * float(np.median(np.abs(inside)))
 
 
-def crowded(
+def top_value_shares(
     samples: Sequence[NDArray[np.uint16]], labels: NDArray[np.int64], bits: int
 ) -> tuple[tuple[float, float], ...]:
     """Per label, the highest number and the share of pixels at it, where it can be the top of a smaller converter.

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from photosite.calibration.clipped_blacks.censored import (
+from photosite.calibration.clipped_blacks.censored_likelihood import (
     LEAST_READ_NOISE,
     CensoredDark,
     ClippedCounts,
@@ -20,7 +20,7 @@ from photosite.calibration.clipped_blacks.censored import (
     count_clipped,
     fit_censored,
 )
-from photosite.calibration.figures import _temporal_dark_noise, _turned_back
+from photosite.calibration.measurements import _temporal_dark_noise, _turned_back
 from photosite.values.uncertain import Missing, Uncertain
 
 D200_READ_DN, D200_DSNU_DN = 2.1723, 2.2976

@@ -1,7 +1,7 @@
 """What frames were said to be against what they show: units, exposures and bits that cannot be true.
 
 A protocol or a descriptor is written by hand or by somebody's tool. A wrong unit in it makes no frame unreadable: it
-makes numbers that are nonsense. Here each is found by what is impossible in it, and named with its likely cause.
+makes implausible numbers. Here each is found by what is impossible in it, and named with its likely cause.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Value
 
 if TYPE_CHECKING:
-    from photosite.calibration.patterns import Channel
+    from photosite.calibration.photon_transfer.channel import Channel
 
 BEYOND_CHANCE = 2.0
 """Half-widths of a 95 % interval from which on chance is no explanation (once in 10 000 for a normal)."""
@@ -51,11 +51,11 @@ _FACTORS = {1e3: "a thousand", 1e6: "a million", 1e9: "a thousand million", 60.0
 
 
 @dataclass(frozen=True)
-class Nonsense(Missing):
+class Implausible(Missing):
     """A figure that came out and cannot be true, and what the likely cause is."""
 
 
-def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
+def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
     """The slope of the dark level or variance against exposure, or why it is none.
 
     Charge does not flow backwards, and exposures too short for any to gather are in another unit than was said.
@@ -71,7 +71,7 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
     """
     if isinstance(slope, Missing):
         return slope
-    if (why := too_short(exposure_s)) is not None:
+    if (why := too_short_for_dark_current(exposure_s)) is not None:
         return why
     above = slope.interval_95[1] - slope.value
     if slope.value + BEYOND_CHANCE * above >= 0.0:
@@ -79,7 +79,7 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
     low, high = float(exposure_s.min()), float(exposure_s.max())
     fall, uncertainty = -slope.value * (high - low), slope.standard_uncertainty * (high - low)
     what, unit = ("temporal variance", "DN²") if of_variance else ("level", "DN")
-    return Nonsense(
+    return Implausible(
         f"the dark {what} falls by {fall:.3g} ± {uncertainty:.1g} {unit} "
         f"from {format_exposure(low)} to {format_exposure(high)} s, and no dark current is negative: the camera takes "
         f"its dark signal off itself (black clamping), the black level drifted or the chip cooled down between the "
@@ -87,7 +87,7 @@ def dark_current_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_vari
     )
 
 
-def too_short(exposure_s: NDArray[np.float64]) -> Nonsense | None:
+def too_short_for_dark_current(exposure_s: NDArray[np.float64]) -> Implausible | None:
     """Why darks of these exposures, two or more, tell of no dark current: the times cannot be true; None if they can.
 
     Parameters
@@ -97,7 +97,7 @@ def too_short(exposure_s: NDArray[np.float64]) -> Nonsense | None:
 
     Examples
     --------
-    >>> print(too_short(np.array([2e-7, 2e-5])).reason)  # doctest: +ELLIPSIS
+    >>> print(too_short_for_dark_current(np.array([2e-7, 2e-5])).reason)  # doctest: +ELLIPSIS
     the dark exposures are 2e-07 to 2e-05 s, ... off by a factor of 1000 or more (0.0002 to 0.02 s), microseconds ...
     """
     low, high = float(exposure_s.min()), float(exposure_s.max())
@@ -108,7 +108,7 @@ def too_short(exposure_s: NDArray[np.float64]) -> Nonsense | None:
         factor *= 1e3
     meant = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}.get(factor)
     where = "" if meant is None else f", {meant} where nanoseconds belong"
-    return Nonsense(
+    return Implausible(
         f"the dark exposures are {low:.3g} to {high:.3g} s, too short for any dark current to gather (none reaches "
         f"{SHORTEST_DARKS_S:g} s): an EMVA descriptor's times are nanoseconds, a protocol's seconds, and these seem "
         f"off by a factor of {factor:.0f} or more ({low * factor:.3g} to {high * factor:.3g} s){where}: correct them"
@@ -116,7 +116,7 @@ def too_short(exposure_s: NDArray[np.float64]) -> Nonsense | None:
 
 
 def of_variance(slope: Value, of_mean: Value) -> Value:
-    """The slope of the dark variance, or why it is none where the level's was nonsense.
+    """The slope of the dark variance, or why it is none where the level's was implausible_warnings.
 
     A camera that holds its dark level shows its dark current in the variance alone (EMVA 1288 R4.0, dark current): then
     the variance grows beyond chance. What does not is no better than the level's.
@@ -124,16 +124,16 @@ def of_variance(slope: Value, of_mean: Value) -> Value:
     Parameters
     ----------
     slope, of_mean
-        DN^2/s of the variance and DN/s of the level, as `dark_current_slope` gave them.
+        DN^2/s of the variance and DN/s of the level, as `screen_dark_slope` gave them.
     """
-    if isinstance(slope, Missing) or not isinstance(of_mean, Nonsense):
+    if isinstance(slope, Missing) or not isinstance(of_mean, Implausible):
         return slope
     if slope.value > BEYOND_CHANCE * (slope.value - slope.interval_95[0]):
         return slope
-    return Nonsense(f"the dark temporal variance does not grow beyond chance, and {of_mean.reason}")
+    return Implausible(f"the dark temporal variance does not grow beyond chance, and {of_mean.reason}")
 
 
-def efficient(responsivity: Value, gain: Value) -> Value:
+def screen_responsivity(responsivity: Value, gain: Value) -> Value:
     """The responsivity in DN per photon, or why it is none: a photon frees one electron at most.
 
     Parameters
@@ -147,7 +147,7 @@ def efficient(responsivity: Value, gain: Value) -> Value:
     below = efficiency.value - efficiency.interval_95[0]
     if efficiency.value - BEYOND_CHANCE * below <= 1.0:
         return responsivity
-    return Nonsense(
+    return Implausible(
         f"the stated photons would make a quantum efficiency of {100 * efficiency.value:.4g} %, and none is above "
         f"100 %: the photons per pixel are too few by a factor of {efficiency.value:.2g} or more (photons for another "
         f"pixel area, time or wavelength, or irradiance in another unit)"
@@ -213,7 +213,7 @@ def check_bits(frames: FrameSet, names: Sequence[str], tops: Sequence[Sequence[t
     Parameters
     ----------
     tops
-        Of each light level, per channel: `photosite.calibration.checks.broken.crowded`.
+        Of each light level, per channel: `photosite.calibration.checks.frame_screening.top_value_shares`.
 
     Raises
     ------
@@ -346,7 +346,7 @@ def _fast_shutter(frames: FrameSet) -> list[str]:
     exposures = [group.exposure_s for group in frames.groups]
     shortest, longest = min(exposures), max(exposures)
     darks = np.unique([group.exposure_s for group in frames.of_kind("dark")])
-    if shortest >= SHORTEST_S or (len(darks) > 1 and too_short(darks) is not None):  # The latter is said of the figure.
+    if shortest >= SHORTEST_S or (len(darks) > 1 and too_short_for_dark_current(darks) is not None):
         return []
     return [
         f"exposures from {shortest:.3g} to {longest:.3g} s: hardly a shutter is as fast as the shortest; if the times "
@@ -377,6 +377,6 @@ def _light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -
     return []
 
 
-def nonsense(named: Sequence[tuple[str, Value]]) -> list[str]:
-    """Warnings that say aloud which figures were nonsense: name and value with the reason."""
-    return [f"{name} could not be true: {value.reason}" for name, value in named if isinstance(value, Nonsense)]
+def implausible_warnings(named: Sequence[tuple[str, Value]]) -> list[str]:
+    """Warnings that say aloud which figures were implausible_warnings: name and value with the reason."""
+    return [f"{name} could not be true: {value.reason}" for name, value in named if isinstance(value, Implausible)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.rounding import left_of_phases, rounding_error, rounding_uncertainty
+from photosite.calibration.reduction.quantisation import left_of_phases, rounding_error, rounding_uncertainty
 from photosite.frames.frame_set import frame_set_from_arrays
 
 GAIN, SHAPE = 0.02, (60, 80)

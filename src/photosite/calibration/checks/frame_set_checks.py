@@ -4,43 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 
-from photosite.calibration.reduction.groups import GroupStatistics, Level, group_label
+from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, group_label
 from photosite.errors import CalibrationError, InputError
-from photosite.frames.frame_set import FrameGroup, FrameSet, gain_settings_text
+from photosite.frames.frame_set import FrameSet, gain_settings_text
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, tile_text
-
-CLIPPED_BLACK = 0.005
-"""Share of a dark group's numbers at 0 from which on the darks are taken as clipped
-(`calibration/clipped_blacks/clipped.py`): the
-read noise would come out 0.5 % low. Below it, what clipping may have done is added to the uncertainty."""
 
 LAMP_DRIFT = 0.01
 """Shift from frame to frame, as a share of the signal, that is worth a warning."""
 
 FALSE_ALARMS = 0.001
 """Share of calibrations under a steady lamp that may be told it was unsteady; the same for the black level."""
-
-
-def clipping_bias(fraction: float) -> float:
-    """Relative bias of a normal noise's variance when a share of its lower tail is clipped, 0 or negative.
-
-    With a = z(fraction), the clipped variable's second moment about the true mean less its new mean's square:
-    1 + a^2 F - (F - a f) - (f + a F)^2 - 1 (F, f: normal distribution and density at a).
-
-    Examples
-    --------
-    >>> round(clipping_bias(0.005), 4), round(clipping_bias(1e-5), 7)
-    (-0.0091, -1.91e-05)
-    """
-    if fraction <= 0.0:
-        return 0.0
-    normal = NormalDist()
-    a = normal.inv_cdf(min(fraction, 1.0 - 1e-12))
-    density = normal.pdf(a)
-    return a * a * fraction - (fraction - a * density) - (density + a * fraction) ** 2
 
 
 def check_sensor(frames: FrameSet, sensor: Sensor | None) -> None:
@@ -133,7 +108,7 @@ def check_darks(frames: FrameSet, darks: Sequence[GroupStatistics], rejected: Se
                     f"{where}: all numbers are clipped at 0 DN, and nothing is left to see; raise the camera's black "
                     f"level (pedestal) and take the darks again"
                 )
-            if level.high_fraction > CLIPPED_BLACK:
+            if level.high_fraction > CLIPPED_DARK_SHARE:
                 raise CalibrationError(
                     f"{where}: {100 * level.high_fraction:.3g} % of the pixels are at {(1 << frames.bits) - 1} DN; "
                     f"dark frames cannot be saturated: cover the lens, shorten the exposure"
@@ -219,20 +194,3 @@ def _unsteady_black(names: Sequence[str], darks: Sequence[GroupStatistics]) -> l
         for name, level in zip(names, statistics.levels, strict=True)
         if level.repeated and level.frame_shift > math.sqrt(level.variance) and level.shifts_beyond_chance(rate)
     ]
-
-
-def zero_clip_uncertainty(level: Level) -> float:
-    """What a few numbers at 0 may have taken from the variance, as a standard uncertainty in DN^2."""
-    return abs(clipping_bias(level.low_fraction)) * level.variance
-
-
-def reference_dark(darks: Sequence[GroupStatistics] | Sequence[FrameGroup]) -> int:
-    """Index of the dark group for read noise and DSNU: the most frames, and of those the shortest exposure."""
-
-    def rank(index: int) -> tuple[int, float]:
-        entry = darks[index]
-        if isinstance(entry, GroupStatistics):
-            return -entry.frames, entry.group.exposure_s
-        return -len(entry), entry.exposure_s
-
-    return min(range(len(darks)), key=rank)

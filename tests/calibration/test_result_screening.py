@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.plausible import Nonsense, dark_current_slope, efficient, of_variance, too_short
+from photosite.calibration.checks.result_screening import (
+    Implausible,
+    of_variance,
+    screen_dark_slope,
+    screen_responsivity,
+)
+from photosite.calibration.checks.result_screening import (
+    too_short_for_dark_current as too_short,
+)
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.values.uncertain import Uncertain
@@ -76,11 +84,11 @@ def test_a_dark_current_of_none_comes_out_negative_half_the_time_and_is_no_nonse
 
 def test_the_bound_is_twice_the_interval():
     t = np.array([0.1, 1.0])
-    assert isinstance(dark_current_slope(Uncertain.of(-4.0, 1.0), t), Nonsense)
-    assert dark_current_slope(Uncertain.of(-3.8, 1.0), t).value == -3.8
-    assert "temporal variance falls by 3.6" in dark_current_slope(Uncertain.of(-4.0, 1.0), t, of_variance=True).reason
-    assert isinstance(efficient(Uncertain.of(1.05, 0.01), Uncertain.of(1.0)), Nonsense)
-    assert efficient(Uncertain.of(1.03, 0.01), Uncertain.of(1.0)).value == 1.03
+    assert isinstance(screen_dark_slope(Uncertain.of(-4.0, 1.0), t), Implausible)
+    assert screen_dark_slope(Uncertain.of(-3.8, 1.0), t).value == -3.8
+    assert "temporal variance falls by 3.6" in screen_dark_slope(Uncertain.of(-4.0, 1.0), t, of_variance=True).reason
+    assert isinstance(screen_responsivity(Uncertain.of(1.05, 0.01), Uncertain.of(1.0)), Implausible)
+    assert screen_responsivity(Uncertain.of(1.03, 0.01), Uncertain.of(1.0)).value == 1.03
 
 
 def test_photons_that_would_free_more_electrons_than_there_are_photons():
@@ -212,9 +220,9 @@ def test_maps_hold_no_dark_rate_in_another_unit():
 
 
 def test_a_variance_that_does_not_grow_is_no_dark_current_where_the_level_fell():
-    fallen = dark_current_slope(Uncertain.of(-9.0, 1.0), np.array([0.1, 1.0]))
+    fallen = screen_dark_slope(Uncertain.of(-9.0, 1.0), np.array([0.1, 1.0]))
     withheld = of_variance(Uncertain.of(1.0, 0.5), fallen)
-    assert isinstance(withheld, Nonsense)
+    assert isinstance(withheld, Implausible)
     assert "does not grow beyond chance" in withheld.reason
     assert "the dark level falls" in withheld.reason
     clamped = Uncertain.of(5.0, 0.5)  # a camera that holds its dark level shows it here alone

@@ -25,7 +25,7 @@ SAVE_EVERY_S = 20.0
 
 
 @dataclass(frozen=True)
-class Progressed:
+class GroupProgress:
     """How far the first look at a group got.
 
     Parameters
@@ -41,7 +41,7 @@ class Progressed:
     judged
         Whether the group was read to its end, and broken frames left out.
     tops
-        Of a group that was judged, `crowded` of its channels.
+        Of a group that was judged, `top_value_shares` of its channels.
     samples
         (used, rows, cols) of a group that was not: `Grid.sample` of each frame used.
     """
@@ -55,7 +55,7 @@ class Progressed:
     samples: NDArray[np.uint16] = field(compare=False, repr=False)
 
 
-class PartialSums:
+class Checkpoint:
     """A folder that keeps the sums of a frame set's groups while it is calibrated: a file for each group.
 
     The file holds the exact sums, so that a run which goes on from them gives the same result to the last bit. It
@@ -91,7 +91,7 @@ class PartialSums:
         """Whether so much time has passed since something was saved that the sums should be kept."""
         return time.monotonic() - self._saved_s > SAVE_EVERY_S
 
-    def save(self, group: FrameGroup, sums: FrameSums, progressed: Progressed) -> None:
+    def save(self, group: FrameGroup, sums: FrameSums, progressed: GroupProgress) -> None:
         """Keep a group's sums, whole or not at all.
 
         Raises
@@ -118,7 +118,7 @@ class PartialSums:
             file.create_dataset("samples", data=progressed.samples)
         self._saved_s = time.monotonic()
 
-    def load(self, group: FrameGroup, sums: FrameSums) -> Progressed | None:
+    def load(self, group: FrameGroup, sums: FrameSums) -> GroupProgress | None:
         """Bring a group's sums back, if some were kept.
 
         Raises
@@ -156,7 +156,7 @@ class PartialSums:
         found = self._progressed(group)
         return found.looked_at if found else 0
 
-    def _progressed(self, group: FrameGroup) -> Progressed | None:
+    def _progressed(self, group: FrameGroup) -> GroupProgress | None:
         path = self._files[id(group)]
         if not path.exists():
             return None
@@ -167,7 +167,7 @@ class PartialSums:
                 note: dict[str, Any] = json.loads(file.attrs["progressed"])
                 version, identity = note["version"], note["group"]
                 if version == _VERSION:
-                    found = Progressed(
+                    found = GroupProgress(
                         int(note["looked_at"]), tuple(note["used"]), tuple(note["seen"]), tuple(note["rejected"]),
                         bool(note["judged"]), tuple((a, b) for a, b in note["tops"]), np.asarray(file["samples"]),
                     )  # fmt: skip

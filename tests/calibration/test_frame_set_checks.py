@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.judge import CLIPPED_BLACK, clipping_bias
-from photosite.calibration.reduction.groups import Level
+from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, Level, clipping_bias
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameGroup, FrameSource, frame_set_from_arrays
@@ -69,10 +68,10 @@ def test_a_handful_of_zeros_passes_and_widens_the_uncertainty():
 def test_the_bound_on_clipping_is_that_of_a_clipped_normal():
     """Against 10 million draws (four standard errors); what is let through makes the read noise 0.5 % low at most."""
     x = np.random.default_rng(0).normal(size=10_000_000)
-    for fraction in (CLIPPED_BLACK, 0.05, 0.3):
+    for fraction in (CLIPPED_DARK_SHARE, 0.05, 0.3):
         clipped = np.maximum(x, np.quantile(x, fraction))
         assert clipping_bias(fraction) == pytest.approx(clipped.var() / x.var() - 1, abs=1e-3)
-    assert 1 - np.sqrt(1 + clipping_bias(CLIPPED_BLACK)) == pytest.approx(0.0045, abs=1e-4)
+    assert 1 - np.sqrt(1 + clipping_bias(CLIPPED_DARK_SHARE)) == pytest.approx(0.0045, abs=1e-4)
 
 
 def test_a_mosaic_names_the_clipped_channel():

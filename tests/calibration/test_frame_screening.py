@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.broken import BLOCKS, SIDE, Grid, broken_frames
-from photosite.calibration.reduction import partial, reading
+from photosite.calibration.checks.frame_screening import BLOCKS, SIDE, Grid, find_outlier_frames
+from photosite.calibration.reduction import checkpoint, frame_reader
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
@@ -136,7 +136,7 @@ def test_no_false_alarm_from_darkness_to_saturation(n: int, lamp: float) -> None
     rng = np.random.default_rng([n, int(100 * lamp)])
     for electrons in (0.0, 3.0, 100.0, 2000.0, 6000.0, 7600.0, 8200.0, 9500.0, 20000.0):
         for _ in range(4):
-            assert broken_frames(samples(rng, electrons, n, lamp), 60.0) == [], electrons
+            assert find_outlier_frames(samples(rng, electrons, n, lamp), 60.0) == [], electrons
 
 
 def test_no_false_alarm_on_the_smallest_frames_nor_with_rows_of_their_own_noise() -> None:
@@ -145,8 +145,8 @@ def test_no_false_alarm_on_the_smallest_frames_nor_with_rows_of_their_own_noise(
         for _ in range(100):
             rows = rng.normal(0.0, 5.0, (6, shape[0], 1)) if shape[0] == SIDE else 0.0
             stack = np.rint(rng.normal(500.0, 5.0, (6, *shape)) + rows).astype(np.uint16)
-            assert broken_frames(list(stack), 60.0) == []
-            assert broken_frames(list(stack), None) == []
+            assert find_outlier_frames(list(stack), 60.0) == []
+            assert find_outlier_frames(list(stack), None) == []
 
 
 def test_the_grid_sees_all_phases_of_a_mosaic_and_all_of_small_frames() -> None:
@@ -161,8 +161,8 @@ def test_the_grid_sees_all_phases_of_a_mosaic_and_all_of_small_frames() -> None:
 
 @pytest.mark.parametrize("fails_at", [12, 17, 34])
 def test_a_run_broken_off_judges_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
-    monkeypatch.setattr(partial, "SAVE_EVERY_S", -1.0)
-    monkeypatch.setattr(reading, "_TOGETHER", 4)
+    monkeypatch.setattr(checkpoint, "SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr(frame_reader, "_TOGETHER", 4)
     frames = Chip(4).frames()
     frames[DARKS][3] = np.zeros_like(frames[DARKS][3])
     frames[STACK][7] = half_black(frames[STACK][7])

@@ -1,0 +1,72 @@
+"""One colour channel of the light frames, analysed: saturation, linear range and gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.calibration.photon_transfer.dark_lines import DarkLines
+from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation
+from photosite.calibration.photon_transfer.response_curvature import ResponseCurvature, find_curvature
+from photosite.values.uncertain import Missing, Source, Uncertain, Value
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One colour channel of the light frames.
+
+    Parameters
+    ----------
+    index
+        Index of the channel in `channel_names`.
+    dark
+        Its dark signal and dark variance against exposure time.
+    levels
+        Its light levels, dark subtracted.
+    saturation
+        Where it saturates.
+    used
+        (levels,) whether a level lies in the linear range.
+    gain
+        System gain of this channel alone, DN/e-.
+    curvature
+        Curvature of its response; None where the response is straight within the noise.
+    """
+
+    index: int
+    dark: DarkLines
+    levels: LightLevels
+    saturation: Saturation
+    used: NDArray[np.bool_]
+    gain: Value
+    curvature: ResponseCurvature | None = None
+
+
+def with_curvature(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels with the curvature of each response, which widens the gain's uncertainty."""
+    source = Source()
+    result = []
+    for channel in channels:
+        curvature, gain = find_curvature(channel.levels, channel.used, source), channel.gain
+        if curvature is not None and isinstance(gain, Uncertain):
+            gain = curvature.widen(gain, curvature.gain)
+        result.append(replace(channel, curvature=curvature, gain=gain))
+    return result
+
+
+def curvature_warning(names: Sequence[str], channels: Sequence[Channel]) -> list[str]:
+    """Return a warning where the curvature exceeds half of the gain's other uncertainties."""
+    for name, channel in zip(names, channels, strict=False):  # no channels without light frames
+        curvature, gain = channel.curvature, channel.gain
+        if curvature is None or isinstance(gain, Missing) or abs(curvature.gain) < 0.5 * gain.relative:
+            continue
+        of_channel = f" of channel {name}" if len(names) > 1 else ""
+        return [
+            f"the response{of_channel} is not straight: at zero light the system gain differs by "
+            f"{100 * curvature.gain:+.2g} % and the responsivity by {100 * curvature.responsivity:+.2g} % from the "
+            f"standard's straight lines; the uncertainties include this difference"
+        ]
+    return []
