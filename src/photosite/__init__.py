@@ -36,9 +36,9 @@ _HOMES = {
     "VeilingGlare": "photosite.optics.spread",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
-    "calibrate_series": "photosite.calibration.gain_series.gain_series",
+    "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
-    "calibrate_spectral": "photosite.calibration.spectral.spectral",
+    "calibrate_spectral": "photosite.calibration.spectral.monochromator",
     "convert": "photosite.scene.io.convert",
     "load_camera": "photosite.camera.file",
     "load_optics": "photosite.optics.io.optics_file",
@@ -65,10 +65,10 @@ __all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
-    from photosite.calibration.gain_series.gain_series import calibrate_series as calibrate_series
+    from photosite.calibration.gain_series.calibrate_series import calibrate_series as calibrate_series
     from photosite.calibration.spectral.chart import calibrate_chart as calibrate_chart
+    from photosite.calibration.spectral.monochromator import calibrate_spectral as calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral as open_spectral
-    from photosite.calibration.spectral.spectral import calibrate_spectral as calibrate_spectral
     from photosite.camera.camera import Camera as Camera
     from photosite.camera.file import load_camera as load_camera
     from photosite.color import illuminants as illuminants

@@ -1,4 +1,4 @@
-"""Chips measured from simulated frames, simulated again from their maps, and measured again."""
+"""Chips measured from simulated frames, simulated from their maps, and measured again."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from scipy import stats
 from virtual_chips import drawn_maps, plant_blinking, plant_dead, plant_hot
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.chip_maps.chip import measure_chip
-from photosite.errors import CalibrationError
+from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.chip import temporal_blocks
 from photosite.sensor.io.sensor_file import load_sensor
@@ -33,7 +32,7 @@ MAPS = {
 
 
 def shoot(sensor, seed, long_darks=(10.0, 20.0), levels=11, stack_s=DARK_S):
-    """Darks, a stack of them and others of 12, and flats up to 1.2 saturations."""
+    """Simulate a stack of dark frames, dark frames of 12 per exposure time, and flat fields up to 1.2 saturations."""
     shape = sensor.array.rows, sensor.array.cols
     plan = [("dark", stack_s, DARKS, 0.0), *(("dark", t, 12, 0.0) for t in long_darks)]
     plan += [("light", t, 8, 1e6 * t) for t in np.linspace(0.004, 0.044, levels).tolist()]
@@ -54,11 +53,11 @@ def measured(sensor, seed, **settings):
 
 @pytest.fixture(scope="module")
 def trip(tmp_path_factory):
-    """The planted chip, and the sensor, chip and temporal noise of a first and a second measurement."""
+    """The planted chip, and sensor, chip and temporal noise of a first and a second measurement."""
     folder = tmp_path_factory.mktemp("trip")
     rng = np.random.default_rng(2)
     planted = drawn_maps(SENSOR)
-    # Counted in the spread of the map as it will be measured: that of the chip and that of the measurement.
+    # In units of the spread of the measured map, which includes the measurement noise.
     spread = np.hypot(np.std(planted.dark_rate_dn_per_s), 0.08)
     planted = plant_hot(planted, SENSOR, rng.uniform(5, 12, 300), spread)
     planted = plant_dead(planted, rng.uniform(0, 0.4, 20))
@@ -70,7 +69,7 @@ def trip(tmp_path_factory):
 
 
 def squares(true, found):
-    """By map, the mean squared deviation in standard uncertainties. A response is relative to its channel's mean."""
+    """Return, by map, the mean squared deviation in standard uncertainties; responses relative to the channel mean."""
     result = {}
     for name, of_name in MAPS.items():
         wanted = getattr(true, name).astype(float)
@@ -87,10 +86,10 @@ def places(chip, kind):
 
 @pytest.mark.parametrize("leg", [0, 1])
 def test_maps_are_those_of_the_chip_within_their_uncertainty(trip, leg) -> None:
-    """Chi-square over all pixels, each way outside 1e-5: false alarms 1.2e-4 for the six maps.
+    """Chi-square over all pixels, each side outside 1e-5: false alarms 1.2e-4 for the six maps.
 
-    The uncertainties are themselves estimates from 39 degrees of freedom and more, together with the other pixels', and
-    right on average.
+    The uncertainties are estimates too, from at least 39 degrees of freedom and the other pixels, and correct on
+    average.
     """
     planted, (_, first, _), (_, second, _) = trip
     true, found = ((planted, first), (first, second))[leg]
@@ -99,13 +98,13 @@ def test_maps_are_those_of_the_chip_within_their_uncertainty(trip, leg) -> None:
         assert low < value < high, name
 
 
-def test_read_noise_of_each_pixel_comes_back(trip) -> None:
-    """Over normal noise the variances over the true ones, times 39, add up to chi-square: each way 1e-4."""
+def test_read_noise_of_each_pixel_is_recovered(trip) -> None:
+    """For normal noise, the sum of the variance ratios times 39 is chi-square distributed: each side 1e-4."""
     _, (calibration, first, _), (_, second, _) = trip
     gain = calibration.system_gain_dn_per_e.value
 
     def variance(chip):
-        """What the frames showed: rounding and the shot noise of the dark current put back."""
+        """Return the total variance of a frame, including rounding and the shot noise of the dark current."""
         noise = chip.read_noise_dn.astype(float)
         return noise * abs(noise) + 1 / 12 + gain * DARK_S * np.maximum(chip.dark_rate_dn_per_s, 0)
 
@@ -116,22 +115,22 @@ def test_read_noise_of_each_pixel_comes_back(trip) -> None:
     assert second.read_noise_freedom == freedom
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], freedom * ratio.size)
     assert low < freedom * ratio.sum() < high
-    # Row and column noise makes neighbours alike, so that single ratios are tested one in a hundred.
+    # Row and column noise correlates neighbours, so only one ratio in a hundred is tested.
     assert stats.kstest(freedom * ratio[::101], "chi2", (freedom,)).pvalue > 1e-4
 
 
 @pytest.mark.parametrize("leg", [0, 1])
 def test_defects_are_found_at_precision_and_recall_over_98_percent(trip, leg) -> None:
-    """Hot: true dark currents 5 to 12 standard deviations of the measured map above its median."""
+    """Hot pixels: true dark currents 5 to 12 standard deviations of the measured map above its median."""
     planted, (_, first, _), (_, second, _) = trip
     true, found = ((planted, first), (first, second))[leg]
     for kind in (DefectKind.HOT, DefectKind.DEAD, DefectKind.BLINKING):
-        there, listed = places(true, kind), places(found, kind)
-        assert len(there & listed) > 0.98 * len(there), f"recall of {kind.name}"
-        assert len(there & listed) > 0.98 * len(listed), f"precision of {kind.name}"
+        planted_places, listed = places(true, kind), places(found, kind)
+        assert len(planted_places & listed) > 0.98 * len(planted_places), f"recall of {kind.name}"
+        assert len(planted_places & listed) > 0.98 * len(listed), f"precision of {kind.name}"
 
 
-def test_blinking_pixels_come_back_with_their_levels(trip) -> None:
+def test_blinking_pixels_are_recovered_with_their_levels(trip) -> None:
     """Each amplitude within 5 standard errors: 100 pixels, false alarms 6e-5; fractions within 5 binomial ones."""
     planted, (_, first, _), _ = trip
     wanted = {(r, c): i for i, (r, c) in enumerate(zip(planted.blinking.row, planted.blinking.col, strict=True))}
@@ -146,7 +145,7 @@ def test_blinking_pixels_come_back_with_their_levels(trip) -> None:
         assert abs(found.high_fraction[i] - fraction) < 5 * np.sqrt(fraction * (1 - fraction) / DARKS)
 
 
-def test_row_and_column_noise_come_back(trip) -> None:
+def test_row_and_column_noise_are_recovered(trip) -> None:
     planted, (_, first, noise), (_, second, _) = trip
     for one in (first, second):
         assert one.row_noise_dn == pytest.approx(planted.row_noise_dn, abs=4 * 0.0065)  # 4 standard uncertainties
@@ -155,8 +154,8 @@ def test_row_and_column_noise_come_back(trip) -> None:
     assert noise.frames == DARKS
 
 
-def test_a_cfa_chip_has_its_channels_apart() -> None:
-    """Chi-square of each map at 1e-5; channels differ by a factor in response, and none is listed for it."""
+def test_channels_of_a_cfa_are_mapped_separately() -> None:
+    """Chi-square of each map at 1e-5. Channels differ in response, but no pixel is listed for that."""
     names = {"R": 0.2, "G": 0.5, "B": 0.3}
     channels = {k: {"wavelength_nm": [550], "quantum_efficiency": [q]} for k, q in names.items()}
     sensor = SENSOR.with_(cfa="rggb", channels=channels, rows=60, cols=90)
@@ -173,8 +172,11 @@ def test_a_cfa_chip_has_its_channels_apart() -> None:
 
 
 def test_a_stack_of_long_darks_gives_offsets_and_read_noise_without_dark_current() -> None:
-    """Offsets lie 125 DN below what is read; of the variance three quarters are shot noise. Chi-square at 1e-5 each
-    way; mean read noise variance within 5 standard errors of 60 x 80 pixels and 39 degrees of freedom."""
+    """The dark signal is 125 DN and three quarters of the variance are shot noise.
+
+    Chi-square at 1e-5 on each side; mean read noise variance within 5 standard errors of 60 x 80 pixels and 39 degrees
+    of freedom.
+    """
     sensor = SENSOR.with_(rows=60, cols=80)
     _, chip, _ = measured(sensor, 7, long_darks=(DARK_S, 20.0), stack_s=10.0)
     assert chip.reference_exposure_s == 10.0
@@ -196,8 +198,8 @@ def test_without_flats_there_is_no_response_and_no_gain(tmp_path) -> None:
     _, chip, noise = measured(SMALL, 4, long_darks=(20.0,), levels=0)
     assert chip.prnu is None
     assert chip.system_gain_dn_per_e is None
-    assert noise.tail.excess_kurtosis.value is not None
-    # The description stands in for what the chip lacks; means within 5 standard errors.
+    assert noise.shape.excess_kurtosis.value is not None
+    # The sensor file supplies what the chip lacks; means within 5 standard errors.
     again = SMALL.with_(maps=chip.save(tmp_path / "a.maps.h5"))
     flat = digital_numbers(again, np.full((40, 50), 8000, np.float32), 1.0, seed=1)
     expected = 64 + 8000 * SMALL.system_gain_dn_per_e + np.mean(chip.offset_dn + 1.0 * chip.dark_rate_dn_per_s)
@@ -215,21 +217,24 @@ def test_with_darks_of_one_exposure_there_is_no_dark_rate(tmp_path) -> None:
 
 
 def test_clipped_darks_have_no_maps() -> None:
-    """Black 2 standard deviations above 0: of the chip something can be said, of a pixel below it nothing."""
+    """The black level is 2 standard deviations above 0."""
     calibration = calibrate(shoot(SMALL, 5), SMALL)
-    with pytest.raises(CalibrationError, match=r"dark frames at 0\.01 s: .* numbers are 0, more than the 0\.1 % up to"):
+    with pytest.raises(ClippedChipError) as caught:
         measure_chip(shoot(SMALL.with_(black_level_dn=6), 5), calibration)
+    assert "clipped dark values" in caught.value.what
+    assert caught.value.where == "dark frames at 0.01 s"
+    assert 1 < caught.value.value < 10
 
 
 def test_clipped_darks_are_calibrated_without_maps() -> None:
-    """What maps cannot be had from leaves everything else as it is without them."""
+    """All other results are the same as without maps."""
     clipped = SMALL.with_(black_level_dn=4)
     with_maps, without = (calibrate(shoot(clipped, 5, levels=5), clipped, maps=maps) for maps in (True, False))
     assert with_maps.estimates() == without.estimates()
     assert with_maps.read_noise_dn.value is not None
     assert with_maps.chip is None
     assert with_maps.temporal is None
-    assert "more than the 0.1 % up to which" in with_maps.no_chip
+    assert "clipped dark values" in with_maps.no_chip
     assert with_maps.warnings == (
         *without.warnings,
         f"the chip was not measured, there are no maps: {with_maps.no_chip}",
@@ -238,8 +243,8 @@ def test_clipped_darks_are_calibrated_without_maps() -> None:
     assert without.no_chip is None
 
 
-def test_a_calibration_saves_its_chip_beside_its_sensor(trip, tmp_path) -> None:
-    """What was known beforehand had other maps; they do not stay."""
+def test_calibration_saves_its_maps_with_its_sensor(trip, tmp_path) -> None:
+    """The maps of the sensor known beforehand are not kept."""
     planted, (calibration, chip, noise), _ = trip
     before = SENSOR.with_(maps=planted.save(tmp_path / "before.maps.h5"))
     with_chip = replace(calibration, base=before, chip=chip, temporal=noise)
@@ -248,16 +253,16 @@ def test_a_calibration_saves_its_chip_beside_its_sensor(trip, tmp_path) -> None:
     again = load_sensor(tmp_path / "mine.sensor.yaml")
     assert (again.measured_chip.offset_dn == chip.offset_dn).all()
     assert again.measured_chip.defects.counts() == chip.defects.counts()
-    said = with_chip.to_dict()
-    assert said["defects"]["dead"] == 20
-    assert said["temporal"]["frames"] == DARKS
+    content = with_chip.to_dict()
+    assert content["defects"]["dead"] == 20
+    assert content["temporal"]["frames"] == DARKS
 
 
-def test_calibrate_measures_the_chip_where_maps_are_asked_for() -> None:
-    """Progress runs over all frames of both looks, and the darks of the read noise once more."""
-    frames, told = shoot(SMALL, 6, long_darks=(20.0,), levels=6), []
-    calibration = calibrate(frames, SMALL, maps=True, progress=lambda done, total: told.append((done, total)))
+def test_calibrate_with_maps_measures_the_chip() -> None:
+    """Progress counts the frames of both readings, and the reference dark frames once more."""
+    frames, reported = shoot(SMALL, 6, long_darks=(20.0,), levels=6), []
+    calibration = calibrate(frames, SMALL, maps=True, progress=lambda done, total: reported.append((done, total)))
     assert calibration.chip.shape == (40, 50)
     assert calibration.temporal.frames == DARKS
-    assert told[-1][0] == told[-1][1]
+    assert reported[-1][0] == reported[-1][1]
     assert calibrate(frames, SMALL).chip is None

@@ -1,4 +1,4 @@
-"""A sensor file is enough to derive other values with the uncertainty that the calibration gives them."""
+"""Values derived from a sensor file have the same uncertainty as those derived by the calibration."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from photosite.values.measured import Measured
 
 @pytest.fixture(scope="module")
 def calibration(virtual):
-    """With a voltage swing that is known to 1 %: more than anything else, and shared by all volts."""
+    """The voltage swing is known to 1 %, the largest uncertainty, which all voltages share."""
     sensor = virtual.sensor(3, limited_by="well")
     swing = sensor.pixel.voltage_swing_v.value
     known = sensor.with_(voltage_swing_v=Measured(swing, 0.01 * swing))
@@ -19,7 +19,7 @@ def calibration(virtual):
 
 
 def propagated(sensor, function, names):
-    """First order, by central differences, from the file's values and covariance alone."""
+    """Propagate to first order by central differences, from the file's values and covariance alone."""
     values = np.array([sensor.measured(name).value for name in names])
     gradient = []
     for k, value in enumerate(values):
@@ -60,7 +60,7 @@ def propagated(sensor, function, names):
         ),
     ],
 )
-def test_derived_from_the_file_is_as_uncertain_as_derived_directly(calibration, tmp_path, parameter, derived, names):
+def test_values_derived_from_the_file_have_the_same_uncertainty(calibration, tmp_path, parameter, derived, names):
     calibration.sensor.save(tmp_path / "mine.sensor.yaml")
     sensor = load_sensor(tmp_path / "mine.sensor.yaml")
     direct = getattr(calibration, parameter)
@@ -79,5 +79,5 @@ def test_the_calibration_has_the_covariance_of_all_its_parameters(calibration):
     assert joint.among([gain, volts])[0, 1] > 0.0
     scale = np.sqrt(np.diag(joint.matrix)) + 1e-300
     assert np.linalg.eigvalsh(joint.matrix / np.outer(scale, scale)).min() > -1e-9
-    with pytest.raises(InputError, match="no value of 'prnu'"):
+    with pytest.raises(InputError):
         joint.among(["prnu"])

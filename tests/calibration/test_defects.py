@@ -1,4 +1,4 @@
-"""Which pixels are far off their channel."""
+"""Pixels that deviate from their channel."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from photosite.sensor.measured_chip import DefectKind
 TILE = np.array([[0, 1], [1, 2]])
 
 
-def test_channels_are_judged_apart() -> None:
-    """Channels of other levels and spreads: a robust deviation of 4000 pixels is good to 4 %."""
+def test_channels_are_judged_separately() -> None:
+    """Channels of different levels and spreads; the robust deviation of 4000 pixels is known to 4 %."""
     rng = np.random.default_rng(1)
     level, spread = np.array([0.0, 50.0, -20.0]), np.array([1.0, 4.0, 0.2])
     tile = np.tile(TILE, (60, 70))
@@ -25,7 +25,7 @@ def test_channels_are_judged_apart() -> None:
     assert found[11, 10] == pytest.approx(-20, rel=0.1)
 
 
-def test_a_pixel_that_was_measured_badly_is_not_listed_for_it() -> None:
+def test_imprecisely_measured_pixel_is_not_listed() -> None:
     values = np.random.default_rng(2).normal(0, 1, (100, 100)).astype(np.float32)
     uncertainty = np.full_like(values, 0.3)
     values[5, 5], uncertainty[5, 5] = 8.0, 4.0
@@ -34,7 +34,7 @@ def test_a_pixel_that_was_measured_badly_is_not_listed_for_it() -> None:
     assert deviations(values, uncertainty, np.zeros((1, 1), np.int64))[5, 5] > 7
 
 
-def test_lists_are_joined_in_reading_order() -> None:
+def test_merged_lists_are_sorted() -> None:
     chosen = np.zeros((4, 4), bool)
     chosen[2, 1] = chosen[0, 3] = True
     values = np.arange(16.0).reshape(4, 4)

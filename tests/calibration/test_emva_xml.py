@@ -1,4 +1,4 @@
-"""EMVA results as XML: what the reference implementation's reader makes of them, and every figure in its unit."""
+"""EMVA results as XML, as read by the reference implementation, and units of all figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.calibration.export.emva_xml import FIGURES, write_emva_results
 
 
 def reference_reading(path):
-    """What the reference implementation's `xml_to_dict` takes from a file: section, figure, number or None."""
+    """Read a file as the reference implementation's `xml_to_dict` does: section, figure, number or None."""
     found = {}
     for section in ElementTree.parse(path).getroot():
         assert section.tag not in found
@@ -33,7 +33,7 @@ def measured(request, virtual, tmp_path_factory):
     return calibration, path
 
 
-def test_figures_in_the_references_sections(measured):
+def test_figures_in_the_sections_of_the_reference(measured):
     calibration, path = measured
     found = reference_reading(path)
     assert set(found) == {"sensitivity", "linearity", "dark_current", "spatial", "photosite"}
@@ -86,7 +86,7 @@ def test_uncertainties_units_and_reasons(measured):
     assert "lost" in root.get("note")
 
 
-def test_channels_have_sections_of_their_own(virtual, tmp_path):
+def test_channels_have_separate_sections(virtual, tmp_path):
     sensor = virtual.sensor(4, rows=48, cols=64, cfa="rggb")
     calibration = ps.calibrate(virtual.frame_set(sensor, 4, dark_frames=6, stack=4, repeats=2))
     write_emva_results(calibration, tmp_path / "results.xml")

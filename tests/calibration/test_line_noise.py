@@ -1,4 +1,4 @@
-"""Temporal row and column noise: taken apart without bias, and taken off the part of the mean frame that it is in."""
+"""Temporal row and column noise: separated without bias, and subtracted from the matching parts of the mean frame."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ BAYER = np.array([[0, 1], [1, 2]])
 
 
 def stack(rng, frames, shape, pixel, row, column, mean=200.0):
-    """Frames whose rows and columns flicker, and whose level drifts by 3 DN; rounding adds 1/12 DN^2."""
+    """Frames with row and column noise and shifts of 3 DN; rounding adds 1/12 DN^2."""
     noise = rng.normal(0, pixel, (frames, *shape))
     noise += rng.normal(0, row, (frames, shape[0], 1)) + rng.normal(0, column, (frames, 1, shape[1]))
     return np.round(mean + noise + rng.normal(0, 3.0, (frames, 1, 1))).astype(np.uint16)
@@ -29,8 +29,10 @@ def levels(frames, tile):
 @pytest.mark.parametrize(("tile", "channel"), [(MONO, 0), (BAYER, 1)])
 @pytest.mark.parametrize("frames", [2, 6])
 def test_parts_are_unbiased_and_covered(frames, tile, channel):
-    """150 stacks. The mean may be off by four of its standard errors, coverage of 95 % by 4.5 of its own: a false alarm
-    over all twelve comparisons of each kind in under 0.1 % of seeds. Of a mosaic, lines are those of one plane."""
+    """150 stacks: means within four standard errors, coverage within 4.5 standard errors of 95 %.
+
+    False alarms over all twelve comparisons of each kind: under 0.1 % of seeds.
+    """
     rng = np.random.default_rng([1, frames, channel])
     truth = {"pixel": 9.0 + 1 / 12, "row": 1.0, "column": 0.25}
     found = {name: [] for name in truth}
@@ -48,13 +50,13 @@ def test_parts_are_unbiased_and_covered(frames, tile, channel):
 
 
 def test_parts_add_up_to_the_temporal_variance():
-    """But for the share of one line, which goes with the frame's mean."""
+    """Except for the share of one line, which the mean of the frame contains."""
     dn = stack(np.random.default_rng(2), 5, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
     assert temporal_parts(level, line_sums(dn), MONO, 0).total.value == pytest.approx(level.variance, rel=2e-3)
 
 
-def test_few_frames_of_a_stack_tell_its_line_noise():
+def test_few_frames_of_a_stack_give_its_line_noise():
     dn = stack(np.random.default_rng(3), 40, (200, 300), 3.0, 1.0, 0.5)
     level = levels(dn, MONO)[0]
     parts = temporal_parts(level, line_sums(dn[::5]), MONO, 0)
@@ -62,9 +64,11 @@ def test_few_frames_of_a_stack_tell_its_line_noise():
     assert parts.row.standard_uncertainty < 0.04
 
 
-def test_flickering_rows_are_not_taken_for_a_pixel_pattern_below_zero():
-    """A sensor without fixed pattern in the dark whose rows flicker. With all noise taken as that of pixels, the pixel
-    part would be 1.1 DN^2 / 20 below zero, nine of its standard uncertainties."""
+def test_row_noise_does_not_make_the_pixel_part_negative():
+    """A sensor with row noise and without fixed pattern.
+
+    If all noise counted as that of pixels, the pixel part would be -1.1 DN^2 / 20, nine standard uncertainties below 0.
+    """
     rng = np.random.default_rng(4)
     frames = [("dark", 0.01, dn) for dn in stack(rng, 20, (160, 200), 2.0, 1.0, 0.3)]
     for step in range(1, 5):

@@ -1,4 +1,4 @@
-"""What a channel's pixels tell of one pixel's variance."""
+"""Temporal variances of single pixels, moderated by those of the channel."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def inverse_chi_square(scale, freedom, count, seed):
 
 @pytest.mark.parametrize("freedom", [4.0, 20.0, 80.0])
 def test_the_spread_of_true_variances_is_found(freedom) -> None:
-    """The quartiles of 200 000 pixels give the freedom to 5 %, 15 % where it is large; the scale to 1 %."""
+    """The quartiles of 200 000 pixels give the freedom to 5 %, or 15 % if it is large, and the scale to 1 %."""
     found = noise_spread(draw(inverse_chi_square(9.0, freedom, 200_000, 1), 2), FREEDOM)
     assert found.variance == pytest.approx(9.0, rel=0.01)
     assert found.freedom == pytest.approx(freedom, rel=0.05 if freedom < 50 else 0.15)
 
 
-def test_even_pixels_have_one_variance_whatever_the_outliers() -> None:
+def test_equal_pixels_have_one_variance_despite_outliers() -> None:
     true = np.full(100_000, 9.0)
     true[:1000] = 400.0
     found = noise_spread(draw(true, 3), FREEDOM)
@@ -40,7 +40,7 @@ def test_even_pixels_have_one_variance_whatever_the_outliers() -> None:
 
 
 def test_uncertainties_from_moderated_variances_cover() -> None:
-    """Squared deviations over them average to 1 over pixels of unequal noise; own variances would give 15/13."""
+    """Normalised squared deviations average to 1; with unmoderated variances they average to 15/13."""
     true = inverse_chi_square(4.0, 20.0, 200_000, 4)
     variance = draw(true, 5)
     best = moderated(variance, FREEDOM, noise_spread(variance, FREEDOM))
@@ -52,7 +52,7 @@ def test_uncertainties_from_moderated_variances_cover() -> None:
 
 @pytest.mark.parametrize("freedom", [8.0, math.inf])
 def test_limits_are_exceeded_as_rarely_as_asked(freedom) -> None:
-    """Of 400 000 ordinary pixels: binomial, each way outside 1e-4."""
+    """400 000 ordinary pixels: binomial, each side outside 1e-4."""
     true = np.full(400_000, 5.0) if math.isinf(freedom) else inverse_chi_square(5.0, freedom, 400_000, 7)
     variance = draw(true, 8)
     for probability in (0.5, 0.01, 1e-4):
@@ -61,14 +61,14 @@ def test_limits_are_exceeded_as_rarely_as_asked(freedom) -> None:
         assert low <= beyond <= high
 
 
-def test_a_pixel_unlike_the_others_keeps_its_variance() -> None:
+def test_outlier_keeps_its_variance() -> None:
     values = np.array([3.0, 1000.0], np.float32)
     for freedom in (30.0, math.inf):
         assert moderated(values, FREEDOM, NoiseSpread(4.0, freedom))[1] == 1000.0
     assert moderated(values, FREEDOM, NoiseSpread(4.0, math.inf))[0] == 4.0
 
 
-def test_noise_below_rounding_has_the_mean_of_all() -> None:
+def test_noise_below_rounding_uses_the_mean() -> None:
     values = np.zeros(1000, np.float32)
     values[::10] = 0.1
     assert noise_spread(values, FREEDOM) == NoiseSpread(pytest.approx(0.01), math.inf)

@@ -1,4 +1,4 @@
-"""Smooth positive responses from few measurements: closed forms, and coverage over many truths."""
+"""Smooth positive responses from few measurements: closed forms, and coverage over many true responses."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ NM = np.arange(400.0, 701.0, 10.0)
 
 
 def _response(rng, length_nm=30.0):
-    """A positive response of the prior's kind, of spread 0.3."""
+    """Draw a positive response from the prior, with standard deviation 0.3."""
     root = 0.3 * np.linalg.cholesky(_matern(NM, length_nm))
     return positive_normal_draws(np.zeros(NM.size), root, rng.standard_normal((20, NM.size)))[-1]
 
 
 def _bumps(rng):
-    """Two or three Gaussian bumps of 25 to 60 nm: smoother than the prior's kind."""
+    """Draw two or three Gaussian bumps of 25 to 60 nm, smoother than the prior."""
     truth = np.zeros(NM.size)
     for _ in range(rng.integers(2, 4)):
         truth += rng.uniform(0.1, 0.6) * np.exp(-0.5 * ((NM - rng.uniform(420, 680)) / rng.uniform(25, 60)) ** 2)
@@ -27,12 +27,12 @@ def _bumps(rng):
 
 
 def _broad(rng, rows=16):
-    """Measurements that overlap, as a chart's: smooth spectra of wide bands."""
+    """Draw overlapping measurements, such as a chart's: wide smooth bands."""
     centres, widths = rng.uniform(400, 700, rows), rng.uniform(20, 80, rows)
     return np.exp(-0.5 * ((NM - centres[:, None]) / widths[:, None]) ** 2)
 
 
-def test_many_exact_measurements_leave_no_doubt():
+def test_many_exact_measurements_determine_the_response():
     rng = np.random.default_rng(0)
     truth = _bumps(rng)
     found = smooth_positive_estimate(np.eye(NM.size), truth, 1e-8 * np.eye(NM.size), NM, draws=500)
@@ -40,8 +40,8 @@ def test_many_exact_measurements_leave_no_doubt():
     assert found.determined == pytest.approx(NM.size, abs=0.5)
 
 
-def test_where_nothing_was_measured_the_interval_is_the_priors():
-    """Only 400 to 500 nm were seen: far above, the prior's spread is left, and the interval begins near 0."""
+def test_interval_without_measurements_is_that_of_the_prior():
+    """Measurements at 400 to 500 nm only: far above, the interval is that of the prior and begins near 0."""
     seen = NM <= 500
     truth = np.exp(-0.5 * ((NM - 450.0) / 30.0) ** 2)
     found = smooth_positive_estimate(np.eye(NM.size)[seen], truth[seen], 1e-6 * np.eye(seen.sum()), NM)
@@ -51,8 +51,8 @@ def test_where_nothing_was_measured_the_interval_is_the_priors():
     assert found.lower_95[-5:].max() < 0.1 * width[-5:].min()
 
 
-def test_without_the_wall_it_is_the_textbooks_regression():
-    """Far from 0, one length, spread and misfit: mean and covariance of Gaussian process regression, Rasmussen 2.25."""
+def test_far_from_zero_it_is_gaussian_process_regression():
+    """Far from 0, for one length, spread and misfit: Gaussian process regression (Rasmussen and Williams, 2.25)."""
     import photosite.calibration.spectral.smooth_prior as module
 
     rng = np.random.default_rng(2)
@@ -73,7 +73,7 @@ def test_without_the_wall_it_is_the_textbooks_regression():
 
 
 def _held(make, seeds, misfit):
-    """Per seed, the share of wavelengths whose interval holds the truth, and the misfit found."""
+    """Return, per seed, the fraction of wavelengths whose interval contains the truth, and the estimated misfit."""
     held, misfits = [], []
     for seed in range(seeds):
         rng = np.random.default_rng([seed, 7])
@@ -89,23 +89,22 @@ def _held(make, seeds, misfit):
 
 
 @pytest.mark.parametrize("misfit", [0.0, 0.02])
-def test_intervals_hold_truths_of_the_priors_kind(misfit):
-    """Pointwise coverage over 24 truths within 3.3 of its own standard errors of 95 %: 1 false alarm in 1000 each."""
+def test_intervals_cover_responses_of_the_prior(misfit):
+    """Pointwise coverage over 24 responses within 3.3 standard errors of 95 %: 1 false alarm in 1000 each."""
     held, misfits = _held(_response, 24, misfit)
     assert abs(held.mean() - 0.95) < 3.3 * max(held.std(ddof=1) / np.sqrt(held.size), 0.005)
     assert np.mean(misfits) == pytest.approx(misfit, abs=0.35 * misfit + 0.002)
 
 
-def test_intervals_hold_smoother_truths_too():
-    """Nothing the prior was made of. Smoother than it, so covered more often than 95 %."""
+def test_intervals_cover_smoother_responses():
+    """Smoother responses than the prior's are covered in more than 95 %."""
     held, _ = _held(_bumps, 8, 0.0)
     assert held.mean() > 0.95
 
 
 @pytest.mark.parametrize("relative", [0.02, 0.2])
-def test_an_error_common_to_all_widens_and_does_not_move(relative):
-    """A factor of all measurements: the value stays, and its relative uncertainty adds in quadrature. Taken as noise
-    instead, 20 % pulled the value down by two thirds."""
+def test_common_error_widens_but_does_not_bias(relative):
+    """The value stays, and the relative uncertainty adds in quadrature. As noise, 20 % would bias it by two thirds."""
     rng = np.random.default_rng(0)
     design = _broad(rng, 30)
     clean = design @ np.exp(-0.5 * ((NM - 550.0) / 40.0) ** 2)
@@ -123,7 +122,7 @@ def test_an_error_common_to_all_widens_and_does_not_move(relative):
 
 
 def test_the_common_part_of_relative_errors():
-    """Of lights with independent levels, a light's variance over their number; of all alike, the whole."""
+    """For lights with independent levels, the variance of a light over their number; for a common error, all of it."""
     import photosite.calibration.spectral.smooth_prior as module
 
     light = np.repeat(np.arange(3), 5)
@@ -143,10 +142,12 @@ def test_the_same_seed_gives_the_same_numbers():
     assert np.array_equal(one.upper_95, other.upper_95)
 
 
-def test_what_cannot_be_is_refused():
-    with pytest.raises(InputError, match="want 2 measurements"):
-        smooth_positive_estimate(np.ones((2, NM.size)), np.ones(3), np.eye(2), NM)
-    with pytest.raises(InputError, match="finite"):
-        smooth_positive_estimate(np.ones((1, NM.size)), np.array([np.nan]), np.eye(1), NM)
-    with pytest.raises(InputError, match="no light was seen"):
-        smooth_positive_estimate(np.ones((1, NM.size)), np.array([-1.0]), np.eye(1), NM)
+def test_invalid_input():
+    for design, measured, covariance, what in (
+        (np.ones((2, NM.size)), np.ones(3), np.eye(2), "the shapes of measured, covariance and wavelength_nm"),
+        (np.ones((1, NM.size)), np.array([np.nan]), np.eye(1), "design, measured and covariance"),
+        (np.ones((1, NM.size)), np.array([-1.0]), np.eye(1), "the sums of design and measured"),
+    ):
+        with pytest.raises(InputError) as caught:
+            smooth_positive_estimate(design, measured, covariance, NM)
+        assert caught.value.what == what

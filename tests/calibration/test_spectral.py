@@ -1,4 +1,4 @@
-"""Quantum efficiency under bands of light: closed forms, coverage over virtual runs, and what is refused."""
+"""Quantum efficiency under bands of light: closed forms, coverage over virtual runs, and invalid input."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from virtual_monochromator import MonochromatorRun, without_spectra
 
-from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
-from photosite.calibration.spectral.passband import Passband, band_matrix, triangular_passband
-from photosite.calibration.spectral.spectral import calibrate_spectral
+from photosite.calibration.spectral.bands import (
+    Band,
+    Passband,
+    Photodiode,
+    SpectralFrames,
+    band_matrix,
+    triangular_passband,
+)
+from photosite.calibration.spectral.monochromator import calibrate_spectral
 from photosite.color.spectrum import LIGHT_SPEED_M_S, PLANCK_J_S, Spectrum
-from photosite.errors import CalibrationError, FileError, InputError
+from photosite.errors import NOT_GIVEN, CalibrationError, FileError, InputError
 from photosite.frames.frame_set import FrameSource
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
@@ -43,7 +49,7 @@ def mono(**changes):
 
 
 def source(name, mean, spread=1):
-    """A frame whose mean is exact and whose pixels differ, from frame to frame too."""
+    """A frame with an exact mean, whose pixels differ within and between frames."""
     dn = np.full((4, 4), mean, np.uint16)
     flat = dn.ravel()
     flat[: 2 * spread : 2] += 1
@@ -63,7 +69,7 @@ def line(nm, dn, irradiance, exposure_s=0.01, **changes):
 
 
 def test_a_line_gives_electrons_over_photons_exactly():
-    """q = (light - dark) / K / (E t A F lambda / (h c)), each factor by hand."""
+    """q = (light - dark) / K / (E t A F lambda / (h c)), each factor computed separately."""
     irradiance = 0.01
     found = calibrate_spectral(measurement([line(500.0, 1100, Measured(irradiance))])).channels["M"]
     electrons = (1100 - 100) / GAIN_DN_PER_E
@@ -73,7 +79,7 @@ def test_a_line_gives_electrons_over_photons_exactly():
 
 
 def test_uncertainties_add_as_the_gum_says():
-    """Reading, gain, pixel and scale are relative: 3, 4, 12 and 84 per mille make 85.05; noise is far below."""
+    """Relative uncertainties of reading, gain, pixel and scale: 3, 4, 12 and 84 per mille combine to 85.05."""
     sensor = mono(
         conversion_gain_uv_per_e=Measured(1e6 * GAIN_DN_PER_E / 4096, 0.004 * 1e6 * GAIN_DN_PER_E / 4096),
         width_um=Measured(5.0, 0.012 * 5.0),
@@ -83,13 +89,13 @@ def test_uncertainties_add_as_the_gum_says():
     q = found.quantum_efficiency
     expected = np.sqrt(0.003**2 + 0.004**2 + 0.012**2 + 0.084**2)
     assert found.standard_uncertainty / q == pytest.approx([expected] * 2, rel=2e-4)
-    # All but the reading is common to the bands.
+    # All except the reading is common to the bands.
     shared = 0.004**2 + 0.012**2 + 0.084**2
     assert found.covariance[0, 1] / (q[0] * q[1]) == pytest.approx(shared, rel=2e-3)
 
 
-def test_an_ampere_is_an_ampere():
-    """A current gives what its irradiance gives, and an entry's uncertainty goes to the bands that look at it."""
+def test_currents_and_irradiances_agree():
+    """A current gives the same result as its irradiance, and an entry's uncertainty affects the bands that use it."""
     grid = np.array([400.0, 500.0, 600.0])
     diode = Photodiode(Spectrum(grid, np.array([0.2, 0.3, 0.4])), np.array([0.0, 0.003, 0.0]), Measured(50.0))
     irradiance = {450.0: 0.01, 500.0: 0.01, 600.0: 0.012}
@@ -103,12 +109,12 @@ def test_an_ampere_is_an_ampere():
     other = calibrate_spectral(measurement(currents, photodiode=diode)).channels["M"]
     assert other.quantum_efficiency == pytest.approx(one.quantum_efficiency, rel=1e-12)
     added = np.diag(other.covariance - one.covariance) / one.quantum_efficiency**2
-    # 450 nm looks half at the entry of 500 nm: 0.5 x 0.003 / 0.25.
+    # The entry at 500 nm contributes half at 450 nm: 0.5 x 0.003 / 0.25.
     assert np.sqrt(np.maximum(added, 0)) == pytest.approx([0.006, 0.01, 0.0], abs=1e-6)
 
 
-def test_wavelength_error_goes_by_slope_and_photons():
-    """A response proportional to 1/lambda read at a line: q' + q/lambda = 0, so the wavelength does not matter."""
+def test_wavelength_uncertainty_is_propagated():
+    """A response proportional to 1/lambda, read at a line: q' + q/lambda = 0, so the wavelength does not matter."""
     bands = [line(nm, 1100, Measured(0.01), centre_uncertainty_nm=1.0) for nm in np.arange(500.0, 521.0, 2.0)]
     still = [replace(band, centre_uncertainty_nm=0.0) for band in bands]
     found, without = (calibrate_spectral(measurement(b)).channels["M"] for b in (bands, still))
@@ -123,12 +129,12 @@ def test_wavelength_error_goes_by_slope_and_photons():
     assert np.diag(found.covariance - still.covariance) == pytest.approx(expected, rel=1e-3)
 
 
-def test_band_matrix_beside_a_plain_sum():
-    """Every entry against a sum of 100 000 points; rows sum to 1, so a level response is seen as it is."""
+def test_band_matrix_matches_a_sum():
+    """Every entry against a sum over 100 000 points. Rows sum to 1, so a constant response is reproduced."""
     measured = Passband.of_energy(Spectrum(np.array([505.0, 509.0, 516.0, 531.0]), np.array([0.0, 3.0, 2.0, 0.0])))
     bands = (triangular_passband(490.0, 8.0), triangular_passband(500.0, 12.0), measured, triangular_passband(530, 5))
     centres = np.array([band.centre_nm for band in bands])
-    fine = 400.0 + (np.arange(100_000) + 0.5) * 0.002  # middles of steps: jumps fall between them
+    fine = 400.0 + (np.arange(100_000) + 0.5) * 0.002  # midpoints, so that jumps fall between them
     for beyond, end in (("level", None), ("zero", 0.0)):
         matrix = band_matrix(bands, beyond=beyond)
         for row, band in zip(matrix, bands, strict=True):
@@ -140,13 +146,13 @@ def test_band_matrix_beside_a_plain_sum():
 
 @pytest.mark.parametrize(
     ("bandwidth_nm", "method"),
-    [(0.0, "taken off"), (10.0, "taken off"), (25.0, "taken off with a smoothness prior")],
+    [(0.0, "bandwidth"), (10.0, "bandwidth"), (25.0, "bandwidth with a smoothness prior")],
 )
-def test_intervals_hold_the_virtual_d200(bandwidth_nm, method):
-    """Pointwise 95 % intervals over 6 runs, the photodiode's scale error its own in each.
+def test_intervals_cover_the_virtual_d200(bandwidth_nm, method):
+    """Pointwise 95 % intervals over 6 runs, each with its own error of the photodiode's scale.
 
-    That error is common to a run, so runs count as wholes: with the mean of 6 x 3 x 21 intervals a coverage of 0.95 has
-    a standard error near 0.035; 0.85 is passed by honest intervals in all but 2 of 1000.
+    The scale error is common to a run, so the mean over 6 x 3 x 21 intervals has a standard error near 0.035. Correct
+    intervals fall below 0.85 in only 2 of 1000 cases.
     """
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=32, cols=32))
     held, deviations = [], []
@@ -162,7 +168,7 @@ def test_intervals_hold_the_virtual_d200(bandwidth_nm, method):
             held.append(np.mean((low <= truth)[inner] & (truth <= high)[inner]))
             deviations.append(((channel.quantum_efficiency - truth) / channel.standard_uncertainty)[inner])
     assert np.mean(held) > 0.85
-    # Nor are they wide: deviations are of the size of the uncertainty.
+    # The intervals are not too wide: deviations have the size of the uncertainty.
     assert 0.6 < np.sqrt(np.mean(np.square(deviations))) < 1.5
 
 
@@ -174,22 +180,22 @@ def test_narrow_bands_are_limited_by_the_reading():
     assert green.standard_uncertainty / green.quantum_efficiency == pytest.approx([0.00583] * 3, rel=0.05)
 
 
-def test_flicker_is_found_and_counted():
+def test_flicker_is_found_and_included():
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=64, cols=64))
     steady, flickering = (
         calibrate_spectral(MonochromatorRun(sensor, (530.0, 540.0, 550.0), 0.0, flicker_percent=p).frame_set())
         for p in (0.0, 3.0)
     )
-    assert any("flickers by" in line for line in flickering.warnings)
+    assert any("between frames" in line for line in flickering.warnings)
     u = [
         cal.channels["G"].standard_uncertainty[0] / cal.channels["G"].quantum_efficiency[0]
         for cal in (steady, flickering)
     ]
-    # 3 % over 4 frames: 1.5 %, with chance in 9 degrees of freedom.
+    # 3 % over 4 frames: 1.5 %, estimated with 9 degrees of freedom.
     assert 0.007 < np.sqrt(u[1] ** 2 - u[0] ** 2) < 0.026
 
 
-def test_a_saturated_band_is_left_out_of_its_channel_alone():
+def test_saturated_band_is_omitted_for_its_channel_only():
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=16, cols=16))
     run = MonochromatorRun(sensor, (440.0, 530.0, 540.0), 0.0)
     frames = run.frame_set()
@@ -200,7 +206,7 @@ def test_a_saturated_band_is_left_out_of_its_channel_alone():
     assert found.channels["G"].wavelength_nm.tolist() == [440.0, 540.0]
     assert "saturated" in found.channels["G"].left_out["530 nm"]
     assert found.channels["R"].wavelength_nm.tolist() == [440.0, 530.0, 540.0]
-    assert any("channel G: 530 nm left out" in line for line in found.warnings)
+    assert any("channel G: 530 nm not used" in line for line in found.warnings)
 
 
 def _blown(dn):
@@ -210,7 +216,7 @@ def _blown(dn):
     return out
 
 
-def test_the_sensor_has_what_was_measured():
+def test_sensor_has_the_measured_values():
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=32, cols=32))
     run = MonochromatorRun(sensor, (450.0, 530.0, 600.0), 0.0)
     found = calibrate_spectral(run.frame_set(without_spectra(sensor)))
@@ -222,22 +228,27 @@ def test_the_sensor_has_what_was_measured():
     assert len(made.provenance.frames_sha256) == found.frame_count
 
 
-def test_what_cannot_be_true_is_refused():
-    with pytest.raises(CalibrationError, match=r"electrons per photon.*unit of the readings"):
-        calibrate_spectral(measurement([line(500.0, 1100, Measured(1e-5))]))
-    with pytest.raises(CalibrationError, match="below 0 by more than its uncertainty"):
-        calibrate_spectral(measurement([line(500.0, 80, Measured(0.01))]))
-    with pytest.raises(CalibrationError, match="clipped at 0"):
-        calibrate_spectral(measurement([line(500.0, 1100, Measured(0.01))], darks=(1, 1)))
+def test_impossible_results_and_invalid_input():
+    usual = line(500.0, 1100, Measured(0.01))
     unknown = mono(conversion_gain_uv_per_e=Measured(1.0, assumed=True))
-    with pytest.raises(CalibrationError, match="conversion_gain_uv_per_e is an assumption"):
-        calibrate_spectral(measurement([line(500.0, 1100, Measured(0.01))], unknown))
-    with pytest.raises(InputError, match=r"name its sensor file"):
-        calibrate_spectral(replace(measurement([line(500.0, 1100, Measured(0.01))]), sensor=None))
-    with pytest.raises(InputError, match=r"no dark frames at its exposure of 0\.02 s"):
+    for frames, what, value in (
+        (measurement([line(500.0, 1100, Measured(1e-5))]), "the quantum efficiency at 500 nm", 794.0),
+        (measurement([line(500.0, 80, Measured(0.01))]), "the quantum efficiency at 500 nm", -0.0159),
+        (measurement([usual], unknown), "conversion_gain_uv_per_e", NOT_GIVEN),
+    ):
+        with pytest.raises(CalibrationError) as caught:
+            calibrate_spectral(frames)
+        assert (caught.value.what, caught.value.value) == (what, value)
+    with pytest.raises(CalibrationError, match="clipped at 0"):
+        calibrate_spectral(measurement([usual], darks=(1, 1)))
+    with pytest.raises(InputError) as unnamed:
+        calibrate_spectral(replace(measurement([usual]), sensor=None))
+    assert list(unnamed.value.arguments) == ["sensor"]
+    with pytest.raises(FileError, match="in every pixel"):
+        calibrate_spectral(measurement([replace(usual, frames=(usual.frames[0], usual.frames[0]))]))
+    with pytest.raises(InputError) as missing:
         measurement([line(500.0, 1100, Measured(0.01), exposure_s=0.02)])
-    with pytest.raises(InputError, match="two bands have the centre 500 nm"):
-        measurement([line(500.0, 1100, Measured(0.01)), line(500.0, 1200, Measured(0.01))])
-    twice = line(500.0, 1100, Measured(0.01))
-    with pytest.raises(FileError, match="pixel for pixel"):
-        calibrate_spectral(measurement([replace(twice, frames=(twice.frames[0], twice.frames[0]))]))
+    assert (missing.value.what, missing.value.where) == ("darks", "500 nm")
+    with pytest.raises(InputError) as same:
+        measurement([usual, line(500.0, 1200, Measured(0.01))])
+    assert (same.value.what, same.value.where) == ("centre_nm", "500 nm")

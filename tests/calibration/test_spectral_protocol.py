@@ -1,4 +1,4 @@
-"""Spectral protocols and spectra in CSV files: read back, and their errors with lines."""
+"""Spectral protocols: measurements read from files, and errors with lines."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from virtual_monochromator import MonochromatorRun
 
 import photosite as ps
+from photosite.calibration.spectral.monochromator import calibrate_spectral
 from photosite.calibration.spectral.protocol import open_spectral
-from photosite.calibration.spectral.spectral import calibrate_spectral
 from photosite.errors import FileError
 from photosite.studies.virtual_lab import with_pedestal
 
@@ -24,8 +24,8 @@ def written(tmp_path_factory):
     return run, folder
 
 
-def test_what_was_shot_is_what_is_read(written):
-    """From files and from memory: the same numbers, but for the nominal sensor's placeholder spectra."""
+def test_files_and_memory_give_the_same_result(written):
+    """Files and memory give the same numbers, except for the nominal sensor's placeholder spectra."""
     run, folder = written
     read, direct = (calibrate_spectral(f) for f in (open_spectral(folder / "spectral.yaml"), run.frame_set()))
     for name in "RGB":
@@ -36,38 +36,38 @@ def test_what_was_shot_is_what_is_read(written):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
-        ("photosite_spectral: 1", "photosite_spectral: 2", ":1: expected 'photosite_spectral: 1'"),
+        ("photosite_spectral: 1", "photosite_spectral: 2", ":1: photosite_spectral must be 1"),
         ("scale_uncertainty_percent: 0.5", "scale_uncertanty: 0.5", "did you mean 'scale_uncertainty_percent'"),
-        ("scale_uncertainty_percent: 0.5", "scale_uncertainty_percent: -1", "is 0 or above, not -1"),
-        ("centre_nm: 550.0", "centre_nm: x", "'centre_nm' is a number"),
-        ("centre_nm: 550.0", "centre_nm: 500.0", "two bands have the centre 500 nm"),
-        ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "has a width of 0 or more and below that"),
+        ("scale_uncertainty_percent: 0.5", "scale_uncertainty_percent: -1", "must be 0 or more, got -1"),
+        ("centre_nm: 550.0", "centre_nm: x", "centre_nm must be a number"),
+        ("centre_nm: 550.0", "centre_nm: 500.0", "500 nm: centre_nm must be different for each band"),
+        ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "bandwidth_nm must be 0 or more and below the centre"),
         ("photocurrent_a", "irradiance", "did you mean 'irradiance_w_m2'"),
         ("{value: ", "{valu: ", "did you mean 'value'"),
         ("standard_uncertainty: ", "standard_uncertainty: -", "uncertainty must be finite and not negative"),
-        ("area_mm2: 100.0", "area_mm2: 0", "'area_mm2' is above 0"),
+        ("area_mm2: 100.0", "area_mm2: 0", "area_mm2 must be above 0, got 0"),
         ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "nowhere.csv: there is no such file"),
         ("files: dark/00_*.tif", "files: dark/zz_*.tif", "no file matches"),
         ("files: dark/00_*.tif", "files: band/000_*.tif", "is listed twice"),
-        ("name:", "region: [0, 8, 0, 99]\nname:", ":2: 'region' reaches beyond"),
-        ("name:", "region: [0, 8, 0]\nname:", "'region' is [first row"),
+        ("name:", "region: [0, 8, 0, 99]\nname:", ":2: region must be inside the frames"),
+        ("name:", "region: [0, 8, 0]\nname:", "region must be [first row"),
         ("name:", "bits: 14\nname:", "not the 14-bit frame"),
     ],
 )
-def test_errors_name_file_and_what_is_wrong(written, old, new, said):
+def test_errors_name_the_file_and_the_problem(written, old, new, message):
     _, folder = written
     text = (folder / "spectral.yaml").read_text()
     assert old in text
     broken = folder / "broken.yaml"
     broken.write_text(text.replace(old, new))
-    with pytest.raises(FileError, match=re.escape(said)):
+    with pytest.raises(FileError, match=re.escape(message)):
         open_spectral(broken)
 
 
-def test_a_region_is_measured_alone(written):
-    """Left and right half are parts of the whole: its signal is their mean."""
+def test_region(written):
+    """The signal of the whole is the mean of its left and right half."""
     _, folder = written
     text = (folder / "spectral.yaml").read_text()
     found = []

@@ -58,7 +58,7 @@ def test_json_sensors_and_report(photosite: Any, shot: tuple[Path, GainSeriesLab
     assert page.count("<svg") + page.count("data:image/svg+xml") >= 1
 
 
-def test_a_broken_off_run_goes_on(photosite: Any, shot: tuple[Path, GainSeriesLab], tmp_path: Path) -> None:
+def test_interrupted_run_resumes(photosite: Any, shot: tuple[Path, GainSeriesLab], tmp_path: Path) -> None:
     first = photosite("calibrate", shot[0], "--partial", tmp_path / "sums", "--json").json
     assert sorted(p.name for p in (tmp_path / "sums").iterdir() if p.is_dir()) in (
         [],

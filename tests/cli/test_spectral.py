@@ -44,5 +44,5 @@ def test_bad_input(photosite: Any, folder: Path, tmp_path: Path) -> None:
     (folder / "none.yaml").write_text(text)
     done = photosite("spectral", folder / "none.yaml")
     assert done.status == 2
-    assert "--sensor" in done.err
+    assert "sensor" in done.err
     assert photosite("spectral", tmp_path / "gone.yaml").status == 2

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
-from photosite.calibration.spectral.passband import Passband, triangular_passband
+from photosite.calibration.spectral.bands import Band, Passband, Photodiode, SpectralFrames, triangular_passband
 from photosite.camera.camera import Camera
 from photosite.camera.optical_stack import channel_mixing
 from photosite.color.illuminants import illuminant

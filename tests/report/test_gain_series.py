@@ -125,7 +125,7 @@ def test_figure_draws_the_model(series: GainSeries) -> None:
 
 
 def test_figure_of_decibels_is_linear(series: GainSeries) -> None:
-    decibels = replace(series, law="tenths of a decibel", switch=None)
+    decibels = replace(series, scale="tenths of a decibel", switch=None)
     noise, gain = gain_series_figure(decibels).axes
     assert noise.get_xscale() == "linear"
     assert gain.get_xlabel() == "gain setting (tenths of a decibel)"

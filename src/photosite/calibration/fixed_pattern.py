@@ -18,14 +18,14 @@ from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.nonuniformity import (
+from photosite.calibration.spatial.parts import Parts, channel_parts
+from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
     relative_response_variance,
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.spatial.spatial import Parts, channel_parts
 from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
 from photosite.engine.frame_sums import MeanFrame
 from photosite.values.uncertain import Missing, Uncertain, Value

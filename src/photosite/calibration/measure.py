@@ -39,7 +39,8 @@ from photosite.calibration.photon_transfer.photon_transfer import (
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.nonuniformity import (
+from photosite.calibration.spatial.parts import Parts, channel_parts
+from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
     excess_variance,
@@ -48,7 +49,6 @@ from photosite.calibration.spatial.nonuniformity import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.spatial.spatial import Parts, channel_parts
 from photosite.calibration.spatial.spatial_analysis import FarThresholds, SpatialAnalysis, spatial_analysis
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments

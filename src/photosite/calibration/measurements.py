@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, fields, replace
 
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.linearity import Linearity, linearity_estimates
-from photosite.calibration.spatial.spatial import Parts, pool_parts
-from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
+from photosite.calibration.spatial.parts import Parts, pool_parts
 from photosite.values.estimate import Estimate
+from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import (
     Missing,
     Uncertain,
@@ -180,10 +180,10 @@ def _spread(variance: Value, scale: Value, method: str) -> Estimate:
         return Estimate.of(missing, method)
     limit = upper_limit_95(variance)
     return Estimate.of(
-        spread(variance) * scale,
+        standard_deviation(variance) * scale,
         method,
         None if limit is None else limit * scale.value,
-        spread_interval_95(variance * scale * scale),
+        standard_deviation_interval_95(variance * scale * scale),
     )
 
 

@@ -35,7 +35,7 @@ from photosite.calibration.reduction.groups import (
     pooled_level,
     reference_dark,
 )
-from photosite.calibration.spatial.nonuniformity import (
+from photosite.calibration.spatial.pixel_slopes import (
     SlopeSpread,
     relative_response_variance,
     slope_coefficients,

@@ -14,7 +14,7 @@ from photosite.calibration.reduction.provenance import UsedFrame, frames_sha256
 from photosite.values.uncertain import JointCovariance, Missing, Uncertain
 
 if TYPE_CHECKING:
-    from photosite.calibration.chip_maps.temporal import TemporalNoise
+    from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
     from photosite.calibration.photon_transfer.general_model import GeneralModel
     from photosite.calibration.photon_transfer.linearity import Linearity
     from photosite.calibration.photon_transfer.snr import SnrCurve

@@ -180,7 +180,7 @@ def _show(calibration: Calibration) -> None:
 
 
 def _show_chip(calibration: Calibration) -> None:
-    from photosite.calibration.chip_maps.tail import NORMAL_SHAPE
+    from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
 
     chip, temporal = calibration.chip, calibration.temporal
@@ -192,10 +192,10 @@ def _show_chip(calibration: Calibration) -> None:
         ("row noise", "DN", temporal.row_noise_dn),
         ("column noise", "DN", temporal.column_noise_dn),
         ("frame noise", "DN", temporal.frame_noise_dn),
-        ("excess kurtosis", "", temporal.tail.excess_kurtosis),
-        ("  within pixels", "", temporal.tail.within_pixels),
-        ("  between pixels", "", temporal.tail.between_pixels),
-        (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.tail.tukey_lambda),
+        ("excess kurtosis", "", temporal.shape.excess_kurtosis),
+        ("  within pixels", "", temporal.shape.within_pixels),
+        ("  between pixels", "", temporal.shape.between_pixels),
+        (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.shape.tukey_lambda),
     ):
         if entry.value is not None and entry.standard_uncertainty is not None:
             rows.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))

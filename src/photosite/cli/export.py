@@ -152,7 +152,7 @@ def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
         from photosite.calibration.calibrate import calibrate
 
         return [_of(calibrate(frames, _sensor(asked, frames), progress=Stages()), setting)]
-    from photosite.calibration.gain_series.gain_series import calibrate_series
+    from photosite.calibration.gain_series.calibrate_series import calibrate_series
 
     series = calibrate_series(frames, _sensor(asked, frames), progress=Stages())
     profiles = [_of(step.calibration, step.setting) for step in series.steps]

@@ -1,4 +1,4 @@
-"""What `photosite calibrate` does with frames of several gain settings."""
+"""`photosite calibrate` for frames of several gain settings."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def calibrate_gain_series(
     partial: Path | None,
     as_json: bool,
 ) -> None:
-    """Calibrate each setting and what they share; sensor files get the setting in their name."""
-    from photosite.calibration.gain_series.gain_series import calibrate_series
+    """Calibrate each setting and analyse them together; the names of sensor files contain the setting."""
+    from photosite.calibration.gain_series.calibrate_series import calibrate_series
 
     series = calibrate_series(frames, sensor, progress=Stages(), partial=partial)
     written: list[Path] = []
@@ -44,7 +44,7 @@ def calibrate_gain_series(
 
 
 def setting_path(path: Path, setting: float) -> Path:
-    """The sensor file of one setting: mine.sensor.yaml becomes mine.gain400.sensor.yaml.
+    """Return the path of a setting's sensor file: mine.sensor.yaml becomes mine.gain400.sensor.yaml.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def _show(series: GainSeries) -> None:
         values = [format_estimate(getattr(step.calibration, name)) for name in SERIES_PARAMETERS]
         rows.append((f"{step.setting:g}", *values))
     frames = sum(step.calibration.frame_count for step in series.steps)
-    click.echo(f"{series.source}: {frames} frames at {len(series.steps)} gain settings ({series.law})\n")
+    click.echo(f"{series.source}: {frames} frames at {len(series.steps)} gain settings ({series.scale})\n")
     click.echo(table(rows, ">" * len(rows[0])))
     heading = ("settings", "noise before the amplifier, e⁻", "after it, DN", "chi square", "degrees of freedom")
     parts = [

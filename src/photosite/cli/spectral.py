@@ -22,17 +22,19 @@ if TYPE_CHECKING:
     "--sensor",
     "sensor_name",
     metavar="NAME|FILE",
-    help="Sensor with measured gain and pixel size, in place of the one that the protocol names.",
+    help="Sensor with measured gain and pixel size. Default: the sensor named in the protocol.",
 )
 @click.option(
     "-o",
     "--output",
     type=options.output_file(".yaml", ".yml"),
     metavar="FILE",
-    help="Sensor file to write (YAML), with the quantum efficiencies as measured.",
+    help="Sensor file to write (YAML), with the measured quantum efficiencies.",
 )
-@click.option("--figure", type=options.output_file(".png", ".svg"), metavar="FILE", help="Figure to write.")
-@click.option("--beside", metavar="NAME|FILE", help="Sensor whose quantum efficiencies the figure shows too.")
+@click.option(
+    "--figure", type=options.output_file(".png", ".svg"), metavar="FILE", help="Figure to write (PNG or SVG)."
+)
+@click.option("--beside", metavar="NAME|FILE", help="Sensor to draw in the figure for comparison.")
 @options.seed_option()
 @options.json_option
 def command(
@@ -44,12 +46,11 @@ def command(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Measure quantum efficiency per colour channel, with standard uncertainty.
+    """Measure the quantum efficiency of each colour channel.
 
-    PROTOCOL is a YAML file that begins with 'photosite_spectral: 1'. It lists either bands of light (a monochromator's
-    or filters') with the frames taken under each, dark frames and a photodiode's readings, or a chart's frames under
-    known lights ('lights'). Gain and pixel size come from a sensor file, best the one that 'photosite calibrate -o'
-    wrote.
+    PROTOCOL is a YAML file with 'photosite_spectral: 1'. It lists either bands of light (monochromator or filters) with
+    their frames, dark frames and photodiode readings, or frames of a chart under known lights ('lights'). System gain
+    and pixel size come from a sensor file, preferably one written by 'photosite calibrate -o'.
 
     Example: photosite spectral spectral.yaml --sensor mine.sensor.yaml -o mine.sensor.yaml --figure qe.png
     """
@@ -75,8 +76,8 @@ def command(
 
 def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibration:
     from photosite.calibration.spectral.chart import calibrate_chart
+    from photosite.calibration.spectral.monochromator import calibrate_spectral
     from photosite.calibration.spectral.protocol import open_spectral
-    from photosite.calibration.spectral.spectral import calibrate_spectral
     from photosite.studies.chart_protocol import is_chart_protocol, open_chart
 
     if not is_chart_protocol(path):

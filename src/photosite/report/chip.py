@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from photosite.calibration.chip_maps.tail import NORMAL_SHAPE
-from photosite.calibration.chip_maps.temporal import TemporalNoise
+from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
 from photosite.report.blocks import figure_block, reason_block
 from photosite.report.figures.defect_map import defect_map_figure
@@ -56,7 +56,7 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
         why = calibration.no_chip
         return (reason_block(_NO_MAPS if why is None else f"the chip was not measured pixel by pixel: {why}"),)
     parts = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
-    tail = {_TAIL[entry.name]: getattr(noise.tail, entry.name) for entry in fields(noise.tail)}
+    tail = {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}
     columns = (Column("What"), Column("Value", numeric=True), Column("Unit"), Column("95 % interval"))
     rows = tuple(_row(label, unit, entry) for (label, unit), entry in (parts | tail).items())
     stack = f"{noise.frames} dark frames of {format_time(noise.exposure_s)}"

@@ -54,7 +54,7 @@ def gain_series_page(series: GainSeries) -> Page:
     lead = (
         f"{frames} frames of darkness and flat light at {len(series.steps)} gain settings, {series.settings[0]:g} to "
         f"{series.settings[-1]:g}; settings are read as "
-        + {"proportional": "proportional to the gain."}.get(series.law, f"{series.law}.")
+        + {"proportional": "proportional to the gain."}.get(series.scale, f"{series.scale}.")
     )
     name = "an image sensor" if series.steps[0].calibration.base is None else series.steps[0].calibration.base.name
     figure = figure_block(

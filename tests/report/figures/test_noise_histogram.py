@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.chip_maps.tail import Tail
-from photosite.calibration.chip_maps.temporal import TemporalNoise
+from photosite.calibration.chip_maps.noise_shape import NoiseShape
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.report.figures.noise_histogram import noise_histogram_figure
 from photosite.values.estimate import Estimate
 
@@ -21,7 +21,7 @@ def noise(values, width=0.25, shape=Estimate(-0.05, 0.01)):  # noqa: B008
         row_noise_dn=one,
         column_noise_dn=one,
         frame_noise_dn=one,
-        tail=Tail(one, one, one, shape),
+        shape=NoiseShape(one, one, one, shape),
         bands={},
         residual_dn=(edges[1:] + edges[:-1]) / 2,
         residual_count=np.histogram(values, edges)[0],

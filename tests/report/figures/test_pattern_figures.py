@@ -10,8 +10,7 @@ from matplotlib.collections import PolyCollection
 
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis
-from photosite.calibration.spatial.spectrogram import spectrogram
+from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis, spectrogram
 from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.histogram import histogram_figure
 from photosite.report.figures.marks import thinned

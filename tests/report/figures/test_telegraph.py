@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photosite.calibration.chip_maps.temporal import Trace
+from photosite.calibration.chip_maps.temporal_noise import Trace
 from photosite.report.figures.telegraph import telegraph_figure
 
 

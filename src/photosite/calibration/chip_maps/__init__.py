@@ -1,1 +1,1 @@
-"""Maps of one chip: offset, response, dark rate, read noise, defects and temporal noise."""
+"""Maps of one chip: offset, response, dark rate, read noise, defects, and the temporal noise behind them."""

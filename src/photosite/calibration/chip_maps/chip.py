@@ -1,4 +1,4 @@
-"""The chip itself: maps of offset, response, dark rate and read noise, defects, and temporal noise of all kinds."""
+"""Measure one chip: maps of offset, response, dark rate and read noise, its defects, and its temporal noise."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
-from photosite.calibration.chip_maps import blinking, defects
-from photosite.calibration.chip_maps.chip_lights import ResponseMap, needed_lights, read_response
+from photosite.calibration.chip_maps import defects, telegraph_noise
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
-from photosite.calibration.chip_maps.second_look import SecondLook, look_again
-from photosite.calibration.chip_maps.temporal import TemporalNoise, Trace, measure_temporal
+from photosite.calibration.chip_maps.residuals import StackResiduals, read_residuals
+from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace, measure_temporal_noise
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
+from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
@@ -25,28 +25,28 @@ from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, Measur
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 
 CLIPPED_DARK = 1e-3
-"""Share of numbers at 0 in the darks above which there are no maps: those pixels' offset and noise are not seen."""
+"""Largest fraction of zeros in the dark frames. Beyond it, offset and noise of the clipped pixels are unknown."""
 
 MOST_SUSPECTS = 4096
-"""Pixels whose readings are looked at one by one for two levels: those with the largest variance for their channel."""
+"""Largest number of pixels that are searched for two levels: those with the largest variance in their channel."""
 
 _SUSPECT = 1e-3
-"""Probability below which an ordinary pixel's variance makes it one of them."""
+"""Probability that an ordinary pixel's variance makes it a suspect."""
 
 TRACES = 4
-"""Blinking pixels whose readings are kept to be shown."""
+"""Blinking pixels whose values are kept for the report."""
 
 FloatMap = NDArray[np.float32]
 _Place = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 class ClippedChipError(CalibrationError):
-    """Darks clipped at 0 show no chip; what they tell of the sensor stands."""
+    """The dark frames are clipped at 0, so the chip cannot be mapped; the sensor parameters remain valid."""
 
 
 @dataclass(frozen=True)
 class _DarkMaps:
-    """What the darks tell of each pixel, DN and seconds."""
+    """Per-pixel results of the dark frames, in DN and seconds."""
 
     groups: Sequence[GroupStatistics]
     reference: int
@@ -63,52 +63,52 @@ class _DarkMaps:
 def measure_chip(
     frames: FrameSet, calibration: Calibration, progress: Progress | None = None
 ) -> tuple[MeasuredChip, TemporalNoise]:
-    """The chip that took some frames, pixel by pixel.
+    """Measure the chip that took a set of frames, pixel by pixel.
 
-    The darks and the flats of the linear range are read once more, and the reference darks (those of the read noise)
-    once again after that; memory does not grow with their number. What each map is, and its uncertainty:
-    `MeasuredChip`. Offset and dark rate are intercept and slope of a pixel's darks against exposure, the response is
-    the slope of its flats less its dark rate; weights depend on the level, not on the pixel, so that all maps are
-    linear in the frames and without bias. Uncertainties are those of temporal noise, of which a pixel's own variance
-    and that of its channel tell together (`pixel_noise`).
+    Reads the dark frames and the flat fields of the linear range again, and the reference dark frames (those of the
+    read noise) once more after that. Memory does not grow with the number of frames. `MeasuredChip` describes the maps
+    and their uncertainties. Offset and dark rate are intercept and slope of a pixel's dark frames against exposure
+    time. The response is the slope of its flat fields minus its dark rate. Weights depend on the level, not on the
+    pixel, so that all maps are linear in the frames and unbiased. Uncertainties are those of temporal noise, estimated
+    from each pixel's variance and those of its channel (`pixel_noise`).
 
     Parameters
     ----------
     frames
         The measurement.
     calibration
-        What `calibrate` made of it.
+        The result of `calibrate` for these frames.
     progress
         As for `calibrate`.
 
     Returns
     -------
     MeasuredChip
-        The maps and defects; without flats no response, with darks of one exposure no dark rate.
+        Maps and defects; no response without flat fields, no dark rate with a single dark exposure time.
     TemporalNoise
-        Noise of pixels, rows and columns, its tail, and bands.
+        Noise of pixels, rows and columns, its shape, and bands.
 
     Raises
     ------
     ClippedChipError
-        If the darks are clipped at zero.
+        If the dark frames are clipped at 0.
     FileError
         If a frame cannot be read.
     """
-    lights = needed_lights(frames, calibration)
+    lights = light_groups_in_range(frames, calibration)
     darks = frames.of_kind("dark")
     again = replace(frames, groups=(*darks, *lights))
     counted = _Counted(progress, later=len(darks[reference_dark(darks)]))
     with FrameReader(again, counted) as reader:
         dark = _read_darks(reader)
-        response = read_response(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
+        response = read_response_map(reader, calibration, pooled_level(dark.stack.levels).variance) if lights else None
         spreads = _spreads(dark, reader.tile)
         sigma = float(np.sqrt(np.median([spread.variance for spread in spreads])))
         suspects = _suspects(dark, spreads, reader.tile)
-        look = look_again(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
+        look = read_residuals(_used_again(reader, dark.stack, counted), dark.mean, sigma, suspects)
         tile = reader.tile
-    del reader  # its sums take as much as three maps
-    temporal = measure_temporal(dark.stack, look, dark.variance, dark.mean, tile)
+    del reader  # its sums need as much memory as three maps
+    temporal = measure_temporal_noise(dark.stack, look, dark.variance, dark.mean, tile)
     return _chip(calibration, dark, response, spreads, suspects, look, temporal, tile)
 
 
@@ -127,9 +127,11 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
         groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
         if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
             raise ClippedChipError(
-                f"{groups[-1].label}: {100 * max(level.low_fraction for level in groups[-1].levels):.3g} % of the "
-                f"numbers are 0, more than the {100 * CLIPPED_DARK:g} % up to which the chip is measured, and what a "
-                f"pixel reads below 0 is not seen; maps of the chip need darks with a pedestal"
+                "the percentage of clipped dark values",
+                where=groups[-1].label,
+                value=round(100 * max(level.low_fraction for level in groups[-1].levels), 2),
+                expected=f"at most {100 * CLIPPED_DARK:g}",
+                hint="Raise the camera's black level, so that dark frames do not clip at 0 DN",
             )
         if index == wanted:
             stack = _mean_and_variance(sums)
@@ -145,12 +147,12 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
 
 def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:
     mean = sums.mean_frame()
-    # The next group's sums take the memory of these.
+    # The next group reuses the memory of these sums.
     return replace(mean, sum=mean.sum.copy()), sums.variance().astype(np.float32)
 
 
 class _Counted:
-    """Progress with frames at the end that the reader does not know of."""
+    """Progress that includes the frames read after the reader is done."""
 
     def __init__(self, progress: Progress | None, later: int) -> None:
         self._progress, self._later = progress, later
@@ -168,7 +170,7 @@ class _Counted:
 def _used_again(
     reader: FrameReader, stack: GroupStatistics, counted: _Counted
 ) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The stack's frames once more, repeats left out."""
+    """Yield the stack's frames again, without repeats."""
     used = {id(entry.source) for entry in reader.used_frames}
     shape = reader.frames.rows, reader.frames.cols
     for source in stack.group.frames:
@@ -176,12 +178,14 @@ def _used_again(
         if id(source) in used:
             dn = source.read()
             if dn.shape != shape:
-                raise FileError(source.name, f"has changed while it was used: it is {dn.shape} now, and was {shape}")
+                raise FileError(
+                    source.name, "the frame's shape", value=dn.shape, expected=f"{shape}, as at the first reading"
+                )
             yield dn
 
 
 def _spreads(dark: _DarkMaps, tile: NDArray[np.int64]) -> list[NoiseSpread]:
-    """Per channel, how the pixels' temporal variances are spread."""
+    """Return, per channel, the distribution of the pixels' temporal variances."""
     freedom = dark.stack.frames - 1
     return [
         noise_spread(defects.channel_values(dark.variance, tile, k), freedom) for k in range(len(dark.stack.levels))
@@ -191,7 +195,7 @@ def _spreads(dark: _DarkMaps, tile: NDArray[np.int64]) -> list[NoiseSpread]:
 def _by_channel(
     shape: tuple[int, ...], tile: NDArray[np.int64], values: Callable[[int, tuple[slice, slice]], NDArray[np.floating]]
 ) -> FloatMap:
-    """A map from a function of the channel and of a plane's rows and columns."""
+    """Build a map from a function of the channel and of a plane's slices."""
     out = np.empty(shape, np.float32)
     for k in range(int(tile.max()) + 1):
         for part in defects.sites(tile, k):
@@ -202,7 +206,7 @@ def _by_channel(
 def _noisier(
     dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64], probability: float
 ) -> tuple[_Place, NDArray[np.float64]]:
-    """The pixels with more noise than an ordinary one of the channel has so rarely, and their variance for its."""
+    """Return the pixels noisier than an ordinary one is with a given probability, and their relative variance."""
     chosen = np.zeros(dark.variance.shape, np.bool_)
     for k, spread in enumerate(spreads):
         for part in defects.sites(tile, k):
@@ -213,7 +217,7 @@ def _noisier(
 
 
 def _suspects(dark: _DarkMaps, spreads: Sequence[NoiseSpread], tile: NDArray[np.int64]) -> _Place:
-    """Rows and columns of the pixels whose noise is most unlike that of an ordinary pixel."""
+    """Return rows and columns of the pixels with the most extreme noise."""
     (row, col), ratio = _noisier(dark, spreads, tile, _SUSPECT)
     keep = np.sort(np.argsort(-ratio, kind="stable")[:MOST_SUSPECTS])
     return row[keep], col[keep]
@@ -225,7 +229,7 @@ def _chip(
     response: ResponseMap | None,
     spreads: Sequence[NoiseSpread],
     suspects: _Place,
-    look: SecondLook,
+    look: StackResiduals,
     temporal: TemporalNoise,
     tile: NDArray[np.int64],
 ) -> tuple[MeasuredChip, TemporalNoise]:
@@ -233,7 +237,7 @@ def _chip(
     level = np.divide(dark.mean.sum, dark.mean.count, dtype=np.float64).astype(np.float32)
     black = float(level.mean(dtype=np.float64)) if black is None else black
     level -= np.float32(black)
-    # Shot noise of the dark current, DN^2 per second: a rate measured below 0 has none.
+    # Shot noise of the dark current, DN^2 per second; none for a negative rate.
     shot = None if dark.rate is None or gain is None else np.maximum(dark.rate, 0.0) * np.float32(gain)
     maps = _dark_maps(dark, level, shot, spreads, tile)
     if response is not None:
@@ -242,7 +246,7 @@ def _chip(
         maps["prnu"], maps["prnu_uncertainty"] = response.relative(rate, of_rate, tile)
     if too_short_for_dark_current(np.array([entry.group.exposure_s for entry in dark.groups])) is not None:
         for name in ("dark_rate_dn_per_s", "dark_rate_uncertainty_dn_per_s"):
-            maps.pop(name, None)  # per second of times that cannot be true; taken off flats in the same times above
+            maps.pop(name, None)  # the exposure times are wrong; the response above uses the same times and stays valid
     blinkers = _blinking(dark, look, suspects, shot)
     chip = MeasuredChip(
         **maps,
@@ -265,7 +269,7 @@ def _dark_maps(
     spreads: Sequence[NoiseSpread],
     tile: NDArray[np.int64],
 ) -> dict[str, FloatMap]:
-    """Offset, read noise and dark rate; `level`, the mean of the reference darks above black, becomes the offset."""
+    """Return offset, read noise and dark rate. `level`, the mean reference dark above black, becomes the offset."""
     freedom, reference_s = dark.stack.frames - 1, dark.stack.group.exposure_s
     noise = _by_channel(level.shape, tile, lambda k, part: moderated(dark.variance[part], freedom, spreads[k]))
     of_mean = np.zeros(len(dark.groups))
@@ -290,10 +294,10 @@ def _dark_maps(
 
 
 def _uncertainty(weights: NDArray[np.float64], dark: _DarkMaps, noise: FloatMap, shot: FloatMap | None) -> FloatMap:
-    """Standard uncertainty of a combination of the dark groups' means, from each pixel's noise in each group.
+    """Return the standard uncertainty of a linear combination of the dark groups' means, per pixel.
 
-    That is the noise of the reference stack and the shot noise of as much more dark current as the group's exposure is
-    longer; no reading is steadier than its rounding.
+    The noise of a group is that of the reference stack plus the shot noise of the dark current during the difference in
+    exposure time. Rounding sets a lower limit.
     """
     share = weights**2 / np.array([entry.frames for entry in dark.groups])
     longer = np.array([entry.group.exposure_s for entry in dark.groups]) - dark.stack.group.exposure_s
@@ -343,17 +347,17 @@ def _kinds(kind: DefectKind, like: Sized) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class _Blinkers:
-    """The suspects that blink, the distance of their levels in units of the noise within them, and some readings."""
+    """Blinking suspects, the distance of their levels in units of their noise, and some of their traces."""
 
     pixels: Blinking
     distance: NDArray[np.float64]
     traces: tuple[Trace, ...]
 
 
-def _blinking(dark: _DarkMaps, look: SecondLook, place: _Place, shot: FloatMap | None) -> _Blinkers:
-    if look.series.shape[1] < blinking.LEAST_FRAMES or not len(look.series):
+def _blinking(dark: _DarkMaps, look: StackResiduals, place: _Place, shot: FloatMap | None) -> _Blinkers:
+    if look.series.shape[1] < telegraph_noise.LEAST_FRAMES or not len(look.series):
         return _Blinkers(no_blinking(), np.zeros(0), ())
-    jumps, levels = blinking.blinking(look.series)
+    jumps, levels = telegraph_noise.find_blinking(look.series)
     row, col = place[0][jumps], place[1][jumps]
     within = levels.within[jumps] - QUANTISATION_DN2
     if shot is not None:

@@ -1,4 +1,4 @@
-"""Pixels that are not like the others of their channel."""
+"""Defective pixels: those that differ from the others of their channel."""
 
 from __future__ import annotations
 
@@ -11,38 +11,41 @@ from numpy.typing import NDArray
 from photosite.sensor.measured_chip import DefectKind, Defects, no_defects
 
 FAR_SIGMA = 4.5
-"""Standard deviations of the channel's map beyond which a pixel is listed. Of ordinary pixels with a normal spread 3.4
-in a million lie beyond on one side; a pixel that truly is five out is missed with probability Phi(-0.5 / u), where u is
-the map's uncertainty in the same unit: 0.6 % where that is a fifth."""
+"""Standard deviations of the channel's map beyond which a pixel is listed.
+
+For a normal distribution, 3.4 pixels in a million lie beyond this on one side. A pixel that is truly five standard
+deviations out is missed with probability Phi(-0.5 / u), where u is the map's uncertainty in the same unit: 0.6 % for
+u = 0.2.
+"""
 
 DEAD_RESPONSE = 0.5
 """Relative response below which a pixel is dead."""
 
 NOISY_PROBABILITY = 1e-7
-"""Probability that an ordinary pixel's noise comes out as large as that of one that is listed."""
+"""Probability that the noise of an ordinary pixel exceeds the limit for noisy pixels."""
 
 _NORMAL_QUARTILE = 0.6744897501960817
 
 
 def sites(tile: NDArray[np.int64], label: int) -> Iterator[tuple[slice, slice]]:
-    """The planes of a channel: rows and columns of each of its sites in the tile."""
+    """Yield the planes of a channel as row and column slices, one for each of its sites in the tile."""
     for r, c in np.argwhere(tile == label):
         yield slice(int(r), None, tile.shape[0]), slice(int(c), None, tile.shape[1])
 
 
 def channel_values(values: NDArray[np.float32], tile: NDArray[np.int64], label: int) -> NDArray[np.float32]:
-    """(n,) a channel's values of a map."""
+    """Return the values (n,) of one channel of a map."""
     return np.concatenate([values[part].ravel() for part in sites(tile, label)])
 
 
 def deviations(
     values: NDArray[np.float32], uncertainty: NDArray[np.float32], tile: NDArray[np.int64]
 ) -> NDArray[np.float32]:
-    """How far each pixel of a map lies from its channel's median, in standard deviations of the channel's map.
+    """Return each pixel's distance from the median of its channel, in standard deviations of the channel's map.
 
-    The standard deviation is the interquartile range over 1.35, which far pixels do not widen. It holds the ordinary
-    measurement uncertainty; a pixel that was measured worse than the others is given what it is worse by on top, so
-    that noise alone lists nobody.
+    The standard deviation is the interquartile range divided by 1.35, which far pixels do not widen. It includes the
+    usual measurement uncertainty. If a pixel was measured less precisely, the excess is added to its scale, so that
+    noise alone does not make it a defect.
 
     Parameters
     ----------
@@ -65,7 +68,7 @@ def deviations(
         for part in sites(tile, label):
             scale = np.sqrt(variance + np.maximum(uncertainty[part] ** 2 - usual, 0.0))
             off = values[part] - middle
-            # In a map without spread whatever differs is infinitely far off.
+            # In a map of equal values, any other value is infinitely far off.
             with np.errstate(divide="ignore", invalid="ignore"):
                 out[part] = np.where(off == 0.0, 0.0, off / scale)
     return out
@@ -74,7 +77,7 @@ def deviations(
 def listed(
     kind: DefectKind, chosen: NDArray[np.bool_], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> Defects:
-    """The chosen pixels of a map as defects."""
+    """Return the selected pixels of a map as defects."""
     row, col = np.nonzero(chosen)
     return Defects(
         row,
@@ -86,7 +89,7 @@ def listed(
 
 
 def together(lists: Sequence[Defects]) -> Defects:
-    """Several lists as one, by row, column and kind."""
+    """Merge lists of defects, sorted by row, column and kind."""
     if not lists:
         return no_defects()
     columns = {entry.name: np.concatenate([getattr(one, entry.name) for one in lists]) for entry in fields(Defects)}

@@ -1,4 +1,4 @@
-"""Each pixel's own temporal variance, from few frames: what the others tell of it."""
+"""Temporal variance of single pixels from few frames, moderated by the variances of all pixels."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 _SAMPLE = 200_000
-"""Pixels whose quartiles are taken: those are then known to 0.3 %."""
+"""Pixels sampled for the quartiles, which are then known to 0.3 %."""
 
 _OWN = 1e-6
-"""A variance that the spread of the others explains with less than this probability stands for itself."""
+"""Probability below which a pixel's variance is too large to be moderated, and is kept unchanged."""
 
 
 @dataclass(frozen=True)
 class NoiseSpread:
-    """How the true temporal variances of a channel's pixels are spread: scaled inverse chi-square.
+    """Distribution of the true temporal variances of a channel's pixels: scaled inverse chi-square.
 
     Parameters
     ----------
     variance
-        Their scale, DN^2.
+        Scale, DN^2.
     freedom
-        Degrees of freedom: infinite where all pixels have one variance, 0 where the others tell nothing of a pixel.
+        Degrees of freedom: infinite if all pixels have the same variance, 0 if the other pixels are uninformative.
     """
 
     variance: float
     freedom: float
 
     def limit(self, probability: float, measured_freedom: int) -> float:
-        """The variance that an ordinary pixel's, measured with so many degrees of freedom, exceeds so rarely."""
+        """Return the measured variance that an ordinary pixel exceeds with the given probability."""
         from scipy.stats import chi2, f
 
         if math.isinf(self.freedom):
@@ -40,18 +40,19 @@ class NoiseSpread:
 
 
 def noise_spread(variances: NDArray[np.floating], freedom: int) -> NoiseSpread:
-    """The spread of the true variances behind measured ones, from the quartiles of the latter.
+    """Estimate the distribution of the true variances from the quartiles of the measured ones.
 
-    A measured variance over its pixel's true one is chi-square; with true ones that are scaled inverse chi-square, the
-    measured ones follow Fisher's F (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3). The interquartile range of their
-    logarithm gives its second degrees of freedom, their median the scale, so that few outliers do not matter.
+    A measured variance divided by the true one is chi-square distributed. If the true variances are scaled inverse
+    chi-square, the measured ones follow Fisher's F (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3). The interquartile
+    range of their logarithm gives its second degrees of freedom, and their median the scale, so that few outliers do
+    not matter.
 
     Parameters
     ----------
     variances
         Unbiased temporal variances of a channel's pixels.
     freedom
-        Frames less one.
+        Number of frames minus one.
 
     Examples
     --------
@@ -67,7 +68,7 @@ def noise_spread(variances: NDArray[np.floating], freedom: int) -> NoiseSpread:
     values = values[:: max(1, values.size // _SAMPLE)]
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
     if low <= 0.0:
-        # So little noise that most frames read alike: quartiles are those of rounding.
+        # With so little noise, most frames are equal and the quartiles are those of rounding.
         return NoiseSpread(float(np.mean(values, dtype=np.float64)), math.inf)
     wanted = math.log(high / low)
 
@@ -87,10 +88,10 @@ def noise_spread(variances: NDArray[np.floating], freedom: int) -> NoiseSpread:
 
 
 def moderated(variances: NDArray[np.float32], freedom: int, spread: NoiseSpread) -> NDArray[np.float32]:
-    """Each pixel's variance as best known from its own few frames and from the other pixels.
+    """Combine each pixel's variance with the distribution of all pixels.
 
-    The mean of what the true variance may be, given the pixel's own and the spread of all: d0 and d degrees of freedom
-    give (d0 s0^2 + d s^2) / (d0 + d - 2). Pixels that are not like the others keep their own.
+    The result is the mean of the true variance given both: d0 and d degrees of freedom give
+    (d0 s0^2 + d s^2) / (d0 + d - 2). Pixels with an extreme variance keep their own.
 
     Examples
     --------
@@ -102,6 +103,6 @@ def moderated(variances: NDArray[np.float32], freedom: int, spread: NoiseSpread)
         best = np.full_like(variances, spread.variance)
     else:
         total = freedom + spread.freedom
-        total -= 2.0 if total > 4.0 else 0.0  # with so few, the mean has no meaning, and the mode-like value stands
+        total -= 2.0 if total > 4.0 else 0.0  # the mean does not exist for few degrees of freedom
         best = variances * np.float32(freedom / total) + np.float32(spread.freedom / total * spread.variance)
     return np.where(variances > np.float32(spread.limit(_OWN, freedom)), variances, best)

@@ -16,7 +16,7 @@ from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDar
 from photosite.calibration.clipped_blacks.clipping_correction import correct_clipping, moment_slopes
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics
-from photosite.calibration.spatial.spatial import Parts
+from photosite.calibration.spatial.parts import Parts
 from photosite.errors import CalibrationError
 from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean

@@ -1,1 +1,1 @@
-"""Results in the forms that other programs read."""
+"""Conversions of a calibration to a sensor description, a noise profile and EMVA 1288 XML."""

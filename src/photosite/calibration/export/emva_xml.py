@@ -1,12 +1,12 @@
-"""EMVA 1288 results as XML, as the reference implementation writes and compares them.
+"""EMVA 1288 results as XML, in the format of the reference implementation.
 
-`results / section / figure`, a figure with `short`, `symbol`, `unit` and `value`; names, symbols and units are those of
-the reference implementation (github.com/EMVA1288/emva1288, `Results1288.xml`), whose reader needs a number or "None"
-for every value and passes over what else stands there. That is where uncertainties are: `standard_uncertainty`,
-`interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` holds every
-parameter of the calibration under its own name, `photosite_R` and so on those of the colour channels.
+The structure is `results / section / figure`; a figure has `short`, `symbol`, `unit` and `value`. Names, symbols and
+units are those of the reference implementation (github.com/EMVA1288/emva1288, `Results1288.xml`). Its reader needs a
+number or "None" for every value and ignores other elements. Uncertainties are in such elements: `standard_uncertainty`,
+`interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` contains every
+parameter of the calibration, and `photosite_R` and so on those of the colour channels.
 
-Lost: curves and histograms, the covariance between figures, warnings, and what was rejected; the report has them.
+The file does not contain curves, histograms, the covariance between figures, warnings, and rejected frames.
 """
 
 from __future__ import annotations
@@ -24,17 +24,15 @@ from photosite.files.atomic import atomic_path
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Value, derive
 
-EMVA_XML_LOSS = (
-    "lost: curves, spectrograms, histograms, covariance between figures, warnings, what was rejected, hashes"
-)
+EMVA_XML_LOSS = "lost: curves, spectrograms, histograms, covariance between figures, warnings, rejected frames, hashes"
 
-_UNFILTERED = "without the high-pass, as the reference implementation has it"
+_UNFILTERED = "without the high-pass filter, as in the reference implementation"
 _QUANTISATION = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
 class _Results:
-    """What the figures are computed from."""
+    """Input of the figures."""
 
     estimates: dict[str, Estimate]
     area_um2: float | None
@@ -44,7 +42,7 @@ class _Results:
 
     def per_area(self, value: Value) -> Value:
         area = self.area_um2
-        return Missing("the pixel's size is not known") if area is None else derive(lambda v: v * (1.0 / area), value)
+        return Missing("the pixel size is unknown") if area is None else derive(lambda v: v * (1.0 / area), value)
 
 
 class _Figure(NamedTuple):
@@ -54,7 +52,7 @@ class _Figure(NamedTuple):
     symbol: str
     unit: str
     parameter: str
-    """Whose method and upper limit are the figure's own, or "" where it is derived."""
+    """The parameter whose method and upper limit the figure has; "" for a derived figure."""
     compute: Callable[[_Results], Value]
     note: str = ""
 
@@ -68,7 +66,7 @@ def _times(a: str, b: str, factor: float = 1.0) -> Callable[[_Results], Value]:
 
 
 def _dark_noise_dn(r: _Results) -> Value:
-    """With rounding in it, as measured in the frames."""
+    """Return the temporal dark noise including rounding, as measured in the frames."""
     noise = derive(lambda s, k: s * k, r["temporal_dark_noise_e"], r["system_gain_dn_per_e"])
     return derive(lambda s: (s * s + _QUANTISATION).sqrt(), noise)
 
@@ -202,7 +200,7 @@ _LINEARITY = (
 
 
 def _parts(name: str, short: str, unit: str, prefix: str, suffix: str) -> tuple[_Figure, ...]:
-    """A non-uniformity and its row, column and pixel parts."""
+    """Return a nonuniformity with its row, column and pixel parts."""
     return tuple(
         _own("spatial", f"{name}{tail}", f"{short}{part}", f"${short}_{{1288{dot}}}$", unit, f"{prefix}{own}_{suffix}")
         for tail, part, dot, own in (
@@ -224,29 +222,29 @@ FIGURES = (*_DARK_CURRENT, *_LINEARITY, *_SENSITIVITY, *_SPATIAL)
 
 
 def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> None:
-    """Write a calibration's figures as EMVA 1288 results XML.
+    """Write a calibration as EMVA 1288 results XML.
 
-    PRNU1288 and its parts are those without the high-pass, which is what the reference implementation computes under
-    that name; the standard's own, with it, are in the section `photosite`.
+    PRNU1288 and its parts are those without the high-pass filter, as in the reference implementation. The standard's
+    own values, with the filter, are in the section `photosite`.
 
     Parameters
     ----------
     calibration
-        What `calibrate` gave; the pixel's area is that of the sensor known beforehand.
+        Result of `calibrate`. The pixel area is that of the sensor known beforehand.
     path
-        The file.
+        File to write.
 
     Raises
     ------
     FileError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with atomic_path(path) as temporary:
         temporary.write_bytes(emva_results(calibration))
 
 
 def emva_results(calibration: Calibration) -> bytes:
-    """The XML that `write_emva_results` writes."""
+    """Return the XML that `write_emva_results` writes."""
     base = calibration.base
     area = None if base is None else base.pixel_area_m2 * 1e12
     results = _Results(calibration.estimates(), area)
@@ -263,7 +261,7 @@ def emva_results(calibration: Calibration) -> bytes:
         value = figure.compute(results)
         if figure.section not in sections:
             sections[figure.section] = ElementTree.SubElement(root, figure.section)
-        entry = results.estimates.get(figure.parameter) or Estimate.of(value, "derived from the figures beside it")
+        entry = results.estimates.get(figure.parameter) or Estimate.of(value, "derived from the other figures")
         head = (figure.section, figure.short, figure.symbol, figure.unit)
         _add(
             sections[figure.section], figure.name, head, entry, _UNFILTERED if "unfiltered" in figure.parameter else ""

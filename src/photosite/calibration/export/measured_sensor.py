@@ -1,4 +1,4 @@
-"""A calibration's outcome as a sensor description."""
+"""The sensor description that results from a calibration."""
 
 from __future__ import annotations
 
@@ -19,21 +19,23 @@ if TYPE_CHECKING:
 
 
 def measured_sensor(calibration: Calibration) -> Sensor:
-    """The sensor known beforehand, with what was measured in the place of what was assumed.
+    """Return the sensor known beforehand with the measured values in place of the assumed ones.
 
-    What could not be estimated stays as it was. A spread whose variance came out negative enters as 0 with its
-    uncertainty, because a description cannot hold a negative one; its source says what came out.
+    Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
+    as 0 with its uncertainty, because a sensor file cannot hold a negative one; its source states the estimate.
 
     Raises
     ------
     CalibrationError
-        If nothing was known beforehand.
+        If no sensor was known beforehand.
     """
     base = calibration.base
     if base is None:
         raise CalibrationError(
-            f"{calibration.source}: frames do not tell pixel size, fill factor, spectral response and volts; "
-            f"calibrate with a sensor file that does (sensor=..., --sensor)"
+            "frames alone do not give pixel size, fill factor, spectral response and voltages",
+            where=calibration.source,
+            hint="Calibrate with a sensor file that states them: {sensor}",
+            arguments={"sensor": "nominal.sensor.yaml"},
         )
     source = f"measured from {calibration.frame_count} frames"
     changes: dict[str, Measured] = {}
@@ -63,17 +65,17 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         source=f"{source} ({calibration.source}); the rest as in: {base.provenance.source or base.name}",
         created=date.today().isoformat(),
         frames_sha256=calibration.frames_sha256,
-        maps=None,  # those beforehand are not this measurement's; `save_measured_sensor` adds its own
+        maps=None,  # `save_measured_sensor` adds the maps of this measurement
     )
 
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
-    """Write a calibration's sensor file; the chip's maps, where there are some, are there before the file naming them.
+    """Write a calibration's sensor file, and before it the maps of the chip, if any.
 
     Raises
     ------
     CalibrationError
-        If nothing was known of the sensor beforehand.
+        If no sensor was known beforehand.
     FileError
         If a file cannot be written.
     """
@@ -92,10 +94,11 @@ def _not_negative(estimate: Estimate, source: str) -> Measured:
 
 
 def well_capacity(calibration: Calibration) -> Estimate:
-    """Electrons between black and clipped flats: the well, where the flats filled it before the converter ran out.
+    """Return the electrons between black level and clipped flat fields.
 
-    Where the converter is the limit the well is at least what the converter can count: that is no measurement of a well
-    known beforehand to be larger. EMVA 1288's saturation capacity is another figure, read off the largest variance.
+    This is the capacity of the well if it saturates before the converter. Otherwise it is a lower limit, and no
+    measurement of a well that is known to be larger. The saturation capacity of EMVA 1288 is a different parameter, at
+    the largest variance.
     """
     capacity = derive(
         lambda top, black, gain: (top - black) / gain,
@@ -109,7 +112,7 @@ def well_capacity(calibration: Calibration) -> Estimate:
         and _converter_is_the_limit(calibration)
         and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
     ):
-        why = f"the converter's range ends before the well is full; the well holds {capacity.value:.4g} or more"
+        why = f"the converter saturates before the well; the well holds at least {capacity.value:.4g} electrons"
         return Estimate(reason=why, method=method)
     return Estimate.of(capacity, method)
 
@@ -119,4 +122,4 @@ def _converter_is_the_limit(calibration: Calibration) -> bool:
 
 
 def _at_least(calibration: Calibration) -> str:
-    return "; the converter's range, the well holds at least that" if _converter_is_the_limit(calibration) else ""
+    return "; a lower limit, set by the converter's range" if _converter_is_the_limit(calibration) else ""

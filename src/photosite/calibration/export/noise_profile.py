@@ -1,4 +1,4 @@
-"""A calibration as a noise profile: what of it fits into a straight line of variance against signal."""
+"""The noise profile of a calibration: a straight line of variance against signal."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from photosite.values.measured import Measured
 
 
 def calibration_noise_profile(calibration: Calibration, gain_setting: float | None = None) -> NoiseProfile:
-    """The noise profile of a calibrated gain setting, per channel.
+    """Return the noise profile of a calibrated gain setting, per channel.
 
-    Slope K / (white - black), with white the converter's highest number; offset (read noise^2 + DSNU^2 + 1/12) /
-    (white - black)^2: the noise of one short frame. A spread whose variance came out negative counts with its sign. The
-    dark current's shot noise, which grows with exposure, is not in it.
+    The slope is K / (white - black), with white the converter's largest value. The offset is (read noise^2 + DSNU^2 +
+    1/12) / (white - black)^2: the noise of a short exposure. Negative estimates count with their sign. The profile does
+    not include the shot noise of the dark current, which depends on the exposure time.
 
     Parameters
     ----------
     calibration
-        What `calibrate` gave.
+        Result of `calibrate`.
     gain_setting
-        What the camera calls the setting.
+        The camera's gain setting.
 
     Raises
     ------
     CalibrationError
-        If the gain, black level, read noise or DSNU could not be estimated.
+        If gain, black level, read noise or DSNU could not be estimated.
     """
     black = _needed(calibration, "black_level_dn")
     gain = _needed(calibration, "system_gain_dn_per_e")
@@ -62,11 +62,11 @@ def calibration_noise_profile(calibration: Calibration, gain_setting: float | No
 def _needed(parameters: Parameters, name: str) -> Measured:
     entry: Estimate = getattr(parameters, name)
     if entry.value is None:
-        raise CalibrationError(f"a noise profile needs {name}, which could not be estimated: {entry.reason}")
+        raise CalibrationError(f"a noise profile needs {name}, which could not be estimated ({entry.reason})")
     return entry.measured("")
 
 
 def _square(spread: Measured) -> Measured:
-    """A signed spread as the variance behind it."""
+    """Return the variance of a signed standard deviation."""
     value = spread.value * abs(spread.value)
     return Measured(value, 2 * abs(spread.value) * spread.standard_uncertainty + spread.standard_uncertainty**2)

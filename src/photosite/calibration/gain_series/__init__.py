@@ -1,1 +1,1 @@
-"""Several gain settings of one camera."""
+"""Calibration of several gain settings, and the analysis of all settings together."""

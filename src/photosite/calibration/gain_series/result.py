@@ -1,4 +1,4 @@
-"""What a gain series gives: each setting's calibration, the conversion-gain switch, and read noise in two parts."""
+"""Result of a gain series: each setting's calibration, the conversion-gain switch, and the two parts of read noise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.gain_series.gain_law import LawName
+from photosite.calibration.gain_series.series_statistics import SettingScale
 from photosite.calibration.result import Calibration
 from photosite.errors import InputError
 from photosite.values.estimate import Estimate
@@ -25,18 +25,18 @@ class GainStep:
 
 @dataclass(frozen=True)
 class GainMode:
-    """Settings of one conversion gain, and the two parts of their read noise: sigma_dn^2 = (pre_e K)^2 + post_dn^2.
+    """Settings with one conversion gain, and the two parts of their read noise: sigma_dn^2 = (pre_e K)^2 + post_dn^2.
 
     Parameters
     ----------
     settings
-        In rising order.
+        Settings, ascending.
     pre_amplifier_noise_e, post_amplifier_noise_dn
-        Noise before the amplifier, in electrons, and after it, in DN, rounding taken off.
+        Noise before the amplifier, in electrons, and after it, in DN, without rounding.
     chi_square, degrees_of_freedom
-        Of the fit, sampling alone; None where there was none.
+        Of the fit, with sampling errors only; None without a fit.
     scatter_percent
-        Relative scatter of the read noise's variance about the model beyond sampling, in the uncertainties too.
+        Relative scatter of the read noise variance about the model beyond sampling. The uncertainties include it.
     """
 
     settings: tuple[float, ...]
@@ -47,7 +47,7 @@ class GainMode:
     scatter_percent: float = 0.0
 
     def read_noise_dn(self, gain_dn_per_e: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """The model's read noise, DN, at system gains; None where there is no fit."""
+        """Return the model's read noise, DN, at the given system gains; None without a fit."""
         pre, post = self.pre_amplifier_noise_e.value, self.post_amplifier_noise_dn.value
         if pre is None or post is None:
             return None
@@ -57,22 +57,22 @@ class GainMode:
 
 @dataclass(frozen=True)
 class ConversionGainSwitch:
-    """Where the pixel's conversion gain switches to a higher one.
+    """The setting at which the pixel switches to a higher conversion gain.
 
     Parameters
     ----------
     between
-        The settings on either side: the last of the low and the first of the high conversion gain.
+        The last setting with the low and the first setting with the high conversion gain.
     between_95
-        The same for the lowest and highest place that the data allow: the switch is between these two with 95 %.
+        The same for the 95 % range of the position: the switch lies between these two settings.
     gain_ratio
-        Gain per unit of setting above it over that below; 1 where the maker keeps settings proportional to the gain.
+        Gain per unit of setting above the switch, relative to below; 1 if settings stay proportional to the gain.
     read_noise_ratio
-        Noise before the amplifier in electrons, above over below.
+        Pre-amplifier noise in electrons above the switch, relative to below.
     p_value
-        Chance of such evidence in a series without a switch.
+        Probability of such evidence in a series without a switch.
     seen_in
-        What shows it: "gain per setting", "read noise".
+        The evidence: "gain per setting", "read noise".
     """
 
     between: tuple[float, float]
@@ -85,26 +85,26 @@ class ConversionGainSwitch:
 
 @dataclass(frozen=True)
 class GainSeries:
-    """The outcome of `calibrate_series`.
+    """Result of `calibrate_series`.
 
     Parameters
     ----------
     steps
-        The settings in rising order, each with its `Calibration`.
-    law
-        How settings are counted: "proportional" (ISO, plain gain), "decibels" or "tenths of a decibel".
+        The settings, ascending, each with its `Calibration`.
+    scale
+        Scale of the settings: "proportional" (ISO, plain gain), "decibels" or "tenths of a decibel".
     switch
-        The conversion-gain switch, or None where none was found.
+        The conversion-gain switch; None if none was found.
     modes
-        The settings by conversion gain, one entry or two, with the read noise's two parts.
+        One or two groups of settings with one conversion gain, with the two parts of the read noise.
     unity_gain
-        The setting at which an electron is one digital number.
+        Setting at which the system gain is 1 DN per electron.
     warnings
-        What the reader should know.
+        Warnings for the user.
     """
 
     steps: tuple[GainStep, ...]
-    law: LawName
+    scale: SettingScale
     switch: ConversionGainSwitch | None
     modes: tuple[GainMode, ...]
     unity_gain: Estimate
@@ -113,39 +113,45 @@ class GainSeries:
 
     @property
     def settings(self) -> tuple[float, ...]:
-        """The gain settings, in rising order."""
+        """The gain settings, ascending."""
         return tuple(step.setting for step in self.steps)
 
     def at(self, setting: float) -> Calibration:
-        """The calibration of one setting.
+        """Return the calibration of one setting.
 
         Raises
         ------
         InputError
-            If there is none.
+            If the series does not contain the setting.
         """
         for step in self.steps:
             if step.setting == setting:
                 return step.calibration
-        raise InputError(f"the series has no setting {setting:g}; it has {', '.join(f'{s:g}' for s in self.settings)}")
+        expected = f"one of {', '.join(f'{step.setting:g}' for step in self.steps)}"
+        raise InputError("setting", value=setting, expected=expected)
 
     def report(self, path: str | PathLike[str]) -> None:
-        """Write one self-contained HTML file: the series' table and figures.
+        """Write an HTML report of the series with tables and figures, as a single file.
+
+        Parameters
+        ----------
+        path
+            File to write.
 
         Raises
         ------
         FileError
-            If it cannot be written.
+            If the file cannot be written.
         """
         from photosite.report.gain_series import write_gain_series_report
 
         write_gain_series_report(self, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """What `photosite calibrate --json` prints of several gain settings."""
+        """Return the content of `photosite calibrate --json` for several gain settings."""
         switch = self.switch
         return {
-            "law": self.law,
+            "scale": self.scale,
             "settings": [{"setting": step.setting, **step.calibration.to_dict()} for step in self.steps],
             "conversion_gain_switch": None
             if switch is None

@@ -1,1 +1,1 @@
-"""Spatial nonuniformity: DSNU, PRNU, row and column parts, profiles and spectrograms."""
+"""Spatial nonuniformity: row, column and pixel parts, per-pixel slopes, and the pattern of a mean frame."""

@@ -1,4 +1,4 @@
-"""Temporal noise that a whole row or column shares: how much there is, and what of it is left in a mean frame."""
+"""Temporal noise that whole rows or columns share: its size, and what remains of it in a mean frame."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from photosite.engine.frame_statistics import line_sums
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 LINE_FRAMES = 8
-"""Frames of a group whose rows and columns are looked at: with some thousand rows in each, the line noise is known to a
-percent, and what is left of it in the mean frame better than the fixed pattern beside it."""
+"""Frames of a group that are read for row and column noise.
+
+With about a thousand rows in each frame, the row noise is then known to one percent.
+"""
 
 LineSums = tuple[NDArray[np.uint32], NDArray[np.uint32]]
-"""(frames, rows, tile cols) and (frames, tile rows, cols), as `line_sums` gives them."""
+"""(frames, rows, tile cols) and (frames, tile rows, cols), as returned by `line_sums`."""
 
 
 @dataclass(frozen=True)
 class TemporalParts:
-    """Temporal variance in DN^2: of a pixel by itself, of what its row shares, of what its column shares."""
+    """Temporal variance in DN^2: of single pixels, shared by a row, and shared by a column."""
 
     pixel: Uncertain
     row: Uncertain
@@ -31,37 +33,37 @@ class TemporalParts:
 
     @property
     def total(self) -> Uncertain:
-        """All three together: the temporal variance of a pixel."""
+        """Temporal variance of a pixel: the sum of the three parts."""
         return self.pixel + self.row + self.column
 
     def scaled(self, factor: float) -> TemporalParts:
-        """All three times a factor: 1 / n for the mean of n frames."""
+        """Return all parts multiplied by a factor, such as 1 / n for the mean of n frames."""
         return TemporalParts(self.pixel * factor, self.row * factor, self.column * factor)
 
 
 def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: float = 0.0) -> list[TemporalParts]:
-    """Per channel, the temporal variance left in the mean of a group's frames, by parts.
+    """Estimate, per channel, the temporal variance that remains in the mean of a group's frames.
 
-    A few of the frames, spread over the group, are read again for the sums of their rows and columns.
+    A few frames, spread evenly over the group, are read again for their row and column sums.
 
     Parameters
     ----------
     reader
-        Which read the group.
+        The reader that read the group.
     statistics
-        The group; of two frames or more.
+        The group, with at least two frames.
     scatter
-        By how much, relatively, the noise differs from one combination of frames to the next beyond sampling
-        (`DarkLine.scatter`): the mean frame is such a combination.
+        Relative scatter of the noise between combinations of frames beyond sampling (`DarkLine.scatter`). The mean
+        frame is such a combination.
 
     Raises
     ------
     FileError
-        If a frame cannot be read again.
+        If a frame cannot be read.
     """
-    there = {id(source) for source in statistics.group.frames}
-    # Sorted by what is in them, so that the order in which frames were listed changes nothing.
-    used = sorted((entry for entry in reader.used_frames if id(entry.source) in there), key=lambda entry: entry.total)
+    members = {id(source) for source in statistics.group.frames}
+    # Sort by content, so that the result does not depend on the order of the frames.
+    used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(LINE_FRAMES, len(used))).round().astype(int)
     tile = reader.tile
     lines = line_sums((used[i].source.read() for i in chosen), (tile.shape[0], tile.shape[1]))
@@ -73,29 +75,29 @@ def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: 
 
 
 def independent(level: Level) -> TemporalParts:
-    """All of a level's temporal variance as that of independent pixels: what EMVA 1288 assumes."""
+    """Assign all temporal variance of a level to independent pixels, as EMVA 1288 does."""
     return TemporalParts(Uncertain.of(level.variance, level.variance_uncertainty), Uncertain(0.0), Uncertain(0.0))
 
 
 def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], channel: int) -> TemporalParts:
     """Split a channel's temporal variance into pixel, row and column parts.
 
-    The means of a plane's rows have, shifts of whole frames and the fixed pattern taken off (the residual of the
-    two-way analysis of variance, frames by rows), the variance s_row + s_pixel / cols; column means have
-    s_column + s_pixel / rows; a pixel's own residual has all three parts but for what the frame's mean takes along.
-    Three equations for three parts, each without bias; a part may come out negative. EMVA 1288 R4.0 splits spatial
-    variances in this way; it takes temporal noise as independent from pixel to pixel.
+    The equations are those of the two-way analysis of variance, frames by lines. Shifts of whole frames and the fixed
+    pattern are removed first. The means of rows then have the variance s_row + s_pixel / cols, and the means of columns
+    s_column + s_pixel / rows. A pixel's residual contains all three parts, less what the frame mean removes. Each part
+    is unbiased and may be negative. EMVA 1288 R4.0 splits spatial variances this way, but assumes that temporal noise
+    is independent between pixels.
 
     Parameters
     ----------
     level
-        The channel's level; of two frames or more.
+        The channel's level, with at least two frames.
     lines
-        The row and column sums of some of the level's frames, two or more.
+        Row and column sums of at least two of the level's frames.
     tile
         The repeating tile of channel indices.
     channel
-        Which.
+        Index of the channel.
 
     Examples
     --------
@@ -129,7 +131,7 @@ def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDA
         return independent(level)
     of_pixels = Uncertain.of(level.variance, level.variance_uncertainty)
     of_rows, of_columns = _residual_variance(row_means), _residual_variance(column_means)
-    # Unknowns: pixel, row, column. What a line shares counts in a pixel's residual but for the frame's mean.
+    # Unknowns: pixel, row, column. The frame mean removes a share of the row and column noise from the residuals.
     pixels = rows * cols
     equations = np.array(
         [
@@ -148,7 +150,7 @@ def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDA
 
 
 def _residual_variance(means: NDArray[np.float64]) -> Uncertain:
-    """Variance of (frames, lines) means, each line's and each frame's mean taken off; chi-square sampling."""
+    """Return the variance of (frames, lines) means after removing each line's and each frame's mean."""
     frames, lines = means.shape
     residual = means - means.mean(axis=0) - means.mean(axis=1, keepdims=True) + means.mean()
     freedom = (frames - 1) * (lines - 1)

@@ -1,33 +1,394 @@
-"""Where in the frame the fixed pattern is, and of what kind: spectrograms, profiles, histograms, far pixels."""
+"""The fixed pattern of a mean frame: spectrograms, profiles, histograms and far pixels (EMVA 1288 R4.0, 8.6 to 8.8)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spatial.histograms import FarPixels, Histogram, far_pixels, histogram
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.profiles import Profile, profiles
-from photosite.calibration.spatial.spatial import MARGIN, SMALLEST_SIDE, pixel_gain
-from photosite.calibration.spatial.spectrogram import Spectrogram, spectrogram
-from photosite.calibration.spatial.strips import Difference, Plane, high_passed, plane_mean
+from photosite.calibration.spatial.planes import (
+    MARGIN,
+    SMALLEST_SIDE,
+    Difference,
+    Plane,
+    high_passed,
+    pixel_gain,
+    plane_mean,
+    spread_sample,
+    strips,
+)
 from photosite.values.uncertain import Missing
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Statistics of the lines of a map, position by position along one direction.
+
+    Parameters
+    ----------
+    mean, lowest, highest, middle
+        (n,) mean, minimum and maximum over the lines, and the values of the middle line, in the unit of the map.
+
+    References
+    ----------
+    EMVA 1288 R4.0, 8.7: horizontal and vertical profiles.
+    """
+
+    mean: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    middle: NDArray[np.float64]
+
+
+def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
+    """Return the horizontal and the vertical profile of one map, or of several maps of one size together.
+
+    Parameters
+    ----------
+    planes
+        (rows, cols) each. Mean and extremes are those of all planes; the middle line is that of the first plane.
+
+    Returns
+    -------
+    along_columns, along_rows
+        The horizontal profile, over the rows at each column, and the vertical profile, over the columns at each row.
+
+    Examples
+    --------
+    >>> across, down = profiles([np.array([[1.0, 2.0], [3.0, 2.0], [8.0, 2.0]])])
+    >>> across.mean.tolist(), across.highest.tolist(), across.middle.tolist()
+    ([4.0, 2.0], [8.0, 2.0], [3.0, 2.0])
+    >>> down.mean.tolist()
+    [1.5, 2.5, 5.0]
+    """
+    rows, cols = planes[0].shape
+    sums, lows, highs = (np.zeros(cols), np.full(cols, np.inf), np.full(cols, -np.inf))
+    row_sums, row_lows, row_highs = (np.zeros(rows), np.full(rows, np.inf), np.full(rows, -np.inf))
+    for plane in planes:
+        for part, lines in strips(plane):
+            sums += lines.sum(axis=0)
+            np.minimum(lows, lines.min(axis=0), out=lows)
+            np.maximum(highs, lines.max(axis=0), out=highs)
+            row_sums[part] += lines.sum(axis=1)
+            np.minimum(row_lows[part], lines.min(axis=1), out=row_lows[part])
+            np.maximum(row_highs[part], lines.max(axis=1), out=row_highs[part])
+    first, down, across = planes[0], rows // 2, cols // 2
+    middle_row = np.array(first[down : down + 1, :]).ravel()
+    middle_column = np.array(first[:, across : across + 1]).ravel()
+    return (
+        Profile(sums / (rows * len(planes)), lows, highs, middle_row),
+        Profile(row_sums / (cols * len(planes)), row_lows, row_highs, middle_column),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrogram:
+    """Mean power spectrum of the lines of a map.
+
+    Parameters
+    ----------
+    frequency
+        (n,) cycles per pixel of the map, from 0 to 0.5.
+    power
+        (n,) squared magnitude of the lines' Fourier transform divided by the line length, mean over the lines, in the
+        squared unit of the map. For independent pixels it equals their variance at every frequency. The mean over all
+        frequencies, including the mirrored ones, is the variance.
+    length
+        Number of values in a line. A sinusoid of amplitude a along the lines gives a peak of a^2 length / 4.
+    white
+        Median power: the part that does not depend on frequency.
+    temporal
+        Power of the temporal noise that remains in the map.
+
+    References
+    ----------
+    EMVA 1288 R4.0, 8.6: horizontal and vertical spectrograms. The plots show the square root of the power.
+    """
+
+    frequency: NDArray[np.float64]
+    power: NDArray[np.float64]
+    length: int
+    white: float
+    temporal: float
+
+    def amplitude(self) -> NDArray[np.float64]:
+        """Return the amplitude (n,) of the sinusoid that alone would produce each power, in the unit of the map."""
+        share = np.full(len(self.frequency), 2.0)
+        share[0] = 1.0
+        if self.length % 2 == 0:
+            share[-1] = 1.0
+        return np.asarray(share * np.sqrt(self.power / self.length))
+
+
+def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, temporal: float = 0.0) -> Spectrogram:
+    """Return the spectrogram of one map, or of several maps of one size together.
+
+    Parameters
+    ----------
+    planes
+        (rows, cols) each; the mean of each is subtracted.
+    axis
+        1 for the horizontal spectrogram, along rows; 0 for the vertical spectrogram, along columns.
+    scale
+        Factor that the map is multiplied by.
+    temporal
+        Temporal variance that remains in the scaled map.
+
+    Examples
+    --------
+    >>> wave = 3.0 * np.sin(2 * np.pi * 0.125 * np.arange(64.0)) + 100.0
+    >>> found = spectrogram([np.tile(wave, (8, 1))], axis=1)
+    >>> float(found.frequency[found.power.argmax()]), round(float(found.amplitude().max()), 12)
+    (0.125, 3.0)
+    """
+    from scipy import fft
+
+    length = planes[0].shape[axis]
+    total, lines = np.zeros(length // 2 + 1), 0
+    for plane in planes:
+        mean = plane_mean(plane)
+        for _, some in strips(plane, axis):
+            transform = fft.rfft(some - mean, axis=1, overwrite_x=True, workers=os.cpu_count() or 1)
+            total += np.einsum("ij,ij->j", transform.real, transform.real, dtype=np.float64)
+            total += np.einsum("ij,ij->j", transform.imag, transform.imag, dtype=np.float64)
+            lines += len(some)
+    power = total * (scale**2 / (lines * length))
+    # The power at frequency 0 comes from the line means. It belongs neither to the white floor nor to a sinusoid.
+    return Spectrogram(np.arange(len(power)) / length, power, length, float(np.median(power[1:])), temporal)
+
+
+MOST_BINS = 256
+"""Largest number of bins of a histogram (EMVA 1288)."""
+
+EXPECTED_BEYOND = 0.1
+"""Pixels of the whole map that a normal distribution would have beyond the default threshold for far pixels."""
+
+_QUARTILE = NormalDist().inv_cdf(0.75)
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Numbers of pixels by their deviation from the mean: signed, and accumulated by size.
+
+    Parameters
+    ----------
+    lower, width
+        (bins,) lower ends of the bins, and their common width, in the unit of the map. 0 is the mean of the map.
+    count
+        (bins,) numbers of pixels.
+    sigma
+        Standard deviation of the map, for the normal distribution drawn beside it.
+    deviation, percent_beyond
+        (bins,) deviations, and the percentage of pixels that deviate at least that far on either side.
+
+    References
+    ----------
+    EMVA 1288 R4.0, 8.8: logarithmic histograms and accumulated histograms.
+    """
+
+    lower: NDArray[np.float64]
+    width: float
+    count: NDArray[np.int64]
+    sigma: float
+    deviation: NDArray[np.float64]
+    percent_beyond: NDArray[np.float64]
+
+    def normal(self) -> NDArray[np.float64]:
+        """Return the counts (bins,) of a normal distribution of the same standard deviation."""
+        if self.sigma == 0.0:
+            return self.count.astype(np.float64)
+        edges = np.append(self.lower, self.lower[-1] + self.width)
+        return np.asarray(self.count.sum() * np.diff(_normal_below(edges, self.sigma)))
+
+    def normal_beyond(self) -> NDArray[np.float64]:
+        """Return `percent_beyond` (bins,) of a normal distribution of the same standard deviation."""
+        if self.sigma == 0.0:
+            return self.percent_beyond
+        return np.asarray(200.0 * _normal_below(-self.deviation, self.sigma))
+
+
+def _normal_below(x: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(x / sigma))
+
+
+def histogram(planes: Sequence[Plane], centres: Sequence[float], grain: float | None = None) -> Histogram:
+    """Return the histogram of the deviations of one map from its mean, or of several maps together.
+
+    Parameters
+    ----------
+    planes, centres
+        (rows, cols) each, and the mean of each.
+    grain
+        Step of the values: 1 / n for the mean of n frames. Bins are then whole numbers of steps wide, as the standard
+        requires, so that each bin holds the same number of possible values. None for continuous values.
+
+    Examples
+    --------
+    >>> found = histogram([np.array([[9.0, 9.5, 10.0, 10.0, 11.5]])], [10.0], grain=0.5)
+    >>> found.lower.tolist(), found.count.tolist()
+    ([-1.0, -0.5, 0.0, 0.5, 1.0, 1.5], [1, 1, 2, 0, 0, 1])
+    >>> found.deviation.tolist(), found.percent_beyond.tolist()
+    ([0.0, 0.5, 1.0, 1.5], [100.0, 60.0, 40.0, 20.0])
+    """
+    range_ = _Range.of(planes, centres)
+    width, bins = _bins(range_.highest - range_.lowest, grain)
+    least = 0.0 if grain is None else range_.least
+    step, steps = _bins(max(range_.highest, -range_.lowest) - least, grain)
+    count, sizes = np.zeros(bins, np.int64), np.zeros(steps, np.int64)
+    for deviations in _deviations(planes, centres):
+        count += _counted(deviations - range_.lowest, width, bins, grain)
+        sizes += _counted(np.abs(deviations) - least, step, steps, grain)
+    return Histogram(
+        lower=range_.lowest + width * np.arange(bins, dtype=np.float64),
+        width=width,
+        count=count,
+        sigma=range_.sigma,
+        deviation=least + step * np.arange(steps, dtype=np.float64),
+        percent_beyond=100.0 * np.cumsum(sizes[::-1])[::-1] / sizes.sum(),
+    )
+
+
+def _deviations(planes: Sequence[Plane], centres: Sequence[float]) -> Iterator[NDArray[np.floating]]:
+    return (lines - centre for plane, centre in zip(planes, centres, strict=True) for _, lines in strips(plane))
+
+
+@dataclass(frozen=True)
+class _Range:
+    """Lowest and highest deviation, smallest absolute deviation, and standard deviation."""
+
+    lowest: float
+    highest: float
+    least: float
+    sigma: float
+
+    @classmethod
+    def of(cls, planes: Sequence[Plane], centres: Sequence[float]) -> _Range:
+        lowest, highest, least = np.inf, -np.inf, np.inf
+        total = squares = 0.0
+        pixels = 0
+        for some in _deviations(planes, centres):
+            lowest, highest = min(lowest, float(some.min())), max(highest, float(some.max()))
+            least = min(least, float(np.abs(some).min()))
+            total += float(some.sum(dtype=np.float64))
+            squares += float(np.einsum("ij,ij->", some, some, dtype=np.float64))
+            pixels += some.size
+        # The centres are the means, so a negative difference is a rounding error.
+        return cls(lowest, highest, least, float(np.sqrt(max(squares / pixels - (total / pixels) ** 2, 0.0))))
+
+
+def _bins(extent: float, grain: float | None) -> tuple[float, int]:
+    """Return width and number of the bins that cover an extent, its end included."""
+    if grain is None:
+        return (extent / MOST_BINS or 1.0) * (1.0 + 1e-12), MOST_BINS if extent > 0.0 else 1
+    values = round(extent / grain)
+    grains = values // MOST_BINS + 1
+    return grains * grain, values // grains + 1
+
+
+def _counted(above: NDArray[np.floating], width: float, bins: int, grain: float | None) -> NDArray[np.int64]:
+    # Prevent rounding errors from moving a value at the lower end of a bin into the bin below.
+    places = np.floor(above / width + (0.0 if grain is None else 1e-6 * grain / width))
+    return np.bincount(np.minimum(places, bins - 1).astype(np.int32).ravel(), minlength=bins)
+
+
+@dataclass(frozen=True, eq=False)
+class FarPixels:
+    """Pixels that deviate from the mean of their map by more than a threshold: candidates for a defect list.
+
+    Parameters
+    ----------
+    row, col
+        (m,) positions on the sensor, sorted by decreasing deviation.
+    deviation
+        (m,) deviation from the mean, in the unit of the map.
+    threshold
+        Deviation beyond which pixels are listed.
+    rule
+        How the threshold was chosen.
+    """
+
+    row: NDArray[np.intp]
+    col: NDArray[np.intp]
+    deviation: NDArray[np.float64]
+    threshold: float
+    rule: str
+
+    def to_dict(self, unit: str) -> dict[str, Any]:
+        """Return `threshold`, `unit`, `rule`, and the lists `row`, `col` and `deviation`."""
+        found = {"row": self.row.tolist(), "col": self.col.tolist(), "deviation": self.deviation.tolist()}
+        return {"threshold": self.threshold, "unit": unit, "rule": self.rule, **found}
+
+
+def normal_threshold(sample: NDArray[np.floating], pixels: int) -> float:
+    """Return the deviation beyond which a normal distribution of `pixels` values would have 0.1 pixels, on either side.
+
+    The standard deviation is that of the sample's interquartile range, which far pixels do not widen.
+    """
+    low, high = np.quantile(sample, [0.25, 0.75])
+    sigma = float(high - low) / (2.0 * _QUARTILE)
+    return sigma * -NormalDist().inv_cdf(0.5 * EXPECTED_BEYOND / pixels)
+
+
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Sensor row of each row, and sensor column of each column of a plane."""
+
+
+def far_pixels(
+    planes: Sequence[Plane], centres: Sequence[float], places: Sequence[Places], threshold: float | None = None
+) -> FarPixels:
+    """Find the pixels of one or more maps that deviate from the mean by more than a threshold.
+
+    Parameters
+    ----------
+    planes, centres, places
+        (rows, cols) each; the mean of each; the sensor rows and columns of each.
+    threshold
+        In the unit of the map; `normal_threshold` if None. EMVA 1288 leaves the choice to the application.
+
+    Examples
+    --------
+    >>> plane = np.full((2, 3), 7.0)
+    >>> plane[1, 2] = 47.0
+    >>> found = far_pixels([plane], [7.0], [(np.array([0, 2]), np.array([1, 3, 5]))], threshold=20.0)
+    >>> found.row.tolist(), found.col.tolist(), found.deviation.tolist()
+    ([2], [5], [40.0])
+    """
+    rule = "set by the user"
+    if threshold is None:
+        sample = np.concatenate([spread_sample(plane) - c for plane, c in zip(planes, centres, strict=True)])
+        threshold = normal_threshold(sample, sum(plane.shape[0] * plane.shape[1] for plane in planes))
+        rule = f"a normal distribution would have {EXPECTED_BEYOND:g} pixels beyond it"
+    rows, cols, found = [], [], []
+    for plane, centre, (row, col) in zip(planes, centres, places, strict=True):
+        for part, lines in strips(plane):
+            deviations = lines - centre
+            i, j = np.nonzero(np.abs(deviations) > threshold)
+            rows.append(row[part][i])
+            cols.append(col[j])
+            found.append(deviations[i, j].astype(np.float64))
+    deviation = np.concatenate(found)
+    order = np.argsort(-np.abs(deviation), kind="stable")
+    return FarPixels(np.concatenate(rows)[order], np.concatenate(cols)[order], deviation[order], float(threshold), rule)
 
 
 @dataclass(frozen=True)
 class FarThresholds:
-    """Deviations from the mean beyond which a pixel is a candidate for the list of defects; None: by the rule.
+    """Deviations from the mean beyond which pixels are listed as far; None selects `normal_threshold`.
 
     Parameters
     ----------
     dark_dn
-        In the mean dark frame.
+        For the mean dark frame, DN.
     light_percent
-        In the mean light frame, high-passed, in percent of the mean signal.
+        For the high-pass filtered mean flat field, percent of the mean signal.
     """
 
     dark_dn: float | None = None
@@ -41,21 +402,21 @@ class FramePattern:
     Parameters
     ----------
     kind
-        "dark": the mean dark frame; "light": the mean frame near half saturation less the dark.
+        "dark": the mean dark frame. "light": the mean frame near half saturation minus the mean dark frame.
     frames, exposure_s
-        How many frames it is the mean of, and their exposure.
+        Number of averaged frames, and their exposure time.
     unit
-        "DN", or "%" of the mean signal: of spectrograms, histogram and far pixels.
+        "DN", or "%" of the mean signal: the unit of spectrograms, histogram and far pixels.
     mean_dn
-        The map's mean.
+        Mean of the map.
     horizontal, vertical
         Spectrograms of the map.
     horizontal_filtered, vertical_filtered
-        Spectrograms after the standard's high-pass, which takes away uneven light.
+        Spectrograms after the standard's high-pass filter, which removes uneven light.
     along_columns, along_rows
-        Profiles in DN, from left to right and from top to bottom. In a mosaic, places are those of the channel.
+        Horizontal and vertical profile in DN. In a mosaic, positions count pixels of the channel.
     histogram
-        Of the deviations from the mean; of light after the high-pass.
+        Deviations from the mean; for light, after the high-pass filter.
     far
         Pixels far out in the histogram.
     """
@@ -77,13 +438,13 @@ class FramePattern:
 
 @dataclass(frozen=True, eq=False)
 class SpatialAnalysis:
-    """One channel's patterns in the dark and near half saturation, for the plots of EMVA 1288 R4.0, 8.6 to 8.8."""
+    """Patterns of one channel in the dark and near half saturation (EMVA 1288 R4.0, 8.6 to 8.8)."""
 
     dark: FramePattern
     light: FramePattern | Missing
 
     def to_dict(self) -> dict[str, Any]:
-        """`dark` and `light`: the far pixels of each, or the reason why there is none."""
+        """Return `dark` and `light`: the far pixels of each, or the reason why they are missing."""
         light = self.light
         of_light = light.to_dict() if isinstance(light, Missing) else light.far.to_dict(light.unit)
         return {"dark": self.dark.far.to_dict(self.dark.unit), "light": of_light}
@@ -91,18 +452,18 @@ class SpatialAnalysis:
 
 @dataclass(frozen=True, eq=False)
 class MeanPlanes:
-    """A channel's mean frame, cut into the planes of its sites in the tile.
+    """A channel's mean frame, cut into one plane per site of the channel in the tile.
 
     Parameters
     ----------
     planes, origins
-        (rows, cols) each, in DN, and the row and column on the sensor of its first value.
+        (rows, cols) each, in DN, and the sensor row and column of each plane's first value.
     tile
-        Rows and columns from one site to its next.
+        Rows and columns between neighbouring values of a plane.
     frames, exposure_s
-        How many frames it is the mean of, and their exposure.
+        Number of averaged frames, and their exposure time.
     noise
-        Temporal variance left in it, DN^2.
+        Temporal variance that remains in the mean, DN^2.
     """
 
     planes: Sequence[NDArray[np.float64]]
@@ -122,18 +483,18 @@ class MeanPlanes:
         exposure_s: float,
         noise: TemporalParts,
     ) -> MeanPlanes:
-        """Cut a mean frame."""
+        """Cut a mean frame into planes."""
         origins = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
         tile_rows, tile_cols = tile.shape
         planes = [mean[r::tile_rows, c::tile_cols] for r, c in origins]
-        # Sensors whose size is no multiple of the tile have planes of different sizes; what they share is looked at.
+        # Planes differ in size if the sensor's size is not a multiple of the tile. Keep the common part.
         rows, cols = min(plane.shape[0] for plane in planes), min(plane.shape[1] for plane in planes)
         return cls(
             [plane[:rows, :cols] for plane in planes], origins, (tile_rows, tile_cols), frames, exposure_s, noise
         )
 
     def places(self, site: int, border: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns on the sensor of a plane's, without a border."""
+        """Return the sensor rows and columns of a plane, without a border."""
         rows, cols = self.planes[site].shape
         row, col = self.origins[site]
         return (
@@ -145,19 +506,19 @@ class MeanPlanes:
 def spatial_analysis(
     dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: FarThresholds | None = None
 ) -> SpatialAnalysis | Missing:
-    """The patterns of a channel, from its mean dark frame and its mean frame near half saturation.
+    """Analyse a channel's pattern in its mean dark frame and its mean frame near half saturation.
 
     Parameters
     ----------
     dark, light
-        Mean frames; `light` has the dark in it.
+        Mean frames; the dark signal is not yet subtracted from `light`.
     thresholds
-        Of far pixels.
+        Thresholds for far pixels.
 
     Returns
     -------
     SpatialAnalysis or Missing
-        Missing where the planes are too small for the high-pass.
+        Missing if the planes are too small for the high-pass filter.
     """
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:
@@ -178,7 +539,7 @@ def _dark_pattern(dark: MeanPlanes, threshold: float | None) -> FramePattern:
 
 
 def _grain(frames: MeanPlanes) -> float | None:
-    """Step of the mean's values; planes whose means differ by other steps share none."""
+    """Return the step of the mean's values; None for several planes, whose means have different fractions."""
     return 1.0 / frames.frames if len(frames.planes) == 1 else None
 
 

@@ -1,1 +1,1 @@
-"""Quantum efficiency by wavelength, from a monochromator or a chart."""
+"""Quantum efficiency by wavelength, measured with bands of light and a photodiode, or with a chart."""

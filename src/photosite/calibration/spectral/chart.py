@@ -1,10 +1,8 @@
-"""Quantum efficiency without a monochromator: from what a chart's patches read under known lights.
+"""Quantum efficiency without a monochromator, from the patches of a chart under known lights.
 
-Reflectances and lights are smooth, and three channels under one light see eight or ten things that differ of a chart of
-24 patches: the problem has no answer without a prior, and the answer's uncertainty is the prior's wherever the chart
-says nothing. `photosite.calibration.spectral.smooth_prior` is that prior; intervals are wide where it alone speaks.
-Several
-lights of different kind (incandescent, daylight, fluorescent, LED) make them narrower.
+Reflectances and lights are smooth, so three channels under one light provide only eight to ten independent numbers from
+24 patches. The problem has no unique solution without a prior (`smooth_prior`). Where the chart is uninformative, the
+interval is that of the prior. Several lights of different kinds (incandescent, daylight, fluorescent, LED) narrow it.
 """
 
 from __future__ import annotations
@@ -14,43 +12,43 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.spectral.monochromator import check_gain_known, common_relative_uncertainty
 from photosite.calibration.spectral.result import ChannelEfficiency, SpectralCalibration
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
-from photosite.calibration.spectral.spectral import check_gain_known, common_relative_uncertainty
 from photosite.errors import CalibrationError, InputError
 from photosite.sensor.model import Sensor
 
 
 @dataclass(frozen=True, eq=False)
 class ChartViews:
-    """What the patches of a chart read. A view is a patch under a light.
+    """Signals of a chart's patches. A view is a patch under a light.
 
     Parameters
     ----------
     wavelength_nm
-        (wavelengths,), increasing, where the quantum efficiency is wanted; it is linear between.
+        (wavelengths,) increasing. The quantum efficiency is estimated here and is linear between.
     unit_electrons
-        (views, wavelengths): mean electrons that a quantum efficiency of 1 at one wavelength, falling to 0 at its
-        neighbours, would make.
+        (views, wavelengths) mean electrons that a quantum efficiency of 1 at one wavelength, and 0 at its neighbours,
+        would produce.
     electrons, standard_uncertainty
-        (views, channels): mean electrons that the patches read, and the uncertainty that is each view's alone.
+        (views, channels) measured mean electrons, and the independent uncertainty of each view.
     usable
-        (views, channels): false where a patch was saturated, say.
+        (views, channels) False for saturated patches, for example.
     patch, light
-        (views,): which patch, which light.
+        (views,) indices of patch and light.
     light_names
-        What the lights are called.
+        Names of the lights.
     light_uncertainty_percent
         Relative standard uncertainty of each light's level, common to its views.
     source
-        What was opened.
+        Where the measurement was read from.
     frame_count, frames_sha256
-        Of the frames behind the readings.
+        Number and digests of the frames.
 
     Raises
     ------
     InputError
-        If shapes do not fit or a value is not finite.
+        If shapes do not match or a value is not finite.
     """
 
     wavelength_nm: NDArray[np.float64]
@@ -77,56 +75,63 @@ class ChartViews:
         }
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
-                raise InputError(f"{name} of {views} views has the shape {shape}, not {getattr(self, name).shape}")
+                raise InputError(name, value=getattr(self, name).shape, expected=f"an array of shape {shape}")
         if not all(np.isfinite(v).all() for v in (self.unit_electrons, self.electrons, self.standard_uncertainty)):
-            raise InputError("readings of a chart and their uncertainties must be finite numbers")
+            raise InputError("electrons and their uncertainties", expected="finite")
         if not (self.standard_uncertainty > 0).all():
-            raise InputError("every reading of a chart has a standard uncertainty above 0")
+            raise InputError("standard_uncertainty", value=self.standard_uncertainty.min(), expected="above 0")
 
 
 def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: int = 4000) -> SpectralCalibration:
-    """Quantum efficiency of every channel from a chart, with intervals that hold what the chart cannot tell.
+    """Measure the quantum efficiency of every channel with a chart.
 
     Parameters
     ----------
     views
-        What the patches read, and what light was on them.
+        Signals of the patches, and the light on them.
     sensor
-        The camera's sensor; its gain and pixel were used to make electrons and photons of readings and light. Its own
-        quantum efficiencies are not looked at.
+        The camera's sensor, whose gain and pixel were used to compute electrons and photons. Its quantum efficiencies
+        are ignored.
     seed, draws
-        Of the posterior; see `smooth_positive_estimate`.
+        For sampling the posterior; see `smooth_positive_estimate`.
 
     Returns
     -------
     SpectralCalibration
-        Values are posterior means. `interval_95` is the shortest 95 % interval at each wavelength.
+        Posterior means. `interval_95` is the shortest 95 % interval at each wavelength.
 
     Raises
     ------
     InputError
-        If the views have other channels than the sensor.
+        If the channels of the views and the sensor differ.
     CalibrationError
-        If the sensor's gain is an assumption, or a channel has fewer than three usable views.
+        If the sensor's gain is only assumed, or a channel has fewer than three usable views.
 
     Notes
     -----
-    The regularisation is not chosen but averaged over, by marginal likelihood. Errors of the reflectances and lights
-    beyond what was said are looked for, and counted, in the same way.
+    The regularisation is not chosen but averaged over, weighted by marginal likelihood. Errors of the reflectances and
+    lights beyond their stated uncertainty are estimated and included in the same way.
     """
     check_gain_known(sensor)
     names = sensor.channel_names
     if views.electrons.shape[1] != len(names):
-        raise InputError(f"the views have {views.electrons.shape[1]} channels, sensor '{sensor.name}' {len(names)}")
+        expected = f"{len(names)} channels, as sensor '{sensor.name}' has"
+        raise InputError("electrons", value=f"{views.electrons.shape[1]} channels", expected=expected)
     common = common_relative_uncertainty(sensor)
     channels = {}
     warnings = []
     for number, name in enumerate(names):
         keep = views.usable[:, number]
         if keep.sum() < 3:
-            raise CalibrationError(f"{views.source}: channel {name} has {keep.sum()} usable patches; expose for less")
+            raise CalibrationError(
+                "usable patches",
+                where=f"{views.source}: channel {name}",
+                value=int(keep.sum()),
+                expected="at least 3",
+                hint="Use shorter exposure times, so that fewer patches saturate",
+            )
         if left := int((~keep).sum()):
-            warnings.append(f"channel {name}: {left} of {keep.size} patches left out: saturated")
+            warnings.append(f"channel {name}: {left} of {keep.size} patches not used: saturated")
         read, light = views.electrons[keep, number], views.light[keep]
         relative = (light[:, None] == light) * (views.light_uncertainty_percent / 100) ** 2 + common**2
         found = smooth_positive_estimate(
@@ -146,8 +151,8 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
             band_mean=None,
             common_relative_uncertainty=common,
             method=(
-                f"smoothness prior of {found.length_nm:.0f} nm; the chart told {found.determined:.1f} numbers of "
-                f"{views.wavelength_nm.size}; light known to {100 * found.misfit:.2g} %"
+                f"smoothness prior of {found.length_nm:.0f} nm; the chart determined {found.determined:.1f} of "
+                f"{views.wavelength_nm.size} numbers; relative error of the light {100 * found.misfit:.2g} %"
             ),
             shortest_95=(found.lower_95, found.upper_95),
         )

@@ -1,22 +1,22 @@
-"""Spectral protocols: a YAML file that says which frames were taken under which band of light, and what the light was.
+"""Spectral protocols: YAML files that list the frames of each band of light, and describe the light.
 
 photosite_spectral: 1
 name: monochromator, 10 nm
-sensor: mine.sensor.yaml                  # where gain and pixel size come from; relative to the protocol
-bits: 12                                  # where the files do not say; likewise cfa
-region: [200, 1000, 300, 1600]            # rows and columns that were lit evenly; the whole frame without it
+sensor: mine.sensor.yaml                  # supplies gain and pixel size; relative to the protocol
+bits: 12                                  # if the files do not state it; likewise cfa
+region: [200, 1000, 300, 1600]            # evenly lit rows and columns; default: the whole frame
 photodiode: {area_mm2: {value: 100, standard_uncertainty: 0.2}, responsivity: diode.csv}   # for readings in amperes
-scale_uncertainty_percent: 0.5            # of all readings alike: the photodiode's calibration
-exposure_uncertainty_percent: 0.1         # of each exposure setting: the shutter
+scale_uncertainty_percent: 0.5            # common to all readings: the photodiode's calibration
+exposure_uncertainty_percent: 0.1         # of each exposure time: the shutter
 darks:
   - {exposure: 1/50, files: dark/*.tif}
 bands:
   - {centre_nm: 400, bandwidth_nm: 10, exposure: 1/50, files: 400/*.tif, irradiance_w_m2: 0.012}
   - {passband: f450.csv, exposure: 1/50, files: f450/*.tif, photocurrent_a: {value: 1e-8, standard_uncertainty: 2e-11}}
 
-Any quantity is a number or {value, standard_uncertainty}. A passband's CSV holds wavelength (nm) and relative spectral
-energy; a responsivity's holds wavelength (nm), A/W and, if it has a third column, its standard uncertainty. A reading
-is the light's: what the photodiode reads in the dark is taken off.
+A quantity is a number or {value, standard_uncertainty}. The CSV file of a passband holds wavelength (nm) and relative
+spectral energy; that of a responsivity holds wavelength (nm), A/W and an optional third column with the standard
+uncertainty. Subtract the photodiode's dark reading from its readings.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from photosite.calibration.spectral.frames import Band, Photodiode, SpectralFrames
-from photosite.calibration.spectral.passband import Passband, triangular_passband
+from photosite.calibration.spectral.bands import Band, Passband, Photodiode, SpectralFrames, triangular_passband
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
@@ -65,21 +64,29 @@ _QUANTITY_KEYS = ("value", "standard_uncertainty")
 
 @dataclass(frozen=True)
 class ProtocolEntry:
-    """One entry of a spectral protocol, or the whole of it: its file, itself, and its line.
+    """One entry of a spectral protocol, or the whole protocol: its file, content and line.
 
-    What its methods find wrong is a `FileError` with the line.
+    Its methods raise a `FileError` with the line.
     """
 
     file: Path
     data: Mapping[Any, Any]
     line: int | None
 
-    def error(self, message: str, key: str | None = None) -> FileError:
-        """An error about the entry, or about one key of it."""
-        return FileError(self.file, message, (line_of(self.data, key) if key else None) or self.line)
+    def line_of(self, key: str | None) -> int | None:
+        """Return the line of a key, or of the entry."""
+        return (line_of(self.data, key) if key else None) or self.line
+
+    def error(self, what: str, key: str | None = None, **fields: Any) -> FileError:
+        """Return an error about the entry, or about one of its keys. `fields` as for `FileError`."""
+        return FileError(self.file, what, self.line_of(key), **fields)
+
+    def invalid(self, key: str, expected: str) -> FileError:
+        """Return an error about the value of a key."""
+        return self.error(key, key, value=self.data.get(key), expected=expected)
 
     def quantity(self, key: str) -> Measured:
-        """A number, or a number with its standard uncertainty."""
+        """Return a number, or a number with its standard uncertainty."""
         raw = self.data.get(key)
         value, uncertainty = raw, 0.0
         if isinstance(raw, Mapping):
@@ -87,44 +94,44 @@ class ProtocolEntry:
             value, uncertainty = raw.get("value"), raw.get("standard_uncertainty", 0.0)
         for number in (value, uncertainty):
             if isinstance(number, bool) or not isinstance(number, int | float) or not _finite(number):
-                raise self.error(f"'{key}' is a number or {{value, standard_uncertainty}}, not {raw!r:.80}", key)
+                raise self.invalid(key, "a number or {value, standard_uncertainty}")
         try:
             return Measured(float(value), float(uncertainty))  # type: ignore[arg-type]
         except InputError as error:
-            raise self.error(f"'{key}': {error}", key) from None
+            raise error.within(key).in_file(self.file, self.line_of(key)) from None
 
     def positive(self, key: str) -> Measured:
-        """A quantity above 0."""
+        """Return a quantity above 0."""
         quantity = self.quantity(key)
         if not quantity.value > 0:
-            raise self.error(f"'{key}' is above 0, not {quantity.value:g}", key)
+            raise self.invalid(key, "above 0")
         return quantity
 
     def percent(self, key: str) -> float:
-        """A number, 0 or above; 0 where there is none."""
+        """Return a number of 0 or more; 0 if the key is missing."""
         if self.data.get(key) is None:
             return 0.0
         value = self.quantity(key).value
         if value < 0:
-            raise self.error(f"'{key}' is 0 or above, not {value:g}", key)
+            raise self.invalid(key, "0 or more")
         return value
 
     def exposure_s(self) -> float:
-        """The exposure time."""
+        """Return the exposure time."""
         exposure = self.data.get("exposure")
         try:
             if isinstance(exposure, bool) or not isinstance(exposure, str | int | float):
-                raise InputError(f"an exposure time is seconds, such as 0.005 or 1/8000, not {exposure!r:.80}")
+                raise InputError("exposure", value=exposure, expected="a time in seconds, such as 0.005 or 1/8000")
             return parse_exposure(exposure)
         except InputError as error:
-            raise self.error(str(error), "exposure") from None
+            raise error.in_file(self.file, self.line_of("exposure")) from None
 
     def files(self) -> list[Path]:
-        """The frames' files, patterns resolved."""
+        """Return the frames' files, with patterns resolved."""
         files = self.data.get("files")
         patterns = [files] if isinstance(files, str) else files
         if not isinstance(patterns, Sequence) or not patterns or not all(isinstance(p, str) and p for p in patterns):
-            raise self.error(f"'files' is a path, a pattern or a list of them, not {files!r:.80}", "files")
+            raise self.invalid("files", "a path, a pattern or a list of these")
         return [path for pattern in patterns for path in matching_files(self.file, str(pattern), self.line)]
 
 
@@ -136,30 +143,29 @@ def _finite(number: float) -> bool:
 
 
 def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
-    """The frames of a spectral measurement, read when asked for.
+    """Open a spectral measurement, without reading pixels.
 
     Parameters
     ----------
     path
-        A spectral protocol (YAML); what it may say stands at the top of this module.
+        Spectral protocol (YAML); the module docstring shows its content.
 
     Returns
     -------
     SpectralFrames
-        All files are known to be there and alike. No pixels were read.
+        All files exist and have the same format.
 
     Raises
     ------
     FileError
-        If the protocol cannot be read or says what cannot be, or a file is missing, truncated, listed twice or unlike
-        the others; with the line.
+        If the protocol is invalid, or a file is missing, truncated, listed twice or different from the others.
     """
     file = Path(path)
     data = read_yaml(file, "a spectral protocol")
     if not isinstance(data, Mapping) or data.get(VERSION_KEY) != 1 or isinstance(data.get(VERSION_KEY), bool):
-        said = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
-        message = f"expected '{VERSION_KEY}: 1' (the file format's version), got {said!r:.80}"
-        raise FileError(file, message, line_of(data, VERSION_KEY))
+        found = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
+        expected = "1, the version of the file format"
+        raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=found, expected=expected)
     check_keys(file, data, _KEYS, "a spectral protocol")
     top = ProtocolEntry(file, data, None)
     darks = protocol_entries(top, "darks", _DARK_KEYS)
@@ -191,12 +197,12 @@ def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
             source=str(file),
         )
     except InputError as error:
-        raise FileError(file, str(error)) from None
+        raise error.in_file(file) from None
 
 
 @dataclass(frozen=True)
 class _Opened:
-    """An entry's frames, and what they share with all others."""
+    """An entry's frames, and the format common to all frames."""
 
     frames: tuple[FrameSource, ...]
     shape: tuple[int, int]
@@ -205,28 +211,29 @@ class _Opened:
 
 
 def protocol_entries(top: ProtocolEntry, key: str, keys: Sequence[str]) -> list[ProtocolEntry]:
-    """The entries of a list under a key, each with known keys only.
+    """Return the entries of a list, each with valid keys only.
 
     Raises
     ------
     FileError
-        If it is no such list; with the line.
+        If the value is not such a list; with the line.
     """
     listed = top.data.get(key)
     if not isinstance(listed, Sequence) or isinstance(listed, str) or not listed:
-        raise top.error(f"'{key}' is a list of {{{', '.join(keys)}}}", key)
+        raise top.invalid(key, f"a list of {{{', '.join(keys)}}}")
     entries = []
     for number, data in enumerate(listed):
         line = line_of(listed, number)
         if not isinstance(data, Mapping):
-            raise FileError(top.file, f"an entry of '{key}' is {{{', '.join(keys)}}}, not {data!r:.80}", line)
+            expected = f"{{{', '.join(keys)}}}"
+            raise FileError(top.file, f"an entry of '{key}'", line, value=data, expected=expected)
         check_keys(top.file, data, keys, f"an entry of '{key}'")
         entries.append(ProtocolEntry(top.file, data, line))
     return entries
 
 
 def _opened(top: ProtocolEntry, listed: Sequence[tuple[ProtocolEntry, str]]) -> dict[int, _Opened]:
-    """The frames of every entry, by its identity; all are checked against each other."""
+    """Open the frames of all entries, keyed by the identity of the entry, and check them against each other."""
     paths = {id(entry): entry.files() for entry, _ in listed}
     kinds: dict[str, Kind] = {"dark": "dark", "light": "light"}
     files = [
@@ -237,7 +244,7 @@ def _opened(top: ProtocolEntry, listed: Sequence[tuple[ProtocolEntry, str]]) -> 
     expected = Expected(stated_bits(top.file, top.data), stated_cfa(top.file, top.data))
     frames = frame_set_of_files(files, str(top.file), expected)
     if len(frames.gain_settings) > 1:
-        raise top.error(f"frames have gain settings {frames.gain_settings}; all frames of a measurement have one")
+        raise top.error("gain settings of the frames", value=frames.gain_settings, expected="all the same")
     by_name = {source.name: source for group in frames.groups for source in group.frames}
     shape = (frames.rows, frames.cols)
     return {
@@ -249,7 +256,7 @@ def _opened(top: ProtocolEntry, listed: Sequence[tuple[ProtocolEntry, str]]) -> 
 def _band(entry: ProtocolEntry, opened: _Opened, diode: Photodiode | None) -> Band:
     readings = [key for key in _READINGS if entry.data.get(key) is not None]
     if len(readings) != 1:
-        raise entry.error(f"a band has one reading, {' or '.join(_READINGS)}, not {len(readings)}")
+        raise entry.error("the reading", value=readings, expected=f"exactly one of {' and '.join(_READINGS)}")
     passband, uncertainty_nm = _passband(entry)
     try:
         return Band(
@@ -263,14 +270,14 @@ def _band(entry: ProtocolEntry, opened: _Opened, diode: Photodiode | None) -> Ba
             in_amperes=readings[0] == "photocurrent_a",
         )
     except InputError as error:
-        raise entry.error(str(error)) from None
+        raise error.in_file(entry.file, entry.line) from None
 
 
 def _passband(entry: ProtocolEntry) -> tuple[Passband, float]:
-    """The band, and the standard uncertainty of its wavelength."""
+    """Return the band's spectrum, and the standard uncertainty of its wavelength."""
     by_centre, by_file = entry.data.get("centre_nm") is not None, entry.data.get("passband") is not None
     if by_centre == by_file or (by_file and entry.data.get("bandwidth_nm") is not None):
-        raise entry.error("a band has 'centre_nm' and 'bandwidth_nm', or a 'passband' (a CSV file)")
+        raise entry.error("the band", expected="'centre_nm' and 'bandwidth_nm', or a 'passband' (CSV file)")
     try:
         if by_centre:
             centre, width = entry.positive("centre_nm"), entry.quantity("bandwidth_nm")
@@ -279,7 +286,7 @@ def _passband(entry: ProtocolEntry) -> tuple[Passband, float]:
         spectrum = read_spectrum(entry.file.parent / name).spectrum
         return Passband.of_energy(spectrum), 0.0
     except InputError as error:
-        raise entry.error(str(error)) from None
+        raise error.in_file(entry.file, entry.line) from None
 
 
 def _photodiode(top: ProtocolEntry) -> Photodiode | None:
@@ -287,35 +294,35 @@ def _photodiode(top: ProtocolEntry) -> Photodiode | None:
     if data is None:
         return None
     if not isinstance(data, Mapping):
-        raise top.error(f"'photodiode' is {{{', '.join(_DIODE_KEYS)}}}, not {data!r:.80}", "photodiode")
+        raise top.invalid("photodiode", f"{{{', '.join(_DIODE_KEYS)}}}")
     check_keys(top.file, data, _DIODE_KEYS, "'photodiode'")
     entry = ProtocolEntry(top.file, data, line_of(top.data, "photodiode"))
     name = optional_text(top.file, data, "responsivity")
     if name is None:
-        raise entry.error("'photodiode' lacks 'responsivity', a CSV file of wavelength_nm and A/W")
+        raise entry.error("'responsivity' is missing", hint="Name a CSV file with wavelength (nm) and A/W")
     table = read_spectrum(top.file.parent / name)
     responsivity, uncertainty = table.spectrum, table.standard_uncertainty
     try:
         return Photodiode(responsivity, uncertainty, entry.positive("area_mm2"))
     except InputError as error:
-        raise entry.error(str(error)) from None
+        raise error.in_file(entry.file, entry.line) from None
 
 
 def _region(top: ProtocolEntry, shape: tuple[int, int]) -> Region | None:
     raw = top.data.get("region")
     if raw is None:
         return None
-    wanted = "'region' is [first row, row after the last, first column, column after the last]"
+    expected = "[first row, row after the last, first column, column after the last]"
     if (
         not isinstance(raw, Sequence)
         or len(raw) != 4
         or any(isinstance(n, bool) or not isinstance(n, int) for n in raw)
     ):
-        raise top.error(f"{wanted}, not {raw!r:.80}", "region")
+        raise top.invalid("region", expected)
     try:
         region = Region("region", *map(int, raw))
     except InputError as error:
-        raise top.error(f"{wanted}: {error}", "region") from None
+        raise error.in_file(top.file, top.line_of("region")) from None
     if region.r1 > shape[0] or region.c1 > shape[1]:
-        raise top.error(f"'region' reaches beyond the frames of {shape[0]} x {shape[1]}", "region")
+        raise top.invalid("region", f"inside the frames of {shape[0]} x {shape[1]}")
     return region

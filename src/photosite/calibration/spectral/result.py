@@ -1,4 +1,4 @@
-"""What a spectral calibration gives: quantum efficiencies with their covariance, and the sensor that has them."""
+"""Result of a spectral calibration: quantum efficiencies with their covariance, and the resulting sensor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from photosite.values.measured import COVERAGE_95
 
 @dataclass(frozen=True)
 class BandReading:
-    """One band of light: its centre and width, the exposure, and the photons per m2 in it."""
+    """One band of light: centre, width, exposure time, and photons per m2 during the exposure."""
 
     name: str
     centre_nm: float
@@ -33,21 +33,21 @@ class ChannelEfficiency:
     Parameters
     ----------
     wavelength_nm
-        (n,) where it was measured.
+        (n,) wavelengths of the values.
     quantum_efficiency
-        (n,) as estimated; values that are 0 but for noise may come out below 0 and are left so here.
+        (n,) estimates. Noise may make values near 0 negative.
     covariance
-        (n, n) of the values, all that is common to them included.
+        (n, n) covariance, including common uncertainties.
     band_mean
-        (n,) the mean over each band's photons, before its width was taken off; None where there were no bands.
+        (n,) mean over each band's photons, before the correction for the bandwidth; None for a chart.
     common_relative_uncertainty
-        The part of the relative uncertainty that scales all values of all channels alike: gain, pixel, photodiode.
+        Relative uncertainty that scales all values of all channels together: gain, pixel, photodiode.
     method
-        How it was estimated.
+        Method of estimation.
     left_out
-        Bands that this channel could not use, and why.
+        Bands that this channel could not use, with the reason.
     shortest_95
-        (n,) and (n,) lower and upper ends of the 95 % interval where it is not symmetric; else None.
+        (n,) and (n,) lower and upper ends of the 95 % interval if it is not symmetric; else None.
     """
 
     wavelength_nm: NDArray[np.float64]
@@ -61,7 +61,7 @@ class ChannelEfficiency:
 
     @property
     def interval_95(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n,) and (n,) lower and upper ends of the 95 % interval at each wavelength."""
+        """Lower and upper ends (n,) of the 95 % interval at each wavelength."""
         if self.shortest_95 is not None:
             return self.shortest_95
         half = COVERAGE_95 * self.standard_uncertainty
@@ -69,17 +69,17 @@ class ChannelEfficiency:
 
     @property
     def standard_uncertainty(self) -> NDArray[np.float64]:
-        """(n,) of each value."""
+        """Standard uncertainty (n,) of each value."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def as_channel(self, source: str) -> Channel:
-        """As a sensor file keeps it. A value below 0 or above 1, within its uncertainty, enters as 0 or 1."""
+        """Return the channel of a sensor file. Values outside 0 to 1 (within their uncertainty) become 0 or 1."""
         value = self.quantum_efficiency
         outside = [
             f"{nm:g} nm ({q:.2g})" for nm, q in zip(self.wavelength_nm, value, strict=True) if not 0.0 <= q <= 1.0
         ]
         if outside:
-            source += f"; brought to the nearest possible value, within uncertainty, at {', '.join(outside)}"
+            source += f"; clipped to 0 to 1, within its uncertainty, at {', '.join(outside)}"
         return Channel(
             wavelength_nm=tuple(self.wavelength_nm.tolist()),
             quantum_efficiency=tuple(np.clip(value, 0.0, 1.0).tolist()),
@@ -88,7 +88,7 @@ class ChannelEfficiency:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists of numbers."""
+        """Return plain lists of numbers."""
         return {
             "wavelength_nm": self.wavelength_nm.tolist(),
             "quantum_efficiency": self.quantum_efficiency.tolist(),
@@ -103,26 +103,26 @@ class ChannelEfficiency:
 
 @dataclass(frozen=True, eq=False)
 class SpectralCalibration:
-    """The outcome of `calibrate_spectral` and of `calibrate_chart`.
+    """Result of `calibrate_spectral` and `calibrate_chart`.
 
     Parameters
     ----------
     channels
-        Per colour channel.
+        Result per colour channel.
     bands
-        The bands of light, in the order of wavelength; none for a chart.
+        The bands of light, sorted by wavelength; empty for a chart.
     light
-        What the frames were taken under, in words.
+        Description of the light.
     base
-        The sensor that gain and pixel were taken from.
+        The sensor that supplied gain and pixel.
     source
-        What was opened.
+        Where the measurement was read from.
     frame_count
-        Frames read.
+        Number of frames read.
     frames_sha256
         One digest per frame.
     warnings
-        What the reader should know.
+        Warnings for the user.
     """
 
     channels: Mapping[str, ChannelEfficiency]
@@ -136,7 +136,7 @@ class SpectralCalibration:
 
     @property
     def sensor(self) -> Sensor:
-        """The sensor with the quantum efficiencies as measured, all else as it was."""
+        """The sensor with the measured quantum efficiencies; everything else is unchanged."""
         source = f"measured from {self.frame_count} frames under {self.light} ({self.source})"
         channels = {name: channel.as_channel(f"{source}; {channel.method}") for name, channel in self.channels.items()}
         known = self.base.provenance.source or self.base.name
@@ -148,7 +148,7 @@ class SpectralCalibration:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """What `photosite spectral --json` prints."""
+        """Return the content of `photosite spectral --json`."""
         return {
             "channels": {name: channel.to_dict() for name, channel in self.channels.items()},
             "light": self.light,

@@ -1,11 +1,11 @@
-"""A smooth, positive response from few measurements of it, with an interval that says what they cannot tell.
+"""Smooth, positive responses from few measurements, with intervals that include what the measurements cannot determine.
 
-The response at the wavelengths is a Gaussian process, cut off at zero: before anything is measured, its values are
-normal, of one spread, and correlated over some length, with a slope but no curvature (Matern, 3/2), because edges of
-colour filters bend sharply. Spread and length, and how far the measurements' known light is off, are not known: every
-combination on a grid counts with its marginal likelihood (C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes
-for Machine Learning", 2006, 5.4), so that their uncertainty is in the result. Draws from that posterior, positive by
-exact Hamiltonian Monte Carlo, give means, covariance and intervals.
+The prior of the response is a Gaussian process, truncated at zero. Its values have one standard deviation and are
+correlated over some length, continuous in slope but not in curvature (Matern 3/2), because the edges of colour filters
+bend sharply. Standard deviation, length, and the relative error of the light are unknown. Every combination on a grid
+is weighted by its marginal likelihood (C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine
+Learning", 2006, 5.4), so that the result includes their uncertainty. Posterior draws, kept positive by exact
+Hamiltonian Monte Carlo, give mean, covariance and intervals.
 """
 
 from __future__ import annotations
@@ -20,24 +20,27 @@ from photosite.engine.truncated_normal import positive_normal_draws
 from photosite.errors import InputError
 
 LENGTHS_NM = tuple(np.geomspace(15.0, 50.0, 6).tolist())
-"""Correlation lengths tried. None is longer: the empty parts of a response are smooth, its edges are not, and a length
-that suits the first makes intervals at the second too narrow."""
+"""Correlation lengths of the grid.
+
+None is longer than 50 nm: a length that suits the smooth parts of a response makes the intervals at its edges too
+narrow.
+"""
 
 SPREADS = tuple(np.geomspace(0.25, 8.0, 6).tolist())
-"""Spreads tried, in units of the response's mean over the light."""
+"""Standard deviations of the prior on the grid, in units of the response's mean over the light."""
 
 MISFITS = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
-"""Relative errors of the known light tried: what reflectances and spectra may be off beyond what was said."""
+"""Relative errors of the light on the grid: errors of reflectances and spectra beyond their stated uncertainty."""
 
 _BURN_IN = 20
 _PROBABILITY = 0.95
 _JITTER = 1e-9
-"""Of the prior's variance: independent from wavelength to wavelength, so that its factor exists in floating point."""
+"""Fraction of the prior's variance added to the diagonal, so that the Cholesky factor exists."""
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothEstimate:
-    """A response as estimated.
+    """An estimated response.
 
     Parameters
     ----------
@@ -46,13 +49,11 @@ class SmoothEstimate:
     mean, covariance
         (n,) and (n, n) of the posterior.
     lower_95, upper_95
-        (n,) the shortest interval with 95 % of the posterior, wavelength by wavelength; it begins near 0 where nothing
-        speaks against 0.
+        (n,) shortest interval with 95 % of the posterior at each wavelength. It starts at 0 if 0 is plausible.
     length_nm, spread, misfit
-        Posterior means of the correlation length, the prior's spread, and the relative error of the known light.
+        Posterior means of correlation length, prior standard deviation and relative error of the light.
     determined
-        How many independent numbers about the response the measurements told (effective parameters); the rest is the
-        prior's.
+        Number of independent parameters that the measurements determine; the prior determines the others.
     """
 
     wavelength_nm: NDArray[np.float64]
@@ -68,7 +69,7 @@ class SmoothEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Setting:
-    """One combination of length, spread and misfit: its evidence, and the normal posterior under it."""
+    """One combination of length, spread and misfit: its evidence, and the normal posterior."""
 
     length_nm: float
     spread: float
@@ -84,7 +85,7 @@ class _Setting:
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """Of the posterior's covariance: factor @ factor.T."""
+        """Factor of the posterior's covariance: factor @ factor.T."""
         return np.asarray(self.spread * self.axes * np.sqrt(self.keep))
 
     @property
@@ -103,34 +104,38 @@ def smooth_positive_estimate(
     seed: int = 0,
     draws: int = 4000,
 ) -> SmoothEstimate:
-    """The response q >= 0 behind measured = design @ q + noise.
+    """Estimate the response q >= 0 in measured = design @ q + noise.
 
     Parameters
     ----------
     design
-        (m, n): what a response of 1 at each wavelength alone would make each measurement read.
+        (m, n) measurements that a response of 1 at each single wavelength would produce.
     measured, covariance
         (m,) and (m, m), positive definite.
     wavelength_nm
         (n,), increasing.
     relative
-        (m, m) covariance of relative errors, of a light's level say, in addition. The part that is common to all
-        measurements is a factor of the response and widens it as such; were it among the noise, the prior would trade
-        it for a lower response, which needs less spread at every wavelength. The rest is scaled by what a first fit
-        expects to be measured, not by what was: noise in both would pull the response down too (R. W. Peelle's puzzle;
-        G. D'Agostini, Nucl. Instrum. Methods A 346 (1994) 306).
+        (m, m) covariance of additional relative errors, such as those of a light's level. The part common to all
+        measurements is a factor of the response and widens the result as such. As noise, it would pull the response
+        down, because the prior prefers small values. The rest is scaled by the expected values of a first fit instead
+        of the measured values, which would also bias the response down (R. W. Peelle's puzzle; G. D'Agostini, Nucl.
+        Instrum. Methods A 346 (1994) 306).
     groups
-        (m,) integers: measurements of one group (one patch under several lights) share half of the variance that an
-        error of the known light gives them. None: nothing is wrong with it, and no misfit is tried.
+        (m,) integers. Measurements of one group, such as a patch under several lights, share half of the variance due
+        to errors of the light. None: the light is exact, and no misfit is estimated.
     seed
-        Key of the draws; the same seed gives the same numbers.
+        Seed of the draws.
     draws
-        From the posterior.
+        Number of posterior draws.
+
+    Returns
+    -------
+    SmoothEstimate
 
     Raises
     ------
     InputError
-        If shapes do not fit, a number is not finite, or the measurements have no sum above 0.
+        If shapes do not match, a number is not finite, or the sum of the measurements is not above 0.
 
     Examples
     --------
@@ -153,7 +158,7 @@ def smooth_positive_estimate(
         settings = list(_settings(design, measured, noises, wavelength_nm))
     weights = _weights(settings)
     chance = np.random.default_rng([seed, 41])
-    # Systematic resampling: each setting gets its share of the draws, to within one.
+    # Systematic resampling: the number of draws of each setting is proportional to its weight, to within one.
     places = (np.arange(draws) + chance.uniform()) / draws
     chosen = np.searchsorted(np.cumsum(weights), places).clip(max=len(settings) - 1)
     counts = np.bincount(chosen, minlength=len(settings))
@@ -163,7 +168,7 @@ def smooth_positive_estimate(
             momenta = chance.standard_normal((_BURN_IN + count, wavelength_nm.size))
             chains.append(positive_normal_draws(setting.mean, setting.factor, momenta)[_BURN_IN:])
     sample = np.concatenate(chains)
-    # A factor that is never negative: log-normal, of mean 1.
+    # Common relative error: a log-normal factor of mean 1, which is never negative.
     spread = np.log1p(common)
     sample *= np.exp(np.sqrt(spread) * chance.standard_normal((len(sample), 1)) - 0.5 * spread)
     lower, upper = _shortest(sample)
@@ -193,13 +198,16 @@ def _check(
     m, n = design.shape
     if measured.shape != (m,) or covariance.shape != (m, m) or wavelength_nm.shape != (n,):
         raise InputError(
-            f"{m} x {n} of a design want {m} measurements with covariance and {n} wavelengths, not {measured.shape}, "
-            f"{covariance.shape} and {wavelength_nm.shape}"
+            "the shapes of measured, covariance and wavelength_nm",
+            value=(measured.shape, covariance.shape, wavelength_nm.shape),
+            expected=f"{((m,), (m, m), (n,))} for a design of shape {design.shape}",
         )
     if not all(np.isfinite(values).all() for values in (design, measured, covariance)):
-        raise InputError("measurements, their covariance and the light must be finite numbers")
+        raise InputError("design, measured and covariance", expected="finite")
     if not (design.sum() > 0 and measured.sum() > 0):
-        raise InputError("the measurements sum to nothing above 0: no light was seen, so no response can be told")
+        raise InputError(
+            "the sums of design and measured", expected="above 0", hint="The measurements contain no light"
+        )
 
 
 def _matern(wavelength_nm: NDArray[np.float64], length_nm: float) -> NDArray[np.float64]:
@@ -209,19 +217,19 @@ def _matern(wavelength_nm: NDArray[np.float64], length_nm: float) -> NDArray[np.
 
 
 def _weights(settings: list[_Setting]) -> NDArray[np.float64]:
-    """(settings,) marginal likelihoods, of sum 1."""
+    """Return the normalised marginal likelihoods (settings,)."""
     evidence = np.array([setting.log_evidence for setting in settings])
     weights = np.exp(evidence - evidence.max())
     return np.asarray(weights / weights.sum())
 
 
 def _common_part(relative: NDArray[np.float64]) -> float:
-    """The largest variance that all have in common: what is left without it is still a covariance."""
+    """Return the largest variance common to all; the rest is still a valid covariance."""
     scale = float(np.trace(relative)) / len(relative)
     if scale == 0.0:
         return 0.0
     ones = np.ones(len(relative))
-    # Lights' levels alone make a matrix of low rank; a billionth of its size on the diagonal lets it be solved.
+    # With the levels of lights alone the matrix is singular. A billionth of its size on the diagonal regularises it.
     return 1.0 / float(ones @ np.linalg.solve(relative + 1e-9 * scale * np.eye(len(relative)), ones))
 
 
@@ -231,7 +239,7 @@ def _noises(
     relative: NDArray[np.float64] | None,
     groups: NDArray[np.int64] | None,
 ) -> tuple[NDArray[np.float64], ...]:
-    """Covariance of the measurements, one for each misfit tried."""
+    """Return the covariance of the measurements, one for each misfit of the grid."""
     products = np.outer(expected, expected)
     known = covariance if relative is None else covariance + relative * products
     if groups is None:
@@ -246,7 +254,7 @@ def _settings(
     noises: tuple[NDArray[np.float64], ...],
     wavelength_nm: NDArray[np.float64],
 ) -> Iterator[_Setting]:
-    """Every combination on the grid. Evidence and posterior are those of the normal model, before it is cut off."""
+    """Yield every combination of the grid, with evidence and posterior of the normal model before truncation."""
     unit = float(measured.sum() / design.sum())
     roots = {length: np.linalg.cholesky(_matern(wavelength_nm, length)) for length in LENGTHS_NM}
     for misfit, covariance in zip(MISFITS, noises, strict=False):
@@ -255,12 +263,12 @@ def _settings(
         constant = -0.5 * float(seen @ seen) - float(np.log(np.diag(noise)).sum())
         for length, root in roots.items():
             through = light @ root
-            told, turn = np.linalg.eigh(through.T @ through)
-            told = np.clip(told, 0.0, None)  # rounding alone makes one negative
+            information, turn = np.linalg.eigh(through.T @ through)
+            information = np.clip(information, 0.0, None)  # negative values are rounding errors
             pulled, axes = turn.T @ (through.T @ seen), root @ turn
             for relative in SPREADS:
                 spread = relative * unit
-                keep = 1.0 / (1.0 + spread**2 * told)
+                keep = 1.0 / (1.0 + spread**2 * information)
                 evidence = constant + 0.5 * float(np.sum(spread**2 * keep * pulled**2) + np.sum(np.log(keep)))
                 yield _Setting(
                     length, spread, misfit, evidence,
@@ -269,7 +277,7 @@ def _settings(
 
 
 def _shortest(sample: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Per column, the shortest interval that holds 95 % of it; from 0 where it would begin at the lowest draw."""
+    """Return, per column, the shortest interval with 95 % of the draws; from 0 if it would begin at the lowest draw."""
     ordered = np.sort(sample, axis=0)
     inside = int(np.ceil(_PROBABILITY * len(ordered)))
     width = ordered[inside - 1 :] - ordered[: len(ordered) - inside + 1]

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from photosite.calibration.gain_series.gain_law import log_amplification
 from photosite.calibration.gain_series.result import GainMode, GainSeries
+from photosite.calibration.gain_series.series_statistics import log_amplification
 from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, WIDTH_IN, styled
 
 _POINTS = 200
@@ -37,7 +37,7 @@ def gain_series_figure(series: GainSeries) -> Figure:
             axes.axvspan(*series.switch.between_95, color=SKY, alpha=0.15, linewidth=0)
             axes.axvspan(*series.switch.between, color=SKY, alpha=0.15, linewidth=0)
     settings = np.array(series.settings)
-    if series.law == "proportional":
+    if series.scale == "proportional":
         noise.set_xscale("log")
         gain.xaxis.set_major_locator(FixedLocator(settings.tolist()))
         gain.xaxis.set_minor_locator(NullLocator())
@@ -50,7 +50,7 @@ def gain_series_figure(series: GainSeries) -> Figure:
     noise.set_ylabel("read noise (e⁻)")
     gain.set_ylabel("system gain K (DN/e⁻)")
     gain.axhline(1.0, color=GRAY, linewidth=0.8, linestyle=":")
-    gain.set_xlabel("gain setting" if series.law == "proportional" else f"gain setting ({series.law})")
+    gain.set_xlabel("gain setting" if series.scale == "proportional" else f"gain setting ({series.scale})")
     unique = dict(zip(*reversed(noise.get_legend_handles_labels()), strict=True))
     shown = [label for label in _ORDER if label in unique]
     figure.legend([unique[label] for label in shown], shown, loc="outside upper center", ncols=min(len(shown), 3))
@@ -83,16 +83,16 @@ def _draw_mode(noise: Axes, gain: Axes, series: GainSeries, mode: GainMode, numb
         axes.errorbar([s for s, _ in known], y, bars, fmt=marker, color=BLACK, elinewidth=0.9, label=label, zorder=3)
     level = np.array(
         [np.log(step.calibration.system_gain_dn_per_e.value or np.nan) for step in steps], dtype=np.float64
-    ) - log_amplification(x, series.law)
+    ) - log_amplification(x, series.scale)
     line_x = _along(x, series)
-    k = np.exp(np.nanmean(level) + log_amplification(line_x, series.law))
+    k = np.exp(np.nanmean(level) + log_amplification(line_x, series.scale))
     gain.plot(line_x, k, color=BLUE, linewidth=1.3, zorder=2)
     _draw_parts(noise, mode, line_x, k)
 
 
 def _along(x: NDArray[np.float64], series: GainSeries) -> NDArray[np.float64]:
     ends = float(x.min()), float(x.max())
-    return np.geomspace(*ends, _POINTS) if series.law == "proportional" else np.linspace(*ends, _POINTS)
+    return np.geomspace(*ends, _POINTS) if series.scale == "proportional" else np.linspace(*ends, _POINTS)
 
 
 def _draw_parts(axes: Axes, mode: GainMode, x: NDArray[np.float64], k: NDArray[np.float64]) -> None:

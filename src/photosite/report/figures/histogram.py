@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from photosite.calibration.spatial.histograms import Histogram
-from photosite.calibration.spatial.spatial_analysis import FramePattern
+from photosite.calibration.spatial.spatial_analysis import FramePattern, Histogram
 from photosite.report.style import BAND, BLACK, GRAY, WIDTH_IN, channel_style, styled
 from photosite.values.measured import COVERAGE_95
 

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.calibration.chip_maps.tail import tukey_density, tukey_reach
-from photosite.calibration.chip_maps.temporal import TemporalNoise
+from photosite.calibration.chip_maps.noise_shape import tukey_density, tukey_reach
+from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.report.style import BLACK, BLUE, ORANGE, new_figure, styled
 
 _PER_POINT = 2
@@ -56,8 +56,8 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
         label=f"normal, {sigma:.3g} DN by the quartiles",
         zorder=3,
     )
-    if noise.tail.tukey_lambda.value is not None and not noise.tail.shape_is_normal:
-        _draw_tukey(axes, noise.tail.tukey_lambda.value, x, count)
+    if noise.shape.tukey_lambda.value is not None and not noise.shape.shape_is_normal:
+        _draw_tukey(axes, noise.shape.tukey_lambda.value, x, count)
     axes.set_yscale("log")
     axes.set_ylim(0.4 / (total * width), 3.0 * float(density.max()))
     reach = 1.05 * max(-x[there][0], x[there][-1], 5 * sigma)

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.calibration.spatial.profiles import Profile
-from photosite.calibration.spatial.spatial_analysis import SpatialAnalysis
+from photosite.calibration.spatial.spatial_analysis import Profile, SpatialAnalysis
 from photosite.report.figures.marks import thinned
 from photosite.report.style import BLACK, BLUE, GREEN, VERMILION, WIDTH_IN, styled
 from photosite.values.uncertain import Missing

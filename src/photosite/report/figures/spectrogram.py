@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from photosite.calibration.spatial.spatial_analysis import FramePattern
-from photosite.calibration.spatial.spectrogram import Spectrogram
+from photosite.calibration.spatial.spatial_analysis import FramePattern, Spectrogram
 from photosite.report.figures.marks import thinned
 from photosite.report.style import BAND, BLACK, GRAY, WIDTH_IN, channel_style, styled
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from photosite.calibration.chip_maps.temporal import Trace
+from photosite.calibration.chip_maps.temporal_noise import Trace
 from photosite.report.style import BLUE, ORANGE, WIDTH_IN, styled
 
 

@@ -1,4 +1,4 @@
-"""Fixed pattern: DSNU, and the per-pixel slopes behind PRNU and dark current non-uniformity (the 2008 paper's way)."""
+"""Per-pixel slopes against exposure, and their spread: PRNU and dark current nonuniformity of the 2008 paper."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from photosite.values.uncertain import Uncertain
 
 
 def excess_variance(moments: Moments, noise: Uncertain) -> Uncertain:
-    """Variance over pixels less what temporal noise put there; its uncertainty is that of the pixels' sample.
+    """Subtract temporal noise from the variance over pixels.
 
-    Var(s^2) = (m4 - s^4) / P, whatever the distribution (m4: fourth central moment), so that the result holds for
-    the sensor that this chip's pixels were drawn from.
+    The uncertainty is that of the pixels as a sample: Var(s^2) = (m4 - s^4) / P for any distribution, with m4 the
+    fourth central moment. The result therefore applies to the sensor from which this chip's pixels were drawn.
     """
     sampling = max(moments.fourth - moments.variance**2, 0.0) / moments.pixels  # rounding, on constant maps
     return Uncertain.of_variance(moments.variance, math.sqrt(sampling)) - noise
 
 
 def mean_frame_noise(level: Level, scatter: float = 0.0) -> Uncertain:
-    """Temporal variance left in the mean of a level's frames, DN^2; `scatter` as for `slope_noise`."""
+    """Return the temporal variance in the mean of a level's frames, DN^2. `scatter` as in `slope_noise`."""
     noise = level.variance / level.frames
     return Uncertain.of_variance(noise, math.hypot(level.variance_uncertainty / level.frames, scatter * noise))
 
 
 def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: int) -> tuple[Uncertain, Uncertain]:
-    """A mean and a variance over pixels as those of the sensor that the pixels were drawn from.
+    """Return a mean and a variance over pixels as those of the sensor from which the pixels were drawn.
 
-    The variance over the number of pixels comes in, and the two err together where the pixels are skewed (a few hot
-    ones raise both): their covariance over samples is the third central moment over the number of pixels.
+    The mean gains the uncertainty variance / pixels. Where the pixels are skewed, such as by a few hot pixels, the
+    errors of both are correlated: their covariance over samples is the third central moment divided by the number of
+    pixels.
 
     Examples
     --------
@@ -47,14 +48,14 @@ def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: in
     own, whole = sampling.standard_uncertainty, variance.standard_uncertainty
     if own == 0.0 or whole == 0.0:
         return mean + sampling, variance
-    along = max(-0.99, min(third / pixels / (own * whole), 0.99))  # a correlation, but found from a sample
+    along = max(-0.99, min(third / pixels / (own * whole), 0.99))  # a correlation estimated from a sample
     left = math.sqrt(1.0 - along**2)
     parts = {source: left * part for source, part in variance.parts.items()}
     return mean + sampling, Uncertain(variance.value, parts) + sampling * (along * whole / own)
 
 
 def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m,) the linear combination of the measured points that is the slope of the weighted line.
+    """Return the coefficients (m,) of the linear combination of points that is the slope of the weighted line.
 
     Examples
     --------
@@ -67,8 +68,19 @@ def slope_coefficients(x: NDArray[np.float64], weights: NDArray[np.float64]) -> 
 
 @dataclass(frozen=True)
 class SlopeSpread:
-    """One channel's slopes: their mean, their variance over pixels with the propagated noise taken off, and their third
-    central moment, by which a sample's mean and variance err together."""
+    """Statistics of one channel's slopes.
+
+    Parameters
+    ----------
+    pixels
+        Number of pixels.
+    mean
+        Mean slope.
+    variance
+        Variance over pixels, with the propagated noise subtracted.
+    third
+        Third central moment, which correlates the errors of mean and variance.
+    """
 
     pixels: int
     mean: float
@@ -77,7 +89,7 @@ class SlopeSpread:
 
 
 class PixelSlopes:
-    """A map of per-pixel slopes, built level by level: a linear combination of the levels' mean frames.
+    """A map of per-pixel slopes, accumulated level by level as a linear combination of mean frames.
 
     Parameters
     ----------
@@ -92,11 +104,11 @@ class PixelSlopes:
         self.slopes = np.zeros(shape)
 
     def add(self, level: MeanFrame, coefficients: Sequence[float]) -> None:
-        """Add a level's mean frame, times a coefficient for each channel."""
+        """Add a level's mean frame, multiplied by one coefficient per channel."""
         add_scaled(self.slopes, level.sum, np.array(coefficients)[self.tile] / level.count)
 
     def spreads(self, noise: Sequence[Uncertain]) -> tuple[SlopeSpread, ...]:
-        """Per channel, mean and spread of the slopes, given the temporal noise in them (`slope_noise`)."""
+        """Return the statistics of the slopes per channel, given the temporal noise in them (`slope_noise`)."""
         moments = label_moments(self.slopes, self.tile)
         return tuple(
             SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left), self._third(k, entry.mean))
@@ -104,10 +116,10 @@ class PixelSlopes:
         )
 
     def _third(self, label: int, mean: float) -> float:
-        """Third central moment of a label's slopes."""
+        """Return the third central moment of a channel's slopes."""
         rows, cols = self.tile.shape
         sites = [self.slopes[r::rows, c::cols] - mean for r, c in np.argwhere(self.tile == label)]
-        # A product, because a power of 3 is worked out through logarithms.
+        # A product is faster than a power of 3, which is computed through logarithms.
         return float(sum((site * site * site).sum() for site in sites) / sum(site.size for site in sites))
 
 
@@ -118,10 +130,10 @@ def slope_noise(
     variance_uncertainty: NDArray[np.float64],
     scatter: float = 0.0,
 ) -> Uncertain:
-    """Variance that temporal noise gives a pixel's slope: sum of c^2 v / n over the levels.
+    """Propagate temporal noise to the variance of a pixel's slope: the sum of c^2 v / n over the levels.
 
-    `scatter` is by how much, relatively, the noise differs from one combination of frames to the next beyond
-    sampling; the slope is one such combination.
+    `scatter` is the relative scatter of the noise between combinations of frames beyond sampling. The slope is one such
+    combination.
     """
     share = coefficients**2 / frames
     noise = float(share @ variance)
@@ -129,11 +141,11 @@ def slope_noise(
 
 
 def relative_response_variance(light: SlopeSpread, dark: SlopeSpread | None, seconds_per_unit: float) -> Uncertain:
-    """Relative variance over pixels of the response to light: PRNU squared.
+    """Return the relative variance over pixels of the response to light: PRNU squared.
 
-    A light slope holds the pixel's dark current too, as many seconds of it as go with one unit of the light axis
-    (1 where the axis is exposure time); its mean and spread, measured in the dark, are taken off.
-    The response's mean is common to all pixels; that it is known less well does not change the ratio.
+    A light slope includes the pixel's dark current during `seconds_per_unit` seconds per unit of the light axis (1 if
+    the axis is exposure time). The mean and spread of the dark slopes are subtracted. The uncertainty of the mean
+    response is common to all pixels and does not change the ratio.
     """
     if dark is None:
         return light.variance * (1.0 / light.mean**2)

@@ -1,4 +1,4 @@
-"""Bands: rows or columns that rise and fall with a period, found as peaks of the profiles' spectrum."""
+"""Periodic row and column bands, found as peaks in the power spectrum of the line means."""
 
 from __future__ import annotations
 
@@ -9,33 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 FALSE_ALARMS = 1e-3
-"""Probability that profiles of independent lines show a band."""
+"""Probability that line means of independent lines show a band."""
 
 _WINDOW = 65
-"""Frequencies whose median is the background of the middle one."""
+"""Number of frequencies whose median is the background of the middle one."""
 
 _INDEPENDENT = _WINDOW / 1.94
-"""As many independent ones they are worth: Hann's window makes neighbours alike, by 4/9 and 1/36 of their power."""
+"""Effective number of independent frequencies in the window: Hann's window correlates neighbours (4/9 and 1/36)."""
 
 LEAST_CYCLES = 5
-"""Cycles over all lines below which a period is shading, not a band."""
+"""Cycles over all lines below which a period counts as shading, not as a band."""
 
 SHORTEST = 2 * _WINDOW
-"""Lines that a profile needs."""
+"""Smallest number of lines."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """A period in the rows or columns.
+    """A periodic band in the rows or columns.
 
     Parameters
     ----------
     cycles_per_pixel
-        Its frequency; 0.5 is every other line. Known to half of 1 / lines.
+        Frequency, known to half of 1 / lines; 0.5 is every other line.
     amplitude_dn, standard_uncertainty_dn
-        Of the sine. Where the frequency lies between two that the spectrum has, up to 18 % more than this.
+        Amplitude of the sine. If the frequency lies between two frequencies of the spectrum, the true amplitude is up
+        to 18 % larger.
     false_alarm_probability
-        Probability that independent lines show as high a peak at any frequency.
+        Probability that independent lines show a peak this high at any frequency.
     """
 
     cycles_per_pixel: float
@@ -45,18 +46,22 @@ class Band:
 
 
 def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
-    """The periods in profiles, strongest first.
+    """Find periodic bands in line means, strongest first.
 
-    The power at each frequency, mean over the profiles, against the median of its neighbours: over n profiles of
-    independent lines n times the power over its mean follows the gamma distribution of shape n (for one profile, the
-    exponential one), and over a mean that is itself known to so much only, Fisher's F; so the probability of the
-    highest of m is known. Hann's window keeps a strong band from leaking into its neighbours. Of a peak the highest
-    counts.
+    The statistic is the power at each frequency, mean over the profiles, divided by the median of its neighbours. For n
+    profiles of independent lines, n times the power over its mean follows the gamma distribution of shape n. Because
+    the mean is itself an estimate, the ratio follows Fisher's F, which gives the probability of the highest of m
+    values. Hann's window keeps a strong band from leaking into its neighbours. Only the maximum of a peak counts.
 
     Parameters
     ----------
     profiles
-        (profiles, lines) line means in DN: one of the mean frame, or one for each frame. Too short ones have no bands.
+        (profiles, lines) line means in DN: one profile of the mean frame, or one per frame. Fewer lines than `SHORTEST`
+        give no bands.
+
+    Returns
+    -------
+    tuple of Band
 
     Examples
     --------
@@ -78,12 +83,12 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     squares = float(np.sum(window**2))
     power = np.mean(np.abs(np.fft.rfft(level * window, axis=0)) ** 2, axis=1)[1:] / squares
     if lines % 2 == 0:
-        power = power[:-1]  # Nyquist has one quadrature, and another distribution
+        power = power[:-1]  # the Nyquist frequency has one quadrature and another distribution
     median = gamma.median(count)
     background = median_filter(power, _WINDOW, mode="reflect") / (median / count)
     if not (background > 0).all():
         return ()
-    # A median's relative variance, 1 / (4 n f^2 m^2), as that of a mean of so many squares.
+    # Degrees of freedom of a mean of squares with the median's relative variance, 1 / (4 n f^2 m^2).
     freedom = 2.0 * 4.0 * _INDEPENDENT * (gamma.pdf(median, count) * median) ** 2
     single = fdtrc(2.0 * count, freedom, power / background)
     alarm = -np.expm1(power.size * np.log1p(-np.minimum(single, 1.0 - 1e-12)))
@@ -92,7 +97,7 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     peak[: LEAST_CYCLES - 1] = False
     found = []
     for k in np.flatnonzero(peak):
-        # The noise's own power is in the peak.
+        # The peak includes the power of the noise.
         scale = math.sqrt(squares) / float(window.sum())
         amplitude = 2.0 * scale * math.sqrt(power[k] - background[k])
         uncertainty = scale * math.sqrt(2.0 * background[k] / count)

@@ -1,4 +1,4 @@
-"""Bands: amplitudes of sines, and false alarms as rare as stated."""
+"""Periodic bands: amplitudes of sines, and the stated rate of false alarms."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.chip_maps.banding import FALSE_ALARMS, find_bands
+from photosite.calibration.chip_maps.periodic_bands import FALSE_ALARMS, find_bands
 
 LINES = 500
 
 
 @pytest.mark.parametrize("count", [1, 8])
-def test_independent_lines_have_bands_as_rarely_as_stated(count) -> None:
-    """2000 profiles: binomial of twice the rate, because the background is a median of 65 and not known, at 1e-4."""
+def test_false_alarms_for_independent_lines(count) -> None:
+    """2000 profiles; binomial at 1e-4 with twice the rate, because the background is the median of 65 frequencies."""
     rng = np.random.default_rng(1)
     alarms = sum(bool(find_bands(rng.normal(0, 1, (count, LINES)))) for _ in range(2000))
     assert alarms <= stats.binom.isf(1e-4, 2000, 2 * FALSE_ALARMS)
@@ -41,7 +41,7 @@ def test_a_sine_between_two_frequencies_is_one_band() -> None:
 
 
 def test_uncertainties_are_those_of_the_amplitude() -> None:
-    """Spread over 400 profiles against the mean stated: 400 draws know it to 3.5 %."""
+    """Standard deviation over 400 profiles against the mean stated uncertainty: known to 3.5 %."""
     rng = np.random.default_rng(4)
     wave = 2 * np.sin(2 * np.pi * 50 / LINES * np.arange(LINES))
     bands = [find_bands((wave + rng.normal(0, 1, LINES))[None])[0] for _ in range(400)]
@@ -49,7 +49,7 @@ def test_uncertainties_are_those_of_the_amplitude() -> None:
     assert np.mean([band.standard_uncertainty_dn for band in bands]) == pytest.approx(spread, rel=0.18)
 
 
-def test_shading_is_no_band_and_few_lines_have_none() -> None:
+def test_shading_and_few_lines_have_no_bands() -> None:
     lines = np.linspace(-1, 1, LINES)
     rng = np.random.default_rng(5)
     assert find_bands((5 * lines**3 + 3 * lines**2 + rng.normal(0, 0.5, LINES))[None]) == ()

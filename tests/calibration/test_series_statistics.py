@@ -1,4 +1,4 @@
-"""Gain settings in numbers: which law they follow, false alarms and finds of the switch, coverage of the two parts."""
+"""Gain series statistics: scale of the settings, search for the switch, coverage of the two parts."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from photosite.calibration.gain_series.gain_law import (
+from photosite.calibration.gain_series.series_statistics import (
     FALSE_ALARMS,
     ReadNoise,
-    find_law,
+    find_setting_scale,
     find_switch,
     log_amplification,
     step_in_gain,
@@ -23,7 +23,7 @@ GAIN_U, NOISE_U = 0.005, 0.01
 
 
 def draw(rng, count, switch=None, nominal=0.02, scatter=0.0, proportional=False, pre_e=3.0, post_dn=1.2, ratio=2.5):
-    """Settings, and what would be measured of them: inexact settings, a read noise that misses its model a little."""
+    """Draw a series with inexact settings and a read noise that scatters about its model."""
     settings = 100.0 * 2.0 ** np.arange(count)
     high = np.arange(count) >= (count if switch is None else switch)
     gain = 0.001 * settings * np.exp(rng.normal(0.0, nominal, count))
@@ -37,15 +37,15 @@ def draw(rng, count, switch=None, nominal=0.02, scatter=0.0, proportional=False,
 
 
 def steps_of(settings, noise):
-    rest = np.log(noise.gain) - log_amplification(settings, find_law(settings, noise.gain))
+    rest = np.log(noise.gain) - log_amplification(settings, find_setting_scale(settings, noise.gain))
     gain_step = step_in_gain(rest, (noise.gain_uncertainty / noise.gain) ** 2)
     return gain_step, step_in_read_noise(noise)
 
 
 @pytest.mark.parametrize(("nominal", "scatter"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.05)])
 @pytest.mark.parametrize("count", [5, 8])
-def test_no_switch_is_found_where_there_is_none(count, nominal, scatter):
-    """100 series each, exact and inexact settings: no more finds than chance allows at the stated 1 % (one in 10^4)."""
+def test_false_alarms_without_a_switch(count, nominal, scatter):
+    """100 series each, with exact and inexact settings: no more finds than the stated 1 % allows (one in 10^4)."""
     rng = np.random.default_rng([count, int(100 * nominal), int(100 * scatter)])
     found = sum(
         find_switch(*steps_of(*draw(rng, count, nominal=nominal, scatter=scatter))) is not None for _ in range(100)
@@ -54,10 +54,10 @@ def test_no_switch_is_found_where_there_is_none(count, nominal, scatter):
 
 
 @pytest.mark.parametrize("proportional", [False, True])
-def test_a_switch_is_found_where_it_is(proportional):
-    """60 series of 8 settings off by 2 %, the switch at the fourth to seventh in turn.
+def test_switch_is_found_at_its_position(proportional):
+    """60 series of 8 settings with 2 % errors and a switch at the fourth to seventh setting.
 
-    Below that the noise after the amplifier hides the one before it, and a proportional camera shows nothing.
+    At lower settings the post-amplifier noise hides the pre-amplifier noise, and a proportional camera shows no switch.
     """
     rng = np.random.default_rng(7)
     held = 0
@@ -71,16 +71,16 @@ def test_a_switch_is_found_where_it_is(proportional):
     assert held >= binom.ppf(1e-4, 60, 0.95)
 
 
-def test_a_jump_of_inexact_settings_is_no_switch():
-    """All settings from the fourth on amplify 15 % more than they say; the noise before the amplifier knows no step."""
+def test_inexact_settings_are_not_a_switch():
+    """All settings from the fourth on amplify 15 % more than nominal; the pre-amplifier noise has no step."""
     settings = 100.0 * 2.0 ** np.arange(8)
     gain = 0.001 * settings * np.where(np.arange(8) >= 3, 1.15, 1.0)
     variance = (3.0 * gain) ** 2 + 1.2**2
     assert find_switch(*steps_of(settings, ReadNoise(gain, 0.002 * gain, variance, 0.005 * variance))) is None
 
 
-def test_a_step_down_is_no_switch():
-    """The lowest setting is an extended one, of the next one's gain: gain per setting falls, noise does not."""
+def test_step_down_is_not_a_switch():
+    """The lowest setting is extended, with the gain of the next: the gain per setting falls, the noise does not."""
     settings = 50.0 * 2.0 ** np.arange(8)
     gain = 0.001 * np.maximum(settings, 100.0)
     variance = (3.0 * gain) ** 2 + 1.2**2
@@ -95,7 +95,7 @@ def test_two_parts_exactly():
 
 
 def test_intervals_of_the_two_parts_cover():
-    """400 series, sampling noise alone: coverage of 95 % intervals within what 400 draws allow, 4 standard errors."""
+    """400 series with sampling noise only: coverage of the 95 % intervals within 4 standard errors."""
     rng = np.random.default_rng(11)
     inside = np.zeros(2)
     chi_square = []
@@ -105,7 +105,7 @@ def test_intervals_of_the_two_parts_cover():
         off = np.abs(fit.parameters - [9.0, 1.44]) / np.sqrt(np.diag(fit.covariance))
         inside += off < COVERAGE_95
         chi_square.append(fit.chi_square)
-    # A little above 95 %: where chance makes the scatter large, the uncertainty is widened by it.
+    # Slightly above 95 %, because a large random scatter widens the uncertainty.
     assert (0.95 - 4 * math.sqrt(0.95 * 0.05 / 400) < inside / 400).all()
     assert (inside / 400 < 0.99).all()
     assert np.mean(chi_square) == pytest.approx(5.0, abs=4 * math.sqrt(2 * 5 / 400))
@@ -113,14 +113,14 @@ def test_intervals_of_the_two_parts_cover():
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("switch", [None, 3])
-def test_laws_are_told_apart(seed, switch):
+def test_setting_scales_are_identified(seed, switch):
     rng = np.random.default_rng([seed, 3])
-    for law, settings in (
+    for scale, settings in (
         ("proportional", np.array([100.0, 200, 400, 800, 1600, 3200])),
         ("tenths of a decibel", np.array([0.0, 60, 120, 180, 240, 300])),
         ("decibels", np.array([0.0, 6, 12, 18, 24, 30])),
     ):
-        gain = 0.1 * np.exp(log_amplification(settings, law) + rng.normal(0, 0.02, 6))
+        gain = 0.1 * np.exp(log_amplification(settings, scale) + rng.normal(0, 0.02, 6))
         if switch is not None:
             gain[switch:] *= 3.0
-        assert find_law(settings, gain) == law
+        assert find_setting_scale(settings, gain) == scale

@@ -1,4 +1,4 @@
-"""Standard deviations of estimated variances: bias, limits, and intervals that hold the truth however small it is."""
+"""Standard deviations of estimated variances: bias, limits, and coverage for true values of any size."""
 
 import math
 from statistics import NormalDist
@@ -6,29 +6,34 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from photosite.calibration.spatial.spread import signed_root, spread, spread_interval_95, upper_limit_95
 from photosite.values.measured import COVERAGE_95
+from photosite.values.standard_deviation import (
+    signed_root,
+    standard_deviation,
+    standard_deviation_interval_95,
+    upper_limit_95,
+)
 from photosite.values.uncertain import Source, Uncertain, weighted_mean
 
 
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.0, 3.0, 10.0])
-def test_spread_covers_near_and_far_from_zero(true):
-    """Intervals of sqrt(v) cover at least 95 % (less 0.5 %, over three standard errors of 20 000 draws)."""
+def test_standard_deviation_covers_near_and_far_from_zero(true):
+    """The intervals cover at least 95 % (less 0.5 %, more than three standard errors of 20 000 draws)."""
     rng = np.random.default_rng(7)
     covered = 0
     for drawn in rng.normal(true, 1.0, 20_000):
-        s = spread(Uncertain.of(float(drawn), 1.0))
+        s = standard_deviation(Uncertain.of(float(drawn), 1.0))
         covered += abs(s.value - math.sqrt(true)) <= 1.959964 * s.standard_uncertainty
     assert covered / 20_000 > 0.945
 
 
-def test_spread_is_first_order_far_from_zero():
-    assert spread(Uncertain.of(100.0, 0.1)).standard_uncertainty == pytest.approx(0.1 / 20, rel=2e-3)
+def test_standard_deviation_is_first_order_far_from_zero():
+    assert standard_deviation(Uncertain.of(100.0, 0.1)).standard_uncertainty == pytest.approx(0.1 / 20, rel=2e-3)
 
 
 def test_a_negative_variance_keeps_its_sign_and_gets_a_limit():
     v = Uncertain.of(-0.3, 0.2)
-    assert spread(v).value == -math.sqrt(0.3) == signed_root(-0.3)
+    assert standard_deviation(v).value == -math.sqrt(0.3) == signed_root(-0.3)
     limit = upper_limit_95(v)
     assert 0.0 < limit < math.sqrt(0.2 * 1.96)
     assert upper_limit_95(Uncertain.of(5.0, 1.0)) is None
@@ -37,8 +42,8 @@ def test_a_negative_variance_keeps_its_sign_and_gets_a_limit():
 
 
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.5])
-def test_the_upper_limit_is_one(true):
-    """It is below the truth in at most 5 % of the cases (0.5 %: three standard errors of 20 000 draws)."""
+def test_upper_limit_covers(true):
+    """The limit lies below the true value in at most 5 % of cases (0.5 %: three standard errors of 20 000 draws)."""
     rng = np.random.default_rng(3)
     limits = [upper_limit_95(Uncertain.of(float(v), 1.0)) for v in rng.normal(true, 1.0, 20_000)]
     assert sum(limit is not None and limit < math.sqrt(true) for limit in limits) / 20_000 < 0.055
@@ -46,26 +51,26 @@ def test_the_upper_limit_is_one(true):
 
 @pytest.mark.parametrize("uncertainties", [1.5, 2.0, 3.0, 6.0, 20.0])
 def test_the_root_of_a_noisy_variance_is_not_biased(uncertainties):
-    """By quadrature: less than a tenth of the mean uncertainty from 1.5 uncertainties on; the plain root has 0.15."""
+    """By quadrature: below a tenth of the mean uncertainty from 1.5 uncertainties on; the plain root has 0.15."""
     z = np.linspace(-8, 8, 4001)
     density = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    found = [spread(Uncertain.of(float(v), 1.0)) for v in uncertainties + z]
+    found = [standard_deviation(Uncertain.of(float(v), 1.0)) for v in uncertainties + z]
     bias = density @ [entry.value for entry in found] - math.sqrt(uncertainties)
     assert abs(bias) < 0.1 * (density @ [entry.standard_uncertainty for entry in found])
 
 
 @pytest.mark.parametrize("value", [4.0, 30.0])
-def test_the_interval_of_a_spread_far_from_zero_is_that_of_its_variance(value):
+def test_interval_far_from_zero_is_that_of_the_variance(value):
     variance = Uncertain.of_variance(value, 1.0)
     low, high = variance.interval_95
-    assert spread_interval_95(variance) == (math.sqrt(low), math.sqrt(high))
+    assert standard_deviation_interval_95(variance) == (math.sqrt(low), math.sqrt(high))
 
 
 @pytest.mark.parametrize("variance", [-50.0, -5.0, -2.04, -0.5, 0.0, 1.0, 1.7, 3.0, 4.0])
-def test_the_interval_of_a_spread_is_never_wholly_below_zero(variance):
-    """Of a negative variance it ends at the upper limit; from zero on it is the root of the variance's own end."""
+def test_interval_never_lies_below_zero(variance):
+    """For a negative variance it ends at the upper limit; otherwise at the root of the variance's own upper end."""
     known = Uncertain.of(variance, 1.0)
-    low, high = spread_interval_95(known)
+    low, high = standard_deviation_interval_95(known)
     limit = upper_limit_95(known)
     assert (low > 0.0) == (variance > 1.645)
     assert low <= signed_root(variance) <= high
@@ -76,18 +81,18 @@ def test_the_interval_of_a_spread_is_never_wholly_below_zero(variance):
 
 
 @pytest.mark.parametrize("true", [1e-9, 0.1, 0.5, 1.0, 1.5, 1.9, 2.5, 4.0, 9.0])
-def test_the_interval_of_a_spread_holds_a_truth_of_any_size(true):
-    """No draws: the normal estimates whose interval's end is the truth enclose 95 %."""
+def test_interval_covers_true_values_of_any_size(true):
+    """By inversion: the normal estimates whose interval ends at the true value enclose 95 %."""
 
-    def estimate_whose_end_is(end: int, there: float) -> float:
+    def estimate_with_end(end: int, target: float) -> float:
         first, last = -12.0, true + 6.0
         for _ in range(60):
             middle = 0.5 * (first + last)
-            beyond = spread_interval_95(Uncertain.of(middle, 1.0))[end] > there
+            beyond = standard_deviation_interval_95(Uncertain.of(middle, 1.0))[end] > target
             first, last = (first, middle) if beyond else (middle, last)
         return first
 
-    low, high = (estimate_whose_end_is(end, math.sqrt(true)) for end in (0, 1))
+    low, high = (estimate_with_end(end, math.sqrt(true)) for end in (0, 1))
     held = NormalDist(true).cdf(low) - NormalDist(true).cdf(high)
     assert held == pytest.approx(0.95, abs=1e-6)
 
@@ -96,12 +101,12 @@ def test_the_interval_of_a_spread_holds_a_truth_of_any_size(true):
     ("freedom", "planes", "true", "most"),
     [(47, 1, 0, 0.968), (47, 1, 1, 0.968), (47, 1, 3, 0.968), (25, 1, 0, 0.968), (35, 4, 0, 0.974), (35, 4, 1, 0.974)],
 )
-def test_the_interval_of_a_part_in_few_lines_holds_a_truth_of_any_size(freedom, planes, true, most):
-    """A row variance beside a pixel variance of 1, as `split_parts` makes it; the truth in uncertainties at zero.
+def test_interval_of_a_part_from_few_lines_covers(freedom, planes, true, most):
+    """A row variance beside a pixel variance of 1, as in `split_parts`; the true value in uncertainties at zero.
 
-    8000 draws; a share of 96 is known to 0.22 % (one standard error), and the bounds are three and more of these away
-    from what holds: 95.1 to 96 % in one plane, 96.7 % in the mean of four. With new seeds a run in 200 would
-    raise an alarm. Both sides of 2.5 % hold a truth of zero in 97.5 % of one plane.
+    8000 draws give a coverage near 96 % with a standard error of 0.22 %. The bounds are at least three of these away
+    from the expected coverage: 95.1 to 96 % for one plane, 96.7 % for the mean of four. With new seeds, one run in 200
+    fails. A symmetric interval holds a true value of zero in 97.5 % for one plane.
     """
     at_zero = math.sqrt(2 / freedom)
     truth = true * at_zero / math.sqrt(planes)
@@ -112,14 +117,14 @@ def test_the_interval_of_a_part_in_few_lines_holds_a_truth_of_any_size(freedom, 
             expected = max(one, 1.0)
             shape = Source.mean_square(freedom).scaled(one / expected)
             parts.append(Uncertain.of(one, expected * at_zero, shape) - 1.0)
-        low, high = spread_interval_95(weighted_mean(parts, [1.0] * planes))
+        low, high = standard_deviation_interval_95(weighted_mean(parts, [1.0] * planes))
         held += low <= math.sqrt(truth) <= high
     assert 0.94 < held / 8000 < most
 
 
 @pytest.mark.parametrize(("freedom", "planes"), [(35, 4), (10, 12)])
-def test_many_mean_squares_together_are_nearly_one_of_all_their_freedom(freedom, planes):
-    """The lower side, in uncertainties: within 6 %; squares of the single sides alone are shorter by 13 % and more."""
+def test_interval_of_many_mean_squares_is_that_of_one_with_all_degrees_of_freedom(freedom, planes):
+    """The lower side, in uncertainties: within 6 %. Summed squares of the single sides would be 13 % too short."""
     one = Source.mean_square(float(freedom)).below
     together = weighted_mean(
         [Uncertain.of_variance(1.0, math.sqrt(2 / freedom)) for _ in range(planes)], [1.0] * planes

@@ -1,4 +1,4 @@
-"""Two-level noise: false alarms as rare as stated, and blinking pixels found."""
+"""Random telegraph noise: the stated rate of false alarms, and blinking pixels found."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from photosite.calibration.chip_maps.blinking import FALSE_ALARMS, blinking, least_visits, ratio_limit, two_levels
+from photosite.calibration.chip_maps.telegraph_noise import (
+    FALSE_ALARMS,
+    find_blinking,
+    least_visits,
+    ratio_limit,
+    two_levels,
+)
 
 
-def test_the_cut_is_the_best_of_all() -> None:
-    """Against every cut tried in turn."""
+def test_division_is_the_best_of_all() -> None:
+    """Against an exhaustive search."""
     rng = np.random.default_rng(1)
     series = rng.normal(0, 1, (50, 24)) + 6 * (rng.random((50, 24)) < rng.uniform(0, 1, (50, 1)))
     found = two_levels(series)
@@ -26,10 +32,10 @@ def test_the_cut_is_the_best_of_all() -> None:
 
 
 @pytest.mark.parametrize("frames", [12, 40, 150])
-def test_normal_noise_passes_for_blinking_as_rarely_as_stated(frames) -> None:
-    """The ratio alone, on numbers of another generator than the limit's: binomial of 400 000, each way outside 1e-4.
+def test_false_alarms_for_normal_noise(frames) -> None:
+    """The ratio alone, with another generator than the limit's: binomial of 400 000, each side 1e-4.
 
-    The limit itself is fitted to 600 draws of the tail, which leaves the rate uncertain by a fifth.
+    The limit is fitted to 600 draws of the tail, so the rate is known to a fifth.
     """
     rng = np.random.Generator(np.random.MT19937(7))
     count, alarms = 400_000 if frames < 100 else 100_000, 0
@@ -39,12 +45,12 @@ def test_normal_noise_passes_for_blinking_as_rarely_as_stated(frames) -> None:
     assert low <= alarms <= high
 
 
-def test_pixels_picked_for_their_variance_pass_as_rarely() -> None:
-    """The noisiest percent of normal pixels, whole numbers as read: at most 4 of 4000 by 1e-4 each (Poisson, 1e-4)."""
+def test_false_alarms_for_pixels_with_large_variance() -> None:
+    """The noisiest percent of normal pixels, rounded: at most 4 of 4000 (rate 1e-4 each; Poisson at 1e-4)."""
     rng = np.random.default_rng(3)
     series = np.round(rng.normal(64, 2, (400_000, 16)))
     noisy = series[np.argsort(series.var(axis=1))[-4000:]]
-    assert np.count_nonzero(blinking(noisy)[0]) <= 4
+    assert np.count_nonzero(find_blinking(noisy)[0]) <= 4
 
 
 @pytest.mark.parametrize("noise", ["rounded", "uniform", "one outlier", "heavy tail"])
@@ -57,17 +63,17 @@ def test_other_noise_without_two_levels_is_not_blinking(noise) -> None:
         "one outlier": lambda: rng.normal(64, 2, shape) + 500 * (np.arange(40) == 7),
         "heavy tail": lambda: 64 + 2 * rng.standard_t(4, shape),
     }[noise]()
-    # Few levels of a uniform distribution in 40 frames are as far apart by chance.
-    assert np.count_nonzero(blinking(series)[0]) <= (120 if noise == "uniform" else 8)
+    # For a uniform distribution, 40 frames sometimes have levels this far apart by chance.
+    assert np.count_nonzero(find_blinking(series)[0]) <= (120 if noise == "uniform" else 8)
 
 
 @pytest.mark.parametrize(("frames", "amplitude"), [(16, 12.0), (40, 7.0), (150, 5.0)])
 def test_blinking_pixels_are_found_with_their_levels(frames, amplitude) -> None:
-    """Levels so many times the noise apart, upper one in 30 to 70 % of the frames: 98 % found, amplitudes unbiased."""
+    """Upper level in 30 to 70 % of the frames: 98 % found, amplitudes unbiased."""
     rng = np.random.default_rng(frames)
     high = rng.random((3000, frames)) < rng.uniform(0.3, 0.7, (3000, 1))
     series = np.round(rng.normal(64, 3, (3000, frames)) + 3 * amplitude * high)
-    found, levels = blinking(series)
+    found, levels = find_blinking(series)
     visited = np.minimum(high.sum(axis=1), frames - high.sum(axis=1)) >= least_visits(frames)
     assert np.mean(found[visited]) > 0.98
     measured = (levels.upper - levels.lower)[found]

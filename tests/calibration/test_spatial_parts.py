@@ -1,25 +1,19 @@
-"""Row, column and pixel parts against the standard's closed form, and the high-pass against simulation and scipy."""
+"""Row, column and pixel parts against the standard's equations; the high-pass filter against simulation and SciPy."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.spatial import (
-    MARGIN,
-    channel_parts,
-    high_pass,
-    line_gain,
-    pixel_gain,
-    split_parts,
-)
+from photosite.calibration.spatial.parts import channel_parts, split_parts
+from photosite.calibration.spatial.planes import MARGIN, high_pass, line_gain, pixel_gain
 from photosite.values.uncertain import Missing, Uncertain
 
 NONE = Uncertain(0.0)
 NO_NOISE = TemporalParts(NONE, NONE, NONE)
 
 
-def test_high_pass_is_the_image_less_its_three_smoothings():
+def test_high_pass_matches_scipy():
     plane = np.random.default_rng(0).normal(100.0, 5.0, (45, 60))
     smooth = ndimage.uniform_filter(plane, 7)
     smooth = ndimage.uniform_filter(smooth, 11)
@@ -28,8 +22,8 @@ def test_high_pass_is_the_image_less_its_three_smoothings():
     np.testing.assert_allclose(high_pass(plane), (plane - smooth)[inner], atol=1e-10)
 
 
-def test_gains_are_what_the_filter_leaves_of_white_noise():
-    """2000 x 2000 pixels and 40 000 columns: the tolerance is four standard errors, sqrt(2 / n)."""
+def test_filter_gains_for_white_noise():
+    """2000 x 2000 pixels and 40 000 columns; tolerance four standard errors, sqrt(2 / n)."""
     rng = np.random.default_rng(1)
     pixels = rng.normal(0.0, 1.0, (2000, 2000))
     assert high_pass(pixels).var() == pytest.approx(pixel_gain(), rel=4 * np.sqrt(2 / 2000**2))
@@ -37,8 +31,8 @@ def test_gains_are_what_the_filter_leaves_of_white_noise():
     assert high_pass(columns).var() == pytest.approx(line_gain(), rel=4 * np.sqrt(2 / 40_000) * 1.2)
 
 
-def test_parts_of_a_plain_plane_are_the_standard_s():
-    """EMVA 1288 R4.0: its equations written out; ours differ by shares of 1 / rows and 1 / cols."""
+def test_unfiltered_parts_match_the_standard():
+    """The equations of EMVA 1288 R4.0; they differ from the code by terms of 1 / rows and 1 / cols."""
     rng = np.random.default_rng(2)
     rows, cols = 400, 700
     plane = rng.normal(0, 1, (rows, cols)) + rng.normal(0, 2, cols) + rng.normal(0, 3, (rows, 1))
@@ -52,8 +46,8 @@ def test_parts_of_a_plain_plane_are_the_standard_s():
     assert parts.total.value == pytest.approx(total, rel=4e-3)
 
 
-def test_parts_of_a_plain_plane_are_the_analysis_of_variance():
-    """The mean squares of the textbook's two-way table."""
+def test_unfiltered_parts_match_the_analysis_of_variance():
+    """The mean squares of the two-way table."""
     plane = np.random.default_rng(2).normal(0, 1, (12, 17)) + np.arange(17.0)
     rows, cols = plane.shape
     residual = plane - plane.mean(0) - plane.mean(1)[:, None] + plane.mean()
@@ -67,9 +61,11 @@ def test_parts_of_a_plain_plane_are_the_analysis_of_variance():
 
 @pytest.mark.parametrize("filtered", [False, True])
 @pytest.mark.parametrize("truth", [(1.0, 0.0, 0.0), (1.0, 0.3, 0.0), (1.0, 0.2, 0.5), (0.2, 1.0, 1.0)])
-def test_parts_come_out_unbiased_and_covered(filtered, truth):
-    """200 planes per case. The mean may be off by four of its standard errors; coverage is 95 % expected, 88 %
-    is 4.5 standard errors below. False alarm over all eight cases: under 0.5 %."""
+def test_parts_are_unbiased_and_covered(filtered, truth):
+    """200 planes per case: means within four standard errors, and coverage above 88 %, 4.5 standard errors below 95 %.
+
+    False alarms over all eight cases: under 0.5 %.
+    """
     pixel, column, row = truth
     rng = np.random.default_rng([3, int(10 * column), int(10 * row)])
     found = {"pixel": [], "column": [], "row": [], "total": []}
@@ -89,7 +85,7 @@ def test_parts_come_out_unbiased_and_covered(filtered, truth):
         assert np.mean(np.abs(error) < 1.96 * uncertainty) > 0.88, name
 
 
-def test_shading_is_left_out_by_the_filter_and_not_without_it():
+def test_filter_removes_shading():
     rng = np.random.default_rng(5)
     y, x = np.mgrid[-1:1:200j, -1:1:300j]
     plane = 1000.0 * (1 - 0.2 * (x**2 + y**2)) + rng.normal(0, 2.0, x.shape)
@@ -97,8 +93,8 @@ def test_shading_is_left_out_by_the_filter_and_not_without_it():
     assert split_parts(plane, NO_NOISE, filtered=False).total.value > 1000.0
 
 
-def test_each_site_of_a_mosaic_is_a_plane_of_its_own():
-    """Two greens of different level are no non-uniformity."""
+def test_each_site_of_a_mosaic_is_a_separate_plane():
+    """Different levels of the two greens are not nonuniformity."""
     rng = np.random.default_rng(6)
     mosaic = rng.normal(0.0, 1.0, (120, 160))
     mosaic[0::2, 1::2] += 50.0
@@ -107,7 +103,7 @@ def test_each_site_of_a_mosaic_is_a_plane_of_its_own():
     assert parts.total.value == pytest.approx(1.0, rel=0.1)
 
 
-def test_a_plane_too_small_for_the_filter_is_said_so():
+def test_too_small_plane_is_missing():
     result = channel_parts(np.zeros((60, 160)), np.array([[0, 1], [1, 2]]), 0, NO_NOISE, filtered=True)
     assert isinstance(result, Missing)
     assert "30 pixels" in result.reason

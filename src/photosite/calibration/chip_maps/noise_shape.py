@@ -1,4 +1,4 @@
-"""Noise that is not normal: its kurtosis, and the shape of its tail."""
+"""Deviation of temporal noise from a normal distribution: kurtosis and Tukey lambda shape."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Source, Uncertain
 
 QUANTISATION_FOURTH = -1.0 / 120.0
-"""Fourth cumulant of rounding to whole numbers, DN^4: that of a uniform distribution."""
+"""Fourth cumulant of rounding to integers, DN^4: that of a uniform distribution."""
 
 BLOCKS = 16
-"""Blocks of rows whose scatter gives the uncertainties (jackknife)."""
+"""Number of blocks of rows for the jackknife uncertainties."""
 
 NORMAL_SHAPE = 0.13556
-"""What `tukey_shape` makes of a normal distribution: Tukey's lambda that correlates best with it."""
+"""`tukey_shape` of a normal distribution: the Tukey lambda with the highest correlation."""
 
 _LEAST_SHAPE, _MOST_SHAPE = -0.45, 1.0
 
 
 @dataclass(frozen=True)
-class Tail:
-    """How far temporal dark noise is from normal; 0 excess and a shape of `NORMAL_SHAPE` are normal.
+class NoiseShape:
+    """Shape of the distribution of temporal dark noise; normal noise has excess kurtosis 0 and shape `NORMAL_SHAPE`.
 
     Parameters
     ----------
     excess_kurtosis
-        Of all pixels' readings about their own means; the sum of the next two.
+        Of the values of all pixels about their own means: the sum of the next two.
     within_pixels
-        The share of pixels' own noise not being normal.
+        Contribution of non-normal noise of single pixels.
     between_pixels
-        The share of pixels having different noise: 3 var(variance) / mean(variance)^2.
+        Contribution of different noise in different pixels: 3 var(variance) / mean(variance)^2.
     tukey_lambda
-        Shape of the Tukey lambda distribution that the readings follow best; smaller is a heavier tail, 0 the logistic
-        distribution. One above 0 ends at a largest deviation (`tukey_reach`), which readings may pass: it is the middle
-        of the distribution that is followed.
+        Shape parameter of the Tukey lambda distribution that fits the values best. Smaller means heavier tails; 0 is
+        the logistic distribution. A shape above 0 has a largest deviation (`tukey_reach`), which values may exceed,
+        because the fit follows the middle of the distribution.
     """
 
     excess_kurtosis: Estimate
@@ -49,36 +49,36 @@ class Tail:
 
     @property
     def shape_is_normal(self) -> bool:
-        """Whether the shape cannot be told from a normal distribution's: `NORMAL_SHAPE` is in its 95 % interval."""
+        """Whether the 95 % interval of the shape includes `NORMAL_SHAPE`."""
         interval = self.tukey_lambda.interval_95
         return interval is not None and interval[0] <= NORMAL_SHAPE <= interval[1]
 
 
-def measure_tail(
+def measure_noise_shape(
     variance: NDArray[np.float32], fourth: NDArray[np.float32], frames: int, histogram: NDArray[np.int64], width: float
-) -> Tail:
-    """The tail of a stack's temporal noise.
+) -> NoiseShape:
+    """Measure the shape of the distribution of a stack's temporal noise.
 
-    Kurtosis: each pixel's second and fourth k-statistic (Fisher 1930) estimate its cumulants without bias from any
-    number of frames; their means over pixels, rounding taken off (Sheppard), give both parts. Shape: the probability
-    plot correlation coefficient (Filliben, Technometrics 17 (1975) 111), as noise models for denoisers take it (Wei
-    et al., CVPR 2020). Uncertainties: jackknife over 16 blocks of rows; the shape's has 2 / n of its distance from
-    normal in it, by which the mean of n frames, taken off, brings it nearer to normal.
+    Kurtosis: the second and fourth k-statistics of each pixel (Fisher 1930) estimate its cumulants without bias from
+    any number of frames. Their means over pixels, corrected for rounding (Sheppard), give both parts. Shape: the
+    probability plot correlation coefficient (Filliben, Technometrics 17 (1975) 111), as used in noise models for
+    denoising (Wei et al., CVPR 2020). Uncertainties: jackknife over 16 blocks of rows. Subtracting the mean of n frames
+    moves the shape towards normal; 2 / n of its distance from normal is added to its uncertainty.
 
     Parameters
     ----------
     variance, fourth
         (rows, cols) unbiased temporal variance; sum of the fourth powers of the deviations from the pixel's mean.
     frames
-        In the stack.
+        Number of frames in the stack.
     histogram
-        (16, bins) deviations by block of rows; the middle of the bins is 0.
+        (16, bins) deviations by block of rows, centred on 0.
     width
-        Of a bin, in DN.
+        Width of a bin, DN.
     """
     method = f"{frames} dark frames, k-statistics over pixels, jackknife over {BLOCKS} blocks of rows"
     if frames < 4:
-        why = f"{frames} dark frames at one exposure; a fourth moment needs 4"
+        why = f"{frames} dark frames at one exposure time; the fourth moment needs at least 4"
         excess = within = between = Estimate(reason=why, method=method)
     else:
         moments = _block_moments(variance, fourth, frames)
@@ -91,11 +91,11 @@ def measure_tail(
     if isinstance(found := shape.uncertain, Uncertain):
         drawn = 2.0 / frames * abs(found.value - NORMAL_SHAPE)
         shape = Estimate.of(found + Uncertain.of(0.0, drawn), shape.method)
-    return Tail(excess, within, between, shape)
+    return NoiseShape(excess, within, between, shape)
 
 
 def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n: int) -> NDArray[np.float64]:
-    """(blocks, 4) sums over pixels of 1, k2, k4 and an unbiased estimate of the squared variance."""
+    """Return the sums (blocks, 4) over pixels of 1, k2, k4 and an unbiased estimate of the squared variance."""
     rows = variance.shape[0]
     sums = np.zeros((BLOCKS, 4))
     for block in range(BLOCKS):
@@ -110,7 +110,7 @@ def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n
 
 
 def _cumulants(sums: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Means over pixels of variance, fourth cumulant and squared variance, without rounding's share."""
+    """Return the means over pixels of variance, fourth cumulant and squared variance, corrected for rounding."""
     variance, fourth, squared = (float(x) for x in sums[1:] / sums[0])
     exact = variance - QUANTISATION_DN2
     return exact, fourth - QUANTISATION_FOURTH, squared - 2 * QUANTISATION_DN2 * variance + QUANTISATION_DN2**2
@@ -134,29 +134,29 @@ _Statistic = Callable[[NDArray[np.float64]], float]
 
 
 def _jackknifed(statistic: _Statistic, blocks: NDArray[np.float64], method: str) -> Estimate:
-    """A statistic of the blocks' sum, and its standard uncertainty from leaving out each block in turn."""
+    """Return a statistic of the sum of the blocks, with its jackknife uncertainty."""
     total = blocks.sum(axis=0)
-    there = blocks[blocks.reshape(len(blocks), -1).any(axis=1)]
-    if len(there) < 2:
+    filled = blocks[blocks.reshape(len(blocks), -1).any(axis=1)]
+    if len(filled) < 2:
         return Estimate(reason="fewer than two rows", method=method)
-    left_out = np.array([statistic(total - block) for block in there])
-    k = len(there)
+    left_out = np.array([statistic(total - block) for block in filled])
+    k = len(filled)
     uncertainty = float(np.sqrt((k - 1) / k * np.sum((left_out - left_out.mean()) ** 2)))
     return Estimate.of(Uncertain.of(statistic(total), uncertainty, Source.student(k - 1.0)), method)
 
 
 def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
-    """The shape of the Tukey lambda distribution that a histogram correlates with best.
+    """Return the shape of the Tukey lambda distribution with the highest correlation to a histogram.
 
-    Its quantile function is Q(p) = (p^lambda - (1 - p)^lambda) / lambda. A bin from p0 to p1 has the mean of Q between
-    them, in closed form, so that the width of the bins does not matter.
+    The quantile function is Q(p) = (p^lambda - (1 - p)^lambda) / lambda. A bin from p0 to p1 is compared with the mean
+    of Q between them, in closed form, so that the bin width does not matter.
 
     Parameters
     ----------
     counts
-        (bins,), symmetric about 0.
+        (bins,), centred on 0.
     width
-        Of a bin.
+        Width of a bin.
 
     Examples
     --------
@@ -169,9 +169,9 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    there = np.flatnonzero(counts)
-    weights = counts[there] / counts.sum()
-    x = (there + 0.5 - len(counts) / 2) * width
+    filled = np.flatnonzero(counts)
+    weights = counts[filled] / counts.sum()
+    x = (filled + 0.5 - len(counts) / 2) * width
     x = x - weights @ x
     p = np.concatenate([[0.0], np.cumsum(weights)])
     p[-1] = 1.0
@@ -184,7 +184,7 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
 
 
 def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A Tukey lambda distribution, to draw: places and the density there.
+    """Return points and density of a Tukey lambda distribution, for drawing.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.f
 
 
 def tukey_reach(shape: float, standard_deviation: float) -> float:
-    """The largest deviation that a Tukey lambda distribution has; no end for a shape of 0 and less.
+    """Return the largest deviation of a Tukey lambda distribution; infinite for a shape of 0 or less.
 
     Examples
     --------
@@ -211,7 +211,7 @@ def tukey_reach(shape: float, standard_deviation: float) -> float:
 
 
 def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float64]:
-    """Integral of Q from 0 to p, up to a constant."""
+    """Return the integral of Q from 0 to p, up to a constant."""
     q = 1.0 - p
     if abs(shape) < 1e-6:
         from scipy.special import xlogy
@@ -221,7 +221,7 @@ def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float
 
 
 def _quantile_square(shape: float) -> float:
-    """Integral of Q^2 from 0 to 1: the variance of the distribution."""
+    """Return the integral of Q^2 from 0 to 1: the variance of the distribution."""
     from scipy.special import beta
 
     if abs(shape) < 1e-4:

@@ -1,4 +1,4 @@
-"""The response map: slopes of the flats of the linear range, pixel by pixel."""
+"""The response map: per-pixel slopes of the flat fields in the linear range."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from photosite.calibration.photon_transfer.curves import LinearRange
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import Level
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.nonuniformity import PixelSlopes, slope_coefficients
+from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 
 
 @dataclass(frozen=True)
 class ResponseMap:
-    """Slopes of the light levels.
+    """Per-pixel slopes against the light axis.
 
     Parameters
     ----------
     slopes
         (rows, cols) float32, DN per unit of the light axis.
     variance
-        (channels,) what temporal noise puts into a slope.
+        (channels,) variance of a slope due to temporal noise.
     seconds
-        (channels,) seconds of dark current that go with a unit.
+        (channels,) seconds of dark current per unit of the light axis.
     """
 
     slopes: NDArray[np.float32]
@@ -38,12 +38,12 @@ class ResponseMap:
     def relative(
         self, dark_rate: NDArray[np.float32], dark_uncertainty: NDArray[np.float32], tile: NDArray[np.int64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Each pixel's relative deviation from its channel's mean response, and its standard uncertainty.
+        """Return each pixel's relative deviation from its channel's mean response, and its standard uncertainty.
 
         Parameters
         ----------
         dark_rate, dark_uncertainty
-            (rows, cols) DN/s, or (1, 1) zeros where it is not known.
+            (rows, cols) DN/s, or (1, 1) zeros if unknown.
         tile
             The repeating tile of channel indices.
         """
@@ -72,8 +72,8 @@ def _inside(group: FrameGroup, range_: LinearRange) -> bool:
     return range_.lowest - grain <= x <= range_.highest + grain
 
 
-def needed_lights(frames: FrameSet, calibration: Calibration) -> tuple[FrameGroup, ...]:
-    """The light groups that lie in the linear range of some channel; none unless each channel has two levels there."""
+def light_groups_in_range(frames: FrameSet, calibration: Calibration) -> tuple[FrameGroup, ...]:
+    """Return the light groups in any channel's linear range; none unless each channel has two levels in its range."""
     lights, ranges = frames.of_kind("light"), calibration.linear_range
     for name in channel_names(frames.cfa):
         if name not in ranges or len({_abscissa(g, ranges[name]) for g in lights if _inside(g, ranges[name])}) < 2:
@@ -81,12 +81,12 @@ def needed_lights(frames: FrameSet, calibration: Calibration) -> tuple[FrameGrou
     return tuple(group for group in lights if any(_inside(group, range_) for range_ in ranges.values()))
 
 
-def read_response(reader: FrameReader, calibration: Calibration, dark_variance: float) -> ResponseMap:
-    """Read the light groups once: a map of slopes on the way.
+def read_response_map(reader: FrameReader, calibration: Calibration, dark_variance: float) -> ResponseMap:
+    """Read the light groups once and accumulate the map of slopes.
 
-    A level weighs as its expected noise wants, from the response and the gain that the calibration found: weights must
-    be known before the first frame is read. Other weights would be a little more or less precise, not more or less
-    right; the uncertainty takes the noise that the level had, where it has two frames.
+    Levels are weighted by their expected noise, from the response and gain that the calibration found, because weights
+    must be known before the first frame is read. Other weights would change the precision, not the expected value. The
+    uncertainty uses the measured noise of levels with at least two frames.
     """
     names, groups = channel_names(reader.frames.cfa), reader.frames.of_kind("light")
     count = np.array([float(len(group)) for group in groups])

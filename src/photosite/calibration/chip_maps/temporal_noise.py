@@ -1,4 +1,4 @@
-"""Temporal noise of the dark: pixels, rows, columns, its tail, and bands."""
+"""Temporal noise of dark frames: noise by pixel, row, column and frame, its distribution, and periodic bands."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.chip_maps.banding import Band, find_bands
-from photosite.calibration.chip_maps.second_look import SecondLook
-from photosite.calibration.chip_maps.tail import Tail, measure_tail
+from photosite.calibration.chip_maps.noise_shape import NoiseShape, measure_noise_shape
+from photosite.calibration.chip_maps.periodic_bands import Band, find_bands
+from photosite.calibration.chip_maps.residuals import StackResiduals
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.spatial.line_noise import TemporalParts, temporal_parts
-from photosite.calibration.spatial.spread import spread, spread_interval_95, upper_limit_95
 from photosite.engine.frame_sums import MeanFrame
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
+from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 
 @dataclass(frozen=True)
 class Trace:
-    """The readings of a blinking pixel, frame by frame.
+    """The values of a blinking pixel, frame by frame.
 
     Parameters
     ----------
     row, col
-        Its place.
+        Position of the pixel.
     dn
-        (frames,) readings, shifts of whole frames taken off.
+        (frames,) values, without shifts of whole frames.
     lower_dn, upper_dn
-        Its levels.
+        The two levels.
     """
 
     row: int
@@ -45,27 +45,27 @@ class Trace:
 
 @dataclass(frozen=True)
 class TemporalNoise:
-    """How the readings of a chip in the dark scatter from frame to frame.
+    """Frame-to-frame noise of a chip in the dark.
 
     Parameters
     ----------
     frames, exposure_s
-        The stack it was seen in.
+        Number of frames of the stack, and their exposure time.
     pixel_noise_dn, row_noise_dn, column_noise_dn
-        Standard deviation of what a pixel has by itself (rounding off, shot noise of the dark current in it), and of
-        what a whole row or column shares. Where the variance came out negative, minus the root of its size.
+        Standard deviation of single pixels (without rounding; includes the shot noise of the dark current), and of the
+        noise that a whole row or column shares. Negative variance estimates give minus the root of their size.
     frame_noise_dn
         Standard deviation of shifts common to a whole frame.
-    tail
-        How far the noise is from normal.
+    shape
+        Deviation of the noise from a normal distribution.
     bands
-        "fixed rows", "fixed columns": periods in the mean frame; "temporal rows", "temporal columns": periods that come
-        with any phase in each frame. Rows are horizontal bands.
+        "fixed rows", "fixed columns": periods in the mean frame. "temporal rows", "temporal columns": periods whose
+        phase changes from frame to frame. Rows are horizontal bands.
     residual_dn, residual_count
-        (bins,) the histogram of all readings about their pixels' means, shifts of frames, rows and columns taken off:
-        middle of the bin, and how many.
+        (bins,) histogram of all values about their pixels' means, without shifts of frames, rows and columns: middle of
+        each bin, and count.
     traces
-        Readings of some blinking pixels, those whose levels are farthest apart for their noise.
+        Values of the blinking pixels whose levels are farthest apart relative to their noise.
     """
 
     frames: int
@@ -74,14 +74,14 @@ class TemporalNoise:
     row_noise_dn: Estimate
     column_noise_dn: Estimate
     frame_noise_dn: Estimate
-    tail: Tail
+    shape: NoiseShape
     bands: Mapping[str, tuple[Band, ...]]
     residual_dn: NDArray[np.float64]
     residual_count: NDArray[np.int64]
     traces: tuple[Trace, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers, without histogram and traces."""
+        """Return the numbers, without histogram and traces."""
         return {
             "frames": self.frames,
             "exposure_s": self.exposure_s,
@@ -89,7 +89,7 @@ class TemporalNoise:
                 name: getattr(self, name).to_dict()
                 for name in ("pixel_noise_dn", "row_noise_dn", "column_noise_dn", "frame_noise_dn")
             },
-            **{entry.name: getattr(self.tail, entry.name).to_dict() for entry in fields(Tail)},
+            **{entry.name: getattr(self.shape, entry.name).to_dict() for entry in fields(NoiseShape)},
             "bands": {
                 name: [{entry.name: getattr(band, entry.name) for entry in fields(Band)} for band in bands]
                 for name, bands in self.bands.items()
@@ -97,23 +97,23 @@ class TemporalNoise:
         }
 
 
-def measure_temporal(
+def measure_temporal_noise(
     stack: GroupStatistics,
-    look: SecondLook,
+    look: StackResiduals,
     variance: NDArray[np.float32],
     mean: MeanFrame,
     tile: NDArray[np.int64],
 ) -> TemporalNoise:
-    """The temporal noise of a stack of darks.
+    """Measure the temporal noise of a stack of dark frames.
 
     Parameters
     ----------
     stack
-        Its statistics.
+        Statistics of the stack.
     look
-        What reading it again told.
+        Residuals from the second reading of the stack.
     variance
-        (rows, cols) each pixel's temporal variance.
+        (rows, cols) temporal variance of each pixel.
     mean
         The mean frame.
     tile
@@ -131,7 +131,7 @@ def measure_temporal(
         row_noise_dn=_deviation(parts.row, method),
         column_noise_dn=_deviation(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),
-        tail=measure_tail(variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
+        shape=measure_noise_shape(variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
         bands=_bands(look, mean, tile),
         residual_dn=np.asarray((np.arange(bins) + 0.5 - bins / 2) * look.bin_dn, np.float64),
         residual_count=histogram,
@@ -146,22 +146,24 @@ def _pooled(stack: GroupStatistics, parts: Sequence[TemporalParts]) -> TemporalP
 
 
 def _deviation(variance: Uncertain, method: str) -> Estimate:
-    return Estimate.of(spread(variance), method, upper_limit_95(variance), spread_interval_95(variance))
+    return Estimate.of(
+        standard_deviation(variance), method, upper_limit_95(variance), standard_deviation_interval_95(variance)
+    )
 
 
-def _frame_noise(look: SecondLook, pixels: int, parts: TemporalParts, method: str) -> Estimate:
-    """The spread of the frames' means less what their pixels, rows and columns explain of it."""
+def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalParts, method: str) -> Estimate:
+    """Estimate the variance of the frame means that pixels, rows and columns do not explain."""
     row_sums, column_sums = look.lines
     means = row_sums.sum(axis=(1, 2), dtype=np.float64) / pixels
     variance = float(means.var(ddof=1))
     rows, cols = row_sums.shape[1], column_sums.shape[2]
     explained = parts.pixel * (1.0 / pixels) + parts.row * (1.0 / rows) + parts.column * (1.0 / cols)
-    of_means = Uncertain.of_variance(variance, variance * math.sqrt(2.0 / (len(means) - 1)))
-    return _deviation(of_means - explained, method)
+    found = Uncertain.of_variance(variance, variance * math.sqrt(2.0 / (len(means) - 1)))
+    return _deviation(found - explained, method)
 
 
-def _bands(look: SecondLook, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:
-    """Periods of the mean frame's lines, and of single frames' lines about those."""
+def _bands(look: StackResiduals, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:
+    """Find periods in the line means of the mean frame, and of single frames about them."""
     rows, cols = mean.sum.shape
     height, width = tile.shape
     row_means = look.lines[0].sum(axis=2, dtype=np.float64) / cols
@@ -169,7 +171,7 @@ def _bands(look: SecondLook, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[s
     found = {}
     for name, means, period in (("rows", row_means, height), ("columns", column_means, width)):
         fixed = means.mean(axis=0)
-        # The channels' own levels repeat with the tile.
+        # The levels of the channels repeat with the tile.
         channels = np.array([fixed[phase::period].mean() for phase in range(period)])
         found[f"fixed {name}"] = find_bands((fixed - channels[np.arange(len(fixed)) % period])[None])
         found[f"temporal {name}"] = find_bands(means - fixed) if len(means) > 1 else ()

@@ -1,4 +1,4 @@
-"""The reference darks read once more: what needs their mean and their variances to be known first."""
+"""Residuals of a stack of frames about its mean, from a second reading of the frames."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.chip_maps.tail import BLOCKS
+from photosite.calibration.chip_maps.noise_shape import BLOCKS
 from photosite.calibration.spatial.line_noise import LineSums
 from photosite.engine.frame_statistics import add_residuals, line_sums
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.jit import threads_for
 
 BINS = 1024
-"""Of the histogram of residuals, 8 to a standard deviation: it reaches 64 of them to each side."""
+"""Bins of the histogram of residuals, 8 per standard deviation: 64 standard deviations to each side."""
 
 _BINS_PER_SIGMA = 8
 
 
 @dataclass(frozen=True)
-class SecondLook:
-    """A stack's readings about their pixels' means.
+class StackResiduals:
+    """Residuals of a stack about the means of its pixels.
 
     Parameters
     ----------
@@ -31,10 +31,10 @@ class SecondLook:
     fourth
         (rows, cols) float32 sum of the fourth powers of the residuals, DN^4.
     histogram, bin_dn
-        (blocks, bins) residuals by block of rows, shifts of frames, rows and columns taken off and scaled up by
-        sqrt(n / (n - 1)) to the spread of the noise; width of a bin.
+        (blocks, bins) residuals by block of rows, and the width of a bin. Shifts of frames, rows and columns are
+        removed, and the residuals are scaled by sqrt(n / (n - 1)) to the standard deviation of the noise.
     series
-        (pixels, frames) float32 readings of the pixels asked for, shifts of whole frames taken off.
+        (pixels, frames) float32 values of selected pixels, without shifts of whole frames.
     """
 
     lines: LineSums
@@ -44,29 +44,29 @@ class SecondLook:
     series: NDArray[np.float32]
 
 
-def look_again(
+def read_residuals(
     frames: Iterable[NDArray[np.unsignedinteger]],
     mean: MeanFrame,
     sigma_dn: float,
     place: tuple[NDArray[np.int64], NDArray[np.int64]],
-) -> SecondLook:
-    """Read a stack whose mean is known.
+) -> StackResiduals:
+    """Read a stack again, with its mean known.
 
     Parameters
     ----------
     frames
-        The frames that the mean is of.
+        The frames of the mean.
     mean
-        Their mean.
+        The mean.
     sigma_dn
-        The typical temporal standard deviation, for the histogram.
+        Typical temporal standard deviation, which sets the bin width of the histogram.
     place
-        Rows and columns of the pixels whose series is wanted.
+        Rows and columns of the pixels whose series are kept.
 
     Raises
     ------
     ValueError
-        If the number of frames is not the mean's.
+        If the number of frames differs from that of the mean.
     """
     rows, cols = mean.sum.shape
     tile = mean.labels.shape[0], mean.labels.shape[1]
@@ -75,7 +75,7 @@ def look_again(
     level = float(row_level.mean())
     n = mean.count
     bin_dn = sigma_dn / _BINS_PER_SIGMA
-    # Each residual lacks 1 / n of the noise's variance, which went into the mean.
+    # Each residual lacks 1 / n of the noise variance, because the mean contains the frame.
     bins_per_dn = float(np.sqrt(n / max(n - 1, 1))) / bin_dn
     fourth = np.zeros((rows, cols), np.float32)
     histogram = np.zeros((BLOCKS, BINS), np.int64)
@@ -92,5 +92,5 @@ def look_again(
         by_column.append(column_sums)
         series.append(frame[place].astype(np.float32) - np.float32(shift))
     if len(series) != n:
-        raise ValueError(f"the mean is of {n} frames, and {len(series)} came")
-    return SecondLook((np.stack(by_row), np.stack(by_column)), fourth, histogram, bin_dn, np.stack(series, axis=1))
+        raise ValueError(f"expected the {n} frames of the mean, got {len(series)}")
+    return StackResiduals((np.stack(by_row), np.stack(by_column)), fourth, histogram, bin_dn, np.stack(series, axis=1))

@@ -1,7 +1,4 @@
-"""What gain settings mean, whether the pixel's conversion gain switches among them, and the two parts of read noise.
-
-Numbers in, numbers out; `photosite.calibration.gain_series.gain_series` brings them from frames.
-"""
+"""Statistics of a gain series: scale of the settings, conversion-gain switch, and the two parts of read noise."""
 
 from __future__ import annotations
 
@@ -15,57 +12,58 @@ from numpy.typing import NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 
 FALSE_ALARMS = 0.01
-"""Share of series without a conversion-gain switch in which one may be found."""
+"""Fraction of series without a conversion-gain switch in which one may be found."""
 
 FEWEST_SETTINGS = 5
-"""Below it the scatter about the models has too few degrees of freedom to tell a switch from it."""
+"""Smallest number of settings in which a switch can be distinguished from scatter."""
 
 LEAST_STEP = math.log(1.2)
-"""A step in gain per setting alone is a switch from here on: nominal settings are off by more than sampling."""
+"""Smallest step in gain per setting (logarithm) that alone counts as a switch. Nominal settings are inexact."""
 
 _POSITION_95 = 3.841458820694124
-"""Deviance by which a position may be worse than the best: chi-square's 95 % point, one degree of freedom."""
+"""Largest increase in deviance within the 95 % range of a position: chi-square, one degree of freedom."""
 
-LawName = Literal["proportional", "tenths of a decibel", "decibels"]
+SettingScale = Literal["proportional", "tenths of a decibel", "decibels"]
 
 _DECIBEL = math.log(10.0) / 20.0
 
 
-def log_amplification(settings: NDArray[np.float64], law: LawName) -> NDArray[np.float64]:
-    """Natural logarithm of the amplification that the settings stand for, up to a constant.
+def log_amplification(settings: NDArray[np.float64], scale: SettingScale) -> NDArray[np.float64]:
+    """Return the natural logarithm of the amplification of settings, up to a constant.
 
-    ISO and plain gains are proportional to it; some machine-vision and astronomy cameras count decibels or tenths.
+    ISO numbers and plain gains are proportional to the amplification. Some machine-vision and astronomy cameras use
+    decibels or tenths of a decibel.
 
     Examples
     --------
     >>> np.exp(log_amplification(np.array([0.0, 200.0]), "tenths of a decibel")).round(12).tolist()
     [1.0, 10.0]
     """
-    if law == "proportional":
+    if scale == "proportional":
         return np.log(settings)
-    return settings * (_DECIBEL if law == "decibels" else 0.1 * _DECIBEL)
+    return settings * (_DECIBEL if scale == "decibels" else 0.1 * _DECIBEL)
 
 
-def find_law(settings: NDArray[np.float64], gain: NDArray[np.float64]) -> LawName:
-    """The law that leaves least of the measured gains: after one step, so that a switch does not decide.
+def find_setting_scale(settings: NDArray[np.float64], gain: NDArray[np.float64]) -> SettingScale:
+    """Return the scale that explains the measured gains best, with one free step for a conversion-gain switch.
 
     Parameters
     ----------
     settings, gain
-        (n,) settings, rising, and system gains.
+        (n,) settings, ascending, and system gains.
 
     Examples
     --------
-    >>> find_law(np.array([100.0, 200.0, 400.0]), np.array([0.1, 0.21, 0.4]))
+    >>> find_setting_scale(np.array([100.0, 200.0, 400.0]), np.array([0.1, 0.21, 0.4]))
     'proportional'
-    >>> find_law(np.array([0.0, 60.0, 120.0]), np.array([0.1, 0.2, 0.4]))
+    >>> find_setting_scale(np.array([0.0, 60.0, 120.0]), np.array([0.1, 0.2, 0.4]))
     'tenths of a decibel'
     """
-    laws: tuple[LawName, ...] = ("proportional", "tenths of a decibel", "decibels")
-    allowed = laws if settings.min() > 0 else laws[1:]
+    scales: tuple[SettingScale, ...] = ("proportional", "tenths of a decibel", "decibels")
+    allowed = scales if settings.min() > 0 else scales[1:]
 
-    def left(law: LawName) -> float:
-        rest = np.log(gain) - log_amplification(settings, law)
+    def left(scale: SettingScale) -> float:
+        rest = np.log(gain) - log_amplification(settings, scale)
         whole = float(np.sum((rest - rest.mean()) ** 2))
         if len(rest) < 4:
             return whole
@@ -79,18 +77,18 @@ def find_law(settings: NDArray[np.float64], gain: NDArray[np.float64]) -> LawNam
 
 @dataclass(frozen=True)
 class StepTest:
-    """A step among rising settings, tried between each two of them.
+    """Test for a step between any two neighbouring settings.
 
     Parameters
     ----------
     p_value
-        Chance of a step as significant as the best one where there is none, over all places (Bonferroni).
+        Probability of a step as significant as the best one if there is none, over all positions (Bonferroni).
     split
         Index of the first setting above the best step.
     step, step_uncertainty
-        (n - 1,) its size, if it were before setting 1, 2, ...
+        (n - 1,) size of a step before setting 1, 2, ...
     deviance
-        (n - 1,) -2 log likelihood of each place.
+        (n - 1,) -2 log likelihood of each position.
     """
 
     p_value: float
@@ -101,10 +99,10 @@ class StepTest:
 
 
 def step_in_gain(log_gain_per_setting: NDArray[np.float64], variance: NDArray[np.float64]) -> StepTest:
-    """Whether the gain per unit of amplification steps up at some setting.
+    """Test whether the gain per unit of amplification steps up at some setting.
 
-    A level on either side, weighted by sampling variance and the scatter that nominal settings have (`fit_linear`);
-    the step over its uncertainty goes by Student's t of n - 2 degrees of freedom, one-sided.
+    The model has one level on each side, weighted by sampling variance and the scatter of nominal settings
+    (`fit_linear`). The step divided by its uncertainty follows Student's t with n - 2 degrees of freedom, one-sided.
 
     Parameters
     ----------
@@ -124,10 +122,11 @@ def _step_design(n: int, k: int) -> NDArray[np.float64]:
 
 
 def step_in_read_noise(noise: ReadNoise) -> StepTest:
-    """Whether the read noise before the amplifier, in electrons, steps down at some setting.
+    """Test whether the pre-amplifier read noise, in electrons, steps down at some setting.
 
-    sigma_dn^2 = A K^2 + B with one A below the step and another above it; the drop in A over its uncertainty goes by
-    Student's t of n - 3 degrees of freedom, one-sided. The models may miss each point by a relative scatter.
+    The model is sigma_dn^2 = A K^2 + B with different A below and above the step. The drop in A divided by its
+    uncertainty follows Student's t with n - 3 degrees of freedom, one-sided. The fit allows a relative scatter about
+    the model.
     """
     n = len(noise.gain)
     drop, uncertainty, deviance = [], [], []
@@ -169,7 +168,7 @@ class ReadNoise:
     gain, gain_uncertainty
         (n,) system gain, DN per electron.
     variance_dn2, variance_uncertainty
-        (n,) read noise squared, above 0, rounding taken off.
+        (n,) squared read noise, above 0, without rounding.
     """
 
     gain: NDArray[np.float64]
@@ -183,9 +182,9 @@ class ReadNoise:
         )
 
     def fit(self, columns: NDArray[np.float64]) -> tuple[Fit, NDArray[np.float64], NDArray[np.float64]]:
-        """Least squares of the variances, each in units of itself, by columns of which all but the last are A K^2.
+        """Fit the relative variances by linear least squares; all columns but the last belong to A K^2 terms.
 
-        Gains are uncertain too: the effective variance (2 A K u(K))^2 is that of the fit before.
+        The uncertainty of the gains enters as the effective variance (2 A K u(K))^2 of the previous fit.
 
         Returns
         -------
@@ -202,7 +201,7 @@ class ReadNoise:
         return fit_linear(design, np.ones(len(sampling)), np.diag(variance)), design, variance
 
     def two_parts(self) -> Fit:
-        """A (electrons^2) and B (DN^2) of sigma_dn^2 = A K^2 + B."""
+        """Fit A (electrons^2) and B (DN^2) in sigma_dn^2 = A K^2 + B."""
         fit, _, _ = self.fit(np.column_stack([self.gain**2, np.ones(len(self.gain))]))
         return fit
 
@@ -214,13 +213,13 @@ class Switch:
     Parameters
     ----------
     split
-        Index of the first setting above it.
+        Index of the first setting above the switch.
     first, last
-        Indices of the first settings above the lowest and highest place that the data allow (95 %).
+        The same for the lowest and highest position within the 95 % range.
     p_value
-        Chance of such evidence where there is no switch.
+        Probability of such evidence without a switch.
     seen_in
-        What shows it: "read noise", "gain per setting" or both.
+        The evidence: "read noise", "gain per setting" or both.
     """
 
     split: int
@@ -231,17 +230,17 @@ class Switch:
 
 
 def find_switch(gain_step: StepTest, noise_step: StepTest | None) -> Switch | None:
-    """Whether the pixel's conversion gain switches, and where.
+    """Find a conversion-gain switch.
 
-    There are two signs, and a camera may show either: the noise before the amplifier falls in electrons, and the gain
-    per unit of setting rises. (Where the maker lowers the amplifier's gain at the switch, so that settings stay
-    proportional to the gain, only the noise shows it.) Each is tried at half of `FALSE_ALARMS`; a step in gain alone
-    must also be one that inexact settings do not explain (`LEAST_STEP`).
+    A switch has two signs, and a camera may show either: the pre-amplifier noise in electrons falls, and the gain per
+    unit of setting rises. If the manufacturer lowers the amplifier gain at the switch, so that settings stay
+    proportional to the gain, only the noise shows it. Each sign is tested at half of `FALSE_ALARMS`. A step in gain
+    alone must also exceed the inaccuracy of nominal settings (`LEAST_STEP`).
 
     Parameters
     ----------
     gain_step, noise_step
-        The two tests, of the same settings; None where the read noise could not be measured.
+        The two tests on the same settings; None if the read noise could not be measured.
     """
     seen = []
     if gain_step.p_value < FALSE_ALARMS / 2 and gain_step.step[gain_step.split - 1] > LEAST_STEP:

@@ -1,4 +1,4 @@
-"""Random telegraph noise: pixels whose readings jump between two levels."""
+"""Random telegraph noise: blinking pixels, whose values jump between two levels."""
 
 from __future__ import annotations
 
@@ -9,27 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 FALSE_ALARMS = 1e-4
-"""Probability that a pixel with normal noise, looked at, passes for a blinking one."""
+"""Probability that a pixel with normal noise is classified as blinking."""
 
 LEAST_FRAMES = 12
-"""Frames below which two levels are not looked for."""
+"""Smallest number of frames in which two levels are searched for."""
 
 LEAST_DISTANCE = 4.0
-"""Distance of the levels in units of the noise within them. The halves of a normal distribution are 2.7 of theirs
-apart, those of a uniform one, which a slow drift makes, 3.5."""
+"""Smallest distance of the levels in units of the noise within them.
+
+The halves of a normal distribution are 2.7 such units apart, and those of a uniform one (a slow drift) 3.5.
+"""
 
 LEAST_VARIANCE_DN2 = 0.5
-"""Temporal variance below which the two levels may be neighbouring whole numbers, which every steady pixel has."""
+"""Smallest temporal variance. Below it, the two levels may be neighbouring integers, as in every quiet pixel."""
 
 MOST_FRAMES = 256
-"""Frames of a pixel that are looked at; the first ones."""
+"""Largest number of frames of a pixel that are used; the first ones."""
 
 _DRAWS = 60_000
 
 
 @dataclass(frozen=True)
 class TwoLevels:
-    """The best cut of each pixel's readings into a lower and an upper group.
+    """The best division of each pixel's values into a lower and an upper group.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class TwoLevels:
     lower, upper
         (pixels,) mean of each group.
     high_fraction
-        (pixels,) share of the frames in the upper one.
+        (pixels,) fraction of the frames in the upper group.
     within
         (pixels,) variance within the groups, n - 2 degrees of freedom.
     """
@@ -51,22 +53,26 @@ class TwoLevels:
 
     @property
     def distance(self) -> NDArray[np.float64]:
-        """(pixels,) between the levels, in units of the noise within them."""
+        """Distance (pixels,) between the levels in units of the noise within them."""
         return (self.upper - self.lower) / np.sqrt(self.within)
 
 
 def least_visits(frames: int) -> int:
-    """Frames that each level must have: three, or a twentieth of all. One or two that stand out are no level."""
+    """Return the smallest number of frames that form a level: three, or a twentieth of all."""
     return max(3, -(-frames // 20))
 
 
 def two_levels(series: NDArray[np.floating]) -> TwoLevels:
-    """Cut each pixel's readings where the sum of squares within the two groups is least (two means, exact).
+    """Divide each pixel's values so that the sum of squares within the two groups is smallest (exact two-means).
 
     Parameters
     ----------
     series
-        (pixels, frames), `LEAST_FRAMES` frames or more.
+        (pixels, frames), at least `LEAST_FRAMES` frames.
+
+    Returns
+    -------
+    TwoLevels
 
     Examples
     --------
@@ -81,12 +87,12 @@ def two_levels(series: NDArray[np.floating]) -> TwoLevels:
     total = np.sum(ordered**2, axis=1)
     visits = least_visits(n)
     cut = np.arange(visits, n - visits + 1)
-    lower_sum = np.cumsum(ordered, axis=1)[:, cut - 1]  # of `cut` readings; the rest sum to minus it
+    lower_sum = np.cumsum(ordered, axis=1)[:, cut - 1]  # of `cut` values; the others sum to its negative
     between = lower_sum**2 * (n / (cut * (n - cut)))
     best = np.argmax(between, axis=1)
     row = np.arange(len(ordered))
     count, lower_sum, between = cut[best], lower_sum[row, best], between[row, best]
-    # Where all readings are at one or two values, rounding alone is left.
+    # With only one or two different values, the difference is a rounding error.
     inside = np.maximum(total - between, np.where(total > 0.0, 1e-12 * total, 1.0))
     return TwoLevels(
         ratio=between / inside,
@@ -99,12 +105,12 @@ def two_levels(series: NDArray[np.floating]) -> TwoLevels:
 
 @lru_cache(maxsize=8)
 def ratio_limit(frames: int) -> float:
-    """The ratio that pixels with normal noise exceed with probability `FALSE_ALARMS`.
+    """Return the ratio that pixels with normal noise exceed with probability `FALSE_ALARMS`.
 
-    The ratio does not depend on mean and variance of the readings, so one sample of normal numbers tells its
-    distribution; and for normal noise it is independent of the variance measured (Basu), so that pixels picked for
-    their large variance exceed the limit as rarely. The tail is exponential in the ratio's logarithm: it is fitted
-    beyond the 99 % point of 60 000 draws with a fixed seed.
+    The ratio does not depend on the mean and variance of the values, so one sample of normal numbers gives its
+    distribution. For normal noise the ratio is independent of the measured variance (Basu), so the limit also holds for
+    pixels selected by a large variance. The tail is exponential in the logarithm of the ratio. It is fitted beyond the
+    99 % point of 60 000 draws with a fixed seed.
     """
     rng = np.random.default_rng(1288)
     chunks = [two_levels(rng.standard_normal((_DRAWS // 10, frames))).ratio for _ in range(10)]
@@ -114,25 +120,25 @@ def ratio_limit(frames: int) -> float:
     return float(np.exp(start + decay * np.log(0.01 / FALSE_ALARMS)))
 
 
-def blinking(series: NDArray[np.floating], seed: int = 0) -> tuple[NDArray[np.bool_], TwoLevels]:
-    """Which pixels blink: two levels, apart, and cut better than normal noise of any variance would be.
+def find_blinking(series: NDArray[np.floating], seed: int = 0) -> tuple[NDArray[np.bool_], TwoLevels]:
+    """Find pixels whose values have two levels that normal noise of any variance would not show.
 
-    Of pixels in either level for 30 to 70 % of the time nearly all are found whose levels are 12 times the noise apart
-    in 16 frames, 7 times in 40, and 5 times in 150.
+    Nearly all pixels are found that spend 30 to 70 % of the time in either level, if the levels are 12 times the noise
+    apart in 16 frames, 7 times in 40 frames, or 5 times in 150 frames.
 
     Parameters
     ----------
     series
-        (pixels, frames) readings in DN, `LEAST_FRAMES` frames or more; beyond `MOST_FRAMES` they are not looked at.
+        (pixels, frames) values in DN, at least `LEAST_FRAMES` frames. Frames beyond `MOST_FRAMES` are ignored.
     seed
-        Of the fractions of a digital number that are added, so that rounding makes no levels.
+        Seed of the dither of up to 0.5 DN, which prevents rounding from forming levels.
 
     Returns
     -------
     ndarray
-        (pixels,) whether.
+        (pixels,) True for blinking pixels.
     TwoLevels
-        Of the readings as they are.
+        The levels of the values without dither.
     """
     series = series[:, :MOST_FRAMES]
     rng = np.random.default_rng(seed)

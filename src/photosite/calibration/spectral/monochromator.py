@@ -1,8 +1,8 @@
 """Quantum efficiency from frames under narrow bands of light and a photodiode's readings.
 
-Farrell, Okincha and Parmar, "Sensor calibration and simulation", Proc. SPIE 6817 (2008), section 2: a monochromator's
-light falls evenly on the bare sensor, a calibrated photodiode tells how much it is, and each colour channel's electrons
-over the photons are its quantum efficiency at that wavelength.
+Farrell, Okincha and Parmar, "Sensor calibration and simulation", Proc. SPIE 6817 (2008), section 2: a monochromator
+lights the bare sensor evenly, and a calibrated photodiode measures the light. A channel's electrons divided by the
+photons are its quantum efficiency at that wavelength.
 """
 
 from __future__ import annotations
@@ -13,37 +13,36 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.calibration.spectral.frames import Band, SpectralFrames
-from photosite.calibration.spectral.levels import SpectralLevels, spectral_levels
-from photosite.calibration.spectral.passband import band_matrix
+from photosite.calibration.spectral.bands import Band, SpectralFrames, band_matrix
 from photosite.calibration.spectral.result import BandReading, ChannelEfficiency, SpectralCalibration
+from photosite.calibration.spectral.signals import SpectralSignals, read_signals
 from photosite.calibration.spectral.smooth_prior import smooth_positive_estimate
 from photosite.errors import CalibrationError, InputError
 from photosite.sensor.model import Sensor
 from photosite.values.measured import Measured
 
 MOST_AMPLIFICATION = 5.0
-"""Of the bands' own noise by taking their widths off: beyond it the band means are kept instead."""
+"""Largest factor by which the correction for the bandwidth may raise the noise; above it, a prior is added."""
 
 _STEP_NM = 0.1
-"""Shift for the derivative of the photons with a band's wavelength."""
+"""Step of the numerical derivative of the photons with respect to a band's wavelength."""
 
 _SIGNIFICANT = 3.0
-"""Standard uncertainties by which a quantum efficiency may lie outside 0 to 1 before it is called impossible."""
+"""Standard uncertainties outside 0 to 1 at which a quantum efficiency is rejected as impossible."""
 
 
 def calibrate_spectral(
     frames: SpectralFrames, sensor: Sensor | None = None, *, progress: Callable[[int, int], None] | None = None
 ) -> SpectralCalibration:
-    """Quantum efficiency of every colour channel, with standard uncertainty.
+    """Measure the quantum efficiency of every colour channel, with standard uncertainty.
 
     Parameters
     ----------
     frames
-        The measurement: bands, darks, readings (`photosite.calibration.spectral.protocol.open_spectral`).
+        Bands, dark frames and readings, as `open_spectral` returns them.
     sensor
-        Tells system gain, pixel size and fill factor, with their uncertainties: what `calibrate` gave for this camera.
-        Without it, the sensor that the measurement names.
+        Sensor that supplies system gain, pixel size and fill factor with their uncertainties, as measured by
+        `calibrate` for this camera. Default: the sensor named by the measurement.
     progress
         Called with (frames read, frames to read) after each frame.
 
@@ -54,44 +53,45 @@ def calibrate_spectral(
     Raises
     ------
     InputError
-        If no sensor is known, or it cannot be the one of the frames.
+        If no sensor is given, or it does not match the frames.
     FileError
-        If a frame cannot be read or is unlike the others.
+        If a frame cannot be read or differs in format from the others.
     CalibrationError
-        If the sensor's gain is an assumption, dark frames are clipped, a channel has no band left, or a quantum
-        efficiency cannot be true.
+        If the sensor's gain is only assumed, dark frames are clipped, a channel has no usable band, or a quantum
+        efficiency is impossible.
 
     Notes
     -----
-    The mean over a band's photons is m = (light - dark) / (K H A F): digital numbers above dark, over system gain K,
-    photons H per area, pixel area A and fill factor F. It is an average over the band, so the response, taken as linear
-    between the bands' centres (as a sensor file is read), is solved from all of them: q = B^-1 m, B the share of each
-    centre's hat function in each band's photons. For narrow bands B is the identity. Where bands overlap so much that
-    solving would raise the noise more than fivefold, a smoothness prior is added (`smooth_positive_estimate`), and
-    `method` says so. At the first and last band the difference between a response that goes on level beyond them
-    and one that is zero there, as a sensor file says, counts as a standard uncertainty.
+    The mean over a band's photons is m = (light - dark) / (K H A F): digital numbers above dark, divided by system gain
+    K, photons per area H, pixel area A and fill factor F. The response q at the bands' centres, linear between them as
+    in a sensor file, follows from all means: q = B^-1 m, where B holds the share of each centre's hat function in each
+    band's photons (`band_matrix`). For narrow bands B is the identity. If the inversion would raise the noise more than
+    fivefold, a smoothness prior is added (`smooth_positive_estimate`) and `method` reports it. At the first and last
+    band, the difference between a constant and a zero response beyond them counts as a standard uncertainty.
 
-    The covariance of q holds, band by band, the frames' noise, the lamp's flicker and the readings; common to some
-    bands, the darks that they share, the shutter, the photodiode's table; and common to all, gain, pixel area, fill
-    factor and the photodiode's scale. An error of a band's wavelength enters through the slope of q and of the photons
-    with wavelength (GUM, JCGM 100:2008, 5.2).
+    The covariance of q contains, per band, frame noise, flicker and readings; common to some bands, shared dark frames,
+    the shutter and the photodiode's table; common to all, gain, pixel area, fill factor and the photodiode's scale. The
+    uncertainty of a band's wavelength is propagated through the slopes of q and of the photons (GUM, JCGM 100:2008,
+    5.2).
 
-    What the sensor file calls quantum efficiency is per photon on the photodetector; EMVA 1288's, per photon on the
-    pixel's area, is that times the fill factor.
+    A sensor file states the quantum efficiency per photon on the photodetector. That of EMVA 1288, per photon on the
+    pixel area, is smaller by the fill factor.
     """
     known = _checked_sensor(frames, sensor)
-    levels = spectral_levels(frames, known, progress)
+    levels = read_signals(frames, known, progress)
     channels = {
         name: _channel(name, number, frames.bands, levels, known, frames)
         for number, name in enumerate(known.channel_names)
     }
     warnings = [
-        f"channel {name}: {band} left out: {reason}"
+        f"channel {name}: {band} not used: {reason}"
         for name, channel in channels.items()
         for band, reason in channel.left_out.items()
     ]
     if levels.flicker > 0:
-        warnings.append(f"the light flickers by {100 * levels.flicker:.2g} % from frame to frame; it is accounted for")
+        warnings.append(
+            f"the light varies by {100 * levels.flicker:.2g} % between frames; the uncertainties include this"
+        )
     return SpectralCalibration(
         channels=channels,
         bands=tuple(_reading(band) for band in frames.bands),
@@ -108,25 +108,29 @@ def _checked_sensor(frames: SpectralFrames, sensor: Sensor | None) -> Sensor:
     known = frames.sensor if sensor is None else sensor
     if known is None:
         raise InputError(
-            f"{frames.source}: electrons and photons per pixel need the sensor's gain and size; name its sensor file "
-            f"in the protocol ('sensor:') or with --sensor"
+            "the gain and pixel size of the sensor are unknown",
+            where=frames.source,
+            hint="Name the sensor file in the protocol ('sensor:') or pass {sensor}",
+            arguments={"sensor": "mine.sensor.yaml"},
         )
     if (known.readout.bits, known.array.cfa) != (frames.bits, frames.cfa):
         raise InputError(
-            f"sensor '{known.name}' has {known.readout.bits} bits and another colour filter array or converter than "
-            f"the frames, which have {frames.bits} bits; take the sensor that took them"
+            "sensor",
+            where=frames.source,
+            value=f"'{known.name}', {known.readout.bits} bits, CFA {known.array.cfa}",
+            expected=f"the sensor that took the frames, {frames.bits} bits, CFA {frames.cfa}",
         )
     check_gain_known(known)
     return known
 
 
 def check_gain_known(sensor: Sensor) -> None:
-    """Refuse a sensor whose system gain nobody measured or published.
+    """Check that a sensor's system gain was measured or published.
 
     Raises
     ------
     CalibrationError
-        If so.
+        If the gain is only assumed.
     """
     for what, quantity in (
         ("conversion_gain_uv_per_e", sensor.pixel.conversion_gain_uv_per_e),
@@ -135,8 +139,10 @@ def check_gain_known(sensor: Sensor) -> None:
     ):
         if quantity.assumed:
             raise CalibrationError(
-                f"sensor '{sensor.name}': {what} is an assumption, so the system gain is not known; measure it first "
-                f"(photosite calibrate STACK -o FILE) and name that file"
+                what,
+                where=f"sensor '{sensor.name}'",
+                expected="measured, not assumed",
+                hint="Measure the gain first (photosite calibrate STACK -o FILE) and use that sensor file",
             )
 
 
@@ -149,12 +155,13 @@ def _reading(band: Band) -> BandReading:
 
 
 def _channel(
-    name: str, number: int, bands: tuple[Band, ...], levels: SpectralLevels, sensor: Sensor, frames: SpectralFrames
+    name: str, number: int, bands: tuple[Band, ...], levels: SpectralSignals, sensor: Sensor, frames: SpectralFrames
 ) -> ChannelEfficiency:
     left_out = {band.name: reason for band, reason in zip(bands, levels.reasons[number], strict=True) if reason}
     keep = [index for index, reason in enumerate(levels.reasons[number]) if not reason]
     if not keep:
-        raise CalibrationError(f"{frames.source}: channel {name} has no band left: {next(iter(left_out.values()))}")
+        where, reason = f"{frames.source}: channel {name}", next(iter(left_out.values()))
+        raise CalibrationError(f"no band is usable ({reason})", where=where)
     used = tuple(bands[index] for index in keep)
     signal_dn = levels.signal_dn[number, keep]
     photons = np.array([band.photons_m2().value for band in used])
@@ -183,7 +190,7 @@ def _channel(
         covariance=covariance,
         band_mean=mean,
         common_relative_uncertainty=relative,
-        method="bands' widths taken off" if solved else "bands' widths taken off with a smoothness prior",
+        method="corrected for bandwidth" if solved else "corrected for bandwidth with a smoothness prior",
         left_out=left_out,
     )
     _check_possible(name, result, frames)
@@ -191,14 +198,14 @@ def _channel(
 
 
 def _amplification(matrix: NDArray[np.float64]) -> float:
-    """Largest factor by which solving raises a band's independent noise; infinite where it cannot be solved."""
+    """Return the largest factor by which the inversion raises a band's independent noise; infinite if singular."""
     if np.linalg.cond(matrix) > 1e12:
         return math.inf
     return float(np.linalg.norm(np.linalg.inv(matrix), axis=1).max())
 
 
 def _reading_relative(bands: tuple[Band, ...], frames: SpectralFrames) -> NDArray[np.float64]:
-    """(bands, bands) relative covariance from readings, the photodiode's table and the shutter."""
+    """Return the relative covariance (bands, bands) due to readings, the photodiode's table and the shutter."""
     reading = np.array([band.reading.standard_uncertainty / band.reading.value for band in bands])
     relative = np.diag(reading**2)
     entries = max(band.diode_deviations().size for band in bands)
@@ -217,10 +224,10 @@ def _reading_relative(bands: tuple[Band, ...], frames: SpectralFrames) -> NDArra
 def _wavelength_variance(
     efficiency: NDArray[np.float64], centres: NDArray[np.float64], bands: tuple[Band, ...]
 ) -> NDArray[np.float64]:
-    """Variance from the bands' wavelengths.
+    """Return the variance due to the uncertainty of the bands' wavelengths.
 
-    A band that lies higher shows the response of a higher place, and has other photons than were computed for the
-    wavelength said: with both a value changes by q' + q d(ln H)/dl.
+    A band at a longer wavelength than nominal samples the response there, and has more photons per joule than computed.
+    The value changes by q' + q d(ln H)/dl per nm.
     """
     uncertainty = np.array([band.centre_uncertainty_nm for band in bands])
     if not uncertainty.any():
@@ -231,7 +238,7 @@ def _wavelength_variance(
 
 
 def common_relative_uncertainty(sensor: Sensor) -> float:
-    """Relative standard uncertainty that gain and pixel give every quantum efficiency of a sensor alike."""
+    """Return the relative standard uncertainty that gain and pixel give all quantum efficiencies of a sensor."""
     pixel = sensor.pixel
     quantities = (
         pixel.conversion_gain_uv_per_e,
@@ -245,7 +252,7 @@ def common_relative_uncertainty(sensor: Sensor) -> float:
 
 
 def _diode_relative(frames: SpectralFrames) -> float:
-    """Relative standard uncertainty common to all readings."""
+    """Return the relative standard uncertainty common to all readings."""
     area = 0.0
     if frames.photodiode is not None and any(band.in_amperes for band in frames.bands):
         area = _relative(frames.photodiode.area_mm2)
@@ -257,21 +264,25 @@ def _relative(quantity: Measured) -> float:
 
 
 def _check_possible(name: str, channel: ChannelEfficiency, frames: SpectralFrames) -> None:
-    """A quantum efficiency lies between 0 and 1; one that does not, beyond its uncertainty, is nonsense by name."""
+    """Reject quantum efficiencies outside 0 to 1 beyond their uncertainty."""
     value, uncertainty = channel.quantum_efficiency, channel.standard_uncertainty
     high = int(np.argmax(value - 1.0 - _SIGNIFICANT * uncertainty))
     if value[high] - 1.0 > _SIGNIFICANT * uncertainty[high]:
         raise CalibrationError(
-            f"{frames.source}: channel {name} would give {value[high]:.3g} electrons per photon at "
-            f"{channel.wavelength_nm[high]:g} nm, which cannot be; check the unit of the readings (W/m2, A), the "
-            f"exposure times, and the sensor's pixel size and gain"
+            f"the quantum efficiency at {channel.wavelength_nm[high]:g} nm",
+            where=f"{frames.source}: channel {name}",
+            value=float(f"{value[high]:.3g}"),
+            expected="at most 1",
+            hint="Check the unit of the readings (W/m2 or A), the exposure times, and the sensor's pixel size and gain",
         )
-    # Of many bands without response some come out below 0 by chance: the limit holds for all of them together.
+    # With many bands without response, some are below 0 by chance. The limit is for all bands together.
     limit = _SIGNIFICANT + math.sqrt(2 * math.log(value.size))
     low = int(np.argmin(value + limit * uncertainty))
     if value[low] < -limit * uncertainty[low]:
         raise CalibrationError(
-            f"{frames.source}: channel {name} would give {value[low]:.3g} electrons per photon at "
-            f"{channel.wavelength_nm[low]:g} nm, below 0 by more than its uncertainty of {uncertainty[low]:.2g}; check "
-            f"that its dark frames were taken in the dark, and with the same exposure and gain"
+            f"the quantum efficiency at {channel.wavelength_nm[low]:g} nm",
+            where=f"{frames.source}: channel {name}",
+            value=float(f"{value[low]:.3g}"),
+            expected=f"0 or more within its uncertainty of {uncertainty[low]:.2g}",
+            hint="Check that the dark frames were taken without light, with the same exposure time and gain",
         )

@@ -1,4 +1,4 @@
-"""Signals of a spectral measurement: the bands' digital numbers above their darks, and how well they are known."""
+"""Signals of a spectral measurement: digital numbers of the bands above dark, and their covariance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, CLIPPED_SHARE, Level
-from photosite.calibration.spectral.frames import Band, SpectralFrames
+from photosite.calibration.spectral.bands import Band, SpectralFrames
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSource
@@ -19,25 +19,25 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, shifted
 
 _NEAR_FULL = 3.0
-"""Standard deviations of a pixel by which a mean stays below the well's capacity."""
+"""Standard deviations of a pixel by which a mean must stay below the well capacity."""
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralLevels:
-    """What the frames say, per channel (in the order of the sensor's channels) and band.
+class SpectralSignals:
+    """Signals by channel (in the order of the sensor's channels) and band.
 
     Parameters
     ----------
     signal_dn
         (channels, bands) mean above the dark.
     covariance_dn2
-        (channels, bands, bands) its covariance: noise of frames, flicker, and the darks that bands share.
+        (channels, bands, bands) covariance: frame noise, flicker, and dark frames that bands share.
     reasons
-        Per channel and band, why it cannot be used; empty where it can.
+        Why a channel cannot use a band, by channel and band; empty if it can.
     flicker
-        Relative standard deviation of the light from frame to frame, 0 where it is not distinguishable from steady.
+        Relative standard deviation of the light between frames; 0 if not distinguishable from a steady light.
     sha256
-        One digest per frame, of its digital numbers, sorted.
+        Digest of each frame's digital numbers, sorted.
     """
 
     signal_dn: NDArray[np.float64]
@@ -48,7 +48,7 @@ class SpectralLevels:
 
 
 class _Reader:
-    """Reads groups of frames into levels, one per channel; counts and hashes the frames."""
+    """Reads groups of frames into levels, one per channel. Counts and hashes the frames."""
 
     def __init__(self, frames: SpectralFrames, progress: Callable[[int, int], None] | None) -> None:
         self._frames = frames
@@ -70,10 +70,13 @@ class _Reader:
         for source in sources:
             dn = source.read()
             if dn.shape != (self._frames.rows, self._frames.cols):
-                raise FileError(source.name, f"is {dn.shape}, the other frames {self._frames.rows, self._frames.cols}")
+                expected = f"{self._frames.rows, self._frames.cols}, as for the other frames"
+                raise FileError(source.name, "the frame's shape", value=dn.shape, expected=expected)
             digest = hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()
             if digest in seen:
-                raise FileError(source.name, f"repeats {seen[digest]} pixel for pixel; take one of them out")
+                raise FileError(
+                    source.name, f"the frame equals {seen[digest]} in every pixel", hint="Remove one of them"
+                )
             seen[digest] = source.name
             self.sha256.append(digest)
             sums.add(np.ascontiguousarray(dn[self._rows, self._cols]))
@@ -83,15 +86,15 @@ class _Reader:
         return tuple(Level.of(totals) for totals in sums.label_totals())
 
 
-def spectral_levels(
+def read_signals(
     frames: SpectralFrames, sensor: Sensor, progress: Callable[[int, int], None] | None = None
-) -> SpectralLevels:
+) -> SpectralSignals:
     """Read a spectral measurement's frames.
 
     Raises
     ------
     FileError
-        If a frame cannot be read, has another size, or repeats another.
+        If a frame cannot be read, has a different size, or repeats another frame.
     CalibrationError
         If dark frames are clipped at 0, or a channel has too few pixels in the region.
     """
@@ -106,39 +109,41 @@ def spectral_levels(
     signal = np.array([[light[c].mean - dark[c].mean for light, dark in paired] for c in channels])
     covariance = np.stack([_covariance(frames.bands, paired, c, flicker2, black_shift2) for c in channels])
     reasons = tuple(tuple(_reason(light[c], dark[c], sensor) for light, dark in paired) for c in channels)
-    return SpectralLevels(signal, covariance, reasons, math.sqrt(flicker2), tuple(sorted(reader.sha256)))
+    return SpectralSignals(signal, covariance, reasons, math.sqrt(flicker2), tuple(sorted(reader.sha256)))
 
 
 def _check_darks(frames: SpectralFrames, darks: dict[float, tuple[Level, ...]]) -> None:
     for exposure_s, levels in darks.items():
         for level, name in zip(levels, channel_names(frames.cfa), strict=True):
             if level.pixels < 2:
-                raise CalibrationError(f"{frames.source}: the region holds {level.pixels} pixels of channel {name}")
+                where = f"{frames.source}: channel {name}"
+                raise CalibrationError("pixels in the region", where=where, value=level.pixels, expected="at least 2")
             if level.low_fraction > CLIPPED_DARK_SHARE:
                 raise CalibrationError(
-                    f"{frames.source}: {100 * level.low_fraction:.3g} % of the dark frames' numbers at "
-                    f"{exposure_s:g} s are clipped at 0, so that what is taken off the light frames is too high; "
-                    f"raise the black level"
+                    f"{100 * level.low_fraction:.3g} % of the dark values at {exposure_s:g} s are clipped at 0, which "
+                    "makes the measured signal too small",
+                    where=frames.source,
+                    hint="Raise the camera's black level",
                 )
 
 
 def _excess(level: Level) -> tuple[float, float]:
-    """Variance of the frame means beyond the pixels' noise, and that estimate's weight, one over its variance."""
+    """Return the variance of the frame means beyond the pixels' noise, and the weight of that estimate."""
     explained = level.variance / level.pixels
     return math.copysign(level.frame_shift**2, level.frame_shift), (level.frames - 1) / (2 * explained**2)
 
 
 def _black_shift2(darks: dict[float, tuple[Level, ...]]) -> float:
-    """Variance of the black level from frame to frame, DN^2; 0 where it is not distinguishable from steady."""
+    """Return the variance of the black level between frames, DN^2; 0 if not distinguishable from a constant level."""
     found = [_excess(level) for levels in darks.values() for level in levels if level.repeated and level.variance > 0]
     total = sum(weight for _, weight in found)
     return max(sum(value * weight for value, weight in found) / total, 0.0) if total else 0.0
 
 
 def _flicker2(paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]], black_shift2: float) -> float:
-    """Relative variance of the light from frame to frame, by least squares of the frame shifts on signal squared.
+    """Return the relative variance of the light between frames, fitted to the frame shifts by least squares.
 
-    A variance component: what comes out negative is not distinguishable from a steady lamp, and adds nothing.
+    A negative variance estimate is not distinguishable from a steady lamp and becomes 0.
     """
     above = below = 0.0
     for light, dark in paired:
@@ -153,7 +158,7 @@ def _flicker2(paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]], black_s
 
 
 def _mean_variance(level: Level) -> float:
-    """Sampling variance of a mean. A single frame tells no temporal noise: its spread over pixels, which is more."""
+    """Return the sampling variance of a mean. A single frame uses the spread over pixels, which is larger."""
     return level.mean_variance if level.repeated else level.spatial_variance / level.pixels
 
 
@@ -164,7 +169,7 @@ def _covariance(
     flicker2: float,
     black_shift2: float,
 ) -> NDArray[np.float64]:
-    """(bands, bands) DN^2: bands of one exposure share their darks."""
+    """Return the covariance (bands, bands), DN^2. Bands of one exposure time share their dark frames."""
     result = np.zeros((len(bands), len(bands)))
     for row, (light, dark) in enumerate(paired):
         level, black = light[channel], dark[channel]
@@ -178,12 +183,12 @@ def _covariance(
 
 
 def _reason(light: Level, dark: Level, sensor: Sensor) -> str:
-    """Why a channel's band cannot be used; empty where it can."""
+    """Return why a channel cannot use a band; empty if it can."""
     if light.high_fraction > CLIPPED_SHARE:
-        return f"{100 * light.high_fraction:.3g} % of its pixels are saturated; expose it for less time"
+        return f"{100 * light.high_fraction:.3g} % of its pixels are saturated; use a shorter exposure time"
     well = sensor.pixel.well_capacity_e
     spread_dn = math.sqrt(max(light.spatial_variance, 0.0))
     full_dn = well.value * sensor.system_gain_dn_per_e
     if not well.assumed and light.mean - dark.mean + _NEAR_FULL * spread_dn > full_dn:
-        return f"its signal of {light.mean - dark.mean:.4g} DN is at the well's capacity; expose it for less time"
+        return f"its signal of {light.mean - dark.mean:.4g} DN reaches the well capacity; use a shorter exposure time"
     return ""

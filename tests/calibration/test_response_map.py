@@ -1,4 +1,4 @@
-"""The response map: which flats are read for it, and the dark current and the channels taken out."""
+"""The response map: which flat fields it uses, and correction for dark current and channels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from photosite.calibration.chip_maps.chip_lights import ResponseMap, needed_lights
+from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range
 from photosite.calibration.photon_transfer.curves import LinearRange
 from photosite.frames.frame_set import frame_set_from_arrays
 
@@ -15,7 +15,7 @@ TILE = np.array([[0, 1], [1, 2]])
 
 
 def test_responses_are_relative_to_the_channels_mean_without_dark_current() -> None:
-    """Slopes of 1000 and 300 DN/s with PRNU, and a dark current that would shift them by up to half."""
+    """Slopes of 1000, 300 and 500 DN/s with PRNU, and a dark current of up to half of them."""
     rng = np.random.default_rng(1)
     mean = np.array([1000.0, 300.0, 500.0])[np.tile(TILE, (20, 30))]
     prnu = rng.normal(0, 0.02, mean.shape)
@@ -31,7 +31,7 @@ def test_responses_are_relative_to_the_channels_mean_without_dark_current() -> N
     np.testing.assert_allclose(uncertainty, 5.0 / mean, rtol=1e-5)  # 3 and 4 DN/s
 
 
-def test_where_the_axis_is_photons_the_dark_current_goes_by_their_seconds() -> None:
+def test_dark_current_on_a_photon_axis() -> None:
     slopes = np.array([[2.0, 2.5]], np.float32)
     dark = np.array([[0.0, 100.0]], np.float32)
     response = ResponseMap(slopes, np.zeros(1), np.array([0.005]))
@@ -50,14 +50,14 @@ def flats():
     )
 
 
-def test_flats_of_any_channels_linear_range_are_read() -> None:
+def test_flat_fields_in_any_channels_linear_range_are_used() -> None:
     ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.2), "B": range_of(0.1, 0.3)}
-    needed = needed_lights(flats(), SimpleNamespace(linear_range=ranges))
+    needed = light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges))
     assert [group.exposure_s for group in needed] == pytest.approx([0.1, 0.2, 0.3])
 
 
-def test_a_channel_without_two_levels_leaves_the_chip_without_a_response() -> None:
+def test_no_response_if_a_channel_has_fewer_than_two_levels() -> None:
     ranges = {"R": range_of(0.1, 0.3), "G": range_of(0.1, 0.1), "B": range_of(0.1, 0.3)}
-    assert needed_lights(flats(), SimpleNamespace(linear_range=ranges)) == ()
+    assert light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges)) == ()
     del ranges["G"]
-    assert needed_lights(flats(), SimpleNamespace(linear_range=ranges)) == ()
+    assert light_groups_in_range(flats(), SimpleNamespace(linear_range=ranges)) == ()
