@@ -16,12 +16,12 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Camera": "photosite.camera.camera",
-    "DiffractionLimited": "photosite.optics.lens",
+    "DiffractionLimited": "photosite.optics.diffraction",
     "Distortion": "photosite.optics.distortion",
-    "FieldPoints": "photosite.optics.radial_table",
+    "FieldPoints": "photosite.optics.field_points",
     "IlluminationTable": "photosite.optics.illumination",
     "LateralColor": "photosite.optics.distortion",
-    "Lens": "photosite.optics.compound",
+    "Lens": "photosite.optics.lens",
     "LensDesign": "photosite.optics.lens_design",
     "Measured": "photosite.values.measured",
     "OtfTable": "photosite.optics.tables",
@@ -33,7 +33,7 @@ _HOMES = {
     "Scene": "photosite.scene.scene",
     "Sensor": "photosite.sensor.model",
     "Spectrum": "photosite.color.spectrum",
-    "VeilingGlare": "photosite.optics.spread",
+    "VeilingGlare": "photosite.optics.veiling_glare",
     "Wavefront": "photosite.optics.wavefront",
     "calibrate": "photosite.calibration.calibrate",
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
@@ -41,12 +41,12 @@ _HOMES = {
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
     "convert": "photosite.scene.io.convert",
     "load_camera": "photosite.camera.file",
-    "load_optics": "photosite.optics.io.optics_file",
+    "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
     "noise_budget": "photosite.metrics.snr",
     "open_frames": "photosite.frames.open",
     "open_spectral": "photosite.calibration.spectral.protocol",
-    "read_lens_design": "photosite.optics.io.listings.design_files",
+    "read_lens_design": "photosite.optics.io.formats",
     "read_raw": "photosite.frames.io.read",
     "read_scene": "photosite.scene.io.files",
     "slanted_edge_mtf": "photosite.metrics.sharpness",
@@ -78,19 +78,19 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame as RawFrame
     from photosite.metrics.sharpness import slanted_edge_mtf as slanted_edge_mtf
     from photosite.metrics.snr import noise_budget as noise_budget
-    from photosite.optics.compound import Lens as Lens
+    from photosite.optics.diffraction import DiffractionLimited as DiffractionLimited
     from photosite.optics.distortion import Distortion as Distortion
     from photosite.optics.distortion import LateralColor as LateralColor
+    from photosite.optics.field_points import FieldPoints as FieldPoints
     from photosite.optics.illumination import IlluminationTable as IlluminationTable
-    from photosite.optics.io.listings.design_files import read_lens_design as read_lens_design
-    from photosite.optics.io.optics_file import load_optics as load_optics
-    from photosite.optics.lens import DiffractionLimited as DiffractionLimited
+    from photosite.optics.io.formats import load_optics as load_optics
+    from photosite.optics.io.formats import read_lens_design as read_lens_design
+    from photosite.optics.lens import Lens as Lens
     from photosite.optics.lens_design import LensDesign as LensDesign
     from photosite.optics.pupil import Pupil as Pupil
-    from photosite.optics.radial_table import FieldPoints as FieldPoints
-    from photosite.optics.spread import VeilingGlare as VeilingGlare
     from photosite.optics.tables import OtfTable as OtfTable
     from photosite.optics.tables import PsfTable as PsfTable
+    from photosite.optics.veiling_glare import VeilingGlare as VeilingGlare
     from photosite.optics.wavefront import Wavefront as Wavefront
     from photosite.scene import charts as charts
     from photosite.scene import lights as lights

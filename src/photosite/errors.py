@@ -253,10 +253,10 @@ class PhotositeWarning(_Fields, UserWarning):
 
 
 def _short(value: Any) -> str:
-    """Return the value's repr, shortened; NumPy scalars as plain numbers."""
+    """Return the value's repr on one line, shortened; NumPy scalars as plain numbers."""
     if getattr(value, "shape", None) == () and hasattr(value, "item"):
         value = value.item()
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
 
 

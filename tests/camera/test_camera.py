@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import photosite as ps
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 

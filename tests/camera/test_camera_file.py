@@ -14,7 +14,7 @@ from PIL import Image
 import photosite as ps
 from photosite.camera.file import SetUp, load_camera
 from photosite.errors import FileError, InputError
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.lights import mixed
 from photosite.scene.request import FORMULAS, SceneRequest
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 import photosite as ps
 from photosite.camera import transfers
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import LateralColor
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 
 BASE = DiffractionLimited(4, 50)
 D200 = ps.load_sensor("nikon-d200").with_(rows=44, cols=64)
@@ -29,13 +29,13 @@ class Counted:
 
     calls: list[float]
 
-    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
         def otf(fy: NDArray[np.float64], fx: NDArray[np.float64], wavelength_nm: float) -> NDArray[np.complex128]:
             self.calls.append(wavelength_nm)
             sigma_m = 2e-6 * distance_m * wavelength_nm / 550
             return np.asarray(np.exp(-2 * (np.pi * sigma_m) ** 2 * (fy**2 + fx**2)), np.complex128)
 
-        return PlaneSpread(otf, lambda w: 0.6e6 / distance_m * 550 / w, lambda w: 8e-6 * distance_m * w / 550)
+        return PlanePsf(otf, lambda w: 0.6e6 / distance_m * 550 / w, lambda w: 8e-6 * distance_m * w / 550)
 
 
 def counted(**parts: Any) -> tuple[Lens, list[float]]:
@@ -112,9 +112,9 @@ class Stated:
     design: LensDesign
     relative_error: float
 
-    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
-        whole = self.design.spread(base, distance_m, focus_distance_m)
-        assert isinstance(whole, FieldSpread)
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
+        whole = self.design.point_spread(base, distance_m, focus_distance_m)
+        assert isinstance(whole, FieldPsf)
         return replace(whole, relative_error=self.relative_error)
 
 

@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import j1
 
 import photosite as ps
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import RadialSpread
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.point_spread import RadialPsf
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -49,7 +49,7 @@ class ThinLens(DiffractionLimited):
         pupil_m = self.focal_length_mm * 1e-3 / self.f_number / 2
         return pupil_m * self.image_m * (1 / self.focus_m - 1 / distance_m)
 
-    def spread(self, distance_m: float) -> RadialSpread:
+    def point_spread(self, distance_m: float) -> RadialPsf:
         radius_m = abs(self.radius_m(distance_m))
 
         def otf(f: NDArray[np.float64], _: float) -> NDArray[np.float64]:
@@ -57,7 +57,7 @@ class ThinLens(DiffractionLimited):
             disc = np.divide(2 * j1(u), u, out=np.ones_like(u), where=u > 1e-9)
             return np.asarray(disc * np.exp(-2 * (np.pi * FINEST_M * f) ** 2))
 
-        return RadialSpread(
+        return RadialPsf(
             otf=otf,
             cutoff_per_m=lambda _: 6.5 / (2 * np.pi * FINEST_M),
             reach_m=lambda _: radius_m + 6 * FINEST_M,

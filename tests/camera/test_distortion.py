@@ -15,8 +15,10 @@ from photosite.camera import mean_image as mosaic
 from photosite.camera import transfers
 from photosite.color.spectrum import integration_weights
 from photosite.errors import PhotositeWarning
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import FieldSpread, PlaneSpread, RadialMapping, RadialSpread, VeilingGlare
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.mapping import RadialMapping
+from photosite.optics.point_spread import FieldPsf, PlanePsf, RadialPsf
+from photosite.optics.veiling_glare import VeilingGlare
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 
@@ -33,11 +35,11 @@ class Distorting(DiffractionLimited):
     glare: VeilingGlare | None = None
     sigma_m: float = 4e-6
 
-    def spread(self, distance_m: float) -> RadialSpread:
+    def point_spread(self, distance_m: float) -> RadialPsf:
         def sigma_at(wavelength_nm: float) -> float:
             return self.sigma_m * wavelength_nm / 550
 
-        return RadialSpread(
+        return RadialPsf(
             otf=lambda f, wavelength_nm: np.exp(-2 * (np.pi * sigma_at(wavelength_nm) * f) ** 2),
             cutoff_per_m=lambda wavelength_nm: 6.5 / (2 * np.pi * sigma_at(wavelength_nm)),
             reach_m=lambda _: 6 * sigma_at(700),
@@ -94,9 +96,9 @@ def test_nothing_changes_behind_a_lens_that_differs_over_the_field_either() -> N
 
     @dataclass(frozen=True)
     class Varying(Distorting):
-        def spread(self, distance_m: float) -> FieldSpread:  # type: ignore[override]
-            def gaussian(sigma_m: float) -> PlaneSpread:
-                return PlaneSpread(
+        def point_spread(self, distance_m: float) -> FieldPsf:  # type: ignore[override]
+            def gaussian(sigma_m: float) -> PlanePsf:
+                return PlanePsf(
                     otf=lambda fy, fx, _: np.exp(-2 * (np.pi * sigma_m) ** 2 * (fy**2 + fx**2)) + 0j,
                     cutoff_per_m=lambda _: 6 / (2 * np.pi * sigma_m),
                     reach_m=lambda _: 4 * sigma_m,
@@ -104,7 +106,7 @@ def test_nothing_changes_behind_a_lens_that_differs_over_the_field_either() -> N
 
             x = np.array([-0.2e-3, 0.1e-3, 0.4e-3])
             first = np.array([[1.0, 0.5, 0.0], [0.7, 0.2, 0.1]])
-            return FieldSpread(
+            return FieldPsf(
                 np.array([-0.2e-3, 0.2e-3]), x, np.stack([first, 1 - first]), (gaussian(4e-6), gaussian(9e-6))
             )
 

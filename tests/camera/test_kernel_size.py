@@ -12,7 +12,7 @@ from photosite.camera.channel_transfers import reduced_transfers
 from photosite.camera.kernel_size import check_reach, kernel_size
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.spread import PlaneSpread, RadialSpread
+from photosite.optics.point_spread import PlanePsf, RadialPsf
 
 CELLS = Sampling((6e-6, 6e-6), (5e-6, 5e-6), 1, (0.0, 0.0))
 WAVELENGTHS = np.array([500.0, 600.0])
@@ -24,7 +24,7 @@ def untouchable(*_: object) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("make", "reach_m", "cells"),
-    [(PlaneSpread, 7e-3, 2335), (RadialSpread, 60e-3, 20002)],
+    [(PlanePsf, 7e-3, 2335), (RadialPsf, 60e-3, 20002)],
 )
 def test_what_covers_too_many_cells_is_refused_first(make: type, reach_m: float, cells: int) -> None:
     spread = make(untouchable, lambda _: 1e5, lambda _: reach_m)
@@ -33,7 +33,7 @@ def test_what_covers_too_many_cells_is_refused_first(make: type, reach_m: float,
 
 
 def test_what_takes_long_is_said_first() -> None:
-    spread = PlaneSpread(untouchable, lambda _: 1e5, lambda _: 3e-3)
+    spread = PlanePsf(untouchable, lambda _: 1e5, lambda _: 3e-3)
     with (
         pytest.warns(PhotositeWarning, match="over 1002 cells .* may take minutes; check the units"),
         pytest.raises(AssertionError, match="was computed"),
@@ -52,6 +52,6 @@ def test_usual_sizes_pass_unsaid() -> None:
 def test_an_absurd_wavefront_is_said_before_it_is_computed() -> None:
     """50 um of coma, meant as 50 nm."""
     lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront({8: 50000}))
-    reach_m = max(lens.spread(1.2).reach_m(w) for w in (400.0, 550.0, 700.0))
+    reach_m = max(lens.point_spread(1.2).reach_m(w) for w in (400.0, 550.0, 700.0))
     with pytest.warns(PhotositeWarning, match="may take minutes"):
         kernel_size(reach_m, CELLS)

@@ -16,8 +16,8 @@ from photosite.camera import lens_tables, transfers
 from photosite.camera.channel_transfers import reduced_transfers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 
@@ -37,7 +37,7 @@ class Lens(DiffractionLimited):
     focal_length_mm: float = 50.0
     given: Any = None
 
-    def spread(self, distance_m: float) -> Any:
+    def point_spread(self, distance_m: float) -> Any:
         return self.given
 
 
@@ -69,8 +69,8 @@ class Spot:
         return (twice(t + outer) - twice(t + inner) - twice(t - inner) + twice(t - outer)) / SIDE_M
 
 
-def plane(*spots: Spot) -> PlaneSpread:
-    return PlaneSpread(
+def plane(*spots: Spot) -> PlanePsf:
+    return PlanePsf(
         otf=lambda fy, fx, w: sum((s.otf(fy, fx, w) for s in spots), np.zeros(1, complex)),
         cutoff_per_m=lambda w: max(1.2 / s.sigma_m for s in spots),
         reach_m=lambda w: max(6 * s.sigma_m + math.hypot(s.y_m, s.x_m) for s in spots),
@@ -99,10 +99,10 @@ def random_scene(rows: int, cols: int, seed: int = 1, count: int = 5) -> Scene:
     return Scene(weights.astype(np.float32), 1e14 * rng.random((count, grid.size)), grid)
 
 
-def as_plane(lens: DiffractionLimited) -> PlaneSpread:
+def as_plane(lens: DiffractionLimited) -> PlanePsf:
     """A lens's radial spread as if nothing were known of its symmetry."""
-    radial = lens.spread(1.2)
-    return PlaneSpread(
+    radial = lens.point_spread(1.2)
+    return PlanePsf(
         lambda fy, fx, w: radial.otf(np.hypot(fy, fx), w).astype(complex), radial.cutoff_per_m, radial.reach_m
     )
 
@@ -128,9 +128,9 @@ def test_diffraction_is_the_same_whether_its_symmetry_is_known_or_not(f_number: 
 
 def test_the_cone_of_diffraction_is_found_whatever_smooth_blur_comes_with_it() -> None:
     """1 for a circular pupil, with defocus or without; 0 for a Gaussian, which has none."""
-    radial = DiffractionLimited(8, 50).spread(1.2)
+    radial = DiffractionLimited(8, 50).point_spread(1.2)
     exact = as_plane(DiffractionLimited(8, 50))
-    blurred = PlaneSpread(
+    blurred = PlanePsf(
         lambda fy, fx, w: radial.otf(np.hypot(fy, fx), w) * Spot(1, 20e-6, 5e-6).otf(fy, fx, w),
         radial.cutoff_per_m,
         radial.reach_m,
@@ -152,7 +152,7 @@ def test_an_asymmetric_spread_equals_the_sum_over_wavelengths(f_number: float) -
     """Against one transform pair per wavelength in double precision, every folded term; within 1e-5 of full scale."""
     lens, flare = DiffractionLimited(f_number, 50), comatic(1.0)
     exact = as_plane(lens)
-    spread = PlaneSpread(
+    spread = PlanePsf(
         lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w),
         exact.cutoff_per_m,
         lambda w: 60e-6 + exact.reach_m(w),
@@ -211,7 +211,7 @@ def test_light_is_kept_to_a_millionth(spots: tuple[Spot, ...]) -> None:
 def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: int) -> None:
     """The operator itself, to 1e-9: of diffraction, whose rings never end, with a flare."""
     exact, flare = as_plane(DiffractionLimited(f_number, 50)), comatic(1.0)
-    spread = PlaneSpread(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
+    spread = PlanePsf(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
     sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells)
     coupling = np.random.default_rng(1).random((3, 2, 4))
     (reduced,) = reduced_transfers(spread, coupling, np.array([450.0, 500, 550, 600]), sampling)
@@ -225,7 +225,7 @@ def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: i
 def test_a_spread_larger_than_any_frame_is_refused(reach_m: float) -> None:
     """Micrometres taken for millimetres, say."""
     whole = plane(*COMA)
-    given = PlaneSpread(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
+    given = PlanePsf(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
     with pytest.raises(InputError, match="check the units of its optics and its focus"):
         ps.Camera(Lens(given=given), mono(20, 20)).mean_electrons(point(20, 20, 5, 5), 0.01)
 
@@ -243,7 +243,7 @@ def test_spreads_known_at_some_wavelengths_are_linear_between() -> None:
     """At 500 nm one spot, at 600 nm another: at 525 nm three quarters of the first; at 450 nm the first alone."""
     first, second = Spot(1, 3e-6, 10e-6), Spot(1, 5e-6, 0, -12e-6)
     whole = plane(first, second)
-    given = PlaneSpread(
+    given = PlanePsf(
         lambda fy, fx, w: {500.0: first, 600.0: second}[w].otf(fy, fx, w),
         whole.cutoff_per_m,
         whole.reach_m,
@@ -286,12 +286,12 @@ def spots_at(y_m: float, x_m: float) -> tuple[Spot, Spot]:
     return Spot(0.75, 2.5e-6 + 0.01 * abs(x_m)), Spot(0.25, 4e-6, 0.15 * y_m, 0.15 * x_m)
 
 
-def full_rank() -> FieldSpread:
+def full_rank() -> FieldPsf:
     """One mode for each node, whose weight is 1 there and 0 at the others."""
     count = NODES_Y_M.size * NODES_X_M.size
     weights = np.eye(count).reshape(count, NODES_Y_M.size, NODES_X_M.size)
     modes = tuple(plane(*spots_at(y, x)) for y in NODES_Y_M for x in NODES_X_M)
-    return FieldSpread(NODES_Y_M, NODES_X_M, weights, modes)
+    return FieldPsf(NODES_Y_M, NODES_X_M, weights, modes)
 
 
 def hats(nodes: Array, at: float) -> Array:
@@ -322,7 +322,7 @@ def applied_directly(radiance: Array, cells: int = 1) -> Array:
     return total
 
 
-def measured(spread: Spread, radiance: Array, cells: int = 1) -> Array:
+def measured(spread: PointSpread, radiance: Array, cells: int = 1) -> Array:
     """Electrons over those of radiance 1 everywhere."""
     lens, sensor = Lens(given=spread), mono(ROWS, COLS)
     scene = Scene(radiance[None].astype(np.float32), np.array([[1e17]]), LINE)
@@ -362,9 +362,9 @@ def test_scenes_coarser_and_finer_than_the_cells(factor: float) -> None:
     assert np.abs(measured(full_rank(), scene) - measured(full_rank(), cells)).max() < 1e-6
 
 
-def wider_in_red(spread: PlaneSpread) -> PlaneSpread:
+def wider_in_red(spread: PlanePsf) -> PlanePsf:
     """In proportion to wavelength, as diffraction is: at every wavelength another spread."""
-    return PlaneSpread(
+    return PlanePsf(
         lambda fy, fx, w: spread.otf(fy * (w / 550), fx * (w / 550), w),
         lambda w: spread.cutoff_per_m(w) * 550 / w,
         lambda w: spread.reach_m(w) * w / 550,
@@ -375,7 +375,7 @@ def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pyte
     """A chart of 24 spectra behind four parts, as few terms, against all 96: within 1e-5 of full scale."""
     nodes = np.array([-90e-6, 90e-6])
     modes = tuple(wider_in_red(plane(*spots_at(y, x))) for y in nodes for x in nodes)
-    lens = Lens(given=FieldSpread(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
+    lens = Lens(given=FieldPsf(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
     camera = ps.Camera(lens, D200.with_(rows=40, cols=60))
     terms: list[int] = []
     plain = transfers._combined

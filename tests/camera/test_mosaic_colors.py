@@ -13,11 +13,13 @@ from photosite.camera import mean_image as mosaic
 from photosite.camera import transfers
 from photosite.camera.distortion import color_nodes
 from photosite.engine.layers import Layer
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.spread import Optics, RadialMapping, Spread
+from photosite.optics.mapping import RadialMapping
+from photosite.optics.point_spread import PointSpread
+from photosite.optics.protocols import Optics
 from photosite.optics.wavefront import Wavefront
 from photosite.scene.scene import Scene
 
@@ -59,8 +61,8 @@ class OneColor:
     def __getattr__(self, name: str) -> object:
         return getattr(self._lens, name)
 
-    def spread(self, distance_m: float) -> Spread:
-        return self._lens.spread(distance_m)
+    def point_spread(self, distance_m: float) -> PointSpread:
+        return self._lens.point_spread(distance_m)
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
         from photosite.optics.mapping import heights_at

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import photosite as ps
 from photosite.camera.optical_stack import apply_optical_stack, crosstalk_shares, warn_of_transmittance_range
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.spread import PlaneSpread, RadialSpread
+from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.sensor.optical_stack import Crosstalk
 
 LENS = ps.DiffractionLimited(f_number=4, focal_length_mm=50)
@@ -201,7 +201,7 @@ class Spot(ps.DiffractionLimited):
 
     kind = "radial"
 
-    def spread(self, distance_m: float) -> Any:
+    def point_spread(self, distance_m: float) -> Any:
         sigma_m = 1.2e-6
 
         def radial(frequency_per_m: NDArray[np.float64], wavelength_nm: float) -> NDArray[np.float64]:
@@ -210,8 +210,8 @@ class Spot(ps.DiffractionLimited):
 
         ends = {"cutoff_per_m": lambda nm: 1.0 / sigma_m, "reach_m": lambda nm: 4 * sigma_m}
         if self.kind == "radial":
-            return RadialSpread(otf=radial, **ends)
-        return PlaneSpread(otf=lambda fy, fx, nm: radial(np.hypot(fy, fx), nm) + 0j, **ends)
+            return RadialPsf(otf=radial, **ends)
+        return PlanePsf(otf=lambda fy, fx, nm: radial(np.hypot(fy, fx), nm) + 0j, **ends)
 
 
 class Plane(Spot):

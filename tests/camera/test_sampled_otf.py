@@ -8,7 +8,7 @@ from scipy.special import j1
 
 from photosite.camera.sampled_otf import _NODES, _refined
 from photosite.engine.transfer import RadialTransfer
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 
 
 def disc(frequency_per_m: np.ndarray, radius_m: float) -> np.ndarray:

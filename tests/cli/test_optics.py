@@ -44,7 +44,7 @@ def test_contrast_is_the_lenses(photosite: Any, file: Path) -> None:
     )
     mtf = found["mtf"]
     f = np.array(mtf["frequency_per_mm"]) * 1e3
-    otf = ps.load_optics(file).spread(2.1).otf
+    otf = ps.load_optics(file).point_spread(2.1).otf
     np.testing.assert_allclose(mtf["along_rows"], np.abs(otf(0 * f, f, 500.0)), rtol=1e-9)
     np.testing.assert_allclose(mtf["along_columns"], np.abs(otf(f, 0 * f, 500.0)), rtol=1e-9)
     assert np.ptp([mtf["along_rows"][2], mtf["along_columns"][2]]) > 0.01  # coma differs along the two
@@ -111,7 +111,7 @@ def test_a_lens_that_differs_over_the_field_is_looked_at_on_its_axis() -> None:
     x = np.arange(-12, 13) * 0.5
     psf = np.stack([np.exp(-(x[:, None] ** 2 + x**2) / 2 / s**2) for s in (1.0, 1.4)])[:, None]
     design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]), rank=2)
-    spread = ps.Lens(ps.DiffractionLimited(2.8, 50), design).spread(2.0)
+    spread = ps.Lens(ps.DiffractionLimited(2.8, 50), design).point_spread(2.0)
     f, along_rows, along_columns = zip(*_mtf(spread, 550.0), strict=True)
     expected = np.exp(-2 * (np.pi * 1e-3 * np.array(f)) ** 2)
     np.testing.assert_allclose([along_rows, along_columns], [expected, expected], atol=1e-4)
@@ -158,7 +158,7 @@ def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
     file.write_text(FILE.replace("zernike", "zernikes"), encoding="utf-8")
     refused = photosite("optics", "check", file)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
-    assert "mine.optics.yaml:6: blur: unknown field 'zernikes'; did you mean 'zernike'?" in refused.err
+    assert "mine.optics.yaml:6: blur: unknown field 'zernikes'. did you mean 'zernike'?" in refused.err
     for option in ("--wavelength", "--distance"):
         for value in ("nan", "0.5" if option == "--wavelength" else "0"):
             file.write_text(FILE, encoding="utf-8")

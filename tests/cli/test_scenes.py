@@ -74,7 +74,7 @@ def test_options_of_a_formula(photosite: Any, tmp_path: Path) -> None:
 
 
 def test_a_lens_from_its_file(photosite: Any, tmp_path: Path) -> None:
-    from photosite.optics.io.optics_file import load_optics
+    from photosite.optics.io.formats import load_optics
 
     lens = tmp_path / "mine.optics.yaml"
     lens.write_text(

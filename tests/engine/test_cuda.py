@@ -17,7 +17,7 @@ from numba import cuda
 from photosite.camera.camera import Camera
 from photosite.engine.cuda import NoCudaError, check_unfused
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.sensor.io.sensor_file import load_sensor
 
 KERNEL = """

@@ -61,8 +61,8 @@ def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
     """Optics files as photosite writes them, and the arrays beside them."""
     import photosite as ps
     from photosite.optics.distortion import Distortion, LateralColor
+    from photosite.optics.field_points import FieldPoints
     from photosite.optics.illumination import IlluminationTable
-    from photosite.optics.radial_table import FieldPoints
 
     base, grid = ps.DiffractionLimited(4, 50), np.array([450.0, 650.0])
     axis = np.arange(-8, 9) * 0.5

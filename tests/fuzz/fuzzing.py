@@ -216,12 +216,12 @@ def targets(folder: Path) -> dict[str, Target]:
         return read_scene(path)
 
     def lens(path: Path) -> object:
-        from photosite.optics.io.optics_file import load_optics
+        from photosite.optics.io.formats import load_optics
 
         return load_optics(path)
 
     def optics(path: Path) -> object:
-        from photosite.optics.compound import Lens
+        from photosite.optics.lens import Lens
 
         found = lens(path)  # its focus may lie at infinity
         return [getattr(found, f.name) for f in fields(Lens) if f.name != "focus_distance_m" and hasattr(found, f.name)]
@@ -237,17 +237,17 @@ def targets(folder: Path) -> dict[str, Target]:
         return read_amplitude(path)
 
     def psf(path: Path) -> object:
-        from photosite.optics.io.listings.zemax import read_psf
+        from photosite.optics.io.zemax import read_psf
 
         return read_psf(path)
 
     def distortion(path: Path) -> object:
-        from photosite.optics.io.listings.zemax import read_distortion
+        from photosite.optics.io.zemax import read_distortion
 
         return read_distortion(path)
 
     def heights(path: Path) -> object:  # the table of real heights beside the parameters
-        from photosite.optics.io.listings.ray_trace import read_ray_trace
+        from photosite.optics.io.iset import read_ray_trace
 
         folder = path.parent / "heights"
         folder.mkdir(exist_ok=True)

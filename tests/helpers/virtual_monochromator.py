@@ -26,7 +26,7 @@ from photosite.errors import InputError
 from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_mask
 from photosite.values.exposure import format_exposure
@@ -68,7 +68,7 @@ class MonochromatorRun:
     scale_percent
         Relative standard uncertainty of the photodiode's scale, and the spread of its error.
     flicker_percent
-        Spread of the light from frame to frame.
+        PointSpread of the light from frame to frame.
     seed
         Key of noise and errors.
 

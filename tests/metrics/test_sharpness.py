@@ -15,8 +15,8 @@ from photosite.camera.mean_image import electrons_per_weight
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.sharpness import SlantedEdge, slanted_edge_mtf
-from photosite.optics.compound import Lens
-from photosite.optics.spread import PlaneSpread
+from photosite.optics.lens import Lens
+from photosite.optics.point_spread import PlanePsf
 from photosite.optics.wavefront import Wavefront
 
 D200 = ps.load_sensor("nikon-d200")
@@ -100,8 +100,8 @@ def test_through_an_aberrated_lens() -> None:
     across = found.frequency_cycles_per_pixel / 6.05e-6
     fy, fx = across * math.sin(math.radians(-12)), across * math.cos(math.radians(-12))
     green = electrons_per_weight(scene, lens, sensor)[0].sum(axis=0)
-    spread = lens.spread(scene.distance_m)
-    assert isinstance(spread, PlaneSpread)
+    spread = lens.point_spread(scene.distance_m)
+    assert isinstance(spread, PlanePsf)
     otf = sum(part * spread.otf(fy, fx, nm) for part, nm in zip(green / green.sum(), scene.wavelength_nm, strict=True))
     expected = np.abs(otf) * box(0.9**0.5, -12) * laid_on_cells(CELLS, -12)
     assert expected[50] < 0.3  # without the aberrations 0.58

@@ -11,13 +11,14 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
+from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.mapping import image_height
-from photosite.optics.radial_table import FieldPoints
-from photosite.optics.spread import RadialSpread, Spread, VeilingGlare
+from photosite.optics.point_spread import PointSpread, RadialPsf
+from photosite.optics.veiling_glare import VeilingGlare
 
 BASE = DiffractionLimited(f_number=4, focal_length_mm=50)
 GRID = np.array([450.0, 550.0, 650.0])
@@ -36,8 +37,8 @@ def test_in_focus_it_is_the_base() -> None:
     assert lens.magnification(2.0) == pytest.approx(BASE.magnification(2.0), rel=1e-14)
     np.testing.assert_array_equal(lens.irradiance_per_radiance(GRID, 2.0), BASE.irradiance_per_radiance(GRID, 2.0))
     frequency = np.linspace(0, 5e5, 11)
-    ours, theirs = lens.spread(2.0), BASE.spread(2.0)
-    assert isinstance(ours, RadialSpread)
+    ours, theirs = lens.point_spread(2.0), BASE.point_spread(2.0)
+    assert isinstance(ours, RadialPsf)
     np.testing.assert_array_equal(ours.otf(frequency, 550.0), theirs.otf(frequency, 550.0))
     assert lens.mapping(2.0) is None
     assert lens.veiling_glare is None
@@ -60,13 +61,13 @@ def test_an_unfocused_object_is_blurred_as_the_disc_of_rays_has_it() -> None:
     lens = Lens(BASE, focus_distance_m=2.0)
     image_m = lens.image_distance_m(2.0)
     disc_m = 0.05 / 4 * abs(1 - image_m * (1 / 0.05 - 1 / 1.0))  # of an object at 1 m
-    spread = lens.spread(1.0)
-    assert isinstance(spread, RadialSpread)
+    spread = lens.point_spread(1.0)
+    assert isinstance(spread, RadialPsf)
     frequency = np.linspace(0.05, 2.0, 40) / disc_m
     x = math.pi * disc_m * frequency
     np.testing.assert_allclose(spread.otf(frequency, 550.0), 2 * j1(x) / x, atol=0.01)
-    sharp = lens.spread(2.0)
-    assert isinstance(sharp, RadialSpread)
+    sharp = lens.point_spread(2.0)
+    assert isinstance(sharp, RadialPsf)
     assert np.abs(sharp.otf(frequency, 550.0) - 1).max() < 0.1
 
 
@@ -81,13 +82,15 @@ def test_an_obscured_pupil_takes_its_light() -> None:
     class Half:
         throughput = 0.5
 
-        def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+        def point_spread(
+            self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None
+        ) -> PointSpread:
             assert focus_distance_m == 2.0
-            return base.spread(distance_m)
+            return base.point_spread(distance_m)
 
     lens = Lens(BASE, blur=Half(), focus_distance_m=2.0)
     assert lens.irradiance_per_radiance(GRID, 2.0) == pytest.approx(0.5 * BASE.irradiance_per_radiance(GRID, 2.0))
-    assert isinstance(lens.spread(2.0), RadialSpread)
+    assert isinstance(lens.point_spread(2.0), RadialPsf)
 
 
 def test_relative_illumination_by_angle_is_cos4_where_the_table_is() -> None:
@@ -202,42 +205,43 @@ def test_a_camera_sees_a_distorted_lens_with_glare() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "what"),
     [
-        (lambda: Lens(BASE, focus_distance_m=0.04), "no image behind"),
-        (lambda: Lens(BASE, focus_distance_m=2).magnification(0.0), "above 0 m"),
+        (lambda: Lens(BASE, focus_distance_m=0.04), "focus_distance_m"),
+        (lambda: Lens(BASE, focus_distance_m=2).magnification(0.0), "distance_m"),
         (
             lambda: Lens(
                 DiffractionLimited(4, 50, falloff="cos4"),
                 illumination=IlluminationTable(heights(0, 9), np.array([1, 0.5])),
             ),
-            "all of the fall-off",
+            "falloff",
         ),
-        (lambda: FieldPoints(), "give one of the two"),
-        (lambda: FieldPoints(GRID, GRID), "give one of the two"),
-        (lambda: heights(0, 2, 1), "must increase"),
-        (lambda: angles(-1, 2), "from 0 or more"),
-        (lambda: angles(0, 90), "below 90"),
-        (lambda: IlluminationTable(heights(0, 9), np.array([100, 50])), "by 100 if in percent"),
-        (lambda: IlluminationTable(heights(1, 9), np.array([1, 0.5])), "begins on the axis"),
-        (lambda: IlluminationTable(heights(0, 9), np.array([1, 0.0])), "above 0"),
-        (lambda: IlluminationTable(heights(0, 9), np.array([1, 0.5, 0.2])), "shape"),
-        (lambda: Distortion.from_percent(heights(0), [0]), "off the axis"),
-        (lambda: Distortion.from_percent(heights(0, 5, 6), [0, 0, -40]), "folds back beyond 5 mm"),
-        (lambda: Distortion.from_percent(heights(0, 5), [0, math.nan]), "finite"),
-        (lambda: Distortion.from_real_heights(heights(0, 5), [1, 5], 50), "begin with 0"),
-        (lambda: Distortion.polynomial(-1.0, max_field_deg=40), "folds back at 30"),
-        (lambda: Distortion.polynomial(math.nan), "finite"),
-        (lambda: LateralColor(GRID, heights(0, 5), np.ones((3, 2))), "0 on the axis"),
-        (lambda: LateralColor(GRID, heights(0, 5), np.full((3, 2), [0, 900.0])), "more than a tenth"),
-        (lambda: LateralColor(GRID, heights(0, 5), np.zeros((2, 2))), "shape"),
-        (lambda: LateralColor.from_magnification([450, 550], [1.0]), "shape"),
-        (lambda: LateralColor.from_magnification([0.45, 0.55], [1.0, 1.0]), "0.45 nm .* in um"),
-        (lambda: Distortion.from_real_heights(heights(0, 7), [0, 7000], 50), "1e.03 times .* real heights are in mm"),
-        (lambda: Distortion.from_real_heights(heights(7, 14), [0.007, 0.014], 50), "0.001 times .* are in mm"),
+        (lambda: FieldPoints(), "field points need either height_mm or"),
+        (lambda: FieldPoints(GRID, GRID), "field points need either height_mm or"),
+        (lambda: heights(0, 2, 1), "height_mm"),
+        (lambda: angles(-1, 2), "angle_deg"),
+        (lambda: angles(0, 90), "angle_deg"),
+        (lambda: IlluminationTable(heights(0, 9), np.array([100, 50])), "relative"),
+        (lambda: IlluminationTable(heights(1, 9), np.array([1, 0.5])), "relative"),
+        (lambda: IlluminationTable(heights(0, 9), np.array([1, 0.0])), "relative"),
+        (lambda: IlluminationTable(heights(0, 9), np.array([1, 0.5, 0.2])), "relative"),
+        (lambda: Distortion.from_percent(heights(0), [0]), "field"),
+        (lambda: Distortion.from_percent(heights(0, 5, 6), [0, 0, -40]), "the distorted image folds back beyond"),
+        (lambda: Distortion.from_percent(heights(0, 5), [0, math.nan]), "ratio[1]"),
+        (lambda: Distortion.from_real_heights(heights(0, 5), [1, 5], 50), "real_height_mm"),
+        (lambda: Distortion.polynomial(-1.0, max_field_deg=40), "the distorted image folds back at"),
+        (lambda: Distortion.polynomial(math.nan), "k1"),
+        (lambda: LateralColor(GRID, heights(0, 5), np.ones((3, 2))), "shift_um"),
+        (lambda: LateralColor(GRID, heights(0, 5), np.full((3, 2), [0, 900.0])), "shift_um"),
+        (lambda: LateralColor(GRID, heights(0, 5), np.zeros((2, 2))), "shift_um"),
+        (lambda: LateralColor.from_magnification([450, 550], [1.0]), "magnification"),
+        (lambda: LateralColor.from_magnification([0.45, 0.55], [1.0, 1.0]), "wavelength_nm"),
+        (lambda: Distortion.from_real_heights(heights(0, 7), [0, 7000], 50), "ratio"),
+        (lambda: Distortion.from_real_heights(heights(7, 14), [0.007, 0.014], 50), "ratio"),
     ],
 )
-def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+def test_what_cannot_be_is_refused(make: Callable[[], object], what: str) -> None:
+    with pytest.raises(InputError) as caught:
         make()
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)

@@ -10,7 +10,7 @@ from scipy.special import j1
 
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 
 LENS = DiffractionLimited(f_number=2.8, focal_length_mm=4.88)
 
@@ -64,19 +64,21 @@ def test_cos4() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        ({"f_number": 0}, "f_number must be above 0"),
-        ({"focal_length_mm": -5}, "focal_length_mm must be above 0"),
-        ({"transmittance": 1.2}, "transmittance is a fraction"),
-        ({"falloff": "cos3"}, "'none' or 'cos4'"),
+        ({"f_number": 0}, "f_number"),
+        ({"focal_length_mm": -5}, "focal_length_mm"),
+        ({"transmittance": 1.2}, "transmittance"),
+        ({"falloff": "cos3"}, "falloff"),
     ],
 )
-def test_lenses_that_cannot_be(change: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_lenses_that_cannot_be(change: dict[str, float], what: str) -> None:
+    with pytest.raises(InputError) as caught:
         DiffractionLimited(**{"f_number": 8, "focal_length_mm": 50, **change})
+    assert caught.value.what.startswith(what)
 
 
 def test_objects_within_the_focal_length_have_no_image() -> None:
-    with pytest.raises(InputError, match="move it farther away"):
+    with pytest.raises(InputError) as caught:
         LENS.magnification(0.004)
+    assert caught.value.what == "distance_m"

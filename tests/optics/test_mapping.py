@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.optics.mapping import heights_at, image_height, inverse_scale, wavelength_nodes
-from photosite.optics.spread import RadialMapping, VeilingGlare
+from photosite.optics.mapping import RadialMapping, heights_at, image_height, inverse_scale, wavelength_nodes
+from photosite.optics.veiling_glare import VeilingGlare
 
 REACH_M = 15e-3
 PIXEL_M = 6e-6
@@ -46,7 +46,7 @@ def test_a_table_whose_spline_would_fold_back_still_rises() -> None:
 
     ideal, real = np.array([0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3, np.array([0.0, 1.0, 1.01, 1.02, 3.0]) * 1e-3
     fine = np.linspace(0, 4e-3, 1001)
-    assert (np.diff(mapping._odd(ideal, real)(fine)) < 0).any()  # what must not be used
+    assert (np.diff(mapping._odd_spline(ideal, real)(fine)) < 0).any()  # what must not be used
     curve = image_height(RadialMapping(np.array([550.0]), ideal, real[None]), 550.0)
     assert (np.diff(curve(fine)) > 0).all()
     np.testing.assert_allclose(curve(ideal), real, rtol=1e-12)
@@ -120,35 +120,37 @@ def test_one_wavelength_or_one_curve_needs_one_node() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wavelength", "ideal", "real", "said"),
+    ("wavelength", "ideal", "real", "what"),
     [
-        ([550.0], [0.0, 1.0, 2.0], [[0.0, 1.0, 0.9]], "real_m must increase from 0"),
-        ([550.0], [0.0, 1.0, 1.0], [[0.0, 1.0, 2.0]], "ideal_m must increase from 0"),
-        ([550.0], [0.1, 1.0, 2.0], [[0.0, 1.0, 2.0]], "ideal_m must increase from 0"),
-        ([550.0], [0.0, 1.0], [[0.1, 1.0]], "real_m must increase from 0"),
-        ([600.0, 500.0], [0.0, 1.0], [[0.0, 1.0], [0.0, 1.0]], "wavelengths must increase"),
-        ([550.0], [0.0, 1.0], [[0.0, 1.0], [0.0, 1.0]], r"got shapes \(1,\), \(2,\) and \(2, 2\)"),
-        ([550.0], [0.0], [[0.0]], "2 heights or more"),
-        ([550.0], [0.0, math.nan], [[0.0, 1.0]], "NaN"),
+        ([550.0], [0.0, 1.0, 2.0], [[0.0, 1.0, 0.9]], "real_m"),
+        ([550.0], [0.0, 1.0, 1.0], [[0.0, 1.0, 2.0]], "ideal_m"),
+        ([550.0], [0.1, 1.0, 2.0], [[0.0, 1.0, 2.0]], "ideal_m"),
+        ([550.0], [0.0, 1.0], [[0.1, 1.0]], "real_m"),
+        ([600.0, 500.0], [0.0, 1.0], [[0.0, 1.0], [0.0, 1.0]], "wavelength_nm"),
+        ([550.0], [0.0, 1.0], [[0.0, 1.0], [0.0, 1.0]], "real_m"),
+        ([550.0], [0.0], [[0.0]], "real_m"),
+        ([550.0], [0.0, math.nan], [[0.0, 1.0]], "ideal_m"),
     ],
 )
 def test_a_mapping_that_cannot_be_is_refused(
-    wavelength: list[float], ideal: list[float], real: list[list[float]], said: str
+    wavelength: list[float], ideal: list[float], real: list[list[float]], what: str
 ) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError) as caught:
         RadialMapping(np.array(wavelength), np.array(ideal), np.array(real))
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("fraction", "spread", "said"),
+    ("fraction", "spread", "what"),
     [
-        (1.0, None, "below 1, not 1.0"),
-        (-0.1, None, "0 to below 1"),
-        (math.nan, None, "below 1"),
-        (0.1, 0.0, "above 0 m"),
+        (1.0, None, "fraction"),
+        (-0.1, None, "fraction"),
+        (math.nan, None, "fraction"),
+        (0.1, 0.0, "spread_m"),
     ],
 )
-def test_a_glare_that_cannot_be_is_refused(fraction: float, spread: float | None, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_glare_that_cannot_be_is_refused(fraction: float, spread: float | None, what: str) -> None:
+    with pytest.raises(InputError) as caught:
         VeilingGlare(fraction, spread)
+    assert caught.value.what.startswith(what)

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
+from photosite.optics.annular import aberration_free_otf
 from photosite.optics.pupil import Pupil
-from photosite.optics.ring import bare_transfer
 
 Array = NDArray[np.float64]
 S = np.linspace(0, 1.1, 1101)
@@ -46,14 +46,14 @@ def test_round_blades_are_a_circle_by_chords_too() -> None:
     assert nearly.area == pytest.approx(1.0, abs=2e-5)
     for angle in (0.0, 0.7, 2.0, 4.0):
         got = nearly.transfer(S * math.sin(angle), S * math.cos(angle))
-        assert got == pytest.approx(bare_transfer(S), abs=2e-5)
+        assert got == pytest.approx(aberration_free_otf(S), abs=2e-5)
     assert Pupil(blades=7, roundness=1).rotationally_symmetric
 
 
 def test_a_ring_by_chords_is_the_ring_in_closed_form() -> None:
     ring = Pupil(obscuration=0.4, blades=9, roundness=1 - 1e-9)
     got = ring.transfer(S * 0.28, S * 0.96)
-    assert got == pytest.approx(bare_transfer(S, 0.4), abs=4e-5)
+    assert got == pytest.approx(aberration_free_otf(S, 0.4), abs=4e-5)
 
 
 @pytest.mark.parametrize("rotation", [0.0, 13.0, 45.0])
@@ -155,22 +155,23 @@ def test_edges_spread_light_as_far_as_they_are_long() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        ({"obscuration": 1.0}, "0 to below 1"),
-        ({"blades": 2}, "3 to 360 blades"),
-        ({"blades": 6, "roundness": 1.5}, "0, straight, to 1, round"),
-        ({"vanes": 4}, "go together"),
-        ({"rotation_deg": math.nan}, "finite number"),
-        ({"vanes": 12, "vane_width": 0.4}, "no light"),
-        ({"amplitude": np.ones((16, 16))}, "0 outside the circle"),
-        ({"amplitude": np.ones((16, 12))}, "square array"),
-        ({"amplitude": np.full((16, 16), 2.0)}, "between 0 and 1"),
-        ({"amplitude": np.zeros((16, 16))}, "no light"),
-        ({"amplitude": np.zeros((16, 16)), "blades": 5}, "one of the two"),
+        ({"obscuration": 1.0}, "obscuration"),
+        ({"blades": 2}, "blades"),
+        ({"blades": 6, "roundness": 1.5}, "roundness"),
+        ({"vanes": 4}, "vane_width"),
+        ({"rotation_deg": math.nan}, "rotation_deg"),
+        ({"vanes": 12, "vane_width": 0.4}, "the pupil transmits less than"),
+        ({"amplitude": np.ones((16, 16))}, "amplitude"),
+        ({"amplitude": np.ones((16, 12))}, "amplitude"),
+        ({"amplitude": np.full((16, 16), 2.0)}, "amplitude"),
+        ({"amplitude": np.zeros((16, 16))}, "amplitude"),
+        ({"amplitude": np.zeros((16, 16)), "blades": 5}, "a pupil cannot be an array"),
     ],
 )
-def test_pupils_that_cannot_be(change: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+def test_pupils_that_cannot_be(change: dict[str, float], what: str) -> None:
+    with pytest.raises(InputError) as caught:
         Pupil(**change)  # type: ignore[arg-type]
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)

@@ -14,9 +14,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.optics.io.table_files import read_otf_table, read_psf_table
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import PlaneSpread, RadialSpread
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.io.formats import read_otf_table, read_psf_table
+from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
 
@@ -39,8 +39,8 @@ def gaussian(
 
 def test_a_radial_table_is_its_curve_between_entries_and_wavelengths() -> None:
     table = OtfTable([450.0, 650.0], PER_MM, [gaussian_mtf(3.0), gaussian_mtf(5.0)])
-    spread = table.spread(LENS, 1.2)
-    assert isinstance(spread, RadialSpread)
+    spread = table.point_spread(LENS, 1.2)
+    assert isinstance(spread, RadialPsf)
     f = np.linspace(0, 300, 777)
     blue, red = gaussian_mtf(3.0, f), gaussian_mtf(5.0, f)
     assert spread.otf(f * 1e3, 450.0) == pytest.approx(blue, abs=1e-3)
@@ -54,12 +54,13 @@ def test_a_radial_table_is_its_curve_between_entries_and_wavelengths() -> None:
 def test_a_table_that_ends_early_goes_on_as_diffraction_where_told() -> None:
     f = np.array([0.0, 20.0, 40.0])
     values = 0.9 ** (f / 20) * LENS.otf(f * 1e3, 550.0, 1.2)
-    with pytest.raises(InputError, match=r"ends while its modulation is still 0\.6.*diffraction"):
+    with pytest.raises(InputError) as caught:
         OtfTable([550.0], f, [values])
-    spread = OtfTable([550.0], f, [values], beyond="diffraction").spread(LENS, 1.2)
+    assert caught.value.what == "values"
+    spread = OtfTable([550.0], f, [values], beyond="diffraction").point_spread(LENS, 1.2)
     beyond = np.array([50e3, 100e3, 200e3])
     assert spread.cutoff_per_m(550.0) == LENS.cutoff_per_m(550.0, 1.2)
-    assert isinstance(spread, RadialSpread)
+    assert isinstance(spread, RadialPsf)
     assert spread.otf(beyond, 550.0) == pytest.approx(0.81 * LENS.otf(beyond, 550.0, 1.2), rel=1e-12)
     assert spread.otf(np.array([40e3]), 550.0) == pytest.approx(values[2], rel=1e-12)
 
@@ -76,8 +77,8 @@ def test_a_plane_table_keeps_its_phase(half: str) -> None:
         return turn * np.exp(-2 * math.pi**2 * ((y * 3e-3) ** 2 + (x * 4e-3) ** 2))
 
     table = OtfTable([550.0], fy, exact(fy[:, None], fx)[None], fx_per_mm=fx)
-    spread = table.spread(LENS, 1.2)
-    assert isinstance(spread, PlaneSpread)
+    spread = table.point_spread(LENS, 1.2)
+    assert isinstance(spread, PlanePsf)
     y, x = np.random.default_rng(1).uniform(-199, 199, (2, 500))
     assert np.abs(spread.otf(y * 1e3, x * 1e3, 550.0) - exact(y, x)).max() < 1e-4
     assert spread.otf(np.array([2.1e5]), np.array([0.0]), 550.0) == 0
@@ -87,7 +88,7 @@ def test_a_plane_table_keeps_its_phase(half: str) -> None:
 @pytest.mark.parametrize("count", [60, 61])
 def test_samples_of_a_gaussian_have_its_transfer_function(count: int) -> None:
     samples = np.stack([gaussian(2.0, 1.0, count), gaussian(3.0, 1.0, count, (1.25, -0.5))])
-    spread = PsfTable([450.0, 650.0], samples, 1.0).spread(LENS, 1.2)
+    spread = PsfTable([450.0, 650.0], samples, 1.0).point_spread(LENS, 1.2)
     fy, fx = np.random.default_rng(2).uniform(-150e3, 150e3, (2, 300))
     square = (fy**2 + fx**2) * 1e-12
     blue = np.exp(-2 * math.pi**2 * square * 4)
@@ -104,13 +105,13 @@ def test_samples_of_a_gaussian_have_its_transfer_function(count: int) -> None:
 
 def test_a_wavefront_sampled_is_the_wavefront_again() -> None:
     """Coma's point spread, at a third of its period: both blurs say the same."""
-    wave = Wavefront({7: 60.0, 6: 30.0}).spread(LENS, math.inf)
-    assert isinstance(wave, PlaneSpread)
+    wave = Wavefront({7: 60.0, 6: 30.0}).point_spread(LENS, math.inf)
+    assert isinstance(wave, PlanePsf)
     period_m, count = 550e-9 * 8, 257
     spacing = period_m / 3
     f = np.fft.fftfreq(count, spacing)
     image = np.fft.fftshift(np.fft.ifft2(wave.otf(f[:, None], f[None], 550.0)).real)
-    table = PsfTable([550.0], [image], spacing * 1e6).spread(LENS, 1.2)
+    table = PsfTable([550.0], [image], spacing * 1e6).point_spread(LENS, 1.2)
     fy, fx = (f[np.random.default_rng(k).integers(0, count, 200)] for k in (1, 2))
     assert np.abs(table.otf(fy, fx, 550.0) - wave.otf(fy, fx, 550.0)).max() < 1e-10
 
@@ -122,19 +123,22 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        ({"wavelength_nm": [650.0, 450.0]}, "must increase"),
-        ({"wavelength_nm": [0.45, 0.65]}, "multiply by 1000"),
-        ({"values": VALUES * 100}, "never above 1.*divide it by 100"),
-        ({"values": VALUES * 0.9}, "is 1 at frequency 0"),
-        ({"values": VALUES[:1]}, r"\(wavelengths, frequencies\), \(2, 61\) here"),
-        ({"values": np.where(VALUES < 0.5, np.nan, VALUES)}, "NaN"),
-        ({"frequency_per_mm": PER_MM[::-1]}, "increasing; sort the table"),
-        ({"frequency_per_mm": PER_MM + 5}, "begin at 0"),
-        ({"values": VALUES**0.1, "frequency_per_mm": PER_MM / 4}, "ends while its modulation"),
-        ({"beyond": "nothing"}, "'zero', or for radial ones 'diffraction'"),
-        ({"wavelength_nm": [550.0], "frequency_per_mm": AXIS, "fx_per_mm": AXIS + 5, "values": [PLANE]}, "frequency 0"),
+        ({"wavelength_nm": [650.0, 450.0]}, "wavelengths must increase from entry to"),
+        ({"wavelength_nm": [0.45, 0.65]}, "wavelength_nm"),
+        ({"values": VALUES * 100}, "values"),
+        ({"values": VALUES * 0.9}, "values"),
+        ({"values": VALUES[:1]}, "values"),
+        ({"values": np.where(VALUES < 0.5, np.nan, VALUES)}, "values"),
+        ({"frequency_per_mm": PER_MM[::-1]}, "frequency_per_mm"),
+        ({"frequency_per_mm": PER_MM + 5}, "frequency_per_mm"),
+        ({"values": VALUES**0.1, "frequency_per_mm": PER_MM / 4}, "values"),
+        ({"beyond": "nothing"}, "beyond"),
+        (
+            {"wavelength_nm": [550.0], "frequency_per_mm": AXIS, "fx_per_mm": AXIS + 5, "values": [PLANE]},
+            "frequency_per_mm and fx_per_mm",
+        ),
         (
             {
                 "wavelength_nm": [550.0],
@@ -142,7 +146,7 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
                 "fx_per_mm": AXIS,
                 "values": [PLANE + 5e-3j * AXIS**2 / 4e4],
             },
-            "conjugates",
+            "values",
         ),
         (
             {
@@ -151,36 +155,38 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
                 "fx_per_mm": AXIS[20:],
                 "values": [PLANE[20:, 20:]],
             },
-            "nothing of a quarter",
+            "frequency_per_mm",
         ),
     ],
 )
-def test_transfer_functions_that_cannot_be(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+def test_transfer_functions_that_cannot_be(change: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError) as caught:
         OtfTable(**{**GOOD, "values": VALUES, **change})
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        ({"samples": [gaussian(2.0) * 1.002]}, "sums to 1.002, not to 1.*normalise=True"),
-        ({"samples": [gaussian(2.0)[:, :-1]]}, "square"),
-        ({"samples": [gaussian(2.0) - 1e-4]}, "negative somewhere"),
-        ({"samples": [np.full((9, 9), np.nan)]}, "NaN"),
-        ({"samples": [np.zeros((9, 9))]}, "holds no light: its samples sum to 0, the largest is 0; check"),
-        ({"samples": [-gaussian(2.0)], "normalise": True}, "holds no light: its samples sum to -1"),
-        ({"spacing_um": 5e-7}, "5e-07 um apart .* in um: if that is in m, multiply by 1e6"),
-        ({"wavelength_nm": [0.55]}, "0.55 nm .* in um, multiply by 1000"),
-        ({"samples": [gaussian(0.4) / gaussian(0.4).sum()]}, "too coarse"),
-        ({"spacing_um": None}, "spacing_um.*must be above 0"),
-        ({"spacing_um": -1.0}, "must be above 0"),
-        ({"wavelength_nm": [550.0, 450.0], "samples": [gaussian(2.0)] * 2}, "must increase"),
+        ({"samples": [gaussian(2.0) * 1.002]}, "samples"),
+        ({"samples": [gaussian(2.0)[:, :-1]]}, "samples"),
+        ({"samples": [gaussian(2.0) - 1e-4]}, "samples"),
+        ({"samples": [np.full((9, 9), np.nan)]}, "samples"),
+        ({"samples": [np.zeros((9, 9))]}, "samples"),
+        ({"samples": [-gaussian(2.0)], "normalise": True}, "samples"),
+        ({"spacing_um": 5e-7}, "spacing_um"),
+        ({"wavelength_nm": [0.55]}, "wavelength_nm"),
+        ({"samples": [gaussian(0.4) / gaussian(0.4).sum()]}, "spacing_um"),
+        ({"spacing_um": None}, "spacing_um"),
+        ({"spacing_um": -1.0}, "spacing_um"),
+        ({"wavelength_nm": [550.0, 450.0], "samples": [gaussian(2.0)] * 2}, "wavelengths must increase from entry to"),
     ],
 )
-def test_point_spreads_that_cannot_be(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+def test_point_spreads_that_cannot_be(change: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError) as caught:
         PsfTable(**{"wavelength_nm": [550.0], "samples": [gaussian(2.0)], "spacing_um": 1.0, **change})
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 
@@ -211,33 +217,36 @@ def test_a_plane_table_from_a_file_in_any_order(tmp_path: Path) -> None:
     table = read_otf_table(path)
     assert np.abs(table.values[0] - tilted).max() < 1e-7
     path.write_text("real,imag,fx_per_mm,fy_per_mm,wavelength_nm\n" + "\n".join(lines[1:]))
-    with pytest.raises(FileError, match="1680 entries are no full grid of 1 x 41 x 41"):
+    with pytest.raises(FileError) as caught:
         read_otf_table(path)
+    assert caught.value.what == "entries"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "error"),
     [
-        ("", "is empty"),
-        ("a,b\n1,2\n", "otf.csv:1: the first line names the columns"),
-        ("frequency_per_mm,blue\n0,1\n", "otf.csv:1: 'blue' is not a wavelength in nm"),
-        ("frequency_per_mm,450\n0,1\n10,half\n", "otf.csv:3: 'half' is not a number"),
-        ("frequency_per_mm,450\n0,1\n10,nan\n", "otf.csv:3: 'nan' is not a finite number"),
-        ("frequency_per_mm,450\n0,1\n10\n", "otf.csv:3: has 1 entries where 2 are expected"),
-        ("frequency_per_mm,450\n0,1\n50,0.3\n40,0\n", "increasing; sort the table"),
-        ("frequency_per_mm,650,450\n0,1,1\n50,0,0\n", "must increase"),
-        ("frequency_per_mm,450\n", "2 or more finite frequencies"),
-        ("frequency_per_mm\n0\n1\n", "wavelengths are a list"),
+        ("", ("is empty", None)),
+        ("a,b\n1,2\n", ("the header", 1)),
+        ("frequency_per_mm,blue\n0,1\n", ("column name", 1)),
+        ("frequency_per_mm,450\n0,1\n10,half\n", ("entry", 3)),
+        ("frequency_per_mm,450\n0,1\n10,nan\n", ("entry", 3)),
+        ("frequency_per_mm,450\n0,1\n10\n", ("entries in this line", 3)),
+        ("frequency_per_mm,450\n0,1\n50,0.3\n40,0\n", ("frequency_per_mm", None)),
+        ("frequency_per_mm,650,450\n0,1,1\n50,0,0\n", ("wavelengths must increase from entry to", None)),
+        ("frequency_per_mm,450\n", ("frequency_per_mm", None)),
+        ("frequency_per_mm\n0\n1\n", ("wavelengths are a list of positive", None)),
     ],
 )
-def test_wrong_files_of_transfer_functions(tmp_path: Path, text: str, message: str) -> None:
+def test_wrong_files_of_transfer_functions(tmp_path: Path, text: str, error: tuple[str, int | None]) -> None:
     path = tmp_path / "otf.csv"
     path.write_text(text)
-    with pytest.raises(FileError, match=message) as caught:
+    with pytest.raises(FileError) as caught:
         read_otf_table(path)
+    assert (caught.value.what.startswith(error[0]), caught.value.line) == (True, error[1])
     assert "\n" not in str(caught.value)
-    with pytest.raises(FileError, match="cannot be read"):
+    with pytest.raises(FileError) as caught:
         read_otf_table(tmp_path / "missing.csv")
+    assert caught.value.what.startswith("cannot be read")
 
 
 def test_point_spreads_from_every_kind_of_file(tmp_path: Path) -> None:
@@ -263,41 +272,42 @@ def test_point_spreads_from_every_kind_of_file(tmp_path: Path) -> None:
 def test_wrong_files_of_point_spreads(tmp_path: Path) -> None:
     said = {"spacing_um": 1.0, "wavelength_nm": 550}
 
-    def refused(name: str, message: str, **options: Any) -> None:
-        with pytest.raises(FileError, match=message) as caught:
+    def refused(name: str, what: str, **options: Any) -> None:
+        with pytest.raises(FileError) as caught:
             read_psf_table(tmp_path / name, **options)
+        assert caught.value.what.startswith(what)
         assert "\n" not in str(caught.value)
 
     np.savez(tmp_path / "a.npz", psf=gaussian(2.0))
-    refused("a.npz", "does not say its spacing_um; give spacing_um=")
-    refused("a.npz", "does not say its wavelength_nm; give wavelength_nm=", spacing_um=1.0)
+    refused("a.npz", "does not state its spacing_um")
+    refused("a.npz", "does not state its wavelength_nm", spacing_um=1.0)
     np.savez(tmp_path / "b.npz", psf=gaussian(2.0), spacing_um=2.0, wavelength_nm=550.0)
-    refused("b.npz", r"the file says spacing_um \[2.0\], the call \[1.0\]", spacing_um=1.0)
+    refused("b.npz", "spacing_um", spacing_um=1.0)
     np.savez(tmp_path / "c.npz", image=gaussian(2.0))
-    refused("c.npz", "no array 'psf', but image", **said)
+    refused("c.npz", "holds no array 'psf', but image", **said)
     np.savez(tmp_path / "d.npz", psf=np.array([{}], dtype=object), spacing_um=1.0)
-    refused("d.npz", "cannot be read: it is no .npz archive of numbers, or damaged$")
+    refused("d.npz", "cannot be read")
     for place, psf, spacing in (
         ("psf", gaussian(2.0) * 1j, 1.0), ("psf", gaussian(2.0) > 0, 1.0), ("spacing_um", gaussian(2.0), "1.0")
     ):  # fmt: skip
         np.savez(tmp_path / "d.npz", psf=psf, spacing_um=spacing, wavelength_nm=550)
-        refused("d.npz", f"'{place}' holds no real numbers")
+        refused("d.npz", place)
     np.savez(tmp_path / "d.npz", psf=np.zeros((1, 0, 0)), spacing_um=1.0, wavelength_nm=550)
-    refused("d.npz", "'psf' is empty")
-    refused("a.npz", "spacing_um is a list of numbers, not '1.0'", spacing_um="1.0", wavelength_nm=550)
+    refused("d.npz", "psf")
+    refused("a.npz", "spacing_um", spacing_um="1.0", wavelength_nm=550)
     np.savez(tmp_path / "e.npz", psf=gaussian(2.0) * 3)
-    refused("e.npz", "sums to 3, not to 1", **said)
+    refused("e.npz", "samples", **said)
     (tmp_path / "f.txt").write_text("1 2 3\n4 5\n")
-    refused("f.txt", "f.txt:2: has 2 entries where 3", **said)
+    refused("f.txt", "entries in this line", **said)
     tifffile.imwrite(tmp_path / "g.tif", np.zeros((8, 8, 3), np.uint8), photometric="rgb")
-    refused("g.tif", "grey and of one size", **said)
+    refused("g.tif", "pages", **said)
     tifffile.imwrite(tmp_path / "h.tif", np.stack([gaussian(2.0)] * 3), photometric="minisblack")
-    refused("h.tif", "with 1 wavelengths here", **said)
+    refused("h.tif", "samples", **said)
     with h5py.File(tmp_path / "i.h5", "w") as file:
         file.create_group("psf")
-    refused("i.h5", "no data set 'psf', but psf", **said)
+    refused("i.h5", "holds no data set 'psf', but psf", **said)
     refused("missing.npz", "no such file", **said)
-    refused("a.mat", "not from '.mat'", **said)
+    refused("a.mat", "suffix", **said)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".tif", ".txt"])
@@ -342,5 +352,6 @@ def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
 
 def test_commas_among_points_are_not_guessed_at(tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text("frequency_per_mm;450\n0;1\n40.5;0,7\n200;0\n", encoding="utf-8")
-    with pytest.raises(FileError, match=r"mtf\.csv:3: '0,7' is not a number"):
+    with pytest.raises(FileError) as caught:
         read_otf_table(tmp_path / "mtf.csv")
+    assert (caught.value.what, caught.value.line) == ("entry", 3)

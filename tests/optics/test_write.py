@@ -14,17 +14,18 @@ import photosite as ps
 from photosite.color.spectrum import Spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.yaml import read_yaml
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
+from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.io.optics_file import load_optics
-from photosite.optics.io.write import write_optics
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.io.formats import load_optics
+from photosite.optics.io.optics_file import write_optics
+from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
+from photosite.optics.point_spread import RadialPsf
 from photosite.optics.pupil import Pupil
-from photosite.optics.radial_table import FieldPoints
-from photosite.optics.spread import RadialSpread, VeilingGlare
 from photosite.optics.tables import OtfTable, PsfTable
+from photosite.optics.veiling_glare import VeilingGlare
 from photosite.optics.wavefront import Wavefront
 
 BASE = DiffractionLimited(2.8, 1 / 3 * 100)
@@ -190,8 +191,8 @@ def test_magnifications_at_another_height_are_the_same_color(tmp_path: Path) -> 
 
 @dataclass(frozen=True)
 class OwnBlur:
-    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> RadialSpread:
-        return base.spread(distance_m)
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> RadialPsf:
+        return base.point_spread(distance_m)
 
 
 class OwnWavefront(Wavefront):
@@ -206,26 +207,28 @@ EVERYWHERE = LateralColor(np.array([450.0, 650.0]), HEIGHTS, np.array([[0, 1, 2.
 
 
 @pytest.mark.parametrize(
-    ("lens", "message"),
+    ("lens", "what"),
     [
-        (Lens(BASE, OwnBlur()), "blurred by a OwnBlur cannot be written"),
-        (Lens(BASE, OwnWavefront()), "blurred by a OwnWavefront cannot be written"),
-        (OwnLens(BASE), "this is a OwnLens"),
-        (Lens(BASE, BLURS["psf"], lateral_color=EVERYWHERE), "this one has several places"),
+        (Lens(BASE, OwnBlur()), "blur"),
+        (Lens(BASE, OwnWavefront()), "blur"),
+        (OwnLens(BASE), "lens"),
+        (Lens(BASE, BLURS["psf"], lateral_color=EVERYWHERE), "lateral_color"),
     ],
 )
-def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, what: str) -> None:
+    with pytest.raises(InputError) as caught:
         write_optics(lens, tmp_path / "a.yaml")
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
 def test_tables_larger_than_is_read_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photosite.optics.io.write.LARGEST_BYTES", 2 << 20)
+    monkeypatch.setattr("photosite.optics.io.optics_file.LARGEST_BYTES", 2 << 20)
     many = FieldPoints(np.linspace(0, 9, 60_000))
-    with pytest.raises(InputError, match="more than 2 MiB: thin them"):
+    with pytest.raises(InputError) as caught:
         Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 60_000))).save(tmp_path / "a.yaml")
+    assert caught.value.what.startswith("the optics file would exceed")
     assert not list(tmp_path.iterdir())
 
 
@@ -238,73 +241,84 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(FileError, match="No space left on device"):
+    with pytest.raises(FileError) as caught:
         replace(lens, name="another").save(tmp_path / "a.yaml")
+    assert caught.value.what.startswith("cannot be written")
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    ("name", "what"),
     [
-        ("x" * 300 + ".yaml", "File name too long"),
-        ("a.txt", r"ends in \.yaml or \.yml"),
-        ("gone/a.yaml", "there is no folder"),
-        ("taken.yaml", "a folder or a device"),
-        ("beside.yaml", r"beside\.psf\.npz: cannot be written: it is a folder"),
+        ("x" * 300 + ".yaml", "cannot be written"),
+        ("a.txt", "the name of an optics file"),
+        ("gone/a.yaml", "cannot be written"),
+        ("taken.yaml", "cannot be written"),
+        ("beside.yaml", "cannot be written"),
     ],
 )
-def test_places_that_cannot_be_written(tmp_path: Path, name: str, message: str) -> None:
+def test_places_that_cannot_be_written(tmp_path: Path, name: str, what: str) -> None:
     (tmp_path / "taken.yaml").mkdir()
     (tmp_path / "beside.psf.npz").mkdir()
-    with pytest.raises(FileError, match=message):
+    with pytest.raises(FileError) as caught:
         Lens(BASE, BLURS["psf"]).save(tmp_path / name)
+    assert caught.value.what.startswith(what)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beside.psf.npz", "taken.yaml"]
 
 
 @pytest.mark.parametrize("said", [{"sorce": "x"}, {"source": 3}, "nowhere"])
 def test_a_provenance_that_is_none(tmp_path: Path, said: Any) -> None:
-    with pytest.raises(InputError, match="provenance is texts by name, of source, license, created, notes"):
+    with pytest.raises(InputError) as caught:
         BASE.save(tmp_path / "a.yaml", said)
+    assert caught.value.what == "provenance"
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["array", "design"])
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    ("spoil", "error"),
     [
-        (lambda file: file.unlink(), "there is no such file"),
+        (lambda file: file.unlink(), ("there is no such file,", 5, "blur")),
         (
             lambda file: (text := file.parent / "a.yaml").write_text(text.read_text().replace(file.name, "x" * 300)),
-            "there is no such file|File name too long",
+            ("there is no such file,", 7, "blur.source"),
         ),
-        (lambda file: file.write_bytes(file.read_bytes()[:200]), "cannot be read"),
-        (lambda file: file.write_bytes(b""), "cannot be read"),
-        (lambda file: np.savez(file, other=1), "holds no array '(amplitude|wavelength_nm)', but other"),
+        (lambda file: file.write_bytes(file.read_bytes()[:200]), ("there is no such file,", 5, "blur")),
+        (lambda file: file.write_bytes(b""), ("cannot be read", 5, "blur")),
+        (lambda file: np.savez(file, other=1), ("cannot be read", None, None)),
     ],
 )
-def test_damaged_arrays_are_one_line(tmp_path: Path, name: str, spoil: Any, message: str) -> None:
+def test_damaged_arrays_are_one_line(
+    tmp_path: Path, name: str, spoil: Any, error: tuple[str, int | None, str | None]
+) -> None:
     Lens(BASE, BLURS[name]).save(tmp_path / "a.yaml")
     (file,) = tmp_path.glob("*.npz")
     spoil(file)
-    with pytest.raises(FileError, match=message) as caught:
+    with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "a.yaml")
+    assert caught.value.what.startswith(error[0])
+    assert (caught.value.line, caught.value.where) == error[1:]
     assert "\n" not in str(caught.value)
 
 
 def test_arrays_that_cannot_be(tmp_path: Path) -> None:
     Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), "x"))
-    with pytest.raises(FileError, match="'amplitude' holds no real numbers"):
+    with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "a.yaml")
+    assert caught.value.what == "amplitude"
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), 2.0))
-    with pytest.raises(FileError, match="between 0 and 1 everywhere"):
+    with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "a.yaml")
+    assert (caught.value.what, caught.value.line) == ("amplitude", 10)
     Lens(BASE, BLURS["design"]).save(tmp_path / "b.yaml")
     arrays = dict(np.load(tmp_path / "b.design.npz"))
     np.savez(tmp_path / "b.design.npz", **arrays | {"unit": "inch" * 9999})
-    with pytest.raises(FileError, match="unit is 'mm' or 'deg', not 'inchinchinchinchinch'"):
+    with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "b.yaml")
+    assert caught.value.what == "unit"
     text = (tmp_path / "b.yaml").read_text()
     (tmp_path / "b.yaml").write_text(text + "  first_row: top\n")
-    with pytest.raises(FileError, match="first_row is for the listings"):
+    with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "b.yaml")
+    assert caught.value.what == "first_row"

@@ -9,7 +9,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.parameters import PARAMETER_LABELS
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.scene import Scene
 from photosite.studies.truth import channel_efficiencies, full_well_reading_dn, true_parameters
 

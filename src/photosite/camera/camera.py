@@ -17,7 +17,7 @@ from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance
 from photosite.color.spectrum import Rule, integration_weights
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.spread import Optics
+from photosite.optics.protocols import Optics
 from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor

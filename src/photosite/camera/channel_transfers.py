@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.sampled_otf import LensTables, lens_tables
 from photosite.engine.transfer import Sampling, Transfer
-from photosite.optics.spread import FieldSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PointSpread
 
 Array = NDArray[np.float64]
 
@@ -81,20 +81,20 @@ class Reduced:
         return sum(part.nbytes for part in held if part is not None)
 
 
-_kept: WeakKeyDictionary[Spread, dict[tuple[Any, ...], tuple[Reduced, ...]]] = WeakKeyDictionary()
+_kept: WeakKeyDictionary[PointSpread, dict[tuple[Any, ...], tuple[Reduced, ...]]] = WeakKeyDictionary()
 """What was asked for last, for as long as the spread lives: a series of frames asks for the same again and again."""
 _keeping = Lock()
 
 
 def reduced_transfers(
-    spread: Spread, coupling: Array, wavelength_nm: Array, sampling: Sampling, shares: Array | None = None
+    spread: PointSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling, shares: Array | None = None
 ) -> tuple[Reduced, ...]:
     """The lens summed over wavelength, for as few terms as `MAP_TOLERANCE` asks.
 
     Parameters
     ----------
     spread
-        The lens's. Of a `FieldSpread` the modes, each for the weights' largest magnitude (`field_scale`).
+        The lens's. Of a `FieldPsf` the modes, each for the weights' largest magnitude (`field_scale`).
     coupling
         (channels, K, wavelengths) what a map of weight 1 gives to a channel at a wavelength.
     wavelength_nm
@@ -120,7 +120,7 @@ def reduced_transfers(
         shares = np.ones((1, wavelength_nm.size))
     if len(shares) > 1:
         tolerance = max(tolerance, _OF_SHARED_COLORS)
-    if isinstance(spread, FieldSpread):
+    if isinstance(spread, FieldPsf):
         tolerance = max(tolerance, _OF_FIELD_ERROR * spread.relative_error)
     with _keeping:
         kept = _kept.setdefault(spread, {})

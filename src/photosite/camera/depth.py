@@ -26,7 +26,8 @@ from photosite.camera.mean_image import (
     warn_of_missing_light,
 )
 from photosite.color.spectrum import Rule
-from photosite.optics.spread import FieldSpread, Optics, RadialSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PointSpread, RadialPsf
+from photosite.optics.protocols import Optics
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -80,7 +81,7 @@ def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
     """Whether two scenes' point spreads differ by no more than `_ALIKE` at any frequency that pixels tell."""
     if one.distance_m == other.distance_m:
         return True
-    spreads = optics.spread(one.distance_m), optics.spread(other.distance_m)
+    spreads = optics.point_spread(one.distance_m), optics.point_spread(other.distance_m)
     frequency = np.linspace(0.0, 0.5 / min(pitch_m(sensor)), _FREQUENCIES)
     wavelengths = one.wavelength_nm[[0, one.wavelength_nm.size // 2, -1]]
     a, b = (_samples(spread, frequency, wavelengths) for spread in spreads)
@@ -88,12 +89,12 @@ def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
 
 
 def _samples(
-    spread: Spread, frequency_per_m: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
+    spread: PointSpread, frequency_per_m: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """A spread's transfer functions; of one that differs over the field at every node of it."""
-    if isinstance(spread, RadialSpread):
+    if isinstance(spread, RadialPsf):
         return np.concatenate([spread.otf(frequency_per_m, float(w)) for w in wavelength_nm]).astype(np.complex128)
-    if isinstance(spread, FieldSpread):
+    if isinstance(spread, FieldPsf):
         modes = np.stack([_samples(mode, frequency_per_m, wavelength_nm) for mode in spread.modes])
         at_nodes: NDArray[np.complex128] = np.tensordot(spread.weights, modes, axes=(0, 0)).ravel()
         return at_nodes

@@ -8,14 +8,14 @@ of them, so that a sum of shifted images stands for one (`wavelength_nodes`).
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.warp import Warp
-from photosite.optics.mapping import image_height, inverse_scale, wavelength_nodes
-from photosite.optics.spread import RadialMapping
-from photosite.optics.warn import warn_user
+from photosite.errors import PhotositeWarning
+from photosite.optics.mapping import RadialMapping, image_height, inverse_scale, wavelength_nodes
 from photosite.scene.placement import Placement
 from photosite.values.region import Region
 
@@ -50,10 +50,11 @@ def color_nodes(
     corner_m = math.hypot(shape[0] * pitch_m[0], shape[1] * pitch_m[1]) / 2
     known_m = float(mapping.real_m[:, -1].min())
     if corner_m > known_m * (1 + 1e-6):
-        warn_user(
-            f"the lens's distortion is known up to an image height of {known_m * 1e3:.4g} mm and the frame's corner "
-            f"lies at {corner_m * 1e3:.4g} mm; between these it goes straight on",
+        what = (
+            f"the distortion of the lens is known up to an image height of {known_m * 1e3:.4g} mm, and the frame's "
+            f"corner is at {corner_m * 1e3:.4g} mm; a straight line continues it"
         )
+        warnings.warn(PhotositeWarning(what, hint="Extend the table to the corner"), stacklevel=2)
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     ideal_m = corner_m * float(inverse_scale(mapping, middle, corner_m)[0][-1])
     nodes, shares = wavelength_nodes(mapping, wavelength_nm, ideal_m, _STEP_PIXELS * min(pitch_m))

@@ -24,8 +24,8 @@ from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError
 from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import Optics
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.protocols import Optics
 from photosite.scene.io.section import parse_scene
 from photosite.scene.request import PlanesRequest, SceneRequest
 from photosite.scene.scene import DEFAULT_DISTANCE_M
@@ -164,7 +164,7 @@ def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:
 
 
 def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
-    from photosite.optics.io.optics_file import load_optics, parse_optics
+    from photosite.optics.io.formats import load_optics, parse_optics
 
     told = data["optics"]
     if isinstance(told, str):

@@ -23,7 +23,8 @@ from photosite.engine.layers import Field, Grid, Layer, View
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
-from photosite.optics.spread import FieldSpread, Optics
+from photosite.optics.point_spread import FieldPsf
+from photosite.optics.protocols import Optics
 from photosite.scene.placement import Placement, place
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -98,8 +99,8 @@ def arrived(
 
 def low_rank_error(optics: Optics, distance_m: float) -> float:
     """RMS error of a lens whose point spreads are a sum of a few modes; 0 of any other."""
-    spread = optics.spread(distance_m)
-    return spread.relative_error if isinstance(spread, FieldSpread) else 0.0
+    spread = optics.point_spread(distance_m)
+    return spread.relative_error if isinstance(spread, FieldPsf) else 0.0
 
 
 def pitch_m(sensor: Sensor) -> tuple[float, float]:
@@ -150,7 +151,7 @@ def _blurred_mosaic(
     array, pitch = sensor.array, pitch_m(sensor)
     side = math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
-    spread, mapping = optics.spread(scene.distance_m), optics.mapping(scene.distance_m)
+    spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
     where = placement(scene, optics, sensor)
     colors_nm, shares = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
     parts = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
@@ -173,7 +174,7 @@ def _blurred_mosaic(
         )
         for color_nm in colors_nm
     )
-    field = _field(spread, sensor) if isinstance(spread, FieldSpread) else None
+    field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
     layers = [_layer(reduced, views, field) for reduced in parts]
     with threads_for(array.rows * array.cols * cells**2):
         return mosaic_of_layers(
@@ -198,7 +199,7 @@ def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, r
     )
 
 
-def _field(spread: FieldSpread, sensor: Sensor) -> Field:
+def _field(spread: FieldPsf, sensor: Sensor) -> Field:
     """The spread's weights over the frame's pixels, their largest magnitudes left to the transfer."""
     pixel, array = sensor.pixel, sensor.array
     return Field(

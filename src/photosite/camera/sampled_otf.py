@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.kernel_size import check_reach, kernel_size
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
-from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf
 
 Array = NDArray[np.float64]
 Blocks = Callable[[int], Iterator[Array]]
@@ -112,13 +112,13 @@ class LensTables:
         return Transfer(radial, np.fft.fftshift(kernels, axes=(2, 3)))
 
 
-def lens_tables(spread: Spread, wavelength_nm: Array, sampling: Sampling) -> LensTables:
+def lens_tables(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -> LensTables:
     """The spread, looked at.
 
     Parameters
     ----------
     spread
-        The lens's. Of a `FieldSpread` the modes, each for the weights' largest magnitude (`field_scale`).
+        The lens's. Of a `FieldPsf` the modes, each for the weights' largest magnitude (`field_scale`).
     wavelength_nm
         (wavelengths,) of the light.
     sampling
@@ -129,21 +129,21 @@ def lens_tables(spread: Spread, wavelength_nm: Array, sampling: Sampling) -> Len
     InputError
         If a point would be spread over more cells than a mosaic can be made of.
     """
-    if isinstance(spread, RadialSpread):
+    if isinstance(spread, RadialPsf):
         return _of_radial(spread, wavelength_nm, sampling)
-    if isinstance(spread, PlaneSpread):
+    if isinstance(spread, PlanePsf):
         return _of_modes((spread,), np.ones(1), wavelength_nm, sampling)
     return _of_modes(spread.modes, field_scale(spread), wavelength_nm, sampling)
 
 
-def field_scale(spread: FieldSpread) -> Array:
+def field_scale(spread: FieldPsf) -> Array:
     """(R,) the largest magnitude of each mode's weights; 1 where they are all 0."""
     largest: Array = np.abs(spread.weights).max(axis=(1, 2))
     largest[largest == 0] = 1.0
     return largest
 
 
-def _of_radial(spread: RadialSpread, wavelength_nm: Array, sampling: Sampling) -> LensTables:
+def _of_radial(spread: RadialPsf, wavelength_nm: Array, sampling: Sampling) -> LensTables:
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     check_reach(spread.reach_m(middle), sampling)
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
@@ -167,7 +167,7 @@ def _refined(radial: RadialTransfer) -> RadialTransfer:
     return RadialTransfer(CubicSpline(nodes, table, axis=2)(fine), radial.step_per_m / times)
 
 
-def _of_modes(modes: tuple[PlaneSpread, ...], scale: Array, wavelength_nm: Array, sampling: Sampling) -> LensTables:
+def _of_modes(modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling) -> LensTables:
     hats, grid = _nodes_of(modes[0], wavelength_nm)
     size = kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
     step_per_m = max(mode.cutoff_per_m(w) for mode in modes for w in grid) / (_NODES - 1)
@@ -191,7 +191,7 @@ def _of_modes(modes: tuple[PlaneSpread, ...], scale: Array, wavelength_nm: Array
     return LensTables(hats, cones if cones.any() else None, step_per_m, spectra, padding_m)
 
 
-def _nodes_of(mode: PlaneSpread, wavelength_nm: Array) -> tuple[Array, Array]:
+def _nodes_of(mode: PlanePsf, wavelength_nm: Array) -> tuple[Array, Array]:
     """How light is shared between the wavelengths at which the spread is known, and these.
 
     (wavelengths, nodes): linear between, constant beyond.
@@ -211,7 +211,7 @@ def circular_pupil(r: Array) -> Array:
     return transfer
 
 
-def _cone(mode: PlaneSpread, wavelength_nm: float) -> float:
+def _cone(mode: PlanePsf, wavelength_nm: float) -> float:
     """How much of a circular pupil's transfer function has this spread's cone at 0.
 
     The autocorrelation of a pupil with a sharp border begins with a loss in proportion to the border's length and |f|;
@@ -234,7 +234,7 @@ def _cone(mode: PlaneSpread, wavelength_nm: float) -> float:
 
 
 def _folded_spectrum(
-    mode: PlaneSpread, wavelength_nm: float, cone: float, sampling: Sampling, size: int
+    mode: PlanePsf, wavelength_nm: float, cone: float, sampling: Sampling, size: int
 ) -> NDArray[np.complex128]:
     """(Q, Q // 2 + 1): what the cone leaves of the transfer function, times photodetector and cell, folded at 1 / cell.
 

@@ -14,7 +14,7 @@ from photosite.cli.output import print_json, table
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
-    from photosite.optics.compound import Lens
+    from photosite.optics.lens import Lens
 
 _FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
 _SHARES_OF_FIELD = (0.5, 0.7, 1.0)
@@ -48,8 +48,8 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
 
     Example: photosite optics check mine.optics.yaml --distance 2
     """
-    from photosite.optics.io.optics_file import load_optics
-    from photosite.optics.lens import camera_wavelengths
+    from photosite.optics.checks import camera_wavelengths
+    from photosite.optics.io.formats import load_optics
 
     if not 0 < wavelength_nm < math.inf:
         raise InputError(f"--wavelength is a number in nm, above 0, not {wavelength_nm}")
@@ -58,7 +58,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
     if distance_m is None:
         distance_m = math.inf if lens.focus_distance_m is None else lens.focus_distance_m
     facts = {"file": str(file), **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
-    spread = lens.spread(distance_m)
+    spread = lens.point_spread(distance_m)
     mtf = _mtf(spread, wavelength_nm)
     design = _design(lens, spread, wavelength_nm)
     if as_json:
@@ -113,12 +113,12 @@ def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | N
     import numpy as np
 
     from photosite.optics.lens_design import LensDesign
-    from photosite.optics.spread import FieldSpread
+    from photosite.optics.point_spread import FieldPsf
 
     if not isinstance(design := lens.blur, LensDesign):
         return None
     over_field = []
-    if isinstance(spread, FieldSpread):
+    if isinstance(spread, FieldPsf):
         farthest_m = float(spread.x_m[-1])
         for share in _SHARES_OF_FIELD if farthest_m > 0 else ():
             found = _mtf(spread, wavelength_nm, share * farthest_m)
@@ -132,8 +132,8 @@ def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | N
         "spacing_um": float(design.spacing_um),
         "samples": int(design.psf.shape[-1]),
         "symmetric": bool(design.symmetric),
-        "modes": len(spread.modes) if isinstance(spread, FieldSpread) else 1,
-        "relative_error": spread.relative_error if isinstance(spread, FieldSpread) else 0.0,
+        "modes": len(spread.modes) if isinstance(spread, FieldPsf) else 1,
+        "relative_error": spread.relative_error if isinstance(spread, FieldPsf) else 0.0,
         "detail_um": design.detail_um,
         "mtf_over_field": over_field,
     }
@@ -173,12 +173,12 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
     """Frequency per mm, contrast along rows and along columns; on the axis, or to the right of it."""
     import numpy as np
 
-    from photosite.optics.spread import FieldSpread, PlaneSpread, RadialSpread
+    from photosite.optics.point_spread import FieldPsf, PlanePsf, RadialPsf
 
     f = np.array(_FREQUENCIES_PER_MM) * 1e3
     none = np.zeros(f.size)
 
-    def plane(of: PlaneSpread) -> Any:
+    def plane(of: PlanePsf) -> Any:
         """(2, frequencies)"""
         # Between the wavelengths of a table its spread is linear.
         grid = np.array([wavelength_nm]) if of.wavelength_nm is None else np.asarray(of.wavelength_nm)
@@ -186,9 +186,9 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
         used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
         return sum(share * np.stack([of.otf(none, f, w), of.otf(f, none, w)]) for share, w in used)
 
-    if isinstance(spread, RadialSpread):
+    if isinstance(spread, RadialPsf):
         both = np.stack([spread.otf(f, wavelength_nm)] * 2)
-    elif isinstance(spread, FieldSpread):
+    elif isinstance(spread, FieldPsf):
         both = sum(
             _weight(spread, weights, right_m) * plane(mode)
             for weights, mode in zip(spread.weights, spread.modes, strict=True)

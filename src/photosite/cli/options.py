@@ -15,7 +15,7 @@ from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
 
 if TYPE_CHECKING:
-    from photosite.optics.lens import DiffractionLimited
+    from photosite.optics.diffraction import DiffractionLimited
     from photosite.scene.request import SceneRequest
     from photosite.scene.scene import Scene
     from photosite.sensor.model import Sensor
@@ -309,6 +309,6 @@ def load_sensor_resized(name: str, rows: int | None, cols: int | None, black_lev
 
 def lens(f_number: float, focal_length: float) -> DiffractionLimited:
     """The lens asked for."""
-    from photosite.optics.lens import DiffractionLimited
+    from photosite.optics.diffraction import DiffractionLimited
 
     return DiffractionLimited(f_number=f_number, focal_length_mm=focal_length)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from photosite.camera.camera import Camera
     from photosite.camera.file import SetUp
     from photosite.frames.raw_frame import RawFrame
-    from photosite.optics.spread import Optics
+    from photosite.optics.protocols import Optics
     from photosite.scene.planes import Planes
     from photosite.scene.request import PlanesRequest, SceneRequest
     from photosite.scene.scene import Scene
@@ -130,12 +130,12 @@ def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
 
 
 def _optics(base: Optics, told: dict[str, Any]) -> Optics:
-    from photosite.optics.lens import DiffractionLimited
+    from photosite.optics.diffraction import DiffractionLimited
 
     marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length_mm"]}
     marks = {name: value for name, value in marks.items() if value is not None}
     if told["optics_file"] is not None:
-        from photosite.optics.io.optics_file import load_optics
+        from photosite.optics.io.formats import load_optics
 
         base = load_optics(told["optics_file"])
     if not marks:

@@ -1,47 +1,47 @@
-"""Transfer functions of pupils with a wavefront: the autocorrelation of the pupil function.
+"""OTFs of any pupil with any wavefront: the autocorrelation of the pupil function, by Fourier transforms.
 
-Frequencies are over the cutoff 1 / (lambda N), y up; wavefronts are in waves. This is the way for any pupil and
-any wavefront, by Fourier transforms; what is rotationally symmetric has `ring`, by quadrature; each checks the other.
+Frequencies are relative to the cutoff 1 / (lambda N), y up; wavefronts are in waves. Rotationally symmetric cases use
+the quadrature in `annular`; the tests compare the two.
 
-A sampled pupil errs where the two copies of its edge lie on each other, which is at small shifts, and there as much
-without a wavefront as with it. So only the difference of the two is taken from the samples; the transfer function of
-the bare opening is exact (`Pupil.transfer`) and added.
+Sampling errors come from the edge of the pupil, at small shifts, and are the same with and without a wavefront. So only
+the change that the wavefront makes is taken from the samples, and added to the exact OTF of the aberration-free pupil
+(`Pupil.transfer`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.optics.annular import Waves
 from photosite.optics.pupil import Pupil
 from photosite.optics.zernike import Term, zernike_values
 
 Array = NDArray[np.float64]
-Waves = dict[Term, float]
-"""Zernike coefficients, each the RMS of its term over the full circle, in waves."""
+Complex = NDArray[np.complex128]
 
 LARGEST_SLOPE = 64.0
-"""Waves per radius of the pupil up to which a wavefront is sampled well enough by the most cells there may be."""
-_COUNTS = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 1024))
-"""Cells across the pupil for slopes up to some: the transfer function is right within 2e-4, see tests."""
+"""Slope, waves per pupil radius, up to which the finest grid samples a wavefront well enough."""
+_CELLS_BY_SLOPE = ((2.0, 256), (6.0, 384), (12.0, 512), (24.0, 768), (math.inf, 1024))
+"""Cells across the pupil by largest slope; the OTF is then right within 2e-4 (tests/optics/test_wavefront.py)."""
 _MARGIN = 12
+"""Columns of negative frequencies that the spline interpolation needs."""
 
 
 @dataclass(frozen=True, eq=False)
-class PupilTransfer:
-    """Transfer functions of one opening under wavefronts of the same few terms.
+class PupilAutocorrelation:
+    """OTFs of one pupil under wavefronts of the same few terms.
 
     Parameters
     ----------
     pupil
-        The opening.
+        The pupil.
     terms
-        Of the wavefront.
+        Zernike terms of the wavefront.
     count
         Cells across the pupil.
     """
@@ -52,19 +52,19 @@ class PupilTransfer:
 
     @cached_property
     def _cells(self) -> tuple[Array, Array]:
-        """Amplitude of the open cells' rows and columns, and (terms, open cells) values."""
+        """Return the amplitude of all cells, and (terms, open cells) Zernike values."""
         amplitude, y, x = self.pupil.cells(self.count)
         open_ = amplitude > 0
         return amplitude, zernike_values(self.terms, x[open_], y[open_])
 
     @cached_property
-    def _bare(self) -> Array:
+    def _aberration_free(self) -> Array:
         return np.abs(_transform(self._cells[0].astype(np.complex128))) ** 2
 
-    def at(self, waves: Waves) -> Callable[[Array, Array], NDArray[np.complex128]]:
-        """The transfer function, (sy, sx) -> complex, under a wavefront."""
+    def otf(self, waves: Waves) -> SampledOtf:
+        """Return the OTF under a wavefront."""
         from scipy.fft import rfft2
-        from scipy.ndimage import map_coordinates, spline_filter
+        from scipy.ndimage import spline_filter
 
         amplitude, values = self._cells
         phase = 2 * math.pi * (np.array([waves[t] for t in self.terms]) @ values)
@@ -72,37 +72,61 @@ class PupilTransfer:
         field[amplitude > 0] *= np.exp(1j * phase)
         size = 2 * self.count
         image = _transform(field)
-        change = rfft2(image.real**2 + image.imag**2 - self._bare, overwrite_x=True)
+        change = rfft2(image.real**2 + image.imag**2 - self._aberration_free, overwrite_x=True)
         change /= size * size * (self.pupil.area * math.pi / 4 * self.count**2)
-        parts = [
+        real, imag = (
             spline_filter(part, order=3, mode="mirror", output=part)
-            for part in (_upright(change.real), _upright(change.imag, sign=-1.0))
-        ]
-
-        def transfer(sy: Array, sx: Array) -> NDArray[np.complex128]:
-            sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
-            flip = np.where(sx < 0, -1.0, 1.0)
-            where = np.stack([((flip * sy + 1) * self.count).ravel(), (flip * sx * self.count + _MARGIN).ravel()])
-            real, imag = (map_coordinates(p, where, order=3, prefilter=False).reshape(sy.shape) for p in parts)
-            change = np.where(np.hypot(sy, sx) < 1, real + 1j * flip * imag, 0.0)
-            return (self.pupil.transfer(sy, sx) + change).astype(np.complex128)
-
-        return transfer
+            for part in (_centred(change.real), _centred(change.imag, sign=-1.0))
+        )
+        return SampledOtf(self.pupil, self.count, real, imag)
 
 
-def _transform(field: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Padded to twice the size; rows of padding are not worth a transform."""
+@dataclass(frozen=True, eq=False)
+class SampledOtf:
+    """The OTF of a pupil with a wavefront: (sy, sx) relative frequencies -> complex values.
+
+    Parameters
+    ----------
+    pupil
+        The pupil, for its exact aberration-free OTF.
+    count
+        Frequency steps from 0 to the cutoff.
+    change_real, change_imag
+        Spline coefficients of the change by the wavefront, see `_centred`.
+    """
+
+    pupil: Pupil
+    count: int
+    change_real: Array
+    change_imag: Array
+
+    def __call__(self, sy: Array, sx: Array) -> Complex:
+        from scipy.ndimage import map_coordinates
+
+        sy, sx = np.broadcast_arrays(np.asarray(sy, np.float64), np.asarray(sx, np.float64))
+        flip = np.where(sx < 0, -1.0, 1.0)
+        where = np.stack([((flip * sy + 1) * self.count).ravel(), (flip * sx * self.count + _MARGIN).ravel()])
+        real, imag = (
+            map_coordinates(part, where, order=3, prefilter=False).reshape(sy.shape)
+            for part in (self.change_real, self.change_imag)
+        )
+        change = np.where(np.hypot(sy, sx) < 1, real + 1j * flip * imag, 0.0)
+        return (self.pupil.transfer(sy, sx) + change).astype(np.complex128)
+
+
+def _transform(field: Complex) -> Complex:
+    """Return the transform of a field padded to twice the size, without transforming rows of padding."""
     from scipy.fft import fft
 
     size = 2 * len(field)
-    result: NDArray[np.complex128] = fft(fft(field, size, axis=1), size, axis=0, overwrite_x=True)
+    result: Complex = fft(fft(field, size, axis=1), size, axis=0, overwrite_x=True)
     return result
 
 
-def _upright(change: Array, sign: float = 1.0) -> Array:
-    """(rows, cols) of frequencies: rows in rising order, columns from 0 on, and a margin for the interpolation.
+def _centred(change: Array, sign: float = 1.0) -> Array:
+    """Return (rows, cols) of a half-plane transform: rows in rising frequency, columns from a margin below 0.
 
-    The rest is the conjugate: of the real part the mirror image, of the imaginary part with the other `sign`.
+    The margin is the conjugate: the mirror image of the real part, and with `sign` -1 that of the imaginary part.
     """
     rows, cols = change.shape
     whole = np.empty((rows, _MARGIN + cols))
@@ -114,9 +138,9 @@ def _upright(change: Array, sign: float = 1.0) -> Array:
 
 
 def largest_slope(pupil: Pupil, waves: Waves) -> float:
-    """Largest slope of a wavefront over the opening, in waves per radius of the pupil.
+    """Return the largest slope of a wavefront over the pupil, in waves per pupil radius.
 
-    A ray lands 2 slopes times lambda N beside its place.
+    A ray lands 2 slopes times lambda N from the ideal image point.
     """
     if not waves:
         return 0.0
@@ -129,5 +153,5 @@ def largest_slope(pupil: Pupil, waves: Waves) -> float:
 
 
 def cells_for(slope: float) -> int:
-    """Cells across the pupil that a wavefront of some slope wants, up to the most there may be."""
-    return next(count for most, count in _COUNTS if slope <= most)
+    """Return the cells across the pupil that a wavefront of a largest slope needs."""
+    return next(count for most, count in _CELLS_BY_SLOPE if slope <= most)

@@ -1,21 +1,21 @@
-"""Relative illumination of a lens as a table: all of its fall-off, natural and by vignetting."""
+"""Relative illumination of a lens as a table: natural falloff and vignetting together."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError
-from photosite.optics.arguments import check_kind
-from photosite.optics.radial_table import FieldPoints, check_values, even_curve
-from photosite.optics.warn import warn_user
+from photosite.errors import InputError, PhotositeWarning
+from photosite.optics.checks import check_type, number_array
+from photosite.optics.field_points import FieldPoints, even_curve
 
 Array = NDArray[np.float64]
 
-_BEYOND = 1.02
-"""Of the last height: how far the frame may reach before a warning is due."""
+_TOLERATED_REACH = 1.02
+"""Ratio of the frame's corner to the last height above which a warning is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +25,15 @@ class IlluminationTable:
     Parameters
     ----------
     field
-        Where: image heights as they fall on the sensor, or field angles. The first is the axis.
+        Real image heights on the sensor, or field angles. The first point is the axis.
     relative
-        (n,) above 0, 1 on the axis. Between places it is a monotone cubic in height; beyond the last it keeps its
-        value, with a warning where the frame reaches more than 2 % beyond.
+        (n,) above 0, 1 on the axis. Interpolated by a monotone cubic in squared height; beyond the last point the last
+        value is used, with a warning if the frame reaches more than 2 % further.
 
     Raises
     ------
     InputError
-        If the table does not begin with 1 on the axis, or holds what is not above 0; percent are divided by 100.
+        If the table does not begin with 1 on the axis, or holds a value that is not above 0.
 
     Examples
     --------
@@ -46,40 +46,36 @@ class IlluminationTable:
     relative: Array
 
     def __post_init__(self) -> None:
-        check_kind(
-            "IlluminationTable", "field", self.field, FieldPoints, "FieldPoints(height_mm=[...]) or (angle_deg=[...])"
-        )
-        relative = check_values("relative illumination", self.relative, (self.field.size,))
+        check_type("field", self.field, FieldPoints, "FieldPoints(height_mm=[0, 7, 14])")
+        relative = number_array("relative", self.relative, (self.field.size,))
         if not self.field.starts_on_axis or abs(relative[0] - 1) > 1e-3:
-            raise InputError(
-                "relative illumination begins on the axis with 1: give height or angle 0 first, divide all by its "
-                f"value (by 100 if in percent), not {relative[0]:g} first"
-            )
+            hint = "Begin with height or angle 0, and divide all values by the first, or by 100 if they are in percent"
+            raise InputError("relative", value=relative[0], expected="1 on the axis", hint=hint)
         if not (relative > 0).all() or relative.max() > 5:
-            raise InputError(
-                f"relative illumination is above 0 and about 1 at most, not {relative.min():g} to {relative.max():g}"
-            )
+            extreme = relative.min() if relative.min() <= 0 else relative.max()
+            raise InputError("relative", value=extreme, expected="above 0 and about 1 at most")
         object.__setattr__(self, "relative", relative / relative[0])
 
     def at(self, image_height_m: Array, table_height_m: Array) -> Array:
-        """Relative illumination at distances from the axis.
+        """Return the relative illumination at image heights.
 
         Parameters
         ----------
         image_height_m
-            Any shape.
+            Distances from the axis, any shape.
         table_height_m
-            (n,) where on the sensor the table's places fall.
+            (n,) real image heights of the table's field points.
 
         Warns
         -----
         PhotositeWarning
-            If a height lies more than 2 % beyond the table.
+            If an image height is more than 2 % beyond the table.
         """
         farthest = float(np.max(image_height_m, initial=0.0))
-        if farthest > _BEYOND * table_height_m[-1]:
-            warn_user(
+        if farthest > _TOLERATED_REACH * table_height_m[-1]:
+            what = (
                 f"relative illumination is known up to {table_height_m[-1] * 1e3:.4g} mm from the axis, and the frame "
-                f"reaches {farthest * 1e3:.4g} mm; beyond, the table's last value is used",
+                f"reaches {farthest * 1e3:.4g} mm; the last value is used beyond"
             )
+            warnings.warn(PhotositeWarning(what, hint="Extend the table to the corner"), stacklevel=2)
         return even_curve(table_height_m, self.relative, image_height_m)

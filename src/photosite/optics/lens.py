@@ -1,201 +1,172 @@
-"""Lenses: how much light they pass to the sensor, how they blur it, and how it falls off towards the corners."""
+"""The lens as a camera sees it: transmitted light, blur, focus, and what varies over the field."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
 from os import PathLike
-from typing import Literal
+from threading import Lock
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from photosite.color.spectrum import Spectrum, wavelength_grid
 from photosite.errors import InputError
-from photosite.optics.arguments import LOWEST_F_NUMBER, SHORTEST_FOCAL_MM, check_kind, check_numbers
-from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
+from photosite.optics.checks import check_type
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
+from photosite.optics.illumination import IlluminationTable
+from photosite.optics.mapping import RadialMapping, image_height
+from photosite.optics.point_spread import PointSpread
+from photosite.optics.protocols import Blur
+from photosite.optics.veiling_glare import VeilingGlare
+from photosite.optics.wavefront import Wavefront
 
-AIRY_REACH_PERIODS = 40.0
-"""Radius that holds 99.5 % of an Airy pattern's light, in periods of the cutoff, lambda N."""
-_SHORTEST_NM = 100.0
+Array = NDArray[np.float64]
 
-
-def camera_wavelengths(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-    """Wavelengths as `wavelength_grid` checks them, and none below 100 nm, as those in um are.
-
-    Raises
-    ------
-    InputError
-        If they are no wavelengths of a camera's.
-    """
-    try:
-        grid = wavelength_grid(wavelength_nm)
-    except InputError:
-        raise
-    except (TypeError, ValueError):
-        raise InputError(
-            f"wavelengths are a list of positive numbers in nm, not {' '.join(repr(wavelength_nm).split()):.60}"
-        ) from None
-    if grid[0] < _SHORTEST_NM:
-        raise InputError(f"a wavelength of {grid[0]:g} nm is none of a camera's: if that is in um, multiply by 1000")
-    return grid
+_PARTS: dict[str, tuple[type, str]] = {
+    "illumination": (IlluminationTable, "IlluminationTable(FieldPoints(angle_deg=[0, 20]), [1, 0.8])"),
+    "distortion": (Distortion, "Distortion.polynomial(-0.1)"),
+    "lateral_color": (LateralColor, "LateralColor.from_magnification([450, 650], [1.0002, 1])"),
+    "veiling_glare": (VeilingGlare, "VeilingGlare(0.02)"),
+    "name": (str, "'my 50 mm'"),
+}
 
 
-@dataclass(frozen=True)
-class DiffractionLimited:
-    """A thin lens without aberrations.
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A lens with any of: its own blur, a fixed focus, tables over the field, glare.
 
     Parameters
     ----------
-    f_number
-        N, marked on the lens.
-    focal_length_mm
-        f.
-    transmittance
-        Of the glass: one number, or a `Spectrum` of them, 0 to 1; outside it nothing passes.
-    falloff
-        "none", or "cos4" for the natural fall-off towards the corners.
+    base
+        f-number, focal length and transmittance. Its falloff must be "none" if `illumination` is given.
+    blur
+        `Wavefront`, `OtfTable`, `PsfTable` or `LensDesign`. None: diffraction, and defocus of objects out of focus.
+    focus_distance_m
+        Distance in focus; the sensor does not move. inf is allowed. None: every object is in focus.
+    illumination
+        Relative illumination: the whole falloff.
+    distortion
+        Real over ideal image heights.
+    lateral_color
+        Displacement of each wavelength's image.
+    veiling_glare
+        Scattered light.
+    name
+        Name of the lens.
 
     Raises
     ------
     InputError
-        If the f-number is below 0.5 or the focal length below 0.2 mm, as those in m are, the transmittance is not
-        between 0 and 1, or its wavelengths are below 100 nm.
+        If a part has a wrong type, the focus is not beyond the focal length, or falloff and illumination are both
+        given.
 
     Notes
     -----
-    On-axis irradiance: E = pi T L / (1 + 4 N^2 (1 + |m|)^2), |m| = f / (d - f) (Farrell et al. 2008; the 1 is the exact
-    form for a uniform disc seen from the image). Diffraction: circular pupil at the working f-number
-    N (1 + |m|), cutoff 1 / (lambda N (1 + |m|)) (Goodman, Introduction to Fourier Optics, section 6.4).
+    With the sensor at the image distance v of the plane in focus, an object at d has the magnification v / d along its
+    chief ray, and its irradiance is that of the working f-number in focus, N v / f. For an object in focus both agree
+    with `DiffractionLimited`.
 
     Examples
     --------
-    >>> lens = DiffractionLimited(f_number=8, focal_length_mm=50)
-    >>> float(lens.irradiance_per_radiance(np.array([550.0]), 1.2)[0].round(7))
-    0.0112302
+    >>> lens = Lens(DiffractionLimited(f_number=4, focal_length_mm=50), focus_distance_m=2.0)
+    >>> round(lens.magnification(2.0), 6), round(lens.magnification(4.0), 6)
+    (0.025641, 0.012821)
     """
 
-    f_number: float
-    focal_length_mm: float
-    transmittance: float | Spectrum = 1.0
-    falloff: Literal["none", "cos4"] = "none"
+    base: DiffractionLimited
+    blur: Blur | None = None
+    focus_distance_m: float | None = None
+    illumination: IlluminationTable | None = None
+    distortion: Distortion | None = None
+    lateral_color: LateralColor | None = None
+    veiling_glare: VeilingGlare | None = None
+    name: str | None = None
 
     def __post_init__(self) -> None:
-        check_numbers(self, "f_number", "focal_length_mm")
-        passed = self.transmittance
-        passed = passed.item() if isinstance(passed, np.ndarray) and passed.ndim == 0 else passed
-        check_kind("DiffractionLimited", "transmittance", passed, (Real, Spectrum), "a number or a Spectrum")
-        for name in ("f_number", "focal_length_mm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} must be above 0, not {value}")
-        if self.f_number < LOWEST_F_NUMBER:
-            raise InputError(f"f_number is {LOWEST_F_NUMBER} or more in air, not {self.f_number:g}")
-        if self.focal_length_mm < SHORTEST_FOCAL_MM:
-            raise InputError(
-                f"focal_length_mm is {SHORTEST_FOCAL_MM} or more, not {self.focal_length_mm:g}: if that is in m, "
-                "multiply by 1000"
-            )
-        values = self.transmittance.values if isinstance(self.transmittance, Spectrum) else self.transmittance
-        if not ((np.asarray(values) >= 0) & (np.asarray(values) <= 1)).all():
-            raise InputError(f"transmittance is a fraction, 0 to 1, not {values}")
-        if isinstance(self.transmittance, Spectrum):
-            camera_wavelengths(self.transmittance.wavelength_nm)
-        if self.falloff not in ("none", "cos4"):
-            raise InputError(f"falloff is 'none' or 'cos4', not '{self.falloff}'")
+        check_type("base", self.base, DiffractionLimited, "DiffractionLimited(2.8, 50)")
+        for name, (kind, example) in _PARTS.items():
+            if (part := getattr(self, name)) is not None:
+                check_type(name, part, kind, example)
+        blur = self.blur
+        if blur is not None and (isinstance(blur, type) or not callable(getattr(blur, "point_spread", None))):
+            expected = "a Wavefront, OtfTable, PsfTable, LensDesign, or an object with point_spread()"
+            raise InputError("blur", value=blur, expected=expected)
+        if self.focus_distance_m is not None:
+            focal_m = self.base.focal_length_mm * 1e-3
+            if isinstance(self.focus_distance_m, bool | str) or not self.focus_distance_m > focal_m:
+                expected = f"above the focal length of {focal_m:g} m"
+                raise InputError("focus_distance_m", value=self.focus_distance_m, expected=expected)
+        if self.illumination is not None and self.base.falloff != "none":
+            expected = "'none' with a table of relative illumination, which is the whole falloff"
+            raise InputError("falloff", value=self.base.falloff, expected=expected)
+
+    def _focused_m(self, distance_m: float) -> float:
+        """Return the distance of the plane in focus."""
+        if not distance_m > 0:
+            raise InputError("distance_m", value=distance_m, expected="above 0")
+        return distance_m if self.focus_distance_m is None else self.focus_distance_m
+
+    def image_distance_m(self, distance_m: float) -> float:
+        """Return the distance from the lens to the sensor, f (1 + |m|) of the plane in focus."""
+        return self.base.focal_length_mm * 1e-3 * (1 + self.base.magnification(self._focused_m(distance_m)))
 
     def magnification(self, distance_m: float) -> float:
-        """|m| = f / (d - f).
+        """Return |m|, image size over object size: image distance over object distance."""
+        if self.focus_distance_m is None:
+            return self.base.magnification(distance_m)
+        return 0.0 if math.isinf(distance_m) else self.image_distance_m(distance_m) / distance_m
 
-        Raises
-        ------
-        InputError
-            If the object is not beyond the focal length.
-        """
-        focal_m = self.focal_length_mm * 1e-3
-        if not distance_m > focal_m:
-            raise InputError(
-                f"an object at {distance_m} m has no image behind a lens of {focal_m} m focal length; "
-                "move it farther away"
-            )
-        return 0.0 if math.isinf(distance_m) else focal_m / (distance_m - focal_m)
+    def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
+        """Return on-axis irradiance over radiance, (wavelengths,) sr; with transmittance and pupil obstruction."""
+        passed: float = getattr(self.blur, "throughput", 1.0)
+        return passed * self.base.irradiance_per_radiance(wavelength_nm, self._focused_m(distance_m))
 
-    def working_f_number(self, distance_m: float) -> float:
-        """N_w = N (1 + |m|)."""
-        return self.f_number * (1 + self.magnification(distance_m))
+    def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
+        """Return irradiance over on-axis irradiance at image heights; None if it is 1 everywhere."""
+        if self.illumination is None:
+            return self.base.relative_illumination(image_height_m, self._focused_m(distance_m))
+        heights = self.illumination.field.ideal_m(self.image_distance_m(distance_m))
+        if self.illumination.field.angle_deg is not None and self.distortion is not None:
+            mapping = combined_mapping(self.distortion, None, self.image_distance_m(distance_m))
+            assert mapping is not None
+            heights = image_height(mapping, float(mapping.wavelength_nm[0]))(heights)
+        return self.illumination.at(image_height_m, heights)
 
-    def irradiance_per_radiance(self, wavelength_nm: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
-        """(wavelengths,) sr: on-axis irradiance over radiance, transmittance included."""
-        grid = wavelength_grid(wavelength_nm)
-        passed = (
-            self.transmittance.at(grid)
-            if isinstance(self.transmittance, Spectrum)
-            else np.full(grid.shape, float(self.transmittance))
-        )
-        return passed * (math.pi / (1 + 4 * self.working_f_number(distance_m) ** 2))
+    def point_spread(self, distance_m: float) -> PointSpread:
+        """Return the PSF on the sensor; the same object again for recently used distances."""
+        with _cache_lock:
+            cached = _cache.setdefault(self, {})
+        found = cached.get(distance_m) or self._point_spread(distance_m)
+        with _cache_lock:
+            cached.pop(distance_m, None)
+            cached[distance_m] = found  # most recently used last
+            if len(cached) > _CACHED_DISTANCES:
+                del cached[next(iter(cached))]
+        return found
 
-    def cutoff_per_m(self, wavelength_nm: float, distance_m: float) -> float:
-        """Diffraction's cutoff frequency on the sensor, cycles/m."""
-        return 1.0 / (wavelength_nm * 1e-9 * self.working_f_number(distance_m))
-
-    def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
-        """Transfer function of a circular pupil, (2/pi) (acos r - r sqrt(1 - r^2)), r = frequency over cutoff.
-
-        Examples
-        --------
-        >>> lens = DiffractionLimited(f_number=8, focal_length_mm=50)
-        >>> half = lens.cutoff_per_m(550.0, 1.2) / 2
-        >>> lens.otf(np.array([0.0, half, 3 * half]), 550.0, 1.2).round(4)
-        array([1.   , 0.391, 0.   ])
-        """
-        r = np.minimum(np.abs(frequency_per_m) / self.cutoff_per_m(wavelength_nm, distance_m), 1.0)
-        transfer: NDArray[np.float64] = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
-        return transfer
-
-    def relative_illumination(
-        self, image_height_m: NDArray[np.float64], distance_m: float
-    ) -> NDArray[np.float64] | None:
-        """cos^4 of the field angle, the angle seen from the lens: tan = height / image distance."""
-        if self.falloff == "none":
-            return None
-        image_distance_m = self.focal_length_mm * 1e-3 * (1 + self.magnification(distance_m))
-        falloff: NDArray[np.float64] = 1.0 / (1.0 + (image_height_m / image_distance_m) ** 2) ** 2
-        return falloff
-
-    def spread(self, distance_m: float) -> RadialSpread:
-        """Diffraction's point spread: 99.5 % of an Airy pattern's light lies within 40 periods of the cutoff."""
-        return RadialSpread(
-            otf=lambda frequency_per_m, wavelength_nm: self.otf(frequency_per_m, wavelength_nm, distance_m),
-            cutoff_per_m=lambda wavelength_nm: self.cutoff_per_m(wavelength_nm, distance_m),
-            reach_m=lambda wavelength_nm: AIRY_REACH_PERIODS / self.cutoff_per_m(wavelength_nm, distance_m),
-        )
+    def _point_spread(self, distance_m: float) -> PointSpread:
+        if self.blur is not None:
+            return self.blur.point_spread(self.base, distance_m, self.focus_distance_m)
+        if self._focused_m(distance_m) == distance_m:
+            return self.base.point_spread(distance_m)
+        return Wavefront().point_spread(self.base, distance_m, self.focus_distance_m)
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
-        """None: it has no distortion."""
-        return None
-
-    @property
-    def veiling_glare(self) -> VeilingGlare | None:
-        """None: it scatters nothing."""
-        return None
+        """Return distortion and lateral colour as one mapping; None if the lens has neither."""
+        return combined_mapping(self.distortion, self.lateral_color, self.image_distance_m(distance_m))
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:
-        """Write the optics file (YAML) and the tables it names, all or nothing; `photosite.load_optics` reads it.
-
-        Parameters
-        ----------
-        path, provenance
-            As for `photosite.optics.io.write.write_optics`.
-
-        Raises
-        ------
-        InputError
-            If something of the lens has no place in such a file.
-        FileError
-            If it cannot be written.
-        """
-        from photosite.optics.io.write import write_optics
+        """Write an optics file and the tables it names; see `photosite.optics.io.optics_file.write_optics`."""
+        from photosite.optics.io.optics_file import write_optics
 
         write_optics(self, path, provenance)
+
+
+_CACHED_DISTANCES = 8
+_cache_lock = Lock()
+_cache: WeakKeyDictionary[Lens, dict[float, PointSpread]] = WeakKeyDictionary()
+"""PSFs by distance: a PSF computes its OTFs once, and a series of frames asks for them repeatedly. They are kept
+outside the lens, because a lens can be pickled and their closures cannot."""

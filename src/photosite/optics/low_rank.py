@@ -1,7 +1,7 @@
-"""Point spreads that differ over the field as a few modes with weights: the least error for their number.
+"""Low-rank approximation of PSFs that vary over the field: a few modes with weights.
 
-The first mode is the mean over the field, its weight 1 everywhere. The others are principal components of what is
-left. Every point spread sums to 1, so that these sum to 0: however many are kept, light is neither lost nor won.
+The first mode is the mean over the field, with weight 1 everywhere. The others are principal components of the
+deviations. Every PSF sums to 1, so the others sum to 0: energy is conserved for any number of modes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError
+from photosite.optics.checks import check_number
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,9 @@ class LowRank:
     modes
         (R, ...) of the shape of one node's samples.
     relative_error
-        RMS of what is left out over the RMS of all samples, as judged.
+        RMS of the omitted part over the RMS of all samples.
     error_by_rank
-        (nodes,) the same for 1, 2, ... modes.
+        (nodes,) the same error for 1, 2, ... modes.
     """
 
     weights: Array
@@ -38,30 +38,30 @@ class LowRank:
     error_by_rank: Array
 
 
-def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, judged: Array | None = None) -> LowRank:
-    """The fewest modes that keep a tolerance.
+def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, compared: Array | None = None) -> LowRank:
+    """Return the fewest modes that keep a tolerance.
 
     Parameters
     ----------
     samples
-        (nodes, ...): of every node of the field.
+        (nodes, ...): samples at every node of the field.
     tolerance
         Largest relative error, RMS over all samples of all nodes.
     rank
-        Number of modes instead, at most that of the nodes.
-    judged
-        (nodes, ...) the samples as they are looked at, blurred say: errors are those of these, and modes are chosen for
-        them. None: the samples.
+        Number of modes, in place of the tolerance; at most the number of nodes.
+    compared
+        (nodes, ...) the samples to compare, such as blurred ones: modes are chosen for them, and errors are theirs.
+        None: the samples themselves.
 
     Raises
     ------
     InputError
         If the tolerance is not between 0 and 1, or the rank not between 1 and the number of nodes.
 
-    Notes
-    -----
-    Eckart and Young, Psychometrika 1 (1936) 211, for the samples less their mean; by the nodes' Gram matrix, so that
-    an error below 1e-8 is that of rounding.
+    References
+    ----------
+    C. Eckart and G. Young, Psychometrika 1 (1936) 211, for the samples less their mean. It is computed from the Gram
+    matrix of the nodes, so that errors below 1e-8 are rounding.
 
     Examples
     --------
@@ -71,15 +71,14 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, judge
     ((2, 2), True)
     """
     nodes = samples.shape[0]
-    if not 0 < tolerance < 1:
-        raise InputError(f"a low-rank sum's tolerance is a fraction between 0 and 1, not {tolerance}")
-    if rank is not None and not 1 <= rank <= nodes:
-        raise InputError(f"a low-rank sum over {nodes} nodes has 1 to {nodes} modes, not {rank}")
+    check_number("tolerance", tolerance, "a fraction between 0 and 1", above=0, below=1)
+    if rank is not None:
+        check_number("rank", rank, f"from 1 to {nodes}, the number of nodes", at_least=1, at_most=nodes, whole=True)
     flat = samples.reshape(nodes, -1)
     mean = flat.mean(axis=0)
     rest = flat - mean
-    seen = flat if judged is None else judged.reshape(nodes, -1)
-    deviation = rest if judged is None else seen - seen.mean(axis=0)
+    seen = flat if compared is None else compared.reshape(nodes, -1)
+    deviation = rest if compared is None else seen - seen.mean(axis=0)
     power, vectors = np.linalg.eigh(deviation @ deviation.T)
     power, vectors = np.maximum(power[::-1], 0.0), vectors[:, ::-1]
     left = np.append(np.cumsum(power[::-1])[::-1], 0.0)[:nodes]

@@ -1,8 +1,8 @@
-"""The opening of a lens: circle, central obscuration, blades, spider vanes, or any array; and its autocorrelation.
+"""The pupil of a lens: circle, central obscuration, iris blades, spider vanes or an array; and its autocorrelation.
 
-Lengths are in radii of the circle that the f-number belongs to; y is up, the picture upright. The autocorrelation of
-the bare opening is the transfer function of a lens without aberrations. It is taken exactly along rays: the opening is
-cut into chords along the ray, and the overlap of intervals is known in closed form.
+Lengths are in radii of the full circle, to which the f-number refers; y is up for an upright image. The autocorrelation
+of the pupil is the OTF of the lens without aberrations. It is exact along rays of frequencies: the pupil is cut into
+chords along the ray, and the overlap of shifted chords has a closed form.
 """
 
 from __future__ import annotations
@@ -16,46 +16,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError
-from photosite.optics.arguments import check_numbers
-from photosite.optics.ring import bare_transfer
+from photosite.optics.annular import aberration_free_otf
+from photosite.optics.checks import check_number
 
 Array = NDArray[np.float64]
 
 _ROWS = 768
+"""Chords across the pupil."""
 _RADII = 1025
+"""Frequencies from 0 to the cutoff along one ray."""
 _ANGLE_STEP_DEG, _VANES_ANGLE_STEP_DEG = 0.125, 0.5
 _SUBROWS = 16
+"""Chords per row of cells."""
 _COARSE = 96
+_BEYOND_RIM = 9.0
+"""Coordinate of both ends of an obstruction that a chord misses: anything well outside the pupil."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pupil:
-    """The opening of a lens.
+    """The pupil of a lens.
 
     Parameters
     ----------
     obscuration
-        Diameter of the dark disc in the middle, relative to the pupil's; 0 to below 1.
+        Diameter of the central obscuration relative to the pupil's; 0 to below 1.
     blades
-        Of the diaphragm: 3 or more, corners on the circle of the f-number. 0: a round opening.
+        Number of iris blades: 3 or more, with corners on the full circle. 0: a circular pupil.
     rotation_deg
-        Of the first corner, from right towards up.
+        Angle of the first corner, from right towards up.
     roundness
-        Of the blades: 0 straight edges, 1 arcs of the circle itself; between, arcs of radius 1 / roundness.
+        Curvature of the blades: 0 straight edges, 1 arcs of the full circle; in between, arcs of radius 1 / roundness.
     vanes
-        Of the spider that holds the obscuration, evenly spaced, from the middle to the rim.
+        Number of spider vanes, evenly spaced, from the centre to the rim.
     vane_width
-        Relative to the pupil's diameter.
+        Width of a vane relative to the pupil's diameter.
     vane_rotation_deg
-        Of the first vane, from right towards up.
+        Angle of the first vane, from right towards up.
     amplitude
-        (n, n) instead of all these: amplitude transmission, 0 to 1, of n x n equal cells over the square around the
-        circle, first row on top; nothing outside the circle. The square root of the transmission of light.
+        (n, n) amplitude transmission, 0 to 1, in place of all the above: the square root of the light's transmission,
+        of n x n equal cells over the square around the circle, first row on top, 0 outside the circle.
 
     Raises
     ------
     InputError
-        If a value cannot be, or an array comes with shapes.
+        If a value is out of range, or an array is combined with shapes.
 
     Examples
     --------
@@ -75,39 +80,36 @@ class Pupil:
     amplitude: Array | None = None
 
     def __post_init__(self) -> None:
-        check_numbers(self, "obscuration", "rotation_deg", "roundness", "vane_width", "vane_rotation_deg")
-        check_numbers(self, "blades", "vanes", whole=True)
-        for name in ("obscuration", "rotation_deg", "roundness", "vane_width", "vane_rotation_deg"):
-            if not math.isfinite(getattr(self, name)):
-                raise InputError(f"{name} of a pupil must be a finite number, not {getattr(self, name)}")
-        if not 0 <= self.obscuration < 1:
-            raise InputError(f"obscuration is a diameter over the pupil's, 0 to below 1, not {self.obscuration}")
-        if self.blades != 0 and not 3 <= self.blades <= 360:
-            raise InputError(f"a diaphragm has 3 to 360 blades, or 0 for a round opening, not {self.blades}")
-        if not 0 <= self.roundness <= 1:
-            raise InputError(f"roundness of blades goes from 0, straight, to 1, round; not {self.roundness}")
-        if not 0 <= self.vanes <= 12:
-            raise InputError(f"a spider has 0 to 12 vanes, not {self.vanes}")
-        if not 0 <= self.vane_width < 0.5 or (self.vanes > 0) != (self.vane_width > 0):
-            raise InputError(
-                f"vanes and vane_width, relative to the pupil's diameter and below 0.5, go together: got {self.vanes} "
-                f"vanes of width {self.vane_width}"
-            )
+        fraction = "a fraction of the pupil's diameter, 0 to below 1"
+        check_number("obscuration", self.obscuration, fraction, at_least=0, below=1)
+        many = "a whole number from 3 to 360, or 0 for a circle"
+        check_number("blades", self.blades, many, at_least=0, at_most=360, whole=True)
+        if 0 < self.blades < 3:
+            raise InputError("blades", value=self.blades, expected=many)
+        check_number("rotation_deg", self.rotation_deg)
+        check_number("roundness", self.roundness, "from 0 (straight) to 1 (round)", at_least=0, at_most=1)
+        check_number("vanes", self.vanes, "a whole number from 0 to 12", at_least=0, at_most=12, whole=True)
+        width = "above 0 and below 0.5 with vanes, and 0 without"
+        check_number("vane_width", self.vane_width, width, at_least=0, below=0.5)
+        if (self.vanes > 0) != (self.vane_width > 0):
+            raise InputError("vane_width", value=self.vane_width, expected=width)
+        check_number("vane_rotation_deg", self.vane_rotation_deg)
         if self.amplitude is not None:
             if self.obscuration or self.blades or self.vanes:
-                raise InputError("a pupil is an array, or it has blades, an obscuration and vanes: give one of the two")
-            object.__setattr__(self, "amplitude", _checked(self.amplitude))
+                hint = "Give the array, or blades, obscuration and vanes"
+                raise InputError("a pupil cannot be an array and have shapes", hint=hint)
+            object.__setattr__(self, "amplitude", _checked_amplitude(self.amplitude))
         elif not self.area > 1e-3:
-            raise InputError("this pupil lets no light through: less than 0.1 % of its circle is open")
+            raise InputError("the pupil transmits less than 0.1 % of the light of its circle")
 
     @property
     def rotationally_symmetric(self) -> bool:
-        """Whether it is a circle or a ring."""
+        """Whether the pupil is a circle or an annulus."""
         return self.amplitude is None and self.vanes == 0 and (self.blades == 0 or self.roundness == 1)
 
     @cached_property
     def area(self) -> float:
-        """Light it passes, relative to the open circle of its f-number."""
+        """Transmitted light relative to the full circle."""
         if self.amplitude is not None:
             return float((self.amplitude**2).sum()) * 4 / (math.pi * self.amplitude.size)
         if self.rotationally_symmetric:
@@ -118,23 +120,23 @@ class Pupil:
 
     @cached_property
     def edge_ratio(self) -> float:
-        """Length of its edges over its area, relative to that of a circle: how much farther diffraction spreads."""
+        """Length of the edges over the area, relative to a circle: how much wider the diffraction pattern is."""
         ring = np.linspace(0, math.pi, 720, endpoint=False)
         step = 4.0 / _RADII
         slope = (1 - self.transfer(step * np.sin(ring), step * np.cos(ring)).mean()) / step
         return float(slope * math.pi / 4)
 
     def transfer(self, sy: Array, sx: Array) -> Array:
-        """Transfer function of the opening without aberrations at frequencies over the cutoff, y up; 1 at 0.
+        """Return the OTF without aberrations at frequencies relative to the cutoff, y up; 1 at 0.
 
-        Exact for circles and rings; for blades and vanes within 3e-4 at the worst place, where straight edges come to
-        lie on each other, and 1e-5 in the mean. An array is taken as cells of even transmission, exactly.
+        It is exact for circles and annuli, and for arrays as uniform cells. For blades and vanes the error is at most
+        3e-4, where straight edges coincide, and 1e-5 on average.
         """
         if self.amplitude is not None:
             return self._array_transfer(sy, sx)
         radius = np.hypot(sy, sx)
         if self.rotationally_symmetric:
-            return bare_transfer(radius, self.obscuration)
+            return aberration_free_otf(radius, self.obscuration)
         angles, table = self._table
         where = np.minimum(radius, 1.0) * (_RADII - 1)
         low = np.minimum(where.astype(np.intp), _RADII - 2)
@@ -148,9 +150,9 @@ class Pupil:
         return result
 
     def cells(self, count: int) -> tuple[Array, Array, Array]:
-        """(count, count) amplitude, y and x of cells over the square around the circle, y and x increasing.
+        """Return (count, count) amplitude, y and x of cells over the square around the circle, y and x increasing.
 
-        Amplitude is the mean over a cell, and y and x are the middle of its open part: a hard edge is not a staircase.
+        The amplitude is the mean over a cell; y and x are the centroid of its open part. So edges are not staircases.
         """
         if self.amplitude is not None:
             return _resampled(self.amplitude[::-1], count)
@@ -176,12 +178,14 @@ class Pupil:
 
     @cached_property
     def coarsely_open(self) -> NDArray[np.bool_]:
-        """(96, 96) which cells of the square around the circle are not dark, y and x increasing."""
+        """(96, 96) mask of the cells that are at least partly open, y and x increasing."""
         open_: NDArray[np.bool_] = self.cells(_COARSE)[0] > 0
         return open_
 
     def _rows(self, angle_rad: float) -> tuple[Array, Array]:
-        """Offsets of chords along an angle, and their weights: corners stand between rows, none within one."""
+        """Return offsets and weights of chords along an angle; rows are split at corners, where the length has a
+        kink.
+        """
         corners = [(self.obscuration, math.pi / 2 + angle_rad), (-self.obscuration, math.pi / 2 + angle_rad)]
         start = math.radians(self.rotation_deg)
         corners += [(1.0, start + 2 * math.pi * k / self.blades) for k in range(self.blades)]
@@ -194,7 +198,7 @@ class Pupil:
         offset, weights = [], []
         edges = np.unique(np.round(edges, 12)).tolist()
         for low, high in pairwise(edges):
-            # Dense at both ends, where chords of round edges grow like square roots.
+            # Dense at both ends, where chords of round edges grow as a square root.
             count = max(8, math.ceil(_ROWS * (high - low) / 2))
             phase = (np.arange(count) + 0.5) * (math.pi / count)
             offset.append((low + high) / 2 - (high - low) / 2 * np.cos(phase))
@@ -202,10 +206,10 @@ class Pupil:
         return np.concatenate(offset), np.concatenate(weights)
 
     def _chords(self, angle_rad: float, offset: Array) -> tuple[Array, Array]:
-        """(rows, intervals) begin and end, along the angle, of lines at offsets to its left; length 0 where empty."""
+        """Return (rows, intervals) begin and end of the open parts of chords; unused intervals have length 0."""
         ux, uy = math.cos(angle_rad), math.sin(angle_rad)
         outer_low, outer_high = self._outline(ux, uy, offset)
-        holes = self._holes(ux, uy, offset)
+        holes = self._obstructions(ux, uy, offset)
         if not holes:
             return outer_low[:, None], outer_high[:, None]
         begin = np.stack([h[0] for h in holes], axis=1)
@@ -217,7 +221,9 @@ class Pupil:
         high = np.concatenate([np.minimum(begin, outer_high[:, None]), outer_high[:, None]], axis=1)
         open_ = high > low
         most = max(int(open_.sum(axis=1).max()), 1)
-        order = np.argsort(~open_, axis=1, kind="stable")[:, :most]  # few lines meet every hole: drop empty columns
+        order = np.argsort(~open_, axis=1, kind="stable")[
+            :, :most
+        ]  # few chords meet every obstruction: drop unused columns
         low, high = np.take_along_axis(low, order, 1), np.take_along_axis(high, order, 1)
         return low, np.maximum(low, high)
 
@@ -232,51 +238,51 @@ class Pupil:
             nx, ny = math.cos(normal), math.sin(normal)
             along, across = nx * ux + ny * uy, ny * ux - nx * uy
             if self.roundness == 0:
-                room = math.cos(half_angle) - offset * across
+                clearance = math.cos(half_angle) - offset * across
                 if abs(along) < 1e-12:
-                    high = np.where(room < 0, low, high)
+                    high = np.where(clearance < 0, low, high)
                 elif along > 0:
-                    high = np.minimum(high, room / along)
+                    high = np.minimum(high, clearance / along)
                 else:
-                    low = np.maximum(low, room / along)
+                    low = np.maximum(low, clearance / along)
             else:
                 radius = 1 / self.roundness
                 center = math.cos(half_angle) - math.sqrt(radius**2 - math.sin(half_angle) ** 2)
-                reach = np.sqrt(np.maximum(radius**2 - (offset - center * across) ** 2, 0.0))
-                low, high = np.maximum(low, center * along - reach), np.minimum(high, center * along + reach)
+                half = np.sqrt(np.maximum(radius**2 - (offset - center * across) ** 2, 0.0))
+                low, high = np.maximum(low, center * along - half), np.minimum(high, center * along + half)
         return low, np.maximum(low, high)
 
-    def _holes(self, ux: float, uy: float, offset: Array) -> list[tuple[Array, Array]]:
-        """Begin and end, on each line, of what is dark; both are far outside where the line misses it."""
+    def _obstructions(self, ux: float, uy: float, offset: Array) -> list[tuple[Array, Array]]:
+        """Return begin and end of each obstruction on each chord; both `_BEYOND_RIM` where the chord misses it."""
         found = []
         if self.obscuration:
             hit = np.abs(offset) < self.obscuration
             half = np.sqrt(np.maximum(self.obscuration**2 - offset**2, 0.0))
-            found.append((np.where(hit, -half, 9.0), np.where(hit, half, 9.0)))
+            found.append((np.where(hit, -half, _BEYOND_RIM), np.where(hit, half, _BEYOND_RIM)))
         for k in range(self.vanes):
             angle = math.radians(self.vane_rotation_deg) + 2 * math.pi * k / self.vanes
             vx, vy = math.cos(angle), math.sin(angle)
             along, across = vx * ux + vy * uy, vy * ux - vx * uy
-            # A point q u + p n lies at q along + p across on the vane's axis, and at -q across + p along beside it.
+            # A point q u + p n is at q along + p across on the axis of the vane, and at -q across + p along beside it.
             sides = [(along, offset * across, 0.0, 2.0), (-across, offset * along, -self.vane_width, self.vane_width)]
-            low, high = np.full_like(offset, -9.0), np.full_like(offset, 9.0)
+            low, high = np.full_like(offset, -_BEYOND_RIM), np.full_like(offset, _BEYOND_RIM)
             for slope, start, least, most in sides:
                 if abs(slope) < 1e-12:
                     miss = (start < least) | (start > most)
-                    low, high = np.where(miss, 9.0, low), np.where(miss, -9.0, high)
+                    low, high = np.where(miss, _BEYOND_RIM, low), np.where(miss, -_BEYOND_RIM, high)
                 else:
                     ends = np.sort(np.stack([(least - start) / slope, (most - start) / slope]), axis=0)
                     low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
             miss = high <= low
-            found.append((np.where(miss, 9.0, low), np.where(miss, 9.0, high)))
+            found.append((np.where(miss, _BEYOND_RIM, low), np.where(miss, _BEYOND_RIM, high)))
         return found
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        """Angles, and (angles, radii) of the transfer function: linear between them."""
+        """Return angles and the (angles, radii) table of the OTF, for linear interpolation."""
         start = math.radians(self.rotation_deg if self.blades else self.vane_rotation_deg)
         even = np.radians(np.arange(0.0, 180.0, _VANES_ANGLE_STEP_DEG if self.vanes else _ANGLE_STEP_DEG))
-        # Along straight edges the function is creased: a node stands on each crease.
+        # Along straight edges the OTF has a crease: put a node on each.
         creases = [
             math.radians(self.vane_rotation_deg) + 2 * math.pi * k / self.vanes - start for k in range(self.vanes)
         ]
@@ -290,7 +296,9 @@ class Pupil:
 
     @cached_property
     def _correlation(self) -> Array:
-        """(2 n + 2, 2 n + 2) autocorrelation of the array's cells at whole lags from -n to n, and a rim of zeros."""
+        """Return the (2 n + 2, 2 n + 2) autocorrelation of the cells at whole lags from -n to n, with a border of
+        zeros.
+        """
         assert self.amplitude is not None
         a = self.amplitude[::-1]
         n = len(a)
@@ -299,7 +307,7 @@ class Pupil:
         return np.pad(result, ((0, 2), (0, 2)))
 
     def _array_transfer(self, sy: Array, sx: Array) -> Array:
-        """Between whole lags the overlap of even cells is linear in each direction."""
+        """Return the OTF of an array: between whole lags, the overlap of uniform cells is bilinear."""
         table = self._correlation
         n = (len(table) - 2) // 2
         y, x = np.broadcast_arrays(np.clip(sy, -1, 1) * n + n, np.clip(sx, -1, 1) * n + n)
@@ -311,10 +319,10 @@ class Pupil:
 
 
 def _along_ray(low: Array, high: Array, weights: Array) -> Array:
-    """(radii,) overlap of the opening with itself shifted along its chords by 0 to 2.
+    """Return the (radii,) overlap of the pupil with itself, shifted along its chords by 0 to 2.
 
-    Each pair of ends at a distance d bends the overlap at the shift d: its second derivative is collected there,
-    linearly between nodes, which keeps the values at the nodes exact, and summed twice from the far end.
+    Each pair of chord ends at a distance d puts a kink into the overlap at the shift d. The kinks, which are the second
+    derivative, are shared linearly among the nodes, which keeps the values at the nodes exact, and summed twice.
     """
     ends = np.concatenate([low, high], axis=1)
     sign = np.concatenate([np.ones(low.shape[1]), -np.ones(high.shape[1])])
@@ -324,35 +332,36 @@ def _along_ray(low: Array, high: Array, weights: Array) -> Array:
     node = np.minimum(shift.astype(np.intp), _RADII - 1)
     part = shift - node
     weight = -sign[i] * sign[j] * weights[:, None]
-    bends = np.bincount(node.ravel(), (weight * (1 - part)).ravel(), _RADII + 1)
-    bends += np.bincount(node.ravel() + 1, (weight * part).ravel(), _RADII + 1)
-    slope = np.cumsum(bends[::-1])[::-1]
+    kinks = np.bincount(node.ravel(), (weight * (1 - part)).ravel(), _RADII + 1)
+    kinks += np.bincount(node.ravel() + 1, (weight * part).ravel(), _RADII + 1)
+    slope = np.cumsum(kinks[::-1])[::-1]
     overlap = np.cumsum(slope[::-1])[::-1]
-    return overlap[1:] / scale  # at node k: sum over j > k of (j - k) bends[j]
+    return overlap[1:] / scale  # at node k: sum over j > k of (j - k) kinks[j]
 
 
-def _checked(amplitude: Array) -> Array:
+def _checked_amplitude(amplitude: Array) -> Array:
     values = np.array(amplitude, dtype=np.float64)
     if values.ndim != 2 or values.shape[0] != values.shape[1] or len(values) < 8:
-        raise InputError(f"a pupil's amplitude is a square array of 8 x 8 cells or more, not of shape {values.shape}")
+        raise InputError("amplitude", value=values.shape, expected="a square array of 8 x 8 cells or more")
     if not np.isfinite(values).all() or values.min() < 0 or values.max() > 1:
-        raise InputError("a pupil's amplitude transmission lies between 0 and 1 everywhere; some values do not")
+        extreme = values.min() if values.min() < 0 else values.max()
+        raise InputError("amplitude", value=extreme, expected="from 0 to 1 in every cell")
     n = len(values)
     near = np.maximum(np.abs(np.arange(n) + 0.5 - n / 2) - 0.5, 0.0) / (n / 2)
     if values[np.hypot(near[:, None], near) >= 1].any():
-        raise InputError("a pupil's amplitude must be 0 outside the circle that touches the array's sides; some is not")
+        raise InputError("amplitude", expected="0 outside the circle that touches the sides of the array")
     if not values.any():
-        raise InputError("this pupil lets no light through: its amplitude is 0 everywhere")
+        raise InputError("amplitude", expected="above 0 in some cell")
     values.flags.writeable = False
     return values
 
 
 def _resampled(amplitude: Array, count: int) -> tuple[Array, Array, Array]:
-    """Means of an array over coarser or finer cells, and the middles of their open parts."""
+    """Return means of an array over coarser or finer cells, and the centroids of their open parts."""
     n = len(amplitude)
     fine = np.linspace(-1.0, 1.0, n + 1)
     edges = np.linspace(-1.0, 1.0, count + 1)
-    # share[i, k]: length of cell k of the array that lies in cell i; offset: its first moment.
+    # share[i, k]: length of cell k of the array within cell i; first: its first moment.
     low = np.maximum(edges[:-1, None], fine[None, :-1])
     high = np.maximum(np.minimum(edges[1:, None], fine[None, 1:]), low)
     share, first = high - low, (high**2 - low**2) / 2

@@ -1,7 +1,7 @@
-"""Zernike polynomials: which is which in the indices people use, and their values over a pupil.
+"""Zernike polynomials: the common indices, and values over a pupil.
 
-Polar coordinates of the pupil: radius 1 at its rim, the angle from x (right) towards y (up), the picture upright.
-Terms of m > 0 go with cos(m angle), those of m < 0 with sin(|m| angle).
+Polar coordinates of the pupil: radius 1 at its rim, angle from x (right) towards y (up), for an upright image. Terms
+with m > 0 go with cos(m angle), those with m < 0 with sin(|m| angle).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError, did_you_mean
+from photosite.optics.checks import check_number
 
 Index = Literal["noll", "fringe", "nm"]
 Norm = Literal["rms", "peak"]
@@ -21,32 +22,36 @@ Term = tuple[int, int]
 Array = NDArray[np.float64]
 
 HIGHEST_ORDER = 40
-"""Radial order up to which terms are taken: more is a wrong index rather than a lens."""
+"""Highest radial order; more indicates a wrong index."""
 
 
 def zernike_terms(
     coefficients: Mapping[int | Term, float], index: Index = "noll", norm: Norm | None = None
 ) -> dict[Term, float]:
-    """Coefficients by (n, m), each the RMS of its term over the full circle.
+    """Return coefficients by (n, m), each the RMS of its term over the full circle.
 
     Parameters
     ----------
     coefficients
-        By index: numbers from 1 for "noll" and "fringe", pairs (n, m) for "nm". The unit is the caller's.
+        Values by index: numbers from 1 for "noll" and "fringe", pairs (n, m) for "nm". Any unit.
     index
-        "noll" (Noll 1976; Zemax calls it Standard), "fringe" (University of Arizona; Code V and Zemax Fringe), "nm".
+        "noll" (Noll 1976; Zemax calls it Standard), "fringe" (University of Arizona; Code V and Zemax Fringe) or "nm".
     norm
-        What a coefficient is: "rms" over the full circle, or "peak", the term's value at the rim where its angular part
-        is 1. None: what goes with the index, "peak" for "fringe", "rms" for the others.
+        "rms": coefficients are RMS values over the full circle. "peak": values at the rim where the angular factor is
+        1. None: "peak" for "fringe", "rms" for the others.
 
     Raises
     ------
     InputError
-        If the index or norm is unknown, a term does not exist, comes twice, or its coefficient is not finite.
+        If the index or norm is unknown, a term does not exist or occurs twice, or its coefficient is not finite.
 
     Notes
     -----
-    R. J. Noll, J. Opt. Soc. Am. 66 (1976) 207. RMS over peak is 1 / sqrt(n + 1) for m = 0, 1 / sqrt(2 (n + 1)) else.
+    RMS over peak is 1 / sqrt(n + 1) for m = 0, 1 / sqrt(2 (n + 1)) otherwise.
+
+    References
+    ----------
+    R. J. Noll, J. Opt. Soc. Am. 66 (1976) 207.
 
     Examples
     --------
@@ -56,38 +61,35 @@ def zernike_terms(
     {(2, 0): 28.868}
     """
     if index not in ("noll", "fringe", "nm"):
-        raise InputError(f"unknown Zernike index '{index}'; {did_you_mean(str(index), ['noll', 'fringe', 'nm'])}")
+        hint = did_you_mean(str(index), ["noll", "fringe", "nm"])
+        raise InputError("index", value=index, expected="'noll', 'fringe' or 'nm'", hint=hint)
     if norm not in (None, "rms", "peak"):
-        raise InputError(f"a Zernike coefficient's norm is 'rms' or 'peak', not '{norm}'")
+        raise InputError("norm", value=norm, expected="'rms' or 'peak'")
     peak = norm == "peak" or (norm is None and index == "fringe")
     terms: dict[Term, float] = {}
     for key, value in coefficients.items():
         n, m = _term(key, index)
-        if not math.isfinite(value):
-            raise InputError(f"Zernike coefficient {key} must be a finite number, not {value}")
+        check_number(f"coefficients[{key!r}]", value)
         if (n, m) in terms:
-            raise InputError(f"Zernike coefficient {key} is given twice; add the two")
+            raise InputError(f"Zernike term {key!r} is given twice", hint="Add the two coefficients")
         terms[n, m] = float(value) / math.sqrt((1 if m == 0 else 2) * (n + 1)) if peak else float(value)
     return terms
 
 
 def _term(key: int | Term, index: Index) -> Term:
-    """(n, m) of an index."""
-    from prysm.polynomials import fringe_to_nm, noll_to_nm
-
+    """Return (n, m) of an index."""
     if index == "nm":
         if not (isinstance(key, tuple | list) and len(key) == 2 and all(_whole(k) for k in key)):
-            raise InputError(f"with index 'nm' a Zernike term is a pair (n, m) of whole numbers, not {key!r}")
+            raise InputError("Zernike term", value=key, expected="a pair (n, m) of whole numbers for index 'nm'")
         n, m = int(key[0]), int(key[1])
         if n < 0 or abs(m) > n or (n - m) % 2:
-            raise InputError(f"there is no Zernike term (n, m) = ({n}, {m}): |m| goes from n down in steps of 2")
+            raise InputError("Zernike term", value=key, expected="a pair (n, m) with |m| = n, n - 2, n - 4, ...")
     else:
         if not _whole(key) or int(key) < 1:  # type: ignore[arg-type]
-            raise InputError(f"a Zernike term of index '{index}' is a whole number from 1, not {key!r}")
+            raise InputError("Zernike term", value=key, expected=f"a whole number from 1 for index '{index}'")
         n, m = (noll_to_nm if index == "noll" else fringe_to_nm)(int(key))  # type: ignore[arg-type]
-        n, m = int(n), int(m)
     if n > HIGHEST_ORDER:
-        raise InputError(f"Zernike term {key!r} has radial order {n}; orders up to {HIGHEST_ORDER} are taken")
+        raise InputError("Zernike term", value=key, expected=f"of radial order {HIGHEST_ORDER} or less, not {n}")
     return n, m
 
 
@@ -95,8 +97,39 @@ def _whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
+def noll_to_nm(j: int) -> Term:
+    """Return (n, m) of Noll's index j, from 1: orders n in turn, |m| rising, m > 0 for even j.
+
+    Examples
+    --------
+    >>> [noll_to_nm(j) for j in (1, 2, 3, 4, 5, 8, 11)]
+    [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (3, 1), (4, 0)]
+    """
+    n = (math.isqrt(8 * j - 7) - 1) // 2
+    k = j - n * (n + 1) // 2 - 1
+    m = 2 * (k // 2) + 1 if n % 2 else 2 * ((k + 1) // 2)
+    return n, m if j % 2 == 0 else -m
+
+
+def fringe_to_nm(j: int) -> Term:
+    """Return (n, m) of the Fringe index j, from 1: groups of equal (n + |m|) / 2, |m| falling, m > 0 first.
+
+    Examples
+    --------
+    >>> [fringe_to_nm(j) for j in (1, 2, 3, 4, 5, 6, 7, 9)]
+    [(0, 0), (1, 1), (1, -1), (2, 0), (2, 2), (2, -2), (3, 1), (4, 0)]
+    """
+    group = math.isqrt(j - 1)
+    k = j - group * group - 1
+    n = group + k // 2
+    return n, (2 * group - n) * (-1 if k % 2 else 1)
+
+
 def zernike_values(terms: Sequence[Term], x: Array, y: Array) -> Array:
-    """(terms, ...) values of RMS 1 over the full circle at points of the pupil, y up.
+    """Return (terms, ...) values with RMS 1 over the full circle at points of the pupil, y up.
+
+    The radial polynomial is r^|m| P_k^(0, |m|)(2 r^2 - 1), k = (n - |m|) / 2, with Jacobi polynomials P (Born and Wolf,
+    Principles of Optics, section 9.2).
 
     Examples
     --------
@@ -105,9 +138,30 @@ def zernike_values(terms: Sequence[Term], x: Array, y: Array) -> Array:
            [0.   , 2.   ],
            [1.732, 1.732]])
     """
-    from prysm.polynomials import zernike_nm_sequence
-
     if not terms:
         return np.zeros((0, *np.shape(x)))
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
-    return np.stack([np.asarray(z, np.float64) for z in zernike_nm_sequence(list(terms), radius, angle, norm=True)])
+    argument = 2 * radius**2 - 1
+    highest: dict[int, int] = {}
+    for n, m in terms:
+        highest[abs(m)] = max(highest.get(abs(m), 0), (n - abs(m)) // 2)
+    jacobi = {m: _jacobi(order, m, argument) for m, order in highest.items()}
+    values = []
+    for n, m in terms:
+        term = jacobi[abs(m)][(n - abs(m)) // 2] * np.sqrt((2 * (n + 1)) / (2 if m == 0 else 1))
+        if m:
+            term = term * (np.sin if m < 0 else np.cos)(abs(m) * angle) * radius ** abs(m)
+        values.append(term)
+    return np.stack(values)
+
+
+def _jacobi(highest: int, b: int, x: Array) -> list[Array]:
+    """Return the Jacobi polynomials P_k^(0, b)(x) for k = 0 to `highest`, by the recurrence DLMF 18.9.2."""
+    values = [np.ones_like(x), 1 + (b + 2) * ((x - 1) / 2)]
+    for n in range(1, highest):
+        denominator = (n + 1) * (n + b + 1)
+        first = (2 * n + b + 1) * (2 * n + b + 2) / (2 * denominator)
+        constant = -(b**2) * (2 * n + b + 1) / (2 * denominator * (2 * n + b))
+        previous = n * (n + b) * (2 * n + b + 2) / (denominator * (2 * n + b))
+        values.append((first * x + constant) * values[n] - previous * values[n - 1])
+    return values

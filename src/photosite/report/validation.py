@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 from PIL import ImageDraw
 
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.blocks import figure_block, sentence
 from photosite.report.figures.color_difference import color_difference_figure
 from photosite.report.figures.patches import patch_means_figure, patch_snr_figure

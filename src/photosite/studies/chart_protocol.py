@@ -34,7 +34,7 @@ from photosite.errors import FileError, InputError
 from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
 from photosite.frames.io.protocol import stated_bits, stated_cfa
 from photosite.frames.io.read import read_raw
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor

@@ -15,7 +15,7 @@ from photosite.camera.camera import Camera
 from photosite.errors import InputError, PhotositeWarning
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.optics.spread import Optics
+from photosite.optics.protocols import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 

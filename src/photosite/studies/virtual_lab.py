@@ -22,7 +22,7 @@ from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameSet, FrameSource, ListedFrame, group_frames
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor

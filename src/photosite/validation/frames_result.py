@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.spread import Optics
+from photosite.optics.protocols import Optics
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.sensor.model import Sensor
 from photosite.validation.fill_factor import FillFactorFit

@@ -17,7 +17,7 @@ from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.small import read_small
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError, InputError
-from photosite.optics.io.listings import codev, zemax
-from photosite.optics.io.listings.design_files import Layout, read_lens_design
-from photosite.optics.io.listings.text import PsfListing, table_row
-from photosite.optics.sampled import offsets
+from photosite.optics.io import zemax
+from photosite.optics.io.formats import read_lens_design
+from photosite.optics.io.listing import table_row
+from photosite.optics.io.psf_listing import Layout, PsfListing
+from photosite.optics.sampled_psf import sample_positions
 
 
 def write_grid(path: Path, rows: int, cols: int, at: tuple[float, float], sigma: float = 2.0) -> None:
@@ -26,7 +27,7 @@ def write_grid(path: Path, rows: int, cols: int, at: tuple[float, float], sigma:
 def index_of(folder: Path, *entries: str, more: str = "") -> Path:
     file = folder / "index.yaml"
     lines = "".join(f"  - {{file: a.dat, {entry}}}\n" for entry in entries)
-    file.write_text(f"photosite_lens_design: 1\nprogram: codev\naxes: upright\n{more}files:\n{lines}", encoding="utf-8")
+    file.write_text(f"photosite_lens_design: 1\nprogram: grid\naxes: upright\n{more}files:\n{lines}", encoding="utf-8")
     return file
 
 
@@ -44,7 +45,7 @@ def test_an_origin_between_samples_is_the_place_of_the_field_point(
     index = index_of(tmp_path, f"{ENTRY}, origin: [{origin[0] + 1}, {origin[1] + 1}]")
     index.write_text(index.read_text().replace("axes: upright", f"axes: {axes}"))
     psf = read_lens_design(index).psf[0, 0]
-    place = offsets(psf.shape[0], 0.5)
+    place = sample_positions(psf.shape[0], 0.5)
     assert psf.sum(axis=1) @ place == pytest.approx(0, abs=2e-3)
     assert psf.sum(axis=0) @ place == pytest.approx(0, abs=2e-3)
 
@@ -56,56 +57,61 @@ def test_one_file_with_two_origins_is_two_point_spreads(tmp_path: Path) -> None:
         for nm, col in ((450, 33), (550, 45))
     ]
     psf = read_lens_design(index_of(tmp_path, *entries)).psf[0]
-    place = offsets(psf.shape[-1], 0.5)
+    place = sample_positions(psf.shape[-1], 0.5)
     np.testing.assert_allclose(psf.sum(axis=1) @ place, [0.0, -6.0], atol=2e-2)  # 12 samples of 0.5 um
 
 
 @pytest.mark.parametrize(
-    ("entry", "message"),
+    ("entry", "error"),
     [
-        (ENTRY.replace("[0, 0]", "[.nan, 0]"), r"field_deg is two finite numbers, \[x, y\], not \[nan, 0\]"),
-        (ENTRY.replace("[0, 0]", "[.inf, 0]"), r"field_deg is two finite numbers"),
-        (ENTRY.replace("[0, 0]", "[true, 0]"), r"field_deg is two finite numbers"),
-        (ENTRY + ", origin: [.nan, 3]", r"origin is two finite numbers, \[row, column\], from 1"),
-        (ENTRY + ", origin: [.inf, 3]", "origin is two finite numbers"),
-        (ENTRY + ", origin: [1000000, 1000000]", r"origin \[1e\+06, 1e\+06\] lies outside the 21 x 21 samples"),
-        (ENTRY + ", origin: [0.5, 3]", r"origin \[0\.5, 3\] lies outside"),
-        (ENTRY.replace("0.5}", "").replace("spacing_um: 0.5", "spacing_um: .inf"), "spacing_um is a number above 0"),
-        (ENTRY.replace("spacing_um: 0.5", "spacing_um: 1e-300"), "samples 1e-300 um apart are finer"),
-        (ENTRY.replace("550", "0.45"), r"0\.45 nm is none of a camera's: if that is in um"),
-        (ENTRY.replace("550", ".nan"), "wavelength_nm is a number above 0, not nan"),
+        (ENTRY.replace("[0, 0]", "[.nan, 0]"), ("field_deg", 5)),
+        (ENTRY.replace("[0, 0]", "[.inf, 0]"), ("field_deg", 5)),
+        (ENTRY.replace("[0, 0]", "[true, 0]"), ("field_deg", 5)),
+        (ENTRY + ", origin: [.nan, 3]", ("origin", 5)),
+        (ENTRY + ", origin: [.inf, 3]", ("origin", 5)),
+        (ENTRY + ", origin: [1000000, 1000000]", ("origin", 5)),
+        (ENTRY + ", origin: [0.5, 3]", ("origin", 5)),
+        (ENTRY.replace("0.5}", "").replace("spacing_um: 0.5", "spacing_um: .inf"), ("spacing_um", 5)),
+        (ENTRY.replace("spacing_um: 0.5", "spacing_um: 1e-300"), ("spacing_um", 5)),
+        (ENTRY.replace("550", "0.45"), ("wavelength_nm", 5)),
+        (ENTRY.replace("550", ".nan"), ("wavelength_nm", 5)),
     ],
 )
-def test_entries_that_cannot_be_give_their_line(entry: str, message: str, tmp_path: Path) -> None:
+def test_entries_that_cannot_be_give_their_line(entry: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
-    with pytest.raises(FileError, match=rf"index\.yaml:5: .*{message}") as caught:
+    with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, entry))
+    assert (caught.value.what.startswith(error[0]), caught.value.line) == (True, error[1])
     assert len(str(caught.value)) < 300
 
 
 def test_spacings_far_apart_are_refused_in_few_words(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
-    with pytest.raises(FileError, match=r"needs 4\.?\d*e\+30\d samples across|samples across") as caught:
+    with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY, ENTRY.replace("550", "650").replace("0.5", "1.0e+300")))
+    assert caught.value.what.startswith("needs 2.912e+301 samples acros")
     assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize("key", ["detail_um", "tolerance"])
 def test_true_is_no_number(key: str, tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
-    with pytest.raises(FileError, match=rf"index\.yaml:4: {key} is a number .*, not True"):
+    with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY, more=f"{key}: true\n"))
+    assert (caught.value.what, caught.value.line) == (key, 4)
 
 
 def test_an_option_that_is_none_is_said(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
-    with pytest.raises(InputError, match=r"read_lens_design has no option 'ranks'; did you mean 'rank'\?"):
+    with pytest.raises(InputError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY), ranks=1)
+    assert caught.value.what.startswith("unknown option")
 
 
 def test_a_listing_without_a_field_has_no_place() -> None:
-    with pytest.raises(FileError, match="does not say its field_deg or field_mm"):
-        Layout().place(PsfListing(Path("a.txt"), np.ones((3, 3)), (1, 1)))
+    with pytest.raises(FileError) as caught:
+        Layout().field_point(PsfListing(Path("a.txt"), np.ones((3, 3)), (1, 1)))
+    assert caught.value.what.startswith("does not state its field_deg or")
 
 
 RELATIVE = """Listing of Relative Illumination Data
@@ -114,13 +120,6 @@ Field units are degrees.
     0.000000       1.000000
    10.000000       0.900000
    20.000000       0.650000
-"""
-CURVES = """FIELD CURVES
-       RELATIVE   FIELD ANGLE   X-FOCUS   Y-FOCUS   DISTORTION
-        FIELD       (deg)         (mm)      (mm)     (per cent)
-          0.0        0.0          0.0       0.0       0.0
-          0.5        7.0         -0.1      -0.1      -0.5
-          1.0       14.0         -0.2      -0.3      -2.0
 """
 DISTORTION = """Listing of Field Curvature Distortion Data
 Shift units are Millimeters.
@@ -140,7 +139,6 @@ Units are Millimeters.
 """ + "".join(f"  {i}  {i}  {i}.0  {i}.0  {1.4 * i:.4f}  {i}.0  {i}.0  {i}.0  {i}.0  0.000000 %\n" for i in range(5))
 READERS: dict[str, tuple[str, Any]] = {
     "relative": (RELATIVE, zemax.read_relative_illumination),
-    "curves": (CURVES, codev.read_distortion),
     "distortion": (DISTORTION, zemax.read_distortion),
     "grid": (GRID, zemax.read_distortion),
 }
@@ -154,16 +152,18 @@ def test_a_row_that_cannot_be_read_gives_its_line(kind: str, bad: str, tmp_path:
     file = tmp_path / "listing.txt"
     first = lines[-1].removesuffix("%").rstrip().rpartition(" ")[0]
     file.write_text("\n".join([*lines[:-1], f"{first} {bad}"]), encoding="utf-8")
-    with pytest.raises(FileError, match=rf"listing\.txt:{len(lines)}: ") as caught:
+    with pytest.raises(FileError) as caught:
         read(file)
+    assert caught.value.line == len(lines)
     assert "\n" not in str(caught.value)
 
 
 def test_a_word_in_the_place_of_a_field_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "listing.txt"
     file.write_text(RELATIVE.replace("   10.000000", "   ERROR"), encoding="utf-8")
-    with pytest.raises(FileError, match=r":5: 'ERROR' stands where a table has a number"):
+    with pytest.raises(FileError) as caught:
         zemax.read_relative_illumination(file)
+    assert (caught.value.what, caught.value.line) == ("entry", 5)
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -197,11 +197,13 @@ def test_a_table_ends_at_an_empty_line_after_its_rows(kind: str, footer: str, tm
     lines = text.splitlines()
     count = len(lines)
     file.write_text(f"{text}{footer}\n", encoding="utf-8")  # no empty line: a row that cannot be read
-    with pytest.raises(FileError, match=rf"listing\.txt:{count + 1}: "):
+    with pytest.raises(FileError) as caught:
         read(file)
+    assert caught.value.line == count + 1
     file.write_text("\n".join([*lines[:-1], "", footer, "", lines[-1]]), encoding="utf-8")  # rows follow
-    with pytest.raises(FileError, match=rf"listing\.txt:{count + 1}: "):
+    with pytest.raises(FileError) as caught:
         read(file)
+    assert caught.value.line == count + 1
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -214,8 +216,9 @@ def test_a_table_with_empty_lines_between_its_rows_is_read_to_its_end(kind: str,
     file.write_text("\n\n".join(lines), encoding="utf-8")
     np.testing.assert_array_equal(values_of(read(file)), plain)
     file.write_text("\n\n".join([*lines, "oh " + lines[-1]]), encoding="utf-8")
-    with pytest.raises(FileError, match=rf"listing\.txt:{2 * len(lines) + 1}: 'oh' stands"):
+    with pytest.raises(FileError) as caught:
         read(file)
+    assert (caught.value.value, caught.value.line) == ("oh", 2 * len(lines) + 1)
 
 
 def test_a_footer_between_two_tables_is_passed_over(tmp_path: Path) -> None:
@@ -232,11 +235,13 @@ def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refuse
     file = tmp_path / "listing.txt"
     block = DISTORTION[DISTORTION.index("Data for") :]
     file.write_text(DISTORTION + "\n" + block, encoding="utf-8")
-    with pytest.raises(FileError, match=r":15: this is the second table of 550 nm"):
+    with pytest.raises(FileError) as caught:
         zemax.read_distortion(file)
+    assert caught.value.what.startswith("this is the second table of")
     file.write_text(DISTORTION.rsplit("  10.0", 1)[0], encoding="utf-8")
-    with pytest.raises(FileError, match=r":8: this table has one row"):
+    with pytest.raises(FileError) as caught:
         zemax.read_distortion(file)
+    assert (caught.value.what, caught.value.line) == ("rows of this table", 8)
     real = block.replace("Tan Shift    Sag Shift", "Real Height  Ref. Height").replace("0.001000  0.000500", "{h}  {h}")
     tables = ""
     for wave in ("0.550000", "0.650000"):
@@ -249,15 +254,17 @@ def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refuse
     assert zemax.read_distortion(file)[1] is not None
     cut = "\n".join((head + tables).rstrip().splitlines()[:-1])
     file.write_text(cut, encoding="utf-8")
-    with pytest.raises(FileError, match=r":15: this table's angles are not those of the other wavelengths"):
+    with pytest.raises(FileError) as caught:
         zemax.read_distortion(file)
+    assert caught.value.what.startswith("the angles of this table differ")
 
 
 def test_a_unit_that_is_none_gives_file_and_line(tmp_path: Path) -> None:
     file = tmp_path / "bad.txt"
     file.write_text(DISTORTION.replace("µm", "fm"), encoding="utf-8")
-    with pytest.raises(FileError, match=r"bad\.txt:6: 'fm' is no unit of length"):
+    with pytest.raises(FileError) as caught:
         zemax.read_distortion(file)
+    assert (caught.value.what, caught.value.line) == ("unit of length", 6)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from photosite.errors import FileError
-from photosite.optics.io.listings.parameters import read_parameters
-from photosite.optics.io.listings.ray_trace import RayTrace
-from photosite.optics.io.listings.zemax import read_distortion, read_psf, read_relative_illumination
+from photosite.optics.io.iset import RayTrace, read_parameters
+from photosite.optics.io.zemax import read_distortion, read_psf, read_relative_illumination
 
 # github.com/ruthshiferaw/2.156-Lens-Project, Prime Lenses + Data/AnalysisExports: OpticStudio 2025, saved through its
 # programming interface; every 25th row of Cox1-01_FieldCurvature.txt.
@@ -184,26 +183,31 @@ def test_after_the_rows_that_the_header_says_comes_a_footer(tmp_path: Path) -> N
     for footer in ("\n2 warning(s)\n", "\nMaximum is 0.9\n\n3\n", "\n\n"):
         np.testing.assert_allclose(read_psf(written(tmp_path, text + footer)).samples, samples, rtol=1e-8)
     first = HUYGENS.count("\n")
-    for more, line, message in (
-        ("2 warning(s)\n", 33, r"'warning\(s\)' stands among its numbers"),  # no empty line
-        (f"\nthe next\n{rows[0]}\n", 34, "'the' stands among its numbers"),  # rows follow
+    for more, line, word in (
+        ("2 warning(s)\n", 33, "warning(s)"),  # no empty line
+        (f"\nthe next\n{rows[0]}\n", 34, "the"),  # rows follow
     ):
-        with pytest.raises(FileError, match=rf"txt:{first + line}: {message}"):
+        with pytest.raises(FileError) as caught:
             read_psf(written(tmp_path, text + more))
-    with pytest.raises(FileError, match="says 32 by 32 samples and holds 32 by 33"):
+        assert (caught.value.value, caught.value.line) == (word, first + line)
+    with pytest.raises(FileError) as caught:
         read_psf(written(tmp_path, f"{text}\n{rows[0]}\n"))
+    assert caught.value.what == "samples"
     early = HUYGENS + "\n".join([*rows[:30], "", "2 warning(s)"])
-    with pytest.raises(FileError, match=rf"txt:{first + 32}: 'warning"):
+    with pytest.raises(FileError) as caught:
         read_psf(written(tmp_path, early))
+    assert (caught.value.what, caught.value.line) == ("entry", 44)
 
 
 def test_references_that_are_no_tangents_are_refused(tmp_path: Path) -> None:
     rows = "".join(f" {a:.6f} 0.1 0.1 {a * 0.47:.6f} {a * 0.475:.6f} {-1.0:.4f}\n" for a in (0.0, 1.0, 2.0, 4.0))
-    with pytest.raises(FileError, match=r"not of the type F-Tan\(Theta\)"):
+    with pytest.raises(FileError) as caught:
         read_distortion(written(tmp_path, FIELD_CURVATURE.split("      0.0000")[0] + rows))
+    assert caught.value.what == "distortion"
     inches = "Height units are Inches.\nDistortion Type: F-Tan(Theta).\n" + FIELD_CURVATURE
-    with pytest.raises(FileError, match="its heights are in inches; set the lens to mm"):
+    with pytest.raises(FileError) as caught:
         read_distortion(written(tmp_path, inches))
+    assert caught.value.what == "unit of the heights"
 
 
 def test_relative_illumination_saved_through_the_programming_interface(tmp_path: Path) -> None:
@@ -227,13 +231,16 @@ def test_heights_in_other_lengths_are_brought_to_mm(unit: str, tmp_path: Path) -
 
 
 def test_a_field_in_an_unknown_unit_gives_its_line(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"txt:10: its field is in 'Furlongs', neither degrees nor a length"):
+    with pytest.raises(FileError) as caught:
         read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="Furlongs")))
+    assert (caught.value.what, caught.value.line) == ("unit of the field", 10)
     beyond = ILLUMINATION.format(unit="Meters").replace("21.600000", "1e308")
-    with pytest.raises(FileError, match=r"txt: its field, in mm, is too large"):
+    with pytest.raises(FileError) as caught:
         read_relative_illumination(written(tmp_path, beyond))
-    with pytest.raises(FileError, match=r"txt:10: '1e308 Meters' is too large a length"):
+    assert caught.value.what == "field, in mm"
+    with pytest.raises(FileError) as caught:
         read_psf(written(tmp_path, HUYGENS.replace("6.20652974E+00", "1e308").replace("Millimeters", "Meters")))
+    assert (caught.value.what, caught.value.line) == ("length", 10)
 
 
 def test_a_footer_with_a_number_first_is_passed_over(tmp_path: Path) -> None:
@@ -256,34 +263,36 @@ def test_grid_distortion_is_the_curve_of_its_diagonal(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "what"),
     [
-        ("Units are Millimeters", "Units are Inches", r"txt:8: its units are Inches; set the lens to mm"),
-        ("Yref = 0.0", "Yref = 0.1", r"txt:11: its reference is not the axis"),
-        ("0.55000 µm", "0.65000 µm", r"txt:10: has no distortion at 550 nm; it is of 650 nm"),
+        ("Units are Millimeters", "Units are Inches", "units"),
+        ("Yref = 0.0", "Yref = 0.1", "reference field"),
+        ("0.55000 µm", "0.65000 µm", "wavelength_nm"),
         ("Real X", "", "has no table of predicted and real X and Y"),
         (" 1 1 ", " 1 2 ", None),
-        ("5.13010E-001", "5.18010E-001", r"not the same all around the axis: a point lies 0.00\d+ of"),
-        ("-3.45302E-001 0.00000E+000", "-3.45302E-001 5.00000E-003", "not the same all around the axis"),
-        ("6.64084E-001", "4.64084E-001", "folds back"),
+        ("5.13010E-001", "5.18010E-001", "the distortion is not rotationally symmetric"),
+        ("-3.45302E-001 0.00000E+000", "-3.45302E-001 5.00000E-003", "the distortion is not rotationally symmetric"),
+        ("6.64084E-001", "4.64084E-001", "the distorted image folds back"),
         (" 31 31 ", " 31 30 ", None),
     ],
 )
-def test_wrong_grids_give_one_line(old: str, new: str, message: str | None, tmp_path: Path) -> None:
+def test_wrong_grids_give_one_line(old: str, new: str, what: str | None, tmp_path: Path) -> None:
     text = GRID_HEAD + GRID
     assert old in text
     file = written(tmp_path, text.replace(old, new))
-    if message is None:  # a point less
+    if what is None:  # a point less
         assert read_distortion(file)[0].ratio.size == 4
         return
-    with pytest.raises(FileError, match=message) as caught:
+    with pytest.raises(FileError) as caught:
         read_distortion(file, wavelength_nm=550)
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 
 def test_a_grid_without_points_is_said(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="holds no grid of points"):
+    with pytest.raises(FileError) as caught:
         read_distortion(written(tmp_path, GRID_HEAD))
+    assert caught.value.what == "the grid of points"
 
 
 # ISETCam: raytrace/AsphereF=2mm_PSF_21_3.dat, with 3 x 3 of its 128 x 128 numbers; one byte a letter, CR LF.

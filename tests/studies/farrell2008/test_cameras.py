@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.studies.farrell2008.cameras import (
     CASES,

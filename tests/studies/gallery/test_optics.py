@@ -15,7 +15,7 @@ from photosite.studies.gallery import optics
 def test_the_image_of_a_point_is_airys_pattern() -> None:
     lens = optics._LENS
     half_m, count = 10e-6, 41
-    image = optics.point_image(Wavefront().spread(lens, math.inf), half_m, count)
+    image = optics.point_image(Wavefront().point_spread(lens, math.inf), half_m, count)
     at = (np.arange(count) + 0.5 - count / 2) * (2 * half_m / count)
     v = math.pi * np.hypot(at[:, None], at) / (550e-9 * 4)
     airy = np.where(v > 0, (2 * j1(np.where(v > 0, v, 1)) / np.where(v > 0, v, 1)) ** 2, 1.0)

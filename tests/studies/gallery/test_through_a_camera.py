@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import VeilingGlare
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens import Lens
+from photosite.optics.veiling_glare import VeilingGlare
 from photosite.scene import charts
 from photosite.scene.preview import tristimulus
 from photosite.studies.gallery import cube_file, depth, door, field, geometry, glare, high_range, low_light

@@ -1,1 +1,1 @@
-"""Optics files and the lens tables they name."""
+"""Files of optics, one module per kind of file; `formats` lists all formats."""

@@ -7,125 +7,126 @@ focal_length_mm: 50
 transmittance: 0.92                   # or {wavelength_nm: [...], transmittance: [...]}
 falloff: cos4                         # or none; or instead of it:
 relative_illumination: {field_deg: [0, 10, 20], relative: [1, 0.9, 0.7]}
-focus_distance_m: 2                   # or .inf; without it, on every object
+focus_distance_m: 2                   # or .inf; without it, every object is in focus
 blur: {kind: wavefront, zernike: {8: 50}, unit: nm}
 distortion: {field_deg: [0, 10, 20], percent: [0, -0.5, -2]}
 lateral_color: {wavelength_nm: [450, 550, 650], magnification: [1.0003, 1, 0.9998]}
 veiling_glare: {fraction: 0.02}
 provenance: {source: ..., license: ...}
 
-Names of files are relative to the optics file. docs/optics.md has all sections.
+File names are relative to the optics file. docs/optics.md describes all sections.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ValidationError
 
-from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.yaml import line_of, read_yaml
-from photosite.optics.blur_model import KINDS, MisplacedError
-from photosite.optics.compound import Blur, Lens
-from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.io.file_model import OpticsModel, Transmittance
-from photosite.optics.lens import DiffractionLimited
+from photosite.color.spectrum import Spectrum
+from photosite.errors import FileError, InputError, PhotositeError, did_you_mean
+from photosite.files.atomic import atomic_folder
+from photosite.files.yaml import LARGEST_BYTES, dump_yaml, line_of, read_yaml
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
+from photosite.optics.field_points import FieldPoints
+from photosite.optics.io.npz import write_amplitude, write_design
+from photosite.optics.io.sections import KINDS, LocatedError, OpticsModel, Provenance, Read, Transmittance
+from photosite.optics.io.tables import write_otf, write_psf
+from photosite.optics.lens import Lens
+from photosite.optics.lens_design import LensDesign
+from photosite.optics.protocols import Blur
+from photosite.optics.pupil import Pupil
+from photosite.optics.tables import OtfTable, PsfTable
+from photosite.optics.wavefront import Wavefront
 
 VERSION_KEY = "photosite_optics"
-_NO_MAPPING = ("dict_type", "model_type", "model_attributes_type")
+SUFFIXES = (".yaml", ".yml")
+_NOT_A_MAPPING = ("dict_type", "model_type", "model_attributes_type")
 _Model = TypeVar("_Model", bound=BaseModel)
 _Built = TypeVar("_Built")
+Fields = dict[str, Any]
+Tables = dict[str, Callable[[Path], None]]
+"""Files beside the optics file: name -> writer."""
 
 
-def load_optics(path: str | PathLike[str]) -> Lens:
-    """A lens from an optics file.
+def read_optics(path: Path, read: Read) -> Lens:
+    """Return the lens of an optics file.
 
     Parameters
     ----------
     path
-        A YAML file with the fields that this module's text shows; or the ISETPARMS.txt of a set that ISET's macros
-        wrote with Zemax or CODE V (`photosite.optics.io.listings.ray_trace`), or its folder.
-
-    Returns
-    -------
-    Lens
-        With a base alone if the file says nothing more.
+        The file.
+    read
+        Reader of the files that it names.
 
     Raises
     ------
     FileError
-        If it is missing, is not YAML, or does not describe a lens, with the line; or if a file that it names is so.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "mine.optics.yaml")
-    ...     _ = file.write_text("photosite_optics: 1\\nf_number: 2.8\\nfocal_lenght_mm: 50\\n")
-    ...     load_optics(file)
-    Traceback (most recent call last):
-    photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'; did you mean 'focal_length_mm'?
+        If the file is missing or does not describe a lens, or a file that it names is invalid; with the line.
     """
-    from photosite.optics.io.listings.ray_trace import read_ray_trace, set_of
-
-    file = Path(path)
-    if (parameters := set_of(file)) is not None:
-        return read_ray_trace(parameters).lens()
-    data = read_yaml(file, "an optics file")
+    data = read_yaml(path, "an optics file")
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
         line = line_of(data, VERSION_KEY)
-        raise FileError(file, f"does not describe a lens: expected '{VERSION_KEY}: 1' and the lens's fields", line)
-    found = parse_optics(data, file)
+        raise FileError(path, f"does not describe a lens: it has no '{VERSION_KEY}: 1'", line)
+    found = parse_optics(data, path, read)
     return found if isinstance(found, Lens) else Lens(found)
 
 
-def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: str = "") -> Lens | DiffractionLimited:
-    """A lens from the fields of an optics file.
+def parse_optics(
+    data: Mapping[str, Any], path: str | PathLike[str], read: Read, section: str = ""
+) -> Lens | DiffractionLimited:
+    """Return the lens of the fields of an optics file.
 
     Parameters
     ----------
     data
         The fields, as `photosite.files.yaml` reads them.
     path
-        The file they stand in, for messages; names of other files are relative to it.
+        The file that holds them, for messages.
+    read
+        Reader of the files that they name.
     section
-        Of that file, where they do not stand at its top.
+        Section of that file, if they are not at its top level.
 
     Returns
     -------
     Lens or DiffractionLimited
-        The second if nothing is said that it cannot hold: options of `photosite simulate` may then change it.
+        A `DiffractionLimited` if that can represent all fields: options of `photosite simulate` may then change it.
 
     Raises
     ------
     FileError
-        As `load_optics`.
+        As `read_optics`.
     """
-    reader = _Reader(Path(path), data, section)
-    model = reader.validated(OpticsModel, data, ())
-    base = reader.built(  # the model has checked the other fields
+    parser = _Parser(Path(path), data, section)
+    model = parser.validated(OpticsModel, data, ())
+    base = parser.built(  # the model has checked the other fields
         "transmittance",
         lambda: DiffractionLimited(model.f_number, model.focal_length_mm, model.transmittance.build(), model.falloff),
     )
-    folder = reader.path.parent
-    blur = reader.blur() if model.blur is not None else None
+    blur = parser.blur(read) if model.blur is not None else None
     illumination = distortion = lateral = glare = None
-    if (told := model.relative_illumination) is not None:
-        illumination = reader.built("relative_illumination", lambda: told.build(folder))
+    if (light := model.relative_illumination) is not None:
+        illumination = parser.built("relative_illumination", lambda: light.build(read))
     if (curve := model.distortion) is not None:
-        distortion, lateral = reader.built("distortion", lambda: curve.build(folder, model.focal_length_mm))
+        distortion, lateral = parser.built("distortion", lambda: curve.build(read, model.focal_length_mm))
     if (color := model.lateral_color) is not None:
         if lateral is not None:
-            raise reader.error("the listing of distortion holds it already; leave out one of them", ("lateral_color",))
-        lateral = reader.built("lateral_color", color.build)
+            clash = InputError("lateral_color", expected="omitted: the listing of distortion has it")
+            raise parser.located(clash, ("lateral_color",))
+        lateral = parser.built("lateral_color", color.build)
     if (veil := model.veiling_glare) is not None:
-        glare = reader.built("veiling_glare", veil.build)
-    reader.check_mapping(distortion, lateral, model)
-    lens = reader.built(
+        glare = parser.built("veiling_glare", veil.build)
+    parser.check_mapping(distortion, lateral, model)
+    lens = parser.built(
         "falloff" if illumination is not None and model.falloff != "none" else "focus_distance_m",
         lambda: Lens(base, blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name),
     )
@@ -133,104 +134,118 @@ def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: st
     return base if all(part is None for part in more) else lens
 
 
-class _Reader:
-    """A mapping of a file, and what to say where it is wrong."""
+class _Parser:
+    """The fields of a file, and errors with their lines."""
 
     def __init__(self, path: Path, data: Mapping[str, Any], section: str) -> None:
         self.path = path
         self.data = data
         self.section = section
 
-    def error(self, message: str, location: Sequence[str | int]) -> FileError:
-        """The error, with the line of the deepest part of the location that the file has."""
+    def located(self, error: PhotositeError, location: Sequence[str | int]) -> FileError:
+        """Return the error as one of the file, with the line of the deepest part of the location that exists."""
+        parts = list(location)
+        if parts and parts[-1] == error.what:
+            parts.pop()
         node: Any = self.data
         position = getattr(getattr(node, "lc", None), "line", None)
         line = None if position is None or not self.section else position + 1
-        for part in location:
+        for part in (*parts, error.what.partition("[")[0]):
             if (found := line_of(node, part)) is None:
                 break
             line, node = found, node[part]
-        place = ".".join(part for part in (self.section, *map(str, location)) if part)
-        return FileError(self.path, f"{place}: {message}" if place else message, line)
+        where = ".".join(part for part in (self.section, *map(str, parts)) if part)
+        return (error.within(where) if where else error).in_file(self.path, line)
 
     def validated(self, model: type[_Model], data: Any, above: tuple[str, ...]) -> _Model:
-        """The model of a mapping."""
+        """Return the model of a mapping."""
         try:
             return model.model_validate(data)
         except ValidationError as error:
             found = error.errors()
-            # A misspelt field is also a missing one; the misspelling is what helps.
-            first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+        # A misspelt field is also a missing one; the misspelling helps more.
+        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
         *parents, last = (*above, *first["loc"]) or ("",)
-        match first["type"]:
-            case "extra_forbidden":
-                known = _home(model, first["loc"][:-1]).model_fields
-                line = self.error("", (*parents, last)).line
-                place = ".".join(part for part in (self.section, *map(str, parents)) if part)
-                message = f"unknown field '{last}'; {did_you_mean(str(last), known)}"
-                raise FileError(self.path, f"{place}: {message}" if place else message, line)
-            case "missing":
-                raise self.error(f"field '{last}' is missing", parents)
-        if first["type"] in _NO_MAPPING:
+        if first["type"] == "extra_forbidden":
+            known = _model_at(model, first["loc"][:-1]).model_fields
+            unknown = InputError(f"unknown field '{last}'", hint=did_you_mean(str(last), known))
+            line = self.located(InputError(str(last)), parents).line
+            located = self.located(unknown, parents)
+            raise FileError(self.path, located.what, line, **located.fields)
+        if first["type"] == "missing":
+            raise self.located(InputError(f"field '{last}' is missing"), parents)
+        if isinstance(own := first.get("ctx", {}).get("error"), InputError):
+            raise self.located(own, (*parents, last))
+        if first["type"] in _NOT_A_MAPPING:
             expected = _expected(model, first["loc"])
-            raise self.error(f"expected {expected}, not {first['input']!r:.40}", (*parents, last))
-        message = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "expected", 1)
-        message = message.replace("a valid tuple", "a list, [...]")
-        value = first["input"]
-        came = f", not {value!r:.40}" if isinstance(value, str | int | float | bool) else ""
-        raise self.error(message + came if first["type"] != "value_error" else message, (*parents, last))
+        else:
+            expected = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+            expected = expected.replace("a valid tuple", "a list, [...]")
+        what = f"{parents.pop()}[{last}]" if isinstance(last, int) and parents else str(last)
+        raise self.located(InputError(what, value=_plain(first["input"]), expected=expected), parents)
 
     def built(self, key: str, build: Callable[[], _Built]) -> _Built:
-        """What a section becomes; what it cannot be is said with its line."""
+        """Return the value of a section; give errors the line of the section."""
         try:
             return build()
         except FileError as error:
-            if os.path.exists(error.path):  # False for a name that no file can have
+            if os.path.exists(error.path):  # False for an invalid name
                 raise
             named = [part for part in ("file", "source") if part in self.data[key]]
-            raise self.error(f"there is no such file, {error.path}", (key, *named)) from None
-        except OSError as error:  # a name that no file can have
-            raise self.error(f"cannot be read: {error.strerror or error}", (key,)) from None
+            missing = InputError(f"there is no such file, {error.path}")
+            raise self.located(missing, (key, *named)) from None
+        except OSError as error:  # an invalid name
+            raise self.located(InputError(f"cannot be read: {error.strerror or error}"), (key,)) from None
+        except LocatedError as error:
+            raise self.located(error.error, (key, *error.location)) from None
         except InputError as error:
-            inside = error.location if isinstance(error, MisplacedError) else ()
-            raise self.error(str(error), (key, *inside) if key in self.data else ()) from None
+            raise self.located(error, (key,) if key in self.data else ()) from None
         except ValueError as error:
-            raise self.error(str(error), (key,)) from None
+            raise self.located(InputError(str(error)), (key,)) from None
 
-    def blur(self) -> Blur | None:
-        """The section `blur`, by its kind."""
-        told = self.data["blur"]
-        kind = told.get("kind")
+    def blur(self, read: Read) -> Blur | None:
+        """Return the blur of the section of its kind."""
+        section = self.data["blur"]
+        kind = section.get("kind")
         if not isinstance(kind, str) or kind not in KINDS:
-            what = "field 'kind' is missing" if kind is None else f"there is no kind '{kind!s:.40}'"
-            raise self.error(
-                f"{what}; {did_you_mean(str(kind), KINDS)}", ("blur",) if kind is None else ("blur", "kind")
-            )
-        model: Any = self.validated(KINDS[kind], told, ("blur",))
-        blur: Blur | None = self.built("blur", lambda: model.build(self.path.parent))
+            hint = did_you_mean(str(kind), KINDS)
+            raise self.located(InputError("kind", value=kind, expected="a kind of blur", hint=hint), ("blur",))
+        model: Any = self.validated(KINDS[kind], section, ("blur",))
+        blur: Blur | None = self.built("blur", lambda: model.build(read))
         return blur
 
     def check_mapping(self, distortion: Distortion | None, lateral: LateralColor | None, model: OpticsModel) -> None:
-        """Refuse tables that together fold back, now rather than when a frame is made."""
-        from photosite.optics.distortion import combined_mapping
-
+        """Raise for tables that together fold back, on reading rather than on the first frame."""
         key = "lateral_color" if model.lateral_color is not None else "distortion"
         self.built(key, lambda: combined_mapping(distortion, lateral, model.focal_length_mm * 1e-3))
 
 
+def _plain(value: Any) -> Any:
+    """Return a value of YAML as plain Python."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return value
+
+
 def _expected(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    """What a section is, for who wrote something else."""
+    """Return a description of a section."""
     if tuple(location) == ("blur",):
         return f"{{kind: {' | '.join(KINDS)}, ...}}"
-    home = _home(model, location)
-    if location and (said := home.model_fields.get(str(location[-1]))) is not None and said.description is not None:
-        return said.description
-    number = "a number or " if home is Transmittance else ""
-    return f"{number}{{{', '.join(home.model_fields)}}}"
+    section = _model_at(model, location)
+    if (
+        location
+        and (field := section.model_fields.get(str(location[-1]))) is not None
+        and field.description is not None
+    ):
+        return field.description
+    number = "a number or " if section is Transmittance else ""
+    return f"{number}{{{', '.join(section.model_fields)}}}"
 
 
-def _home(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
-    """The model of the mapping at a location."""
+def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
+    """Return the model of the mapping at a location."""
     for part in location:
         if not isinstance(part, str) or part not in model.model_fields:
             break
@@ -238,3 +253,208 @@ def _home(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseMod
         inner = [a for a in (annotation, *getattr(annotation, "__args__", ())) if isinstance(a, type)]
         model = next((a for a in inner if issubclass(a, BaseModel)), model)
     return model
+
+
+def write_optics(
+    lens: Lens | DiffractionLimited, path: str | PathLike[str], provenance: Mapping[str, str] | None = None
+) -> None:
+    """Write an optics file and the tables beside it, all or nothing.
+
+    Parameters
+    ----------
+    lens
+        The lens. Tables of its blur get files of their own: beside mine.optics.yaml, mine.optics.otf.csv, .psf.npz,
+        .design.npz or .pupil.npz. Those of a lens that the file described before are removed.
+    path
+        A name that ends in .yaml or .yml.
+    provenance
+        Source of the numbers: texts `source`, `license`, `created`, `notes`. A lens that was read from a file does not
+        carry the provenance of that file.
+
+    Raises
+    ------
+    InputError
+        If an optics file cannot represent the lens, or the provenance is invalid.
+    FileError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> lens = Lens(DiffractionLimited(2.8, 50), Wavefront({8: 50.0}), focus_distance_m=2.0, name="mine")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_optics(lens, f"{folder}/mine.optics.yaml", {"source": "made up"})
+    ...     print(Path(folder, "mine.optics.yaml").read_text(), end="")
+    photosite_optics: 1
+    name: mine
+    f_number: 2.8
+    focal_length_mm: 50.0
+    transmittance: 1.0
+    focus_distance_m: 2.0
+    blur:
+      kind: wavefront
+      zernike:
+        8: 50.0
+    provenance:
+      source: made up
+    """
+    file = Path(path)
+    fields, tables = _described(lens, file.stem)
+    if provenance is not None:
+        fields["provenance"] = _provenance(provenance)
+    text = dump_yaml(fields)
+    if len(text.encode()) > LARGEST_BYTES:
+        raise InputError(f"the optics file would exceed {LARGEST_BYTES >> 20} MiB", hint="Thin the tables of the lens")
+    if file.suffix.lower() not in SUFFIXES:
+        raise FileError(
+            file, "the name of an optics file", value=file.suffix, expected="one that ends in .yaml or .yml"
+        )
+    for name in (file.name, *tables):
+        beside = file.with_name(name)
+        if os.path.exists(beside) and not os.path.isfile(beside):
+            raise FileError(beside, "cannot be written: it is a folder or a device, not a file")
+    if not file.absolute().parent.is_dir():
+        raise FileError(file, f"cannot be written: there is no folder {file.parent}")
+    before = _tables_of(file)
+    with atomic_folder(file.absolute().parent, add=True) as folder:
+        for name, write in tables.items():
+            write(folder / name)
+        (folder / file.name).write_text(text, encoding="utf-8")
+    for name in before - set(tables):
+        with suppress(OSError):  # a table that is no longer named does no harm
+            file.with_name(name).unlink()
+
+
+def _tables_of(file: Path) -> set[str]:
+    """Return the names of tables that `write_optics` wrote beside this file before."""
+    try:
+        blur = read_yaml(file, "an optics file")["blur"]
+        named = {str(blur.get("file")), str(blur.get("source")), str(blur.get("pupil", {}).get("amplitude"))}
+    except (FileError, LookupError, TypeError, AttributeError):
+        return set()
+    return named & {f"{file.stem}.{kind}" for kind in ("otf.csv", "psf.npz", "design.npz", "pupil.npz")}
+
+
+def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tables]:
+    """Return the fields of the file, and the tables beside it."""
+    if type(lens) not in (Lens, DiffractionLimited):
+        raise InputError("lens", value=type(lens), expected="a Lens or a DiffractionLimited, to be written")
+    whole = lens if isinstance(lens, Lens) else Lens(lens)
+    base, fields = whole.base, Fields(photosite_optics=1)
+    if whole.name is not None:
+        fields["name"] = str(whole.name)
+    fields |= {"f_number": float(base.f_number), "focal_length_mm": float(base.focal_length_mm)}
+    passed = base.transmittance
+    if isinstance(passed, Spectrum):
+        fields["transmittance"] = {
+            "wavelength_nm": _list(passed.wavelength_nm),
+            "transmittance": _list(passed.values),
+        }
+    else:
+        fields["transmittance"] = float(passed)
+    if base.falloff != "none":
+        fields["falloff"] = base.falloff
+    if whole.focus_distance_m is not None:
+        fields["focus_distance_m"] = float(whole.focus_distance_m)
+    tables: Tables = {}
+    if whole.blur is not None:
+        fields["blur"], tables = _blur(whole.blur, stem)
+    if (light := whole.illumination) is not None:
+        fields["relative_illumination"] = _points(light.field) | {"relative": _list(light.relative)}
+    if (curve := whole.distortion) is not None:
+        fields["distortion"] = _points(curve.field) | {"percent": _list(100 * (curve.ratio - 1))}
+    if whole.lateral_color is not None:
+        fields["lateral_color"] = _lateral_color(whole.lateral_color)
+    if (veil := whole.veiling_glare) is not None:
+        fields["veiling_glare"] = {"fraction": float(veil.fraction)}
+        if veil.spread_m is not None:
+            fields["veiling_glare"]["spread_mm"] = float(veil.spread_m * 1e3)
+    return fields, tables
+
+
+def _list(values: ArrayLike) -> list[Any]:
+    found: list[Any] = np.asarray(values, np.float64).tolist()
+    return found
+
+
+def _points(points: FieldPoints) -> Fields:
+    if points.height_mm is not None:
+        return {"height_mm": _list(points.height_mm)}
+    assert points.angle_deg is not None
+    return {"field_deg": _list(points.angle_deg)}
+
+
+def _lateral_color(color: LateralColor) -> Fields:
+    waves = {"wavelength_nm": _list(color.wavelength_nm)}
+    if not color.everywhere:
+        return waves | _points(color.field) | {"shift_um": _list(color.shift_um)}
+    height = color.field.height_mm
+    if height is None or height.size != 1:
+        hint = "Omit everywhere, or use LateralColor.from_magnification"
+        raise InputError("lateral_color", expected="of one field point if it continues everywhere", hint=hint)
+    return waves | {"magnification": _list(1 + color.shift_um[:, 0] / (1e3 * height[0]))}
+
+
+def _provenance(given: Mapping[str, str]) -> Fields:
+    try:
+        fields: Fields = Provenance.model_validate(dict(given)).model_dump(exclude_none=True)
+    except (ValidationError, TypeError, ValueError):
+        expected = f"texts by name, of {', '.join(Provenance.model_fields)}"
+        raise InputError("provenance", value=given, expected=expected) from None
+    return fields
+
+
+def _blur(blur: object, stem: str) -> tuple[Fields, Tables]:
+    """Return the section, and the tables that it names."""
+    match blur:
+        case Wavefront() if type(blur) is Wavefront:
+            return _wavefront(blur, stem)
+        case OtfTable() if type(blur) is OtfTable:
+            name = f"{stem}.otf.csv"
+            return {"kind": "otf", "file": name, "beyond": blur.beyond}, {name: lambda path: write_otf(blur, path)}
+        case PsfTable() if type(blur) is PsfTable:
+            name = f"{stem}.psf.npz"
+            section = {"kind": "psf", "file": name, "normalise": bool(blur.normalise)}
+            return section, {name: lambda path: write_psf(blur, path)}
+        case LensDesign() if type(blur) is LensDesign:
+            name = f"{stem}.design.npz"
+            options = {"symmetric": bool(blur.symmetric), "tolerance": float(blur.tolerance), "rank": blur.rank}
+            options |= {"detail_um": blur.detail_um, "nodes": blur.nodes}
+            section = {"kind": "lens_design", "source": name}
+            section |= {key: value for key, value in options.items() if value is not None}
+            return section, {name: lambda path: write_design(blur, path)}
+    raise InputError("blur", value=type(blur), expected="a Wavefront, OtfTable, PsfTable or LensDesign, to be written")
+
+
+def _wavefront(blur: Wavefront, stem: str) -> tuple[Fields, Tables]:
+    default = Wavefront()
+    section: Fields = {"kind": "wavefront", "zernike": _coefficients(blur)}
+    for name in ("index", "unit", "reference_nm", "norm", "defocus_um"):
+        if (value := getattr(blur, name)) != getattr(default, name):
+            section[name] = value if isinstance(value, str) else float(value)
+    pupil, tables = _pupil(blur.pupil, stem)
+    if pupil:
+        section["pupil"] = pupil
+    if (focus := blur.chromatic_focus) is not None:
+        section["chromatic_focus"] = {"wavelength_nm": _list(focus.wavelength_nm), "shift_um": _list(focus.values)}
+    return section, tables
+
+
+def _coefficients(blur: Wavefront) -> dict[int | str, float]:
+    return {
+        f"{key[0]},{key[1]}" if isinstance(key, tuple | list) else int(key): float(value)
+        for key, value in blur.coefficients.items()
+    }
+
+
+def _pupil(pupil: Pupil, stem: str) -> tuple[Fields, Tables]:
+    """Return the fields of a pupil that differ from an open circle."""
+    section: Fields = {}
+    for name in ("obscuration", "blades", "rotation_deg", "roundness", "vanes", "vane_width", "vane_rotation_deg"):
+        if value := getattr(pupil, name):
+            section[name] = int(value) if name in ("blades", "vanes") else float(value)
+    amplitude = pupil.amplitude
+    if amplitude is None:
+        return section, {}
+    section["amplitude"] = f"{stem}.pupil.npz"
+    return section, {section["amplitude"]: lambda path: write_amplitude(amplitude, path)}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import integration_weights
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.chip import draw_chip

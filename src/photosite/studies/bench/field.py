@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import LateralColor
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.spread import FieldSpread, PlaneSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 from photosite.optics.wavefront import Wavefront
 from photosite.studies.bench.camera import COLS, EXPOSURE_S, LENS, ROWS, camera, scene, work_optics
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
@@ -35,7 +35,7 @@ class _Flares:
 
     kind: Literal["plane", "field"]
 
-    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
         y_m, x_m = np.linspace(-8e-3, 8e-3, 9), np.linspace(-12e-3, 12e-3, 13)
         y, x = (y_m / 8e-3)[:, None], (x_m / 12e-3)[None, :]
         flares = [0.1 * (1 + y) + 0 * x, 0.1 * (1 + x) + 0 * y, 0.2 * (x**2 + y**2), 0.1 * (1 + x * y)]
@@ -43,11 +43,11 @@ class _Flares:
         modes = [np.eye(len(weights))[r] for r in range(len(weights))]
         if self.kind == "plane":
             return _mixed_spots(base, distance_m, weights[:, -1, -1])
-        return FieldSpread(y_m, x_m, weights, tuple(_mixed_spots(base, distance_m, mode) for mode in modes))
+        return FieldPsf(y_m, x_m, weights, tuple(_mixed_spots(base, distance_m, mode) for mode in modes))
 
 
-def _mixed_spots(base: DiffractionLimited, distance_m: float, shares: Array) -> PlaneSpread:
-    diffraction = base.spread(distance_m)
+def _mixed_spots(base: DiffractionLimited, distance_m: float, shares: Array) -> PlanePsf:
+    diffraction = base.point_spread(distance_m)
 
     def otf(fy: Array, fx: Array, wavelength_nm: float) -> NDArray[np.complex128]:
         square = fy**2 + fx**2
@@ -58,7 +58,7 @@ def _mixed_spots(base: DiffractionLimited, distance_m: float, shares: Array) -> 
                 total += share * np.exp(-2 * (np.pi * sigma * 1e-6) ** 2 * square - 2j * np.pi * turns)
         return total * diffraction.otf(np.sqrt(square), wavelength_nm)
 
-    return PlaneSpread(otf, diffraction.cutoff_per_m, lambda wavelength_nm: diffraction.reach_m(wavelength_nm) + 25e-6)
+    return PlanePsf(otf, diffraction.cutoff_per_m, lambda wavelength_nm: diffraction.reach_m(wavelength_nm) + 25e-6)
 
 
 @lru_cache(maxsize=4)

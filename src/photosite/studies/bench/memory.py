@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from photosite.camera.camera import Camera
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.bench.timing import peak_mb

@@ -20,7 +20,7 @@ from photosite.frames.frame_set import FrameSet
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor

@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.ring import defocus_transfer
-from photosite.optics.spread import RadialMapping, RadialSpread, VeilingGlare
+from photosite.optics.annular import defocused_otf
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.mapping import RadialMapping
+from photosite.optics.point_spread import RadialPsf
+from photosite.optics.veiling_glare import VeilingGlare
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
@@ -84,7 +86,7 @@ class AberratedLens:
     Notes
     -----
     The exact transfer function of a circular pupil with the phase 2 pi W r^2, W = sqrt(12) RMS / wavelength, see
-    `photosite.optics.ring.defocus_transfer`. Its transform is an intensity, so no pixel gets less than no light.
+    `photosite.optics.annular.defocused_otf`. Its transform is an intensity, so no pixel gets less than no light.
 
     Examples
     --------
@@ -116,7 +118,7 @@ class AberratedLens:
     def otf(self, frequency_per_m: NDArray[np.float64], wavelength_nm: float, distance_m: float) -> NDArray[np.float64]:
         """The transfer function of the pupil with its wavefront error."""
         waves_at_rim = math.sqrt(12.0) * self.wavefront_error_waves * _WAVEFRONT_NM / wavelength_nm
-        return defocus_transfer(frequency_per_m / self.cutoff_per_m(wavelength_nm, distance_m), waves_at_rim)
+        return defocused_otf(frequency_per_m / self.cutoff_per_m(wavelength_nm, distance_m), waves_at_rim)
 
     def relative_illumination(
         self, image_height_m: NDArray[np.float64], distance_m: float
@@ -124,9 +126,9 @@ class AberratedLens:
         """As the lens's."""
         return self.lens.relative_illumination(image_height_m, distance_m)
 
-    def spread(self, distance_m: float) -> RadialSpread:
+    def point_spread(self, distance_m: float) -> RadialPsf:
         """The point spread of the pupil with its wavefront error; so small a one does not reach farther."""
-        ideal = self.lens.spread(distance_m)
+        ideal = self.lens.point_spread(distance_m)
         return replace(ideal, otf=lambda frequency, wavelength_nm: self.otf(frequency, wavelength_nm, distance_m))
 
     def mapping(self, distance_m: float) -> RadialMapping | None:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.pupil import Pupil
 from photosite.optics.wavefront import Wavefront
 from photosite.report.style import styled

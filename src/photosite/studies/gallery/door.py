@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from photosite.camera.camera import Camera
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene

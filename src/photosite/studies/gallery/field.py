@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
+from photosite.optics.lens import Lens
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene

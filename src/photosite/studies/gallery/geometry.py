@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.radial_table import FieldPoints
+from photosite.optics.field_points import FieldPoints
+from photosite.optics.lens import Lens
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.studies.gallery.panels import Panel, enlarged, pictures

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Lens
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import VeilingGlare
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens import Lens
+from photosite.optics.veiling_glare import VeilingGlare
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.scene import Scene

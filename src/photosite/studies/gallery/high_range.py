@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, VERMILION, styled
 from photosite.scene import charts
 from photosite.scene.preview import tristimulus

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.optics.compound import Blur, Lens
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.sampled import offsets
-from photosite.optics.spread import FieldSpread, Spread
+from photosite.optics.point_spread import FieldPsf, PointSpread
+from photosite.optics.protocols import Blur
+from photosite.optics.sampled_psf import sample_positions
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
 from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
@@ -51,7 +52,11 @@ def comatic_psf(height: float, azimuth_rad: float) -> Array:
     field = np.where(r2 <= 1, np.exp(2j * math.pi * waves), 0)
     # Of a point at x the path over the pupil is u x / (2 N): a wavefront that rises with u moves the image to +x.
     kernel = np.exp(
-        -2j * math.pi * offsets(SAMPLES, SPACING_UM)[:, None] * rim / (2 * BASE.f_number * WAVELENGTH_NM * 1e-3)
+        -2j
+        * math.pi
+        * sample_positions(SAMPLES, SPACING_UM)[:, None]
+        * rim
+        / (2 * BASE.f_number * WAVELENGTH_NM * 1e-3)
     )
     psf = np.abs(kernel @ field @ kernel.T) ** 2
     return np.asarray(psf / psf.sum())
@@ -96,10 +101,10 @@ class FirstModes:
     design: LensDesign
     rank: int
 
-    def spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> Spread:
+    def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
         """The sum of the first modes."""
-        whole = self.design.spread(base, distance_m, focus_distance_m)
-        assert isinstance(whole, FieldSpread)
+        whole = self.design.point_spread(base, distance_m, focus_distance_m)
+        assert isinstance(whole, FieldPsf)
         error = float(self.design.low_rank.error_by_rank[self.rank - 1])
         return replace(whole, weights=whole.weights[: self.rank], modes=whole.modes[: self.rank], relative_error=error)
 

@@ -9,9 +9,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.point_spread import PlanePsf, RadialPsf
 from photosite.optics.pupil import Pupil
-from photosite.optics.spread import PlaneSpread, RadialSpread
 from photosite.optics.wavefront import Wavefront
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
 
@@ -35,14 +35,14 @@ PLATE: tuple[tuple[str, Wavefront], ...] = (
 )
 
 
-def transfer(spread: RadialSpread | PlaneSpread, fy_per_m: Array, fx_per_m: Array) -> NDArray[np.complex128]:
+def transfer(spread: RadialPsf | PlanePsf, fy_per_m: Array, fx_per_m: Array) -> NDArray[np.complex128]:
     """A lens's transfer function in the plane, whichever kind of spread it has."""
-    if isinstance(spread, RadialSpread):
+    if isinstance(spread, RadialPsf):
         return spread.otf(np.hypot(fy_per_m, fx_per_m), _WAVELENGTH_NM).astype(np.complex128)
     return spread.otf(fy_per_m, fx_per_m, _WAVELENGTH_NM)
 
 
-def point_image(spread: RadialSpread | PlaneSpread, half_m: float, count: int) -> Array:
+def point_image(spread: RadialPsf | PlanePsf, half_m: float, count: int) -> Array:
     """(count, count) point spread over a square of 2 half_m, per m2.
 
     By the Fourier sum over frequencies so close that what repeats stays eight squares away.
@@ -66,10 +66,10 @@ def optics_plate() -> Figure:
     with styled():
         figure = Figure(figsize=(11.0, 9.4), layout="constrained")
         axes = figure.subplots(4, 4, height_ratios=(1.15, 1, 1.15, 1))
-        peak = point_image(Wavefront().spread(_LENS, np.inf), _HALF_UM * 1e-6, _SAMPLES).max()
+        peak = point_image(Wavefront().point_spread(_LENS, np.inf), _HALF_UM * 1e-6, _SAMPLES).max()
         for k, (title, wavefront) in enumerate(PLATE):
             row, col = 2 * (k // 4), k % 4
-            spread = wavefront.spread(_LENS, np.inf)
+            spread = wavefront.point_spread(_LENS, np.inf)
             _draw_image(figure, axes[row, col], spread, title, peak, last=col == 3)
             _draw_curves(axes[row + 1, col], spread, first=col == 0)
         axes[1, 0].legend(loc="upper right", handlelength=1.8, borderaxespad=0.0)
@@ -77,7 +77,7 @@ def optics_plate() -> Figure:
 
 
 def _draw_image(
-    figure: Figure, axes: Any, spread: RadialSpread | PlaneSpread, title: str, peak: float, *, last: bool
+    figure: Figure, axes: Any, spread: RadialPsf | PlanePsf, title: str, peak: float, *, last: bool
 ) -> None:
     image = point_image(spread, _HALF_UM * 1e-6, _SAMPLES) / peak
     # Between two dark rings a value is 0 but for rounding: the scale ends before.
@@ -96,7 +96,7 @@ def _draw_image(
         bar.ax.set_yticklabels(["10⁻⁴", "10⁻³", "10⁻²", "0.1", "1"])
 
 
-def _draw_curves(axes: Any, spread: RadialSpread | PlaneSpread, *, first: bool) -> None:
+def _draw_curves(axes: Any, spread: RadialPsf | PlanePsf, *, first: bool) -> None:
     f = np.linspace(0.0, spread.cutoff_per_m(_WAVELENGTH_NM), 401)
     ideal = _LENS.otf(f, _WAVELENGTH_NM, np.inf)
     zero = np.zeros_like(f)

@@ -13,9 +13,10 @@ from photosite.camera.mean_image import electrons_per_weight
 from photosite.camera.optical_stack import low_pass_split_m
 from photosite.errors import InputError
 from photosite.metrics.sharpness import slanted_edge_mtf
-from photosite.optics.compound import Lens
-from photosite.optics.lens import DiffractionLimited
-from photosite.optics.spread import Optics, PlaneSpread, RadialSpread
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens import Lens
+from photosite.optics.point_spread import PlanePsf, RadialPsf
+from photosite.optics.protocols import Optics
 from photosite.optics.wavefront import Wavefront
 from photosite.report.style import BLACK, BLUE, GRAY, GREEN, ORANGE, VERMILION, styled
 from photosite.scene import charts
@@ -60,13 +61,13 @@ def optics_times_aperture(
     side_m = pitch_m * math.sqrt(sensor.pixel.fill_factor.value)
     across = np.asarray(frequency_cycles_per_pixel, np.float64) / pitch_m
     fy, fx = across * math.sin(math.radians(angle_deg)), across * math.cos(math.radians(angle_deg))
-    spread = camera.optics.spread(scene.distance_m)
+    spread = camera.optics.point_spread(scene.distance_m)
     of_channel = electrons_per_weight(scene, camera.optics, sensor)[sensor.channel_names.index(channel)].sum(axis=0)
     transfer = np.zeros(across.shape, np.complex128)
     for share, wavelength_nm in zip(of_channel / of_channel.sum(), scene.wavelength_nm, strict=True):
-        if isinstance(spread, RadialSpread):
+        if isinstance(spread, RadialPsf):
             transfer += share * spread.otf(across, wavelength_nm)
-        elif isinstance(spread, PlaneSpread):
+        elif isinstance(spread, PlanePsf):
             transfer += share * spread.otf(fy, fx, wavelength_nm)
         else:
             raise InputError("a lens whose blur differs over the field has no one transfer; take it at one place")

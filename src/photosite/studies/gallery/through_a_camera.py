@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from photosite.camera.camera import Camera
 from photosite.camera.dng_profile import color_matrix
 from photosite.develop.develop import develop
-from photosite.optics.lens import DiffractionLimited
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.style import styled
 from photosite.scene import charts
 from photosite.scene.planes import Planes

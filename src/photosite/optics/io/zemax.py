@@ -1,7 +1,14 @@
-"""Text listings of Zemax OpticStudio: point spreads, relative illumination, distortion.
+"""Text listings of Zemax OpticStudio: PSFs, relative illumination, distortion.
 
-They are what an analysis window's text tab saves, in any of the encodings and decimal marks that versions and
-countries have. Layouts: docs/optics.md says after which published examples they were written.
+They are what the text tab of an analysis window saves, in any of its encodings and decimal marks. docs/optics.md names
+the published examples of each layout. A listing of grid distortion looks like this:
+
+Units are Millimeters.
+Wavelength: 0.55000 µm
+Reference Coordinates: Xref = 0.00000E+000, Yref = 0.00000E+000
+
+   i    j      X-Field       Y-Field      R-Field   Predicted X   Predicted Y        Real X        Real Y   Distortion
+ -32  -32 -1.94201E+001 -1.48108E+001 2.37825E+001 -6.96011E-001 -5.22008E-001 -6.64084E-001 -4.98063E-001 -4.587114%
 """
 
 from __future__ import annotations
@@ -14,20 +21,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.optics.distortion import Distortion, LateralColor
+from photosite.optics.field_points import FieldPoints, even_curve
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.io.listings.grid_distortion import is_grid_distortion, read_grid_distortion
-from photosite.optics.io.listings.text import (
+from photosite.optics.io.listing import (
     NUMBER,
-    PsfListing,
     TableRows,
     finite,
     grid_of_numbers,
     micrometers,
+    number,
     read_text,
 )
-from photosite.optics.radial_table import FieldPoints
+from photosite.optics.io.psf_listing import PsfListing
 
 Array = NDArray[np.float64]
 
@@ -47,46 +54,59 @@ _WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
 _SAME_NM = 0.05
 _MOST_DIGITS = 9
 _SAME_FOCAL = 2e-4
-"""Below 1.4 degrees a tangent and an angle do not differ by more."""
+"""Relative difference of focal lengths; a tangent and an angle differ by less below 1.4 degrees."""
+
+_GRID_HEADING = re.compile(r"predicted\s+x\s+predicted\s+y\s+real\s+x\s+real\s+y", re.IGNORECASE)
+_GRID_UNITS = re.compile(r"^\s*Units are\s*:?\s*([A-Za-z]+)", re.IGNORECASE)
+_GRID_WAVELENGTH = re.compile(rf"^\s*Wavelength\s*:?\s*({NUMBER})\s*(\S*m\S*)", re.IGNORECASE)
+_GRID_REFERENCE = re.compile(rf"Xref\s*=\s*({NUMBER}),?\s+Yref\s*=\s*({NUMBER})", re.IGNORECASE)
+_GRID_COLUMNS = 10
+_SYMMETRIC = 2e-3
+"""Distance of a point from its rotationally symmetric position, relative to the largest height."""
+_SAME_GRID_NM = 0.5
 
 
-def is_psf_listing(lines: list[str]) -> bool:
-    """Whether these are a listing of an FFT or Huygens point spread."""
+def is_psf_file(path: Path, suffixes: tuple[str, ...]) -> bool:
+    """Return whether a file is a listing of an FFT or Huygens PSF."""
+    return path.suffix.lower() in suffixes and _is_psf_listing(read_text(path, "a listing"))
+
+
+def _is_psf_listing(lines: list[str]) -> bool:
     return any(re.match(r"\s*listing of .*psf", line, re.IGNORECASE) for line in lines[:12])
 
 
 def read_psf(path: str | PathLike[str]) -> PsfListing:
-    """A listing of an FFT PSF or Huygens PSF.
+    """Read a listing of an FFT PSF or Huygens PSF.
 
     Raises
     ------
     FileError
-        If it is not one, is of several wavelengths together, or lacks the distance of samples; with the line.
+        If it is not one, is of several wavelengths together, or lacks the sample spacing; with the line.
     """
     file = Path(path)
-    lines = read_text(file, "a listing of a point spread")
-    if not is_psf_listing(lines):
-        raise FileError(file, "is not a listing of an FFT or Huygens PSF: its first lines name none")
+    lines = read_text(file, "a listing of a PSF")
+    if not _is_psf_listing(lines):
+        raise FileError(file, "is not a listing of an FFT or Huygens PSF")
     header = _Header(file)
     start = None
     for index, line in enumerate(lines):
         if (match := _VALUES.match(line)) is not None:
             if re.search("log|phase|real|imag", match[1], re.IGNORECASE):
-                raise FileError(file, f"values are {match[1].strip()}: export linear intensity", index + 1)
+                raise FileError(file, "values", index + 1, value=match[1].strip(), expected="linear intensity")
             start = _first_row(lines, index + 1)
             break
         header.take(line, index + 1)
     if start is None:
-        raise FileError(file, "has no line 'Values are ...' before its numbers; save the whole listing")
+        raise FileError(file, "has no line 'Values are ...' before its numbers", hint="Save the whole listing")
     if header.spacing_um is None:
-        raise FileError(file, "does not say 'Data spacing is ... µm'; save the whole listing, its header too")
+        raise FileError(file, "does not state 'Data spacing is ... µm'", hint="Save the whole listing with its header")
     samples = grid_of_numbers(lines, start, file, None if header.grid is None else header.grid[0])
     if header.grid is not None and samples.shape != header.grid:
-        rows, cols = header.grid
-        raise FileError(file, f"says {cols} by {rows} samples and holds {samples.shape[1]} by {samples.shape[0]}")
+        raise FileError(file, "samples", value=samples.shape, expected=f"{header.grid}, as the header states")
     origin = header.origin or (samples.shape[0] // 2, samples.shape[1] // 2)
     if not (0 <= origin[0] < samples.shape[0] and 0 <= origin[1] < samples.shape[1]):
-        raise FileError(file, f"its center point, row {origin[0] + 1} column {origin[1] + 1}, is not in its grid")
+        row_and_column = (origin[0] + 1, origin[1] + 1)
+        raise FileError(file, "center point", value=row_and_column, expected=f"within the {samples.shape} samples")
     return PsfListing(
         file,
         samples,
@@ -100,7 +120,7 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
 
 
 def _first_row(lines: list[str], first: int) -> int:
-    """Where numbers begin: versions differ in what stands between "Values are ..." and them."""
+    """Return the index of the first row of numbers; versions differ in what precedes it."""
     for index in range(first, len(lines)):
         if sum(re.fullmatch(NUMBER, part) is not None for part in lines[index].split()) >= 3:
             return index
@@ -109,7 +129,7 @@ def _first_row(lines: list[str], first: int) -> int:
 
 @dataclass
 class _Header:
-    """What the lines above the numbers say."""
+    """Values from the lines above the numbers."""
 
     path: Path
     spacing_um: float | None = None
@@ -127,10 +147,11 @@ class _Header:
             first, last, unit, x, y, field_unit = match.groups()
             self.wavelength_nm = micrometers(first, unit, self.path, at) * 1e3
             if last is not None and abs(micrometers(last, unit, self.path, at) * 1e3 - self.wavelength_nm) > _SAME_NM:
-                raise FileError(self.path, "is of several wavelengths together; save one listing for each", at)
+                hint = "Save one listing for each wavelength"
+                raise FileError(self.path, "is of several wavelengths together", at, hint=hint)
             if field_unit.lower() not in _FIELD_UNITS:
-                raise FileError(self.path, f"its field is in '{field_unit}', neither deg nor mm", at)
-            # One number is the field along y.
+                raise FileError(self.path, "unit of the field", at, value=field_unit, expected="deg or mm")
+            # A single number is the field along y.
             along = [finite(part, self.path, at) for part in (x, y) if part is not None]
             self.field = (0.0, along[0]) if y is None else (along[0], along[1])
             self.unit = _FIELD_UNITS[field_unit.lower()]
@@ -152,11 +173,13 @@ class _Header:
 
     def _count(self, digits: str, at: int) -> int:
         if len(digits) > _MOST_DIGITS:
-            raise FileError(self.path, f"'{digits[:40]}' is too large a number of samples", at)
+            raise FileError(
+                self.path, "number of samples", at, value=digits, expected=f"of {_MOST_DIGITS} digits or less"
+            )
         return int(digits)
 
     def finest_spacing_um(self, samples: int) -> float | None:
-        """The spacing, from the area where that has more digits and is the same within rounding."""
+        """Return the spacing, from the area if that has more digits and agrees within rounding."""
         if self.spacing_um is None or self.area_um is None:
             return self.spacing_um
         finer = self.area_um / samples
@@ -164,24 +187,24 @@ class _Header:
 
 
 def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
-    """A listing of relative illumination over field angle or image height.
+    """Read a listing of relative illumination over field angle or image height.
 
     Raises
     ------
     FileError
-        If it is none, does not say in which unit its field is, or that is neither an angle nor a length.
+        If it is not one, or its field is neither an angle nor a length.
     """
     file = Path(path)
     lines = read_text(file, "a listing of relative illumination")
     if "relative illumination" not in " ".join(lines[:12]).lower():
-        raise FileError(file, "is not a listing of relative illumination: its first lines do not name it")
+        raise FileError(file, "is not a listing of relative illumination")
     unit: tuple[str, float] | None = None
     listed = TableRows(file)
     in_table = False
     for index, line in enumerate(lines):
-        said = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
-        if said is not None:
-            unit = _field_unit(said[1], file, index + 1)
+        found = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
+        if found is not None:
+            unit = _field_unit(found[1], file, index + 1)
         elif re.search(r"field.*rel\.?\s*ill", line, re.IGNORECASE):
             in_table = True
             inside = re.search(r"\((deg|mm|cm|m\b|in\b)", line, re.IGNORECASE)
@@ -191,29 +214,31 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
     if not listed.rows:
         raise FileError(file, "has no table of field and relative illumination")
     if unit is None:
-        raise FileError(file, "does not say whether its field is in degrees or in mm; give the table in the YAML file")
+        hint = "Give the table in the optics file"
+        raise FileError(file, "does not state whether its field is in degrees or in mm", hint=hint)
     table = np.array(listed.rows)
     kind, scale = unit
     with np.errstate(over="ignore"):
         place = table[:, 0] * scale
     if not np.isfinite(place).all():
-        raise FileError(file, "its field, in mm, is too large a number")
+        raise FileError(file, "field, in mm", expected="finite")
     try:
         points = FieldPoints(angle_deg=place) if kind == "deg" else FieldPoints(height_mm=place)
         return IlluminationTable(points, table[:, 1])
-    except ValueError as error:
-        raise FileError(file, str(error)) from None
+    except InputError as error:
+        raise error.in_file(file) from None
 
 
-def _field_unit(name: str, file: Path, at: int) -> tuple[str, float]:
-    """deg or mm, and how many of them the unit is."""
+def _field_unit(name: str, file: Path, line: int) -> tuple[str, float]:
+    """Return deg or mm, and the factor to it."""
     if _FIELD_UNITS.get(name.lower()) == "deg":
         return "deg", 1.0
     try:
-        return "mm", micrometers("1", name, file, at) * 1e-3
+        return "mm", micrometers("1", name, file, line) * 1e-3
     except FileError:
-        known = "neither degrees nor a length that is known here (mm, cm, m, inches)"
-        raise FileError(file, f"its field is in '{name[:40]}', {known}; give the table in the YAML file", at) from None
+        expected = "degrees, mm, cm, m or inches"
+        hint = "Give the table in the optics file"
+        raise FileError(file, "unit of the field", line, value=name, expected=expected, hint=hint) from None
 
 
 @dataclass
@@ -243,64 +268,65 @@ _COLUMNS = {
 
 
 def read_distortion(
-    path: str | PathLike[str], *, wavelength_nm: float | None = None
+    path: str | PathLike[str], wavelength_nm: float | None = None
 ) -> tuple[Distortion, LateralColor | None]:
-    """A listing of field curvature and distortion over field angle, of one or more wavelengths, or of grid distortion.
+    """Read a listing of field curvature and distortion over field angle, or of grid distortion.
 
     Parameters
     ----------
     path
         The file.
     wavelength_nm
-        Whose distortion is the lens's; None: the first of the listing.
+        Wavelength of the distortion; None: the first of the listing.
 
     Returns
     -------
     distortion
-        Of that wavelength.
+        Distortion at that wavelength.
     lateral_color
-        How far the others fall from it; None where there is one wavelength, or no real heights.
+        Displacements of the others; None if there is one wavelength, or no real heights.
 
     Raises
     ------
     FileError
-        If it is no such listing, its distortion is not against f tan(theta), or the wavelength is not in it.
+        If it is not such a listing, its distortion is not of the type f tan(theta), or it lacks the wavelength.
     """
     file = Path(path)
     lines = read_text(file, "a listing of distortion")
-    if is_grid_distortion(lines):
-        return read_grid_distortion(lines, file, wavelength_nm), None
+    if "grid distortion" in " ".join(lines[:12]).lower():
+        return _grid_distortion(lines, file, wavelength_nm), None
     head = " ".join(lines[:20]).lower()
     if "distortion" not in head:
-        raise FileError(file, "is not a listing of distortion: its first lines do not name it")
+        raise FileError(file, "is not a listing of distortion")
     blocks = _blocks(lines, file)
     if not blocks:
-        raise FileError(
-            file, "has no table with field angle and distortion; save the text of Field Curvature/Distortion"
-        )
+        hint = "Save the text of Field Curvature/Distortion"
+        raise FileError(file, "has no table with field angle and distortion", hint=hint)
     chosen = _chosen(file, blocks, wavelength_nm)
     angle = chosen.column("angle")
     assert angle is not None
     real, reference = chosen.column("real"), chosen.column("reference")
     if not re.search(r"f-tan\s*\(theta\)", head) and ("distortion type" in head or not _is_tangent(angle, reference)):
-        raise FileError(file, "its distortion is not of the type F-Tan(Theta); set that in the analysis and save again")
+        hint = "Set that type in the analysis, and save again"
+        raise FileError(file, "distortion", expected="of the type F-Tan(Theta)", hint=hint)
     if (unit := re.search(r"(?:height|shift) units are\s*:?\s*([a-z]+)", head)) and "millimet" not in unit[1]:
-        raise FileError(file, f"its heights are in {unit[1]}; set the lens to mm and save again")
+        hint = "Set the lens to mm, and save again"
+        raise FileError(file, "unit of the heights", value=unit[1], expected="millimeters", hint=hint)
     try:
         points = FieldPoints(angle_deg=np.abs(angle))
         if real is not None and reference is not None:
             ratio = np.ones(angle.size)
             np.divide(real, reference, out=ratio, where=reference != 0)
-            return Distortion(points, ratio), _lateral(file, points, chosen, blocks)
+            return Distortion(points, ratio), _lateral_color(file, points, chosen, blocks)
         percent = chosen.column("distortion")
         assert percent is not None
         return Distortion.from_percent(points, percent), None
-    except ValueError as error:
-        raise FileError(file, str(error)) from None
+    except InputError as error:
+        raise error.in_file(file) from None
 
 
 def _is_tangent(angle_deg: Array, reference: Array | None) -> bool:
-    """Whether reference heights are those of a tangent: listings that a program's interface saved name no type."""
+    """Return whether reference heights go with the tangent: listings saved by a script do not name the type."""
     if reference is None or not (off_axis := angle_deg != 0).any():
         return False
     focal = reference[off_axis] / np.tan(np.radians(angle_deg[off_axis]))
@@ -311,8 +337,8 @@ def _blocks(lines: list[str], file: Path) -> list[_Block]:
     blocks: list[_Block] = []
     wavelength: float | None = None
     for index, line in enumerate(lines):
-        if (said := _WAVELENGTH.search(line)) is not None and "data for" in line.lower():
-            wavelength = micrometers(said[1], said[2], file, index + 1) * 1e3
+        if (match := _WAVELENGTH.search(line)) is not None and "data for" in line.lower():
+            wavelength = micrometers(match[1], match[2], file, index + 1) * 1e3
             continue
         found = {name: match.start() for name, text in _COLUMNS.items() if (match := re.search(text, line.lower()))}
         if "angle" in found and "distortion" in found:
@@ -323,10 +349,10 @@ def _blocks(lines: list[str], file: Path) -> list[_Block]:
     full = [block for block in blocks if block.table.rows]
     for index, block in enumerate(full):
         if len(block.table.rows) < 2:
-            raise FileError(file, "this table has one row, not two or more; save the whole listing", block.line)
+            raise FileError(file, "rows of this table", block.line, value=1, expected="two or more")
         if any(block.wavelength_nm == before.wavelength_nm for before in full[:index]):
             which = "no wavelength" if block.wavelength_nm is None else f"{block.wavelength_nm:g} nm"
-            raise FileError(file, f"this is the second table of {which}; save one of each wavelength", block.line)
+            raise FileError(file, f"this is the second table of {which}", block.line, hint="Save one of each")
     return full
 
 
@@ -337,10 +363,10 @@ def _chosen(file: Path, blocks: list[_Block], wavelength_nm: float | None) -> _B
         if block.wavelength_nm is not None and abs(block.wavelength_nm - wavelength_nm) < 0.5:
             return block
     known = ", ".join("?" if b.wavelength_nm is None else f"{b.wavelength_nm:g}" for b in blocks)
-    raise FileError(file, f"has no distortion at {wavelength_nm:g} nm; it has {known} nm")
+    raise FileError(file, "wavelength_nm", value=wavelength_nm, expected=f"one of {known}")
 
 
-def _lateral(file: Path, points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
+def _lateral_color(file: Path, points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
     own, angle = chosen.column("real"), chosen.column("angle")
     known: dict[float, Array] = {}
     for block in blocks:
@@ -348,9 +374,54 @@ def _lateral(file: Path, points: FieldPoints, chosen: _Block, blocks: list[_Bloc
         if block.wavelength_nm is None or heights is None:
             continue
         if not np.array_equal(block.column("angle"), angle):  # type: ignore[arg-type]
-            raise FileError(file, "this table's angles are not those of the other wavelengths", block.line)
+            raise FileError(file, "the angles of this table differ from those of the other wavelengths", block.line)
         known[block.wavelength_nm] = heights
     if own is None or len(known) < 2:
         return None
     shift = np.stack([(np.abs(known[w]) - np.abs(own)) * 1e3 for w in sorted(known)])
     return LateralColor(np.array(sorted(known)), points, shift)
+
+
+def _grid_distortion(lines: list[str], file: Path, wavelength_nm: float | None) -> Distortion:
+    """Return the distortion along the diagonal of the grid, on which all other points must lie, too."""
+    start = next((index for index, line in enumerate(lines) if _GRID_HEADING.search(line)), None)
+    if start is None:
+        raise FileError(file, "has no table of predicted and real X and Y", hint="Save the text of Grid Distortion")
+    _check_grid_header(lines[:start], file, wavelength_nm)
+    listed = TableRows(file, _GRID_COLUMNS)
+    for index in range(start + 1, len(lines)):
+        listed.take(lines[index], index + 1)
+    table = np.array(listed.rows).reshape(-1, _GRID_COLUMNS)
+    ideal, real = table[:, 5:7], table[:, 7:9]
+    diagonal = (table[:, 0] == table[:, 1]) & (table[:, 0] > 0)
+    height = np.hypot(*ideal[diagonal].T)
+    if height.size < 3 or not height.all() or not np.isfinite(table).all():
+        raise FileError(
+            file, "the grid of points", expected="complete, with rows (i, j) = (1, 1), (2, 2), (3, 3) at least"
+        )
+    order = np.argsort(height, kind="stable")
+    try:
+        found = Distortion(FieldPoints(height_mm=height[order]), np.hypot(*real[diagonal].T)[order] / height[order])
+    except InputError as error:
+        raise error.in_file(file) from None
+    radius, largest = np.hypot(*ideal.T), height[order][-1]
+    ratio = even_curve(height[order], found.ratio, radius)
+    apart = np.hypot(*(real - ideal * ratio[:, None]).T) / largest
+    if (worst := float(apart[radius <= largest * (1 + 1e-6)].max(initial=0.0))) > _SYMMETRIC:
+        what = f"the distortion is not rotationally symmetric: a point deviates by {worst:.2g} of the largest height"
+        raise FileError(file, what)
+    return found
+
+
+def _check_grid_header(lines: list[str], file: Path, wavelength_nm: float | None) -> None:
+    for index, line in enumerate(lines):
+        if (match := _GRID_UNITS.match(line)) is not None and not match[1].lower().startswith("millimet"):
+            hint = "Set the lens to mm, and save again"
+            raise FileError(file, "units", index + 1, value=match[1], expected="Millimeters", hint=hint)
+        if (match := _GRID_REFERENCE.search(line)) is not None and (number(match[1]) or number(match[2])):
+            value = (number(match[1]), number(match[2]))
+            raise FileError(file, "reference field", index + 1, value=value, expected="the axis, (0, 0)")
+        if (match := _GRID_WAVELENGTH.match(line)) is not None and wavelength_nm is not None:
+            own = micrometers(match[1], match[2], file, index + 1) * 1e3
+            if abs(own - wavelength_nm) > _SAME_GRID_NM:
+                raise FileError(file, "wavelength_nm", index + 1, value=wavelength_nm, expected=f"{own:g}")

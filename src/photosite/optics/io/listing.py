@@ -1,8 +1,4 @@
-"""Text that lens-design programs write: its encoding, its numbers, and what a listing of a point spread says.
-
-The programs' own layouts are read in `zemax` and `codev`; from listings to a `LensDesign` goes `design_files`, and
-from the files that ISET's macros write with either program to a whole lens `ray_trace`.
-"""
+"""Text files of lens-design programs: encodings, numbers, tables, and grids of numbers."""
 
 from __future__ import annotations
 
@@ -20,15 +16,15 @@ from photosite.errors import FileError
 from photosite.files.small import read_small
 
 LARGEST_BYTES = 1 << 27
-"""Of a listing that is read at all: 2048 x 2048 numbers in UTF-16 take that."""
+"""Largest listing that is read: 2048 x 2048 numbers in UTF-16."""
 
 NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][-+]?\d+)?"
-"""With a decimal point or comma; a comma and a blank separate two numbers."""
+"""A number with a decimal point or comma; a comma and a blank separate two numbers."""
 
 _WORD = re.compile(r"[^\W\d_]{2}|^\d+(?:[:/.-]\d+){2,}$")
 """Two letters, a date or a time."""
-_NO_NUMBER = re.compile(r"^[-+]?(?:nan|inf(?:inity)?)$|#", re.IGNORECASE)
-"""What programs write for a number that is none: NaN, Infinity, 1.#IND."""
+_NOT_A_NUMBER = re.compile(r"^[-+]?(?:nan|inf(?:inity)?)$|#", re.IGNORECASE)
+"""What programs write for invalid numbers: NaN, Infinity, 1.#IND."""
 
 _MICRO = {"µm", "μm", "um", "�m", "microns", "micrometers", "micrometer"}
 _LENGTHS_UM = {
@@ -41,47 +37,13 @@ _LENGTHS_UM = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class PsfListing:
-    """One point spread as a file has it; what the file does not say is None.
-
-    Parameters
-    ----------
-    path
-        The file.
-    samples
-        (rows, cols) in the file's order.
-    origin
-        (row, col), from 0, of the sample at the field point's reference.
-    spacing_um
-        Between samples.
-    wavelength_nm
-        Of the light.
-    field
-        (x, y) of the field point.
-    field_unit
-        "deg" or "mm" as the file says.
-    center_mm
-        (x, y) on the image surface where the origin lies; the lens's unit is taken for mm where the file names none.
-    """
-
-    path: Path
-    samples: NDArray[np.float64]
-    origin: tuple[float, float]
-    spacing_um: float | None = None
-    wavelength_nm: float | None = None
-    field: tuple[float, float] | None = None
-    field_unit: str | None = None
-    center_mm: tuple[float, float] | None = None
-
-
 def read_text(path: str | PathLike[str], what: str) -> list[str]:
-    """The lines of a text in UTF-16, UTF-8 or Latin-1, whichever it is.
+    """Return the lines of a text file in UTF-16, UTF-8 or Latin-1, whichever it is.
 
     Raises
     ------
     FileError
-        If the file cannot be read, is too large, or is no text.
+        If the file cannot be read, is too large, or is not text.
     """
     file = Path(path)
     text = _decoded(read_small(file, what, LARGEST_BYTES))
@@ -93,7 +55,7 @@ def read_text(path: str | PathLike[str], what: str) -> list[str]:
 def _decoded(content: bytes) -> str | None:
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
-    elif b"\0" in content[:200]:  # some exports leave the byte order mark out
+    elif b"\0" in content[:200]:  # some exports omit the byte order mark
         encodings = ["utf-16-le" if content[1:2] == b"\0" else "utf-16-be"]
     else:
         encodings = ["utf-8-sig", "latin-1"]
@@ -106,7 +68,7 @@ def _decoded(content: bytes) -> str | None:
 
 
 def number(text: str) -> float:
-    """A number with a decimal point or comma, and an exponent of E or D.
+    """Return a number with a decimal point or comma, and an exponent of E or D.
 
     Examples
     --------
@@ -117,56 +79,42 @@ def number(text: str) -> float:
 
 
 def finite(text: str, path: Path, line: int) -> float:
-    """A finite number.
-
-    Raises
-    ------
-    FileError
-        If it is beyond what a number can be.
-    """
+    """Return a number; raise `FileError` if it overflows."""
     value = number(text)
     if not math.isfinite(value):
-        raise FileError(path, f"'{text[:40]}' is too large a number", line)
+        raise FileError(path, "number", line, value=text, expected="within the range of floating-point numbers")
     return value
 
 
 def micrometers(value: str, unit: str, path: Path, line: int) -> float:
-    """A length with its unit, in um.
-
-    Raises
-    ------
-    FileError
-        If the unit is not one of length, or the number not finite.
-    """
+    """Return a length with its unit, in um; raise `FileError` for an unknown unit or an overflow."""
     name = unit.strip(" .").lower()
     if name not in _LENGTHS_UM:
-        raise FileError(
-            path, f"'{unit.strip(' .')}' is no unit of length that is known here: µm, mm, nm, cm, m or in", line
-        )
+        raise FileError(path, "unit of length", line, value=unit.strip(" ."), expected="µm, mm, nm, cm, m or in")
     length = finite(value, path, line) * _LENGTHS_UM[name]
     if not math.isfinite(length):
-        raise FileError(path, f"'{value[:40]} {unit[:40]}' is too large a length", line)
+        raise FileError(path, "length", line, value=f"{value} {unit}", expected="finite")
     return length
 
 
 def rows_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
-    """(rows, cols) from lines of numbers with blanks, tabs, semicolons or commas and blanks between; empty lines skip.
+    """Return (rows, cols) from lines of numbers separated by blanks, tabs, semicolons or commas; skip empty lines.
 
     Parameters
     ----------
     lines
-        Of the file.
+        Lines of the file.
     first
-        Index of the first that is looked at.
+        Index of the first line to read.
     path
         The file, for messages.
     count
-        Of rows, where the file says it: after these and an empty line what is no row is a footer, if no rows follow.
+        Number of rows, if known. After these and an empty line, other text is a footer unless rows follow it.
 
     Raises
     ------
     FileError
-        If a line holds something else or what is not finite, or rows differ in length; with the line.
+        If a line holds other text or a number that is not finite, or rows differ in length; with the line.
     """
     rows: list[list[float]] = []
     commas = _separates_by_comma(lines, first)
@@ -191,32 +139,32 @@ def rows_of_numbers(lines: list[str], first: int, path: Path, count: int | None 
     return np.array(rows).reshape(len(rows), -1 if rows else 0)
 
 
-def _numbers(parts: list[str], columns: int | None, path: Path, at: int) -> list[float]:
+def _numbers(parts: list[str], columns: int | None, path: Path, line: int) -> list[float]:
     try:
         row = [number(part.rstrip(",")) for part in parts]
     except ValueError:
         bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
-        raise FileError(path, f"'{bad[:40]}' stands among its numbers", at) from None
+        raise FileError(path, "entry", line, value=bad, expected="a number") from None
     if not all(map(math.isfinite, row)):
-        raise FileError(path, "holds a number that is not finite", at)
+        raise FileError(path, "entry", line, expected="a finite number")
     if columns is not None and len(row) != columns:
-        raise FileError(path, f"this row has {len(row)} numbers, those before it {columns}", at)
+        raise FileError(path, "numbers in this row", line, value=len(row), expected=f"{columns}, as in the rows before")
     return row
 
 
 @dataclass
 class TableRows:
-    """The rows of a table, line by line: after its rows and an empty line what is no row is a footer.
+    """Rows of a table, line by line; text after the rows and an empty line is a footer.
 
-    A table whose rows have empty lines between them is not ended by one: what cannot be read is refused there, and so
-    is a footer that rows follow.
+    If rows have empty lines between them, an empty line does not end the table. Then invalid lines raise an error, as
+    does a footer that rows follow.
 
     Parameters
     ----------
     path
         The file, for messages.
     columns
-        How many numbers a row has; None: as many as the first, two or more.
+        Numbers per row; None: as many as in the first row, at least two.
     """
 
     path: Path
@@ -226,19 +174,13 @@ class TableRows:
     _spaced: bool = False
     _footer: FileError | None = None
 
-    def take(self, line: str, at: int) -> None:
-        """Look at the next line, whose number is `at`.
-
-        Raises
-        ------
-        FileError
-            As `table_row`, for what is no footer.
-        """
+    def take(self, line: str, number: int) -> None:
+        """Read the next line; raise `FileError` as `table_row` does, unless the line is a footer."""
         if not line.strip():
             self._gap = bool(self.rows)
             return
         try:
-            row = table_row(line, self.columns, self.path, at)
+            row = table_row(line, self.columns, self.path, number)
         except FileError as error:
             if self._spaced or not self._gap:
                 raise
@@ -252,22 +194,22 @@ class TableRows:
         self.rows.append(row)
 
 
-def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float] | None:
-    """The numbers of a table's line; None for what stands between its rows: nothing, a rule, a heading, a footer.
+def table_row(line: str, columns: int | None, path: Path, number: int) -> list[float] | None:
+    """Return the numbers of a table's line; None for other lines: empty ones, rules, headings, footers.
 
     Parameters
     ----------
     line
-        The line; signs of percent do not matter.
+        The line; percent signs are ignored.
     columns
-        How many numbers a row has; None: not known yet, two or more.
-    path, at
-        The file and the line's number, for messages.
+        Numbers per row; None: unknown, at least two.
+    path, number
+        The file and the line number, for messages.
 
     Raises
     ------
     FileError
-        If it is a row that cannot be read: other text among its numbers, one that is not finite, too few or too many.
+        If the line is an invalid row: other text among its numbers, an overflow, too few or too many numbers.
 
     Examples
     --------
@@ -279,16 +221,16 @@ def table_row(line: str, columns: int | None, path: Path, at: int) -> list[float
         return None
     for part in parts:
         if not re.fullmatch(NUMBER, part):
-            raise FileError(path, f"'{part[:40]}' stands where a table has a number; save the listing again", at)
-    expected = "2 or more" if columns is None else columns
+            raise FileError(path, "entry", number, value=part, expected="a number", hint="Save the listing again")
     if len(parts) != columns and (columns is not None or len(parts) < 2):
-        raise FileError(path, f"this row has {len(parts)} numbers where {expected} are expected", at)
-    return [finite(part, path, at) for part in parts]
+        expected = "2 or more" if columns is None else str(columns)
+        raise FileError(path, "numbers in this row", number, value=len(parts), expected=expected)
+    return [finite(part, path, number) for part in parts]
 
 
 def _is_text(line: str, parts: list[str], columns: int | None) -> bool:
-    """Whether a line is none of a table's: words outweigh what else it holds, or lead it where a row is longer."""
-    words = [bool(_WORD.search(part)) and not _NO_NUMBER.search(part) for part in parts]
+    """Return whether a line is not a row: words outnumber its other entries, or lead a line of another length."""
+    words = [bool(_WORD.search(part)) and not _NOT_A_NUMBER.search(part) for part in parts]
     others = sum(not word and re.search(r"[\w*?#]", part) is not None for word, part in zip(words, parts, strict=True))
     if not others or "=" in line or ":" in line:
         return not others or any(words)
@@ -296,21 +238,21 @@ def _is_text(line: str, parts: list[str], columns: int | None) -> bool:
 
 
 def grid_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
-    """`rows_of_numbers` of a point spread.
-
-    Raises
-    ------
-    FileError
-        As there, and if there are fewer than 3 x 3 numbers.
-    """
+    """Return the grid of a PSF by `rows_of_numbers`; raise `FileError` also for less than 3 x 3 numbers."""
     grid = rows_of_numbers(lines, first, path, count)
     if min(grid.shape) < 3:
-        raise FileError(path, "holds no point spread: 3 x 3 numbers at least are expected")
+        raise FileError(path, "the grid of a PSF", value=grid.shape, expected="3 x 3 numbers or more")
     return grid
 
 
+def is_grid_row(line: str) -> bool:
+    """Return whether a line holds three numbers or more, and nothing else."""
+    parts = re.split(r"[\s;]+|,\s+|,(?=[-+]?\d*\.)", line.strip().strip(",;"))
+    return len(parts) >= 3 and all(re.fullmatch(NUMBER, part.strip(",")) for part in parts)
+
+
 def _separates_by_comma(lines: list[str], first: int) -> bool:
-    """Whether commas stand between numbers rather than in them: then there are points too, or no blanks."""
+    """Return whether commas separate numbers, rather than mark decimals: there are points too, or no blanks."""
     for text in lines[first:]:
         if text.strip():
             return "," in text and ("." in text or len(text.split()) == 1)

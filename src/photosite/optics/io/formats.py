@@ -1,0 +1,239 @@
+"""All file formats of optics, in one table, and the readers that choose among them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from photosite.errors import FileError, InputError, did_you_mean
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.io import design_index, iset, npz, optics_file, tables, zemax
+from photosite.optics.lens import Lens
+from photosite.optics.lens_design import LensDesign
+from photosite.optics.tables import OtfTable, PsfTable
+
+
+@dataclass(frozen=True)
+class Format:
+    """One file format.
+
+    Parameters
+    ----------
+    name
+        Name of the format; `program` in an optics file selects by it.
+    holds
+        Kind of value: "lens", "OTFs", "PSFs", "lens design", "relative illumination", "distortion", "pupil amplitude".
+    read
+        path, **options -> value.
+    suffixes
+        Suffixes of file names; none if `matches` decides.
+    options
+        Options of `read` that mean something for this format.
+    write
+        value, path -> None; None if the format is only read.
+    matches
+        Whether a path is of this format; None: by its suffix, or always if there is none.
+    """
+
+    name: str
+    holds: str
+    read: Callable[..., Any]
+    suffixes: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    write: Callable[..., None] | None = None
+    matches: Callable[[Path], bool] | None = None
+
+    def fits(self, path: Path) -> bool:
+        """Return whether a path is of this format."""
+        if self.matches is not None:
+            return self.matches(path)
+        return not self.suffixes or path.suffix.lower() in self.suffixes
+
+
+def _psfs(load: Callable[[Path], Mapping[str, Any]]) -> Callable[..., PsfTable]:
+    return lambda path, **options: tables.read_psf(path, load, **options)
+
+
+def _is_set(path: Path) -> bool:
+    return iset.find_set(path) is not None
+
+
+_PSF_OPTIONS = ("spacing_um", "wavelength_nm", "normalise")
+_SUM_OPTIONS = ("tolerance", "rank", "detail_um", "nodes", "symmetric")
+
+FORMATS = (
+    Format("iset", "lens", lambda path: iset.read_ray_trace(path).lens(), matches=_is_set),
+    Format(
+        "optics file",
+        "lens",
+        lambda path: optics_file.read_optics(path, partial(read, folder=path.parent)),
+        write=optics_file.write_optics,
+    ),
+    Format("csv", "OTFs", tables.read_otf, options=("beyond",), write=tables.write_otf),
+    Format("npz", "PSFs", _psfs(tables.load_npz), (".npz",), _PSF_OPTIONS, tables.write_psf),
+    Format("hdf5", "PSFs", _psfs(tables.load_hdf5), (".h5", ".hdf5"), _PSF_OPTIONS),
+    Format("tiff", "PSFs", _psfs(tables.load_tiff), (".tif", ".tiff"), _PSF_OPTIONS),
+    Format("text", "PSFs", _psfs(tables.load_text), (".txt", ".csv", ".dat"), _PSF_OPTIONS),
+    Format(
+        "iset",
+        "lens design",
+        lambda path, **options: iset.read_ray_trace(path).point_spreads(**options),
+        options=("first_row", *_SUM_OPTIONS),
+        matches=_is_set,
+    ),
+    Format("npz", "lens design", npz.read_design, (".npz",), _SUM_OPTIONS, npz.write_design),
+    Format("zemax", "lens design", design_index.read_folder, options=("first_row", *_SUM_OPTIONS), matches=Path.is_dir),
+    Format("index", "lens design", design_index.read_index, options=("first_row", *_SUM_OPTIONS)),
+    Format("zemax", "relative illumination", zemax.read_relative_illumination),
+    Format("iset", "relative illumination", lambda path: iset.read_ray_trace(path).relative_illumination()),
+    Format("zemax", "distortion", zemax.read_distortion, options=("wavelength_nm",)),
+    Format(
+        "iset",
+        "distortion",
+        lambda path, **options: iset.read_ray_trace(path).distortion(**options),
+        options=("wavelength_nm",),
+    ),
+    Format("npz", "pupil amplitude", npz.read_amplitude, write=npz.write_amplitude),
+)
+"""The formats; of those that hold a kind of value, the first that fits is used."""
+
+
+def read(
+    holds: str, file: str | PathLike[str], *, program: str | None = None, folder: Path = Path(), **options: Any
+) -> Any:
+    """Return the value of a kind that a file holds.
+
+    Parameters
+    ----------
+    holds
+        Kind of value, see `Format`.
+    file
+        The file, relative to `folder`.
+    program
+        Name of the format; None: the first that fits.
+    folder
+        Folder of the file.
+    **options
+        Options of the format.
+
+    Raises
+    ------
+    FileError
+        If no format fits, or the file is invalid.
+    InputError
+        If the format has no such option.
+    """
+    path = folder / file
+    known = [entry for entry in FORMATS if entry.holds == holds and program in (None, entry.name)]
+    chosen = next((entry for entry in known if entry.fits(path)), None)
+    if chosen is None:
+        suffixes = ", ".join(sorted(suffix for entry in known for suffix in entry.suffixes))
+        raise FileError(path, "suffix", value=path.suffix, expected=f"one of {suffixes} for {holds}")
+    for name in options:
+        if name not in chosen.options:
+            possible = {option for entry in known for option in entry.options}
+            if name not in possible:
+                raise InputError(f"unknown option '{name}'", hint=did_you_mean(name, sorted(possible)))
+            raise FileError(path, name, value=options[name], expected=f"omitted for a file of format {chosen.name}")
+    if chosen.suffixes and not os.path.isfile(path):  # False for an invalid name
+        raise FileError(path, "no such file")
+    return chosen.read(path, **options)
+
+
+def load_optics(path: str | PathLike[str]) -> Lens:
+    """Return the lens of an optics file.
+
+    Parameters
+    ----------
+    path
+        A YAML file with the fields listed in `photosite.optics.io.optics_file`; or the ISETPARMS.txt, or its folder, of
+        a set of files that ISET's macros wrote with Zemax or CODE V (`photosite.optics.io.iset`).
+
+    Raises
+    ------
+    FileError
+        If the file is missing or does not describe a lens, or a file that it names is invalid; with the line.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "mine.optics.yaml")
+    ...     _ = file.write_text("photosite_optics: 1\\nf_number: 2.8\\nfocal_lenght_mm: 50\\n")
+    ...     load_optics(file)
+    Traceback (most recent call last):
+    photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'. did you mean 'focal_length_mm'?
+    """
+    lens: Lens = read("lens", path)
+    return lens
+
+
+def parse_optics(data: Mapping[str, Any], path: str | PathLike[str], section: str = "") -> Lens | DiffractionLimited:
+    """Return the lens of the fields of an optics file, see `photosite.optics.io.optics_file.parse_optics`."""
+    return optics_file.parse_optics(data, path, partial(read, folder=Path(path).parent), section)
+
+
+def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
+    """Return PSFs over the field.
+
+    Parameters
+    ----------
+    path
+        A folder of Zemax listings, an index (`photosite.optics.io.design_index`), an .npz archive, or the
+        ISETPARMS.txt, or its folder, of a set that ISET's macros wrote (`photosite.optics.io.iset`).
+    **options
+        `tolerance`, `rank`, `detail_um`, `nodes` and `symmetric` of `LensDesign`, and `first_row` of
+        `photosite.optics.io.psf_listing.Layout`; they override those of an index.
+
+    Raises
+    ------
+    FileError
+        If a file is missing or invalid, or a PSF is missing.
+    InputError
+        If there is no such option.
+    """
+    design: LensDesign = read("lens design", path, **options)
+    return design
+
+
+def read_otf_table(path: str | PathLike[str], **options: Any) -> OtfTable:
+    """Return a table of OTFs, see `photosite.optics.io.tables.read_otf`."""
+    table: OtfTable = read("OTFs", path, **options)
+    return table
+
+
+def read_psf_table(path: str | PathLike[str], **options: Any) -> PsfTable:
+    """Return a table of PSFs from an .npz archive, an HDF5 file, a TIFF stack or a matrix of text.
+
+    Parameters
+    ----------
+    path
+        .npz or HDF5 with `psf` (L, n, n) or (n, n), `spacing_um` and `wavelength_nm`; in HDF5 the two may be
+        attributes. A TIFF stack has a page for each wavelength; a text file (.txt, .csv, .dat) holds one.
+    **options
+        `spacing_um` and `wavelength_nm`, if the file does not state them, and `normalise`; see `PsfTable`.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or damaged, lacks its spacing or wavelengths, or its content is invalid.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = Path(folder.name) / "psf.npz"
+    >>> x = np.arange(-8, 9) * 0.5
+    >>> gauss = np.exp(-(x[:, None] ** 2 + x**2) / 2) / (8 * np.pi)
+    >>> np.savez(path, psf=gauss, spacing_um=0.5, wavelength_nm=550.0)
+    >>> read_psf_table(path, normalise=True).samples.shape
+    (1, 17, 17)
+    """
+    table: PsfTable = read("PSFs", path, **options)
+    return table

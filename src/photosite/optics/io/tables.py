@@ -1,0 +1,257 @@
+"""Tables of OTFs (CSV) and of PSFs (npz, HDF5, TIFF stacks, matrices of text).
+
+What a file does not state, such as the sample spacing or the wavelength of a page, must be passed; it is never guessed.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.errors import FileError, InputError
+from photosite.optics.checks import number_array
+from photosite.optics.io.npz import read_arrays, real_numbers
+from photosite.optics.tables import OtfTable, PsfTable
+
+Array = NDArray[np.float64]
+
+_RADIAL = "frequency_per_mm"
+_PLANE = ("wavelength_nm", "fy_per_mm", "fx_per_mm", "real", "imag")
+"""First column of a radial OTF table, and columns of a 2-D one."""
+
+
+def read_otf(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] = "zero") -> OtfTable:
+    """Read a table of OTFs from a CSV file.
+
+    Parameters
+    ----------
+    path
+        Radial tables: a header `frequency_per_mm, 450, 550, 650` (wavelengths in nm), then lines of a frequency and its
+        MTF at each. 2-D tables: columns `wavelength_nm, fy_per_mm, fx_per_mm, real, imag` in any order, one line for
+        each point of a full grid. Lines that begin with # are comments. Semicolons may replace the commas, and then
+        commas the decimal points.
+    beyond
+        See `OtfTable`.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or damaged, or its content is invalid; with the line if known.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = Path(folder.name) / "mtf.csv"
+    >>> _ = path.write_text("frequency_per_mm, 450, 650\\n0, 1, 1\\n40, 0.7, 0.6\\n200, 0, 0\\n")
+    >>> read_otf(path).values
+    array([[1. , 0.7, 0. ],
+           [1. , 0.6, 0. ]])
+    """
+    lines = _lines(path)
+    number, header = lines[0]
+    names = [name.strip() for name in header]
+    if names[0] != _RADIAL and sorted(names) != sorted(_PLANE):
+        expected = f"'{_RADIAL}' and wavelengths in nm, or '{', '.join(_PLANE)}'"
+        raise FileError(path, "the header", number, value=", ".join(names), expected=expected)
+    wavelengths = [_wavelength(path, number, name) for name in names[1:]] if names[0] == _RADIAL else []
+    rows = np.array([_numbers(path, line, row, len(names)) for line, row in lines[1:]]).reshape(-1, len(names))
+    try:
+        if names[0] == _RADIAL:
+            return OtfTable(np.array(wavelengths), rows[:, 0], rows[:, 1:].T, beyond=beyond)
+        return _plane_table(path, {name: rows[:, k] for k, name in enumerate(names)}, beyond)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def write_otf(table: OtfTable, path: Path) -> None:
+    """Write a table of OTFs that `read_otf` reads."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        write = csv.writer(stream).writerow
+        waves, down = table.wavelength_nm.tolist(), table.frequency_per_mm.tolist()
+        if table.fx_per_mm is None:
+            write([_RADIAL, *waves])
+            for frequency, row in zip(down, np.real(table.values).T.tolist(), strict=True):
+                write([frequency, *row])
+            return
+        write(_PLANE)
+        for k, i, j in np.ndindex(table.values.shape):
+            value = complex(table.values[k, i, j])
+            write([waves[k], down[i], float(table.fx_per_mm[j]), value.real, value.imag])
+
+
+def read_psf(
+    path: Path,
+    load: Callable[[Path], Mapping[str, Any]],
+    *,
+    spacing_um: float | None = None,
+    wavelength_nm: ArrayLike | None = None,
+    normalise: bool = False,
+) -> PsfTable:
+    """Read a table of PSFs.
+
+    Parameters
+    ----------
+    path
+        The file.
+    load
+        Reader of the format: path -> arrays by name, with "psf" and, if the file states them, "spacing_um" and
+        "wavelength_nm".
+    spacing_um, wavelength_nm
+        What the file does not state; an error if the file states another value.
+    normalise
+        See `PsfTable`.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or damaged, lacks its spacing or wavelengths, or its content is invalid.
+    """
+    try:
+        found = load(path)
+    except (FileError, InputError):
+        raise
+    except MemoryError:
+        raise FileError(path, "cannot be read: it declares more data than fits in memory") from None
+    except Exception as error:  # libraries raise many types for a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be read: {reason[:200]}") from None
+    spacing = _stated(path, "spacing_um", found, spacing_um)
+    grid = _stated(path, "wavelength_nm", found, wavelength_nm)
+    samples = real_numbers(path, "psf", np.asarray(found["psf"]))
+    if spacing.size != 1:
+        raise FileError(path, "spacing_um", value=spacing.tolist(), expected="one number")
+    try:
+        return PsfTable(grid, samples[None] if samples.ndim == 2 else samples, float(spacing[0]), normalise)
+    except InputError as error:
+        raise error.in_file(path) from None
+
+
+def write_psf(table: PsfTable, path: Path) -> None:
+    """Write a table of PSFs as an .npz archive."""
+    np.savez(path, psf=table.samples, spacing_um=float(table.spacing_um), wavelength_nm=table.wavelength_nm)
+
+
+def _stated(path: Path, name: str, found: Mapping[str, Any], given: ArrayLike | None) -> Array:
+    """Return a quantity that the file or the caller states; both may state the same value."""
+    if found.get(name) is None and given is None:
+        raise FileError(
+            path,
+            f"does not state its {name}",
+            hint=f"Pass {{{name}}}",
+            arguments={name: 0.5 if name == "spacing_um" else 550},
+        )
+    own = None if found.get(name) is None else np.atleast_1d(real_numbers(path, name, np.asarray(found[name])))
+    if given is None:
+        assert own is not None
+        return own
+    try:
+        passed = number_array(name, given)
+    except InputError as error:
+        raise error.in_file(path) from None
+    if own is not None and not (passed.shape == own.shape and np.allclose(passed, own, rtol=1e-6)):
+        raise FileError(path, name, value=passed.tolist(), expected=f"{own.tolist()}, as the file states, or omitted")
+    return passed
+
+
+def load_npz(path: Path) -> dict[str, Any]:
+    """Return the arrays of an .npz archive."""
+    return dict(read_arrays(path, ("psf",), ("spacing_um", "wavelength_nm")))
+
+
+def load_hdf5(path: Path) -> dict[str, Any]:
+    """Return the data sets of an HDF5 file; spacing and wavelengths may be attributes of the file or of `psf`."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        psf = file.get("psf")
+        if not isinstance(psf, h5py.Dataset):
+            raise FileError(path, f"holds no data set 'psf', but {', '.join(file) or 'nothing'}")
+        found: dict[str, Any] = {"psf": psf[()]}
+        for name in ("spacing_um", "wavelength_nm"):
+            for place in (file, file.attrs, psf.attrs):
+                if name in place:
+                    value = place[name]
+                    found[name] = value[()] if isinstance(value, h5py.Dataset) else value
+                    break
+        return found
+
+
+def load_tiff(path: Path) -> dict[str, Any]:
+    """Return the pages of a TIFF stack, one wavelength each."""
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        pages = [page.asarray() for page in file.pages]
+    if not pages or any(page.ndim != 2 or page.shape != pages[0].shape for page in pages):
+        raise FileError(path, "pages", expected="grey and of equal size, one page for each wavelength")
+    return {"psf": np.stack(pages)}
+
+
+def load_text(path: Path) -> dict[str, Any]:
+    """Return a matrix of numbers."""
+    rows: list[list[float]] = []
+    for number, row in _lines(path):
+        entries = row if len(row) > 1 else row[0].split()
+        rows.append(_numbers(path, number, entries, len(rows[0]) if rows else None))
+    return {"psf": np.array(rows)}
+
+
+def _lines(path: str | PathLike[str]) -> list[tuple[int, list[str]]]:
+    """Return line numbers and entries of the lines that are neither empty nor comments."""
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise FileError(path, "is not text in UTF-8") from None
+    numbered = enumerate(text.splitlines(), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        raise FileError(path, "is empty")
+    separator = ";" if ";" in lines[0][1] else ","
+    if separator == ";" and not any("." in line for _, line in lines):  # with points, commas would be ambiguous
+        lines = [(number, line.replace(",", ".")) for number, line in lines]
+    return [(number, next(csv.reader([line], delimiter=separator, skipinitialspace=True))) for number, line in lines]
+
+
+def _numbers(path: str | PathLike[str], line: int, row: list[str], count: int | None) -> list[float]:
+    if count is not None and len(row) != count:
+        raise FileError(path, "entries in this line", line, value=len(row), expected=str(count))
+    values = []
+    for entry in row:
+        try:
+            values.append(float(entry))
+        except ValueError:
+            raise FileError(path, "entry", line, value=entry.strip(), expected="a number") from None
+        if not math.isfinite(values[-1]):
+            raise FileError(path, "entry", line, value=entry.strip(), expected="a finite number")
+    return values
+
+
+def _wavelength(path: str | PathLike[str], line: int, name: str) -> float:
+    try:
+        return float(name.removesuffix("nm"))
+    except ValueError:
+        raise FileError(path, "column name", line, value=name, expected="a wavelength in nm") from None
+
+
+def _plane_table(
+    path: str | PathLike[str], columns: Mapping[str, Array], beyond: Literal["zero", "diffraction"]
+) -> OtfTable:
+    axes, indices = zip(*(np.unique(columns[name], return_inverse=True) for name in _PLANE[:3]), strict=True)
+    shape = tuple(axis.size for axis in axes)
+    values = np.full(shape, np.nan, np.complex128)
+    if columns["real"].size == math.prod(shape):
+        values[indices] = columns["real"] + 1j * columns["imag"]
+    if np.isnan(values).any():
+        expected = f"one for each point of the grid of {' x '.join(map(str, shape))}"
+        raise FileError(path, "entries", value=columns["real"].size, expected=expected)
+    return OtfTable(axes[0], axes[1], values, fx_per_mm=axes[2], beyond=beyond)
