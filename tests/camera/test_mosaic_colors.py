@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
+from photosite.camera import channel_transfers
 from photosite.camera import mean_image as mosaic
-from photosite.camera import transfers
 from photosite.camera.distortion import color_nodes
 from photosite.engine.layers import Layer
 from photosite.optics.diffraction import DiffractionLimited
@@ -95,12 +95,12 @@ def one_by_one(lens: Lens, what: Scene) -> NDArray[np.float64]:
 )
 def test_colors_together_are_those_one_by_one(lens: Lens, monkeypatch: pytest.MonkeyPatch) -> None:
     what = scene()
-    monkeypatch.setattr(transfers, "_OF_FIELD_ERROR", 0.0)
+    monkeypatch.setattr(channel_transfers, "_OF_FIELD_ERROR", 0.0)
     expected = one_by_one(lens, what)
     got = mosaic.image_rate(what, lens, SENSOR, "trapezoid", 1)
     assert np.abs(got - expected).max() < 5e-5 * expected.max()
-    monkeypatch.setattr(transfers, "_OF_SHARED_COLORS", 3e-7)
-    monkeypatch.setattr(transfers, "MAP_TOLERANCE", 3e-7)
+    monkeypatch.setattr(channel_transfers, "_OF_SHARED_COLORS", 3e-7)
+    monkeypatch.setattr(channel_transfers, "MAP_TOLERANCE", 3e-7)
     closer = mosaic.image_rate(replace(what), lens, SENSOR, "trapezoid", 1)
     assert np.abs(closer - expected).max() < 1e-5 * expected.max()
 
