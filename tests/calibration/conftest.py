@@ -1,18 +1,27 @@
-"""The generator of virtual frames, as a fixture: test files import nothing from each other."""
+"""Fixtures of the calibration tests."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
+import numba
 import pytest
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread():
+    """Run the kernels in one thread: for small frames, threads cost more processor time than they save."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")
 def virtual():
-    """The module `virtual.py` beside this file."""
+    """The module `virtual.py` beside this file; test files do not import each other."""
     spec = importlib.util.spec_from_file_location("virtual_frames", Path(__file__).with_name("virtual.py"))
     module = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules["virtual_frames"] = module  # dataclasses look their module up there
+    sys.modules["virtual_frames"] = module  # dataclasses look up their module there
     spec.loader.exec_module(module)
     return module

@@ -1,4 +1,4 @@
-"""The calibration as a whole: slow oracles for its parts, what is missing and why, and what it hands on."""
+"""The calibration as a whole: slow oracles for its parts, missing values and their reasons, and the result."""
 
 import json
 import random
@@ -38,7 +38,7 @@ def temporal(group):
     return (residual**2).sum() / ((n - 1) * (pixels - 1))
 
 
-def test_read_noise_and_dsnu_are_the_textbook_s(mono, calibration):
+def test_read_noise_and_dsnu_match_the_textbook(mono, calibration):
     sensor, frames = mono
     group = max(frames.of_kind("dark"), key=len)
     v = temporal(group)
@@ -51,7 +51,7 @@ def test_read_noise_and_dsnu_are_the_textbook_s(mono, calibration):
 
 
 def test_prnu_is_the_spread_of_pixel_slopes(mono, calibration):
-    """`np.polyfit` over every pixel's means, weighted; then the noise and the dark slopes taken off."""
+    """`np.polyfit` over every pixel's means, weighted, less the noise and the dark slopes."""
     _, frames = mono
     found = calibration.linear_range["M"]
     lights = [g for g in frames.of_kind("light") if found.lowest <= g.photons_per_pixel <= found.highest]
@@ -84,7 +84,7 @@ def test_prnu_is_the_spread_of_pixel_slopes(mono, calibration):
     )
 
 
-def test_order_of_frames_changes_nothing(mono, calibration):
+def test_the_order_of_frames_does_not_matter(mono, calibration):
     _, frames = mono
     shuffled = random.Random(1)
     groups = tuple(replace(group, frames=tuple(shuffled.sample(group.frames, len(group)))) for group in frames.groups)
@@ -129,22 +129,21 @@ def test_progress_counts_every_frame_read(mono, monkeypatch):
     calibrate(frames, progress=lambda done, expected: seen.append((done, expected)))
     assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
     assert seen[-1][0] == seen[-1][1] > frames.frame_count
-    # What is read twice is the linear range's flats, not everything.
+    # Only the flats of the linear range are read twice.
     assert seen[-1][0] < 1.6 * frames.frame_count
 
 
-@pytest.mark.parametrize("room", [0, 2 * 96 * 128 * 3])
-def test_mean_frames_kept_or_read_again_are_the_same(mono, monkeypatch, room):
-    """No room for the mean frames, and room for some of them."""
+@pytest.mark.parametrize("kept_bytes", [0, 2 * 96 * 128 * 3])
+def test_mean_frames_kept_or_read_again_are_the_same(mono, calibration, monkeypatch, kept_bytes):
+    """Memory for none of the mean frames, and for some of them."""
     _, frames = mono
-    whole = calibrate(frames)
-    monkeypatch.setattr(frame_reader, "KEPT_BYTES", room)
-    assert calibrate(frames).to_dict() == whole.to_dict()
+    monkeypatch.setattr(frame_reader, "KEPT_BYTES", kept_bytes)
+    assert calibrate(frames).to_dict() == calibration.to_dict()
 
 
 @pytest.mark.parametrize("thread_safe", [False, True])
-def test_few_frames_are_held_at_a_time(mono, monkeypatch, thread_safe):
-    """However many frames there are; and what is not said to be safe in threads is read in the caller's."""
+def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_safe):
+    """Sources that are not thread-safe are read in the caller's thread."""
     import threading
     import weakref
 
@@ -164,9 +163,9 @@ def test_few_frames_are_held_at_a_time(mono, monkeypatch, thread_safe):
         return replace(source, read=read, thread_safe=thread_safe)
 
     groups = tuple(replace(group, frames=tuple(map(guard, group.frames))) for group in frames.groups)
-    assert calibrate(replace(frames, groups=groups)).to_dict() == calibrate(frames).to_dict()
-    assert len(alive) == frames.frame_count + 2 * LINE_FRAMES  # of the dark and the light stack, for their lines
-    assert max(held) <= 3 + 2 + 2  # to be added together, ahead, and one on either side of being handed over
+    assert calibrate(replace(frames, groups=groups)).to_dict() == calibration.to_dict()
+    assert len(alive) == frames.frame_count + 2 * LINE_FRAMES  # for the row and column noise of two stacks
+    assert max(held) <= 3 + 2 + 2  # summed together, read ahead, and one at either end of the queue
     assert (threads == {threading.main_thread()}) is not thread_safe
 
 
@@ -189,7 +188,7 @@ def green_saturates(virtual):
     return virtual.frame_set(virtual.sensor(5, cfa="rggb"), 5)
 
 
-def test_a_figure_of_some_channels_says_which(green_saturates):
+def test_the_method_names_the_channels_of_a_partial_mean(green_saturates):
     calibration = calibrate(green_saturates)
     for name in ("prnu1288_percent", "prnu1288_row_percent", "prnu1288_unfiltered_percent", "saturation_dn"):
         pooled, green = getattr(calibration, name), getattr(calibration.channels["G"], name)
@@ -204,7 +203,7 @@ def test_a_figure_of_some_channels_says_which(green_saturates):
     assert not any("channel" in entry.method for entry in calibration.channels["G"].estimates().values())
 
 
-def test_what_no_channel_has_is_missing_for_the_reason_of_the_one_that_got_furthest(green_saturates):
+def test_a_missing_value_has_the_reason_of_the_channel_with_the_most_results(green_saturates):
     top = max(group.photons_per_pixel for group in green_saturates.of_kind("light"))
     groups = tuple(
         group
@@ -217,7 +216,7 @@ def test_what_no_channel_has_is_missing_for_the_reason_of_the_one_that_got_furth
     assert "between 30 and 70 %" in calibration.prnu1288_percent.reason
 
 
-def test_darks_alone_give_what_darks_can(virtual, mono):
+def test_darks_alone_give_the_dark_parameters(virtual, mono):
     sensor, frames = mono
     calibration = calibrate(replace(frames, groups=frames.of_kind("dark")))
     assert calibration.read_noise_mv.value == pytest.approx(sensor.noise.read_noise_mv.value, rel=0.02)
@@ -228,7 +227,7 @@ def test_darks_alone_give_what_darks_can(virtual, mono):
 
 
 def test_single_flats_give_slopes_but_no_gain(virtual):
-    """65 flats at 65 exposures: the response is there, its noise is not."""
+    """One flat per exposure shows the response, but not its noise."""
     sensor = virtual.sensor(8)
     frames = virtual.frame_set(sensor, 8, repeats=4)
     groups = tuple(replace(g, frames=g.frames[:1]) if g.kind == "light" else g for g in frames.groups)
@@ -251,13 +250,14 @@ def test_some_single_flats_take_their_noise_from_the_photon_transfer(virtual):
     assert low < sensor.noise.prnu_percent.value < high
 
 
-def test_no_sensor_without_what_frames_cannot_tell(mono):
-    with pytest.raises(CalibrationError, match="frames do not tell pixel size"):
-        calibrate(replace(mono[1], sensor=None)).sensor  # noqa: B018
+def test_a_measured_sensor_needs_a_sensor_known_before(mono):
+    darks = replace(mono[1], sensor=None, groups=mono[1].of_kind("dark"))
+    with pytest.raises(CalibrationError):
+        calibrate(darks).sensor  # noqa: B018
 
 
 def test_a_negative_spread_enters_the_sensor_file_as_zero_with_a_note(virtual):
-    """A chip without DSNU: half of such calibrations find a negative variance; this seed does."""
+    """A chip without DSNU: half of such calibrations find a negative variance."""
     for seed in range(20):
         sensor = virtual.sensor(seed, dsnu_mv=0.0, rows=48, cols=64)
         calibration = calibrate(virtual.frame_set(sensor, seed))
@@ -272,7 +272,7 @@ def test_a_negative_spread_enters_the_sensor_file_as_zero_with_a_note(virtual):
 
 
 def test_hidden_read_noise_is_reported_with_its_limit(virtual):
-    """Read noise of 0.2 DN: quantisation hides it (EMVA 1288's 0.24 DN^2), and the result says so."""
+    """Quantisation hides a read noise of 0.2 DN (EMVA 1288's 0.24 DN^2), and the result has a warning."""
     base = virtual.sensor(4)
     sensor = base.with_(read_noise_mv=0.2 * base.mv_per_dn)
     calibration = calibrate(virtual.frame_set(sensor, 4))

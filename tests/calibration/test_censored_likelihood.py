@@ -6,7 +6,6 @@ standard errors either way.
 """
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,8 +19,7 @@ from photosite.calibration.clipped_blacks.censored_likelihood import (
     count_clipped,
     fit_censored,
 )
-from photosite.calibration.measurements import _temporal_dark_noise, _turned_back
-from photosite.values.uncertain import Missing, Uncertain
+from photosite.values.uncertain import Missing
 
 D200_READ_DN, D200_DSNU_DN = 2.1723, 2.2976
 """0.52 mV and 0.55 mV at 0.2394 mV/DN."""
@@ -152,10 +150,3 @@ def test_what_the_model_does_not_describe_is_seen_and_widens_the_uncertainty():
     assert not mixed.misfit_is_chance
     assert mixed.misfit > 3
     assert (np.diag(mixed.covariance) > 2 * np.diag(plain.covariance)).all()
-
-
-def test_the_words_of_a_clipped_dark_have_no_comma_twice():
-    method = _temporal_dark_noise(
-        Uncertain.of(4.0, 0.1), Uncertain(1.0), _turned_back(SimpleNamespace(dark_method="x"))
-    )
-    assert "without clipping, 1/12 DN² taken off" in (method.method or "")

@@ -1,4 +1,4 @@
-"""A calibration that is broken off goes on from its partial sums, and says so when they are not its own."""
+"""An interrupted calibration resumes from its checkpoint, and rejects the checkpoint of other frames."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ ROWS, COLS = 48, 40
 
 
 class Lab:
-    """A frame set in memory that counts its readings and can be told to fail."""
+    """A frame set in memory that counts its readings and can fail at one of them."""
 
     def __init__(self) -> None:
         rng = np.random.default_rng(11)
@@ -24,7 +24,7 @@ class Lab:
             ("dark", 0.01): self.stack(rng, 0.0, 21),
             **{("light", t): self.stack(rng, 2e4 * t, 6) for t in (0.01, 0.02, 0.03)},
         }
-        self.stacks["dark", 0.01][9] = self.stacks["dark", 0.01][2]  # a repeat, before the break
+        self.stacks["dark", 0.01][9] = self.stacks["dark", 0.01][2]  # a repeat, before the interruption
         self.readings = 0
         self.fails_at = 10**9
 
@@ -52,25 +52,25 @@ class Lab:
 
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sums kept after every batch, and small batches."""
+    """Save after every batch, and use small batches."""
     monkeypatch.setattr(checkpoint, "SAVE_EVERY_S", -1.0)
     monkeypatch.setattr(frame_reader, "_TOGETHER", 4)
 
 
 @pytest.mark.usefixtures("often")
 @pytest.mark.parametrize("fails_at", [3, 14, 20, 26, 38])
-def test_a_run_broken_off_goes_on_and_gives_the_same_to_the_last_bit(tmp_path: Path, fails_at: int) -> None:
+def test_an_interrupted_run_resumes_with_bit_identical_results(tmp_path: Path, fails_at: int) -> None:
     whole = calibrate(Lab().frames())
     lab = Lab()
     lab.fails_at = fails_at
     with pytest.raises(KeyboardInterrupt):
-        calibrate(lab.frames(), partial=tmp_path / "sums")
+        calibrate(lab.frames(), checkpoint=tmp_path / "sums")
     saved = sorted((tmp_path / "sums").iterdir())
     assert all(path.name.startswith("sums-") for path in saved)
     assert bool(saved) == (fails_at > 12)
 
     lab.fails_at, lab.readings = 10**9, 0
-    again = calibrate(lab.frames(), partial=tmp_path / "sums")
+    again = calibrate(lab.frames(), checkpoint=tmp_path / "sums")
     readings = lab.readings
     assert again.estimates() == whole.estimates()
     assert again.rejected == whole.rejected
@@ -84,31 +84,38 @@ def test_a_run_broken_off_goes_on_and_gives_the_same_to_the_last_bit(tmp_path: P
 
 
 @pytest.mark.usefixtures("often")
-def test_sums_of_other_frames_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+def test_a_checkpoint_of_other_frames_and_a_damaged_one_are_rejected(tmp_path: Path) -> None:
     lab = Lab()
     lab.fails_at = 30
     with pytest.raises(KeyboardInterrupt):
-        calibrate(lab.frames(), partial=tmp_path)
+        calibrate(lab.frames(), checkpoint=tmp_path)
     lab.fails_at = 10**9
 
     other = lab.frames()
     fewer = FrameGroup("dark", 0.01, other.groups[0].frames[:-1])
-    with pytest.raises(FileError, match=r"partial sums of other frames than dark frames at 0\.01 s"):
-        calibrate(FrameSet((fewer, *other.groups[1:]), rows=ROWS, cols=COLS, bits=12), partial=tmp_path)
+    with pytest.raises(FileError) as caught:
+        calibrate(FrameSet((fewer, *other.groups[1:]), rows=ROWS, cols=COLS, bits=12), checkpoint=tmp_path)
+    assert Path(caught.value.path) == tmp_path / "sums-0000.h5"
+    assert caught.value.what.startswith("the file belongs to other frames than dark frames at 0.01 s")
 
     lab.stacks["dark", 0.01][0, 0, 0] += 1
-    with pytest.raises(FileError, match=r"dark-0\.01-0: has changed since its sums were kept"):
-        calibrate(lab.frames(), partial=tmp_path)
+    with pytest.raises(FileError) as caught:
+        calibrate(lab.frames(), checkpoint=tmp_path)
+    assert caught.value.path == "dark-0.01-0"
     lab.stacks["dark", 0.01][0, 0, 0] -= 1
 
     path = tmp_path / "sums-0000.h5"
     path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(FileError, match=r"sums-0000\.h5: is no file of partial sums, or is damaged"):
-        calibrate(lab.frames(), partial=tmp_path)
+    with pytest.raises(FileError) as caught:
+        calibrate(lab.frames(), checkpoint=tmp_path)
+    assert Path(caught.value.path) == path
+    assert "damaged" in caught.value.what
 
 
-def test_a_folder_that_holds_other_things_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_with_other_files_is_left_unchanged(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(FileError, match=r"holds thesis\.txt; partial sums need a folder of their own"):
-        calibrate(Lab().frames(), partial=tmp_path)
+    with pytest.raises(FileError) as caught:
+        calibrate(Lab().frames(), checkpoint=tmp_path)
+    assert Path(caught.value.path) == tmp_path
+    assert "thesis.txt" in caught.value.what
     assert (tmp_path / "thesis.txt").read_text() == "years of work"

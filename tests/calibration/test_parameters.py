@@ -1,3 +1,5 @@
+"""Labels and units of the parameters."""
+
 from __future__ import annotations
 
 from dataclasses import fields
@@ -22,12 +24,12 @@ UNITS = {
 }
 
 
-def test_every_parameter_has_a_label_and_no_label_is_left_over() -> None:
+def test_every_parameter_has_a_label_and_every_label_a_parameter() -> None:
     assert list(PARAMETER_LABELS) == [entry.name for entry in fields(Parameters)]
 
 
 @pytest.mark.parametrize("name", PARAMETER_LABELS)
-def test_unit_is_the_one_that_the_name_ends_in(name: str) -> None:
+def test_the_unit_matches_the_end_of_the_name(name: str) -> None:
     ending = max((end for end in UNITS if name.endswith(f"_{end}")), key=len)
     assert parameter_label(name).unit == UNITS[ending]
 
@@ -37,6 +39,8 @@ def test_no_two_parameters_look_alike() -> None:
     assert len(set(shown)) == len(shown)
 
 
-def test_unknown_parameter_is_refused_with_the_likeliest_one() -> None:
-    with pytest.raises(InputError, match="did you mean 'read_noise_mv'"):
+def test_an_unknown_parameter_gives_the_most_similar_one() -> None:
+    with pytest.raises(InputError) as caught:
         parameter_label("read_noise_mV")
+    assert caught.value.value == "read_noise_mV"
+    assert "'read_noise_mv'" in caught.value.hint

@@ -1,4 +1,4 @@
-"""Digests of the frames used: of their numbers, taken when asked for, never of other frames."""
+"""Digests of the frames used are computed on request, and never from changed frames."""
 
 import hashlib
 
@@ -11,7 +11,7 @@ from photosite.errors import FileError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
 
-def test_the_digest_is_that_of_the_numbers_as_little_endian_words_row_by_row() -> None:
+def test_the_digest_is_that_of_little_endian_words_row_by_row() -> None:
     dn = np.arange(12, dtype=np.uint16).reshape(3, 4) * 300
     expected = hashlib.sha256(b"".join(int(n).to_bytes(2, "little") for n in dn.ravel())).hexdigest()
     for array in (dn, np.asfortranarray(dn), dn.astype(">u2")):
@@ -25,16 +25,17 @@ def test_a_frame_that_changed_after_it_was_used_has_no_digest(thread_safe: bool)
     before = frames_sha256([used])
     assert frames_sha256([used]) == before
     dn[2, 1] += 1
-    with pytest.raises(FileError, match=r"a\.tif: has changed since"):
+    with pytest.raises(FileError) as caught:
         frames_sha256([used])
+    assert caught.value.path == "a.tif"
 
 
-def test_repeats_are_told_by_all_their_pixels_and_not_by_the_rows_looked_at_first() -> None:
+def test_repeats_are_found_by_all_their_pixels_not_only_by_the_sampled_rows() -> None:
     rng = np.random.default_rng(3)
     stack = rng.integers(60, 70, (6, 64, 32)).astype(np.uint16)
     stack[3] = stack[1]
     stack[4] = stack[1]
-    stack[4][63, 5] += 1  # one pixel of a row that is not looked at first
+    stack[4][63, 5] += 1  # one pixel of a row that is not sampled
     lit = rng.integers(200, 230, (2, 4, 64, 32)).astype(np.uint16) + np.array([0, 90], np.uint16)[:, None, None, None]
 
     def group(kind: str, exposure_s: float, frames: np.ndarray) -> FrameGroup:

@@ -1,10 +1,10 @@
-"""Coarse converters: intervals hold whatever the phase of the mean; below a third of a step only a limit is given."""
+"""Coarse converters: intervals hold at any phase of the mean; below a third of a step there is only a limit."""
 
 import numpy as np
 import pytest
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.reduction.quantisation import left_of_phases, rounding_error, rounding_uncertainty
+from photosite.calibration.reduction.quantisation import remaining_share, rounding_error, rounding_uncertainty
 from photosite.frames.frame_set import frame_set_from_arrays
 
 GAIN, SHAPE = 0.02, (60, 80)
@@ -25,8 +25,8 @@ def coarse(noise, black, seed=0):
 
 @pytest.mark.parametrize("mean", [6.0, 6.2, 6.35, 6.5])
 @pytest.mark.parametrize("sd", [0.1, 0.3, 0.5, 0.8])
-def test_the_sums_are_those_of_rounded_normals(mean, sd):
-    """Against the sum over the whole numbers, each with the probability that it is read."""
+def test_the_series_is_that_of_rounded_normals(mean, sd):
+    """Against the sum over the whole numbers, weighted by their probability."""
     from scipy.special import ndtr
 
     steps = np.arange(-5, 20)
@@ -40,8 +40,8 @@ def test_the_sums_are_those_of_rounded_normals(mean, sd):
 @pytest.mark.parametrize("black", [6.0, 6.25, 6.5])
 @pytest.mark.parametrize("noise", [0.3, 0.35, 0.5, 0.8])
 def test_intervals_hold_at_any_phase(noise, black):
-    """The effect is systematic: at no phase may the truth lie outside but by chance of sampling (five figures, 12 sets:
-    the ends allow 3.3 / 1.96 of the half-widths, beyond which one in 1000 lies)."""
+    """The effect is systematic, so the truth must lie inside at every phase (five parameters, 12 sets: the ends allow
+    3.3 / 1.96 of the half-widths, exceeded once in 1000)."""
     found = coarse(noise, black)
 
     def held(estimate, truth):
@@ -55,14 +55,14 @@ def test_intervals_hold_at_any_phase(noise, black):
     if found.read_noise_dn.value is None:
         assert noise < 0.45
         assert found.read_noise_dn.upper_limit_95 > noise
-        assert "rounding to whole numbers hides the read noise" in found.read_noise_dn.reason
+        assert "quantisation hides the read noise" in found.read_noise_dn.reason
     else:
         assert held(found.read_noise_dn, noise)
         assert held(found.read_noise_e, noise / GAIN)
 
 
-def test_what_rounding_hides_has_a_limit_and_no_value():
-    """A fifth of a step, the mean on a whole number: one number in 80 is another, and its variance tells nothing."""
+def test_a_hidden_read_noise_has_a_limit_and_no_value():
+    """A fifth of a step, the mean on a whole number: one number in 80 differs, and its variance shows nothing."""
     found = coarse(0.2, 6.0)
     for estimate, truth in ((found.read_noise_dn, 0.2), (found.read_noise_e, 0.2 / GAIN)):
         assert estimate.value is None
@@ -79,7 +79,7 @@ def test_nothing_changes_above_one_step():
     assert rounding_uncertainty(float("nan"), float("nan"), 0.0) == (0.0, 0.0)
 
 
-def test_pixels_of_many_phases_average_it_down():
+def test_pixels_of_many_phases_reduce_the_uncertainty():
     assert rounding_uncertainty(0.2, 1e-3, 1.0)[1] < 0.15 * rounding_uncertainty(0.2, 1e-3, 0.0)[1]
-    assert left_of_phases(-1.0) == 1.0
-    assert 0.0 < left_of_phases(100.0) < left_of_phases(0.01) < 1.0
+    assert remaining_share(-1.0) == 1.0
+    assert 0.0 < remaining_share(100.0) < remaining_share(0.01) < 1.0

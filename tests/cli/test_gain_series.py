@@ -59,12 +59,12 @@ def test_json_sensors_and_report(photosite: Any, shot: tuple[Path, GainSeriesLab
 
 
 def test_interrupted_run_resumes(photosite: Any, shot: tuple[Path, GainSeriesLab], tmp_path: Path) -> None:
-    first = photosite("calibrate", shot[0], "--partial", tmp_path / "sums", "--json").json
+    first = photosite("calibrate", shot[0], "--checkpoint", tmp_path / "sums", "--json").json
     assert sorted(p.name for p in (tmp_path / "sums").iterdir() if p.is_dir()) in (
         [],
         sorted(f"gain{s}" for s in SETTINGS),
     )
-    again = photosite("calibrate", shot[0], "--partial", tmp_path / "sums", "--json").json
+    again = photosite("calibrate", shot[0], "--checkpoint", tmp_path / "sums", "--json").json
     assert again["settings"] == first["settings"]
 
 

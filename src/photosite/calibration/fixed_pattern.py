@@ -1,22 +1,26 @@
-"""The second look at the frames: fixed-pattern maps that need to know the linear range first.
+"""Stage "spatial": the fixed pattern, from mean frames of the linear range.
 
-The linear range shows when all light levels have been read, and keeping the mean frame of each until then would
-take memory that grows with their number. So some are kept, as many as a fixed room holds; of the others, those
-inside the linear range are read once more. One map of slopes is built from them.
+The linear range is known once all light levels have been read. Keeping the mean frame of each until then would take
+memory that grows with their number. So mean frames are kept up to a fixed size, and the others that lie in the linear
+range are read again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.dark import DarkResult
+from photosite.calibration.light import LightResult
+from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.parts import Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import (
@@ -27,7 +31,6 @@ from photosite.calibration.spatial.pixel_slopes import (
     slope_noise,
 )
 from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
-from photosite.engine.frame_sums import MeanFrame
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 HALF_SATURATION = (0.3, 0.7)
@@ -35,8 +38,8 @@ HALF_SATURATION = (0.3, 0.7)
 
 
 @dataclass(frozen=True)
-class Patterns:
-    """One channel's fixed pattern: see `figures.Measurements`."""
+class FixedPattern:
+    """One channel's fixed pattern; the variances are those of `Measurements`."""
 
     response_variance: Value
     dsnu1288: Parts | Missing
@@ -48,7 +51,17 @@ class Patterns:
 
 @dataclass(frozen=True)
 class SlopePlan:
-    """One channel's coefficient per light group, the noise its slopes will hold, and seconds per unit of the axis."""
+    """How a channel's map of slopes is made.
+
+    Parameters
+    ----------
+    coefficients
+        Weight of each light group's mean frame, by the index of the group.
+    noise
+        Variance of the slopes from temporal noise.
+    seconds_per_unit
+        Exposure time per unit of the light levels' axis.
+    """
 
     coefficients: dict[int, float]
     noise: Uncertain
@@ -56,7 +69,7 @@ class SlopePlan:
 
 
 def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePlan | Missing:
-    """How a channel's map of slopes will be made of the light groups in its linear range."""
+    """Plan a channel's map of slopes from the light groups in its linear range."""
     levels, used = channel.levels, channel.used
     if len(np.unique(levels.x[used])) < 2:
         return Missing(
@@ -68,7 +81,7 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
     uncertainty = np.array([level.variance_uncertainty for level in chosen])
     single = ~levels.repeated[used]
     if single.any():
-        # One frame does not show its noise; the photon transfer curve says what it is.
+        # The noise of a single frame is taken from the photon transfer curve.
         if isinstance(channel.gain, Missing):
             return Missing(f"some light levels have one frame, and their noise is unknown: {channel.gain.reason}")
         dark = channel.dark.variance.weights_at(levels.exposure_s[used]) @ channel.dark.variance.y
@@ -83,8 +96,93 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
     )
 
 
+@dataclass(frozen=True)
+class _MeanFrame:
+    """The mean frame of a group, with the temporal variance left in it per channel."""
+
+    statistics: GroupStatistics
+    mean: NDArray[np.float64]
+    tile: NDArray[np.int64]
+    noise: Sequence[TemporalParts]
+
+    def parts(self, channel: int) -> tuple[Parts | Missing, Parts | Missing]:
+        """Return a channel's row, column and pixel parts, plain and high-passed."""
+        plain, filtered = (
+            channel_parts(self.mean, self.tile, channel, self.noise[channel], filtered=filtered)
+            for filtered in (False, True)
+        )
+        return plain, filtered
+
+    def planes(self, channel: int) -> MeanPlanes:
+        """Return a channel's planes."""
+        group = self.statistics
+        return MeanPlanes.of(self.mean, self.tile, channel, group.frames, group.group.exposure_s, self.noise[channel])
+
+
+@dataclass(frozen=True)
+class _DarkPattern:
+    """The dark frames that belong to a channel's half-saturated flats."""
+
+    parts: tuple[Parts | Missing, Parts | Missing]
+    planes: MeanPlanes
+
+
+def measure_fixed_pattern(
+    reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, far: FarThresholds | None
+) -> tuple[FixedPattern, ...]:
+    """Measure each channel's fixed pattern.
+
+    Parameters
+    ----------
+    reduction, dark, light
+        Results of the stages before.
+    reader
+        Reads mean frames of the linear range, and a few frames for row and column noise, again.
+    far
+        Thresholds of the pixels listed as candidates for the defect list.
+
+    Raises
+    ------
+    FileError
+        If a frame cannot be read again.
+    """
+    channels, lights = light.channels, reduction.lights
+    half = [_half_saturated(channel, lights) for channel in channels]
+    patterns = _dark_patterns(reduction, dark, half, reader)
+    if not channels:
+        return tuple(
+            FixedPattern(NO_LIGHT, *entry.parts, NO_LIGHT, NO_LIGHT, spatial_analysis(entry.planes, NO_LIGHT, far))
+            for entry in patterns
+        )
+    plans = [plan_slopes(channel, lights) for channel in channels]
+    groups = [i for i in range(len(lights)) if i in half or any(_in_plan(plan, i) for plan in plans)]
+    reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
+    slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
+    found: dict[int, tuple[Parts | Missing, Parts | Missing, SpatialAnalysis | Missing]] = {}
+    for i in groups:
+        mean = reader.mean(lights[i].group)
+        slopes.add(mean, [plan.coefficients.get(i, 0.0) if isinstance(plan, SlopePlan) else 0.0 for plan in plans])
+        if i not in half:
+            continue
+        flat = _MeanFrame(lights[i], mean.mean(), reader.tile, mean_frame_parts(reader, lights[i], dark.scatter))
+        for k in (k for k, group in enumerate(half) if group == i):
+            plain, filtered = (
+                _light_less_dark(part, dark_part, channels[k], i)
+                for part, dark_part in zip(flat.parts(k), patterns[k].parts, strict=True)
+            )
+            found[k] = filtered, plain, spatial_analysis(patterns[k].planes, flat.planes(k), far)
+    spreads = slopes.spreads([plan.noise if isinstance(plan, SlopePlan) else Uncertain(0.0) for plan in plans])
+    result = []
+    for k, group in enumerate(half):
+        if isinstance(group, Missing):
+            found[k] = group, group, spatial_analysis(patterns[k].planes, group, far)
+        dark_slope = None if dark.slopes is None else dark.slopes[k]
+        result.append(FixedPattern(_response_variance(plans[k], spreads[k], dark_slope), *patterns[k].parts, *found[k]))
+    return tuple(result)
+
+
 def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int | Missing:
-    """The light group for PRNU after EMVA 1288: the most frames near half saturation, then the nearest."""
+    """Return the light group for PRNU of EMVA 1288: the most frames near half saturation, then the nearest."""
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None:
         return Missing("PRNU at 50 % of saturation needs flats that reach saturation")
@@ -100,7 +198,7 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
 
 
 def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], reference: int) -> int:
-    """The dark group of the same exposure with the most frames, else the reference."""
+    """Return the dark group of the same exposure with the most frames, else the reference."""
     same = [
         i
         for i, entry in enumerate(darks)
@@ -109,148 +207,50 @@ def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], ref
     return max(same, key=lambda i: darks[i].frames) if same else reference
 
 
-def mean_planes(
-    statistics: GroupStatistics, mean: NDArray[np.float64], tile: NDArray[np.int64], channel: int, noise: TemporalParts
-) -> MeanPlanes:
-    """A channel's planes of a group's mean frame, with the temporal variance left in it."""
-    return MeanPlanes.of(mean, tile, channel, statistics.frames, statistics.group.exposure_s, noise)
-
-
-class PatternReader:
-    """Looks again at the mean frames that the fixed-pattern figures need, and works them out.
-
-    Parameters
-    ----------
-    reader
-        The reader of the first pass.
-    darks, lights
-        The groups as judged.
-    reference, reference_mean
-        The dark group of read noise and DSNU, and its mean frame.
-    channels
-        What the first pass told.
-    dark_slopes
-        Per channel, the spread of dark slopes; None with one dark exposure.
-    dark_noise, scatter
-        Per channel, the temporal variance left in `reference_mean`; see `DarkLine.scatter`.
-    dark_parts
-        The reference's parts where they are known beforehand, by channel and whether high-passed; empty where they
-        are to be found here.
-    """
-
-    def __init__(
-        self,
-        reader: FrameReader,
-        darks: Sequence[GroupStatistics],
-        lights: Sequence[GroupStatistics],
-        reference: int,
-        reference_mean: MeanFrame,
-        channels: Sequence[Channel],
-        dark_slopes: Sequence[SlopeSpread] | None,
-        dark_noise: Sequence[TemporalParts],
-        scatter: float,
-        dark_parts: Mapping[tuple[int, bool], Parts | Missing],
-    ) -> None:
-        self._reader = reader
-        self._darks = darks
-        self._lights = lights
-        self._channels = channels
-        self._dark_slopes = dark_slopes
-        self._dark_noise = {reference: dark_noise}
-        self._scatter = scatter
-        self._plans = [plan_slopes(channel, lights) for channel in channels]
-        self._half = [_half_saturated(channel, lights) for channel in channels]
-        self._dark_of = [
-            reference if isinstance(half, Missing) or dark_parts else _matching_dark(lights[half], darks, reference)
-            for half in self._half
+def _dark_patterns(
+    reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
+) -> list[_DarkPattern]:
+    """Return per channel the dark pattern at the exposure of the half-saturated flats, else that of the reference."""
+    reference, darks = reduction.reference, reduction.darks
+    if dark.clipped is None and half:
+        of_channel = [
+            reference if isinstance(i, Missing) else _matching_dark(reduction.lights[i], darks, reference) for i in half
         ]
-        self._dark_means = {reference: reference_mean.mean()}
-        self._dark_found = dict(dark_parts)
+    else:
+        of_channel = [reference] * len(reduction.names)
+    mean = reduction.reference_mean
+    frames = {reference: _MeanFrame(darks[reference], mean.mean(), mean.labels, dark.noise)}
+    again = sorted(set(of_channel) - {reference})
+    reader.expect(sum(len(darks[i].group) for i in again))
+    for i in again:
+        mean = reader.mean(darks[i].group)
+        frames[i] = _MeanFrame(darks[i], mean.mean(), mean.labels, mean_frame_parts(reader, darks[i], dark.scatter))
+    return [
+        _DarkPattern(dark.parts[k] if i == reference else frames[i].parts(k), frames[i].planes(k))
+        for k, i in enumerate(of_channel)
+    ]
 
-    def read(self, far: FarThresholds | None = None) -> tuple[Patterns, ...]:
-        """Per channel, its fixed pattern; `far` says which pixels are candidates for the list of defects."""
-        again = [i for i in range(len(self._lights)) if self._needed(i)]
-        dark_again = sorted(set(self._dark_of) - set(self._dark_means))
-        self._reader.expect(
-            sum(len(self._lights[i].group) for i in again if not self._reader.kept(self._lights[i].group))
-            + sum(len(self._darks[i].group) for i in dark_again)
-        )
-        for i in dark_again:
-            self._dark_means[i] = self._reader.mean(self._darks[i].group).mean()
-            self._dark_noise[i] = mean_frame_parts(self._reader, self._darks[i], self._scatter)
 
-        slopes = PixelSlopes((self._reader.frames.rows, self._reader.frames.cols), self._reader.tile)
-        plans = [plan if isinstance(plan, SlopePlan) else None for plan in self._plans]
-        filtered: dict[int, Parts | Missing] = {}
-        plain: dict[int, Parts | Missing] = {}
-        spatial: dict[int, SpatialAnalysis | Missing] = {}
-        for i in again:
-            level = self._reader.mean(self._lights[i].group)
-            slopes.add(level, [plan.coefficients.get(i, 0.0) if plan else 0.0 for plan in plans])
-            of_half = [k for k, half in enumerate(self._half) if half == i]
-            if of_half:
-                mean = level.mean()
-                noise = mean_frame_parts(self._reader, self._lights[i], self._scatter)
-            for k in of_half:
-                filtered[k] = self._light_parts(k, i, mean, noise[k], filtered=True)
-                plain[k] = self._light_parts(k, i, mean, noise[k], filtered=False)
-                light = mean_planes(self._lights[i], mean, self._reader.tile, k, noise[k])
-                spatial[k] = spatial_analysis(self._dark_planes(k), light, far)
-        spreads = slopes.spreads([plan.noise if plan else Uncertain(0.0) for plan in plans])
-        result = []
-        for k, half in enumerate(self._half):
-            why = half if isinstance(half, Missing) else None
-            result.append(
-                Patterns(
-                    response_variance=self._response_variance(k, spreads[k]),
-                    dsnu1288=self._dark_parts(k, filtered=False),
-                    dsnu1288_filtered=self._dark_parts(k, filtered=True),
-                    prnu1288=why or filtered[k],
-                    prnu1288_unfiltered=why or plain[k],
-                    spatial=spatial_analysis(self._dark_planes(k), why, far) if why else spatial[k],
-                )
-            )
-        return tuple(result)
+def _in_plan(plan: SlopePlan | Missing, group: int) -> bool:
+    return isinstance(plan, SlopePlan) and group in plan.coefficients
 
-    def _needed(self, group: int) -> bool:
-        return group in self._half or any(
-            isinstance(plan, SlopePlan) and group in plan.coefficients for plan in self._plans
-        )
 
-    def _response_variance(self, k: int, spread: SlopeSpread) -> Value:
-        plan = self._plans[k]
-        if isinstance(plan, Missing):
-            return plan
-        if spread.mean <= 0.0:
-            return Missing("the light frames do not get brighter with exposure")
-        dark = self._dark_slopes[k] if self._dark_slopes is not None else None
-        return relative_response_variance(spread, dark, plan.seconds_per_unit)
+def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None) -> Value:
+    if isinstance(plan, Missing):
+        return plan
+    if spread.mean <= 0.0:
+        return Missing("the light frames do not get brighter with exposure")
+    return relative_response_variance(spread, dark, plan.seconds_per_unit)
 
-    def _dark_parts(self, k: int, *, filtered: bool) -> Parts | Missing:
-        if (k, filtered) not in self._dark_found:
-            dark = self._dark_of[k]
-            noise = self._dark_noise[dark][k]
-            found = channel_parts(self._dark_means[dark], self._reader.tile, k, noise, filtered=filtered)
-            self._dark_found[k, filtered] = found
-        return self._dark_found[k, filtered]
 
-    def _dark_planes(self, k: int) -> MeanPlanes:
-        dark = self._dark_of[k]
-        noise = self._dark_noise[dark][k]
-        return mean_planes(self._darks[dark], self._dark_means[dark], self._reader.tile, k, noise)
-
-    def _light_parts(
-        self, k: int, group: int, mean: NDArray[np.float64], noise: TemporalParts, *, filtered: bool
-    ) -> Parts | Missing:
-        """Light less dark, relative to the signal, squared."""
-        light = channel_parts(mean, self._reader.tile, k, noise, filtered=filtered)
-        dark = self._dark_parts(k, filtered=filtered)
-        if isinstance(light, Missing) or isinstance(dark, Missing):
-            return light if isinstance(light, Missing) else dark
-        levels = self._channels[k].levels
-        place = int(np.flatnonzero(levels.group == group)[0])
-        signal = Uncertain.of(float(levels.signal[place]), float(np.sqrt(levels.signal_covariance[place, place])))
-        relative = 1.0 / (signal * signal)
-        if (curvature := self._channels[k].curvature) is not None:
-            relative = curvature.widen(relative, -2.0 * curvature.contrast(float(levels.x[place])))
-        return (light - dark).scaled(relative)
+def _light_less_dark(light: Parts | Missing, dark: Parts | Missing, channel: Channel, group: int) -> Parts | Missing:
+    """Return the parts of a light group less those of the dark, relative to the squared signal."""
+    if isinstance(light, Missing) or isinstance(dark, Missing):
+        return light if isinstance(light, Missing) else dark
+    levels = channel.levels
+    place = int(np.flatnonzero(levels.group == group)[0])
+    signal = Uncertain.of(float(levels.signal[place]), float(np.sqrt(levels.signal_covariance[place, place])))
+    relative = 1.0 / (signal * signal)
+    if (curvature := channel.curvature) is not None:
+        relative = curvature.widen(relative, -2.0 * curvature.contrast(float(levels.x[place])))
+    return (light - dark).scaled(relative)

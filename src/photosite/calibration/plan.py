@@ -8,15 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photosite.calibration.dark import measure_dark_level
 from photosite.calibration.fixed_pattern import plan_slopes
-from photosite.calibration.measure import (
-    NO_LIGHT,
-    NO_PHOTONS,
-    measure_dark,
-    stand_for_the_sensor,
-    without_dark_shot,
-)
-from photosite.calibration.measurements import Measurements, parameters, pool
+from photosite.calibration.measurements import NO_LIGHT, NO_PHOTONS, Measurements, pool_channels
+from photosite.calibration.parameter_estimates import estimate_parameters
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
@@ -124,7 +119,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
         _measured(sensor, darkness[k], darks, reference, channels[k] if channels else None, lights, k)
         for k in range(len(names))
     ]
-    return parameters(_together(names, measured, darks, reference, exposures, gain), _mv_per_dn(sensor))
+    return estimate_parameters(_together(names, measured, darks, reference, exposures, gain), _mv_per_dn(sensor))
 
 
 def _sorted(groups: Sequence[PlannedGroup]) -> list[PlannedGroup]:
@@ -206,7 +201,7 @@ def _measured(
     level = reference.levels[index]
     spread = Uncertain.of_variance(level.spatial_variance, level.spatial_variance * math.sqrt(2.0 / level.pixels))
     measured = replace(
-        measure_dark(background, level, reference.label),
+        measure_dark_level(background, level, reference.label),
         dsnu_variance=spread - level.noise * (1.0 / level.frames),
         dsnu1288=NOT_PREDICTED,
         dsnu1288_filtered=NOT_PREDICTED,
@@ -232,7 +227,7 @@ def _measured(
             responsivity=responsivity,
             saturation_responsivity=responsivity,
         )
-    return stand_for_the_sensor(without_dark_shot(measured, reference.group.exposure_s))
+    return measured.without_dark_shot_noise(reference.group.exposure_s).for_sensor()
 
 
 def _dark_slopes(sensor: Sensor, darks: Sequence[GroupStatistics], index: int) -> SlopeSpread | None:
@@ -286,6 +281,6 @@ def _together(
     if len(names) == 1:
         return replace(measured[0], gain=gain)
     background = DarkLines.of(exposures, [pooled_level(entry.levels) for entry in darks])
-    dark = measure_dark(background, pooled_level(reference.levels), reference.label)
-    pooled = without_dark_shot(pool(names, measured, dark, gain), reference.group.exposure_s)
-    return replace(stand_for_the_sensor(pooled), responsivity=pooled.responsivity)
+    dark = measure_dark_level(background, pooled_level(reference.levels), reference.label)
+    pooled = pool_channels(names, measured, dark, gain).without_dark_shot_noise(reference.group.exposure_s)
+    return replace(pooled.for_sensor(), responsivity=pooled.responsivity)

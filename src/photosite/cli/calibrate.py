@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     help="Report to write: a data sheet in one self-contained HTML page, or a PDF, by the file's ending.",
 )
 @click.option(
-    "--partial",
+    "--checkpoint",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
     help="Keep partial sums here; a run that was broken off goes on from them.",
@@ -72,7 +72,7 @@ def command(
     sensor_name: str | None,
     output: Path | None,
     report: Path | None,
-    partial: Path | None,
+    checkpoint: Path | None,
     bits: int | None,
     cfa: str | None,
     dark: tuple[str, ...],
@@ -126,10 +126,10 @@ def command(
         raise click.UsageError("--far-dark and --far-light take frames of one gain setting")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
-        calibrate_gain_series(frames, sensor, output, report, partial, as_json)
+        calibrate_gain_series(frames, sensor, output, report, checkpoint, as_json)
         return
     far = FarThresholds(far_dark, far_light)
-    calibration = calibrate(frames, sensor, maps=maps, far=far, progress=Stages(), partial=partial)
+    calibration = calibrate(frames, sensor, maps=maps, far=far, progress=Stages(), checkpoint=checkpoint)
     _save(calibration, output, report)
     beside = maps_path(output) if calibration.chip is not None and output is not None else None
     if as_json:

@@ -20,13 +20,13 @@ def calibrate_gain_series(
     sensor: Sensor | None,
     output: Path | None,
     report: Path | None,
-    partial: Path | None,
+    checkpoint: Path | None,
     as_json: bool,
 ) -> None:
     """Calibrate each setting and analyse them together; the names of sensor files contain the setting."""
     from photosite.calibration.gain_series.calibrate_series import calibrate_series
 
-    series = calibrate_series(frames, sensor, progress=Stages(), partial=partial)
+    series = calibrate_series(frames, sensor, progress=Stages(), checkpoint=checkpoint)
     written: list[Path] = []
     if output is not None:
         for step in series.steps:

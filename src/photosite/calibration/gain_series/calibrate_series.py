@@ -46,7 +46,7 @@ def calibrate_series(
     sensor: Sensor | None = None,
     progress: Progress | None = None,
     *,
-    partial: str | PathLike[str] | None = None,
+    checkpoint: str | PathLike[str] | None = None,
 ) -> GainSeries:
     """Calibrate every gain setting of a measurement, and analyse them together.
 
@@ -63,7 +63,7 @@ def calibrate_series(
         analog gain of the other settings follows from their nominal values.
     progress
         As for `calibrate`, over all settings.
-    partial
+    checkpoint
         As for `calibrate`: a checkpoint folder, which gets a subfolder for each setting.
 
     Returns
@@ -97,8 +97,8 @@ def calibrate_series(
     steps = []
     for setting in stated:
         part = frames.at_gain(setting)
-        sums = None if partial is None else Path(partial) / f"gain{setting:g}"
-        steps.append(GainStep(setting, calibrate(part, base, progress=count.of(part.frame_count), partial=sums)))
+        sums = None if checkpoint is None else Path(checkpoint) / f"gain{setting:g}"
+        steps.append(GainStep(setting, calibrate(part, base, progress=count.of(part.frame_count), checkpoint=sums)))
     return analyse_series(steps, base, frames.source)
 
 

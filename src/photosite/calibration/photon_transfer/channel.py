@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation
-from photosite.calibration.photon_transfer.response_curvature import ResponseCurvature, find_curvature
-from photosite.values.uncertain import Missing, Source, Uncertain, Value
+from photosite.calibration.photon_transfer.response_curvature import ResponseCurvature
+from photosite.values.uncertain import Missing, Value
 
 
 @dataclass(frozen=True)
@@ -45,19 +45,7 @@ class Channel:
     curvature: ResponseCurvature | None = None
 
 
-def with_curvature(channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels with the curvature of each response, which widens the gain's uncertainty."""
-    source = Source()
-    result = []
-    for channel in channels:
-        curvature, gain = find_curvature(channel.levels, channel.used, source), channel.gain
-        if curvature is not None and isinstance(gain, Uncertain):
-            gain = curvature.widen(gain, curvature.gain)
-        result.append(replace(channel, curvature=curvature, gain=gain))
-    return result
-
-
-def curvature_warning(names: Sequence[str], channels: Sequence[Channel]) -> list[str]:
+def curvature_warnings(names: Sequence[str], channels: Sequence[Channel]) -> list[str]:
     """Return a warning where the curvature exceeds half of the gain's other uncertainties."""
     for name, channel in zip(names, channels, strict=False):  # no channels without light frames
         curvature, gain = channel.curvature, channel.gain

@@ -1,4 +1,4 @@
-"""What darkness tells: the dark line against exposure, and how to take the dark off a light level."""
+"""Dark signal and dark variance against exposure, and their values at the exposure of a light level."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from photosite.calibration.reduction.groups import Level
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
 
 BEYOND_SAMPLING = 0.001
-"""Share of ideal measurements whose dark variances may be said to scatter more than their sampling."""
+"""Share of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
 
 SAME_EXPOSURE = 1e-6
-"""Relative difference up to which two exposure times are the same one."""
+"""Relative difference up to which two exposure times are equal."""
 
 
 def same_exposure(exposure_s: ArrayLike, other_s: ArrayLike) -> NDArray[np.bool_]:
-    """Whether exposure times are the same but for rounding."""
+    """Return whether exposure times are equal except for rounding."""
     return np.asarray(np.isclose(exposure_s, other_s, rtol=SAME_EXPOSURE, atol=0.0))
 
 
@@ -32,11 +32,11 @@ class DarkLine:
     Parameters
     ----------
     exposure_s, y, variance
-        (m,) exposure, measured quantity, its sampling variance.
+        (m,) exposure time, measured quantity, its sampling variance.
     fit
-        The line, or None with one exposure only.
+        The line; None with one exposure only.
     shared
-        (m,) standard uncertainty that the points have in common: of clipped darks, and of rounding.
+        (m,) standard uncertainty that the points share: from clipping and from rounding.
     points
         The quantity with its independent sources, where other results share them; else empty.
     """
@@ -57,14 +57,14 @@ class DarkLine:
         shared: NDArray[np.float64],
         points: Sequence[Uncertain] = (),
     ) -> DarkLine:
-        """Fit the line, where there are two exposures or more.
+        """Fit the line, if there are two exposures or more.
 
-        Points with sources are temporal variances, whose uncertainty follows their size: weights come from what the
-        line says of them, for the reason given at `photon_transfer.fit_gain`.
+        Points with sources are temporal variances, whose uncertainty grows with their value. Their weights come from
+        the fitted line, for the reason given in `photon_transfer.fit_gain`.
         """
         if len(np.unique(exposure_s)) < 2:
             return cls(exposure_s, y, variance, None, shared, tuple(points))
-        design, together = _line(exposure_s), np.outer(shared, shared)
+        design, together = _design(exposure_s), np.outer(shared, shared)
         fit = fit_linear(design, y, np.diag(variance) + together)
         expected = design @ fit.parameters
         if points and (expected > 0.0).all():
@@ -74,12 +74,12 @@ class DarkLine:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """(m, m) of the measured quantity."""
+        """(m, m) covariance of the measured quantity."""
         return np.asarray(np.diag(self.variance) + np.outer(self.shared, self.shared))
 
     @property
     def line(self) -> tuple[Value, Value]:
-        """Intercept and slope per second."""
+        """Intercept, and slope per second."""
         if self.fit is None:
             reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
@@ -87,7 +87,8 @@ class DarkLine:
             intercept, slope = self.fit.uncertain
             return intercept, slope
         fit = self.fit
-        left = fit.covariance - (fit.estimator * self.variance) @ fit.estimator.T  # what the points share or scatter
+        # The part of the covariance that does not come from the points' own sources.
+        left = fit.covariance - (fit.estimator * self.variance) @ fit.estimator.T
         freedom = fit.degrees_of_freedom if fit.extra_variance > 0.0 else math.inf
         rest = correlated(np.zeros(2), left, freedom)
         intercept, slope = (combined(self.points, row) + more for row, more in zip(fit.estimator, rest, strict=True))
@@ -106,10 +107,10 @@ class DarkLine:
 
     @property
     def scatter(self) -> float:
-        """Standard deviation of the points about the line beyond sampling, relative to their mean; 0 if by chance.
+        """Standard deviation of the points about the line beyond sampling, relative to their mean; 0 within chance.
 
-        Of dark variances it says how far the noise is from independent frames: interference that keeps its pattern
-        from frame to frame adds to some combinations of frames and cancels in others.
+        For dark variances it measures how far the noise is from that of independent frames: interference with a
+        constant pattern adds in some combinations of frames and cancels in others.
         """
         from scipy.stats import chi2
 
@@ -121,9 +122,9 @@ class DarkLine:
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 
     def weights_at(self, exposure_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(exposures, m): the dark value at each exposure is this times `y`.
+        """Return (exposures, m) weights: the dark value at each exposure is their product with `y`.
 
-        Darks of the same exposure where there are some (EMVA 1288), else the line.
+        They select darks of the same exposure where there are any (EMVA 1288), else the line.
         """
         weights = np.zeros((len(exposure_s), len(self.exposure_s)))
         for row, t in zip(weights, exposure_s, strict=True):
@@ -131,42 +132,42 @@ class DarkLine:
             if same.any():
                 row[same] = (1.0 / self.variance[same]) / np.sum(1.0 / self.variance[same])
             elif self.fit is not None:
-                row[:] = _line(np.array([t]))[0] @ self.fit.estimator
+                row[:] = _design(np.array([t]))[0] @ self.fit.estimator
             else:
                 row[:] = (1.0 / self.variance) / np.sum(1.0 / self.variance)
         return weights
 
 
-def _line(t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _design(t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.ones_like(t), t])
 
 
 @dataclass(frozen=True)
 class DarkLines:
-    """One channel in the dark: mean level and temporal variance against exposure, in DN and DN^2."""
+    """Dark signal (DN) and dark temporal variance (DN^2) of one channel against exposure."""
 
     mean: DarkLine
     variance: DarkLine
 
     @classmethod
     def of(cls, exposure_s: Sequence[float], levels: Sequence[Level]) -> DarkLines:
-        """From the dark levels of a channel; those with one frame tell their mean only."""
+        """Return the lines through a channel's dark levels; single frames have a mean only."""
         t = np.asarray(exposure_s, dtype=np.float64)
         repeated = np.array([level.repeated for level in levels])
         temporal, uncertainty = temporal_variances(t, levels)
         samples = np.array([level.frames * level.pixels for level in levels])
         own = np.array([level.mean_variance for level in levels])
-        turned = np.array([level.shared_mean > 0.0 for level in levels])
+        corrected = np.array([level.shared_mean > 0.0 for level in levels])
         best_known = min((level for level in levels if level.repeated), key=lambda level: level.variance_uncertainty)
         of_mean, of_variance = (
             np.array([getattr(level, f"shared_{name}") for level in levels])
-            if turned.any()
-            # One phase for all: unequal shares of one cause would let the fit play them off against each other.
+            if corrected.any()
+            # The same for all: with unequal shares of one cause the fit would use their difference.
             else np.full(len(levels), getattr(best_known, f"rounding_{name}"))
             for name in ("mean", "variance")
         )
         mean = DarkLine.through(
-            t, np.array([level.mean for level in levels]), np.where(turned, own, temporal / samples), of_mean
+            t, np.array([level.mean for level in levels]), np.where(corrected, own, temporal / samples), of_mean
         )
         noise = DarkLine.through(
             t[repeated],
@@ -181,9 +182,9 @@ class DarkLines:
 def temporal_variances(
     exposure_s: NDArray[np.float64], levels: Sequence[Level]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(m,) temporal variance of each dark level and its uncertainty, DN^2.
+    """Return (m,) temporal variance of each dark level and its uncertainty, DN^2.
 
-    A lone frame does not show its noise: it is given that of the repeated darks of the nearest exposure.
+    A single frame shows no noise and is given that of the repeated darks of the nearest exposure.
     """
     variance = np.array([level.variance for level in levels])
     uncertainty = np.array([level.variance_uncertainty for level in levels])

@@ -1,4 +1,4 @@
-"""Straight lines through measured points, with weights that are right for good and for bad laboratories."""
+"""Least-squares fits weighted by sampling, and by the scatter of the points beyond it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 from photosite.values.uncertain import Uncertain, correlated
 
 BY_CHANCE = 1.0 / 6.0
-"""Share of ideal measurements whose scatter counts as more than sampling explains: one standard deviation, one side."""
+"""Share of ideal measurements whose scatter counts as beyond sampling: one standard deviation, one side."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A linear fit y = design @ parameters.
+    """A linear fit, y = design @ parameters.
 
     Parameters
     ----------
     parameters, covariance
         (p,) and (p, p).
     estimator
-        (p, m): parameters = estimator @ y, the weights as they came out.
+        (p, m): parameters = estimator @ y, with the final weights.
     extra_variance
-        Variance added to every point so that the scatter about the line is explained.
+        Variance added to every point to explain the scatter about the line.
     chi_square
-        Sum of squared residuals over the points' own variances, before any was added.
+        Sum of squared residuals over the points' variances, before any was added.
     degrees_of_freedom
         Points less parameters.
     """
@@ -41,10 +41,9 @@ class Fit:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the covariance, by Welch and Satterthwaite: infinite where sampling explains all.
+        """Degrees of freedom of the covariance (Welch and Satterthwaite); infinite where sampling explains the scatter.
 
-        The scatter that sampling does not explain was found from the residuals, a share 1 - (degrees of freedom) /
-        (chi square) of the whole.
+        The part estimated from the residuals is 1 - (degrees of freedom) / (chi square) of the whole.
         """
         if self.extra_variance == 0.0:
             return math.inf
@@ -52,14 +51,14 @@ class Fit:
 
     @property
     def uncertain(self) -> tuple[Uncertain, ...]:
-        """The parameters as new inputs that share their covariance."""
+        """The parameters as new inputs with their covariance."""
         return correlated(self.parameters, self.covariance, self.freedom)
 
 
 def _solve(
     design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Generalised least squares: parameters, their covariance, the estimator and chi square."""
+    """Return the generalised least squares solution: parameters, covariance, estimator and chi square."""
     root = np.linalg.cholesky(covariance)
     x = np.linalg.solve(root, design)
     normal = np.linalg.inv(x.T @ x)
@@ -70,28 +69,28 @@ def _solve(
 
 
 def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
-    """Least squares weighted by the covariance of the points and, where they scatter more, an extra variance.
+    """Fit by least squares, weighted by the covariance of the points and, where they scatter more, an extra variance.
 
-    The extra variance, the same for every point, is the one at which chi square equals its expectation, the degrees of
-    freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where every sixth ideal data set
-    would have such a chi square or a larger one: half of them have more than the expectation, and widening all of those
-    made 95 % intervals cover 97 % (docs/coverage.md). With ideal points the weights are the optimal ones; where scatter
-    far above the sampling error (a lamp that wanders, a converter's uneven steps) dominates, the points weigh alike, as
-    in EMVA 1288's plain least squares. The covariance of the parameters holds it too.
+    The extra variance, equal for all points, is the one at which chi square equals its expectation, the degrees of
+    freedom (Mandel and Paule, Anal. Chem. 42 (1970) 1194; random effects). It is zero where at least a sixth of ideal
+    data sets have such a chi square or a larger one. Half of them exceed the expectation, and widening all of those
+    made 95 % intervals cover 97 % (docs/coverage.md). With ideal points the weights are optimal. Where scatter far
+    above the sampling error dominates (drifting lamp, uneven converter steps), all points have nearly the same weight,
+    as in EMVA 1288's plain least squares. The covariance of the parameters includes the extra variance.
 
     Parameters
     ----------
     design
-        (m, p).
+        (m, p) design matrix.
     y
-        (m,) measured.
+        (m,) measured points.
     covariance
-        (m, m) of the measured points, positive definite.
+        (m, m) covariance of the points, positive definite.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the points cannot determine the parameters, or the covariance is not positive definite.
+        If the points do not determine the parameters, or the covariance is not positive definite.
 
     Examples
     --------

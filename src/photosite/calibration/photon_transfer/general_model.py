@@ -1,4 +1,4 @@
-"""What can be told of a camera whose light is not known, or whose response is not straight: EMVA 1288 R4.0 General."""
+"""EMVA 1288 R4.0 General: the model for unknown light, or for a response that is not linear."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 LEAST_LEVELS = 3
-"""Light levels that a local slope in their middle needs."""
+"""Light levels that a local slope needs."""
 
 
 @dataclass(frozen=True, eq=False)
 class GeneralModel:
-    """One channel by its characteristic curve alone: nothing is assumed of its shape, nor of where its noise is from.
+    """One channel described by its characteristic curve, without assumptions on its shape or on the origin of noise.
 
-    The noise that is seen in the output, over the local slope of the characteristic curve, is the noise that light
-    would have to have for it: the input's noise. What the eye or a program can tell from a picture is the amount of
-    light over that.
+    The noise of the output over the local slope of the characteristic curve is the noise of the input: the noise that
+    the light would need to cause it. The signal-to-noise ratio of the input is the amount of light over that.
 
     Parameters
     ----------
     abscissa
-        "photons_per_pixel" or "exposure_s": what amounts of light, `threshold` and `saturation` are in.
+        "photons_per_pixel" or "exposure_s": the unit of the amounts of light, `threshold` and `saturation`.
     x, signal_dn, signal_uncertainty
         (points,) the characteristic curve: amount of light; mean less dark; its standard uncertainty.
     slope, slope_uncertainty
@@ -36,19 +35,19 @@ class GeneralModel:
     noise_dn
         (points,) temporal standard deviation.
     snr, snr_uncertainty
-        (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the level has no noise, is notably
+        (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the noise is unknown, the level is
         clipped, or the curve does not rise.
     threshold
         Amount of light at which that ratio is 1.
     saturation
-        Amount of light at which it is largest, known to lie between that level's neighbours.
+        Amount of light at which it is largest; its uncertainty spans the neighbouring levels.
     dynamic_range_db
-        20 log10 of their quotient.
+        20 log10 (saturation / threshold).
 
     Notes
     -----
-    EMVA 1288 R4.0 General. For a linear camera the ratio is that of the linear model. The threshold is read off a
-    variance that is interpolated between the levels, the dark one included.
+    EMVA 1288 R4.0 General. For a linear camera the ratio is that of the linear model. The threshold comes from a
+    variance interpolated between the levels, the dark level included.
     """
 
     abscissa: str
@@ -65,22 +64,22 @@ class GeneralModel:
     dynamic_range_db: Value
 
     def to_dict(self) -> dict[str, Any]:
-        """`abscissa`, and `threshold`, `saturation` and `dynamic_range_db` with value and standard_uncertainty."""
+        """Return `abscissa`, and `threshold`, `saturation`, `dynamic_range_db` with value and standard_uncertainty."""
         values = ((name, getattr(self, name)) for name in ("threshold", "saturation", "dynamic_range_db"))
         return {"abscissa": self.abscissa} | {name: Estimate.of(value, "").to_dict() for name, value in values}
 
 
 def general_model(channel: Channel) -> GeneralModel | Missing:
-    """The general model of a channel, or why there is none.
+    """Return the general model of a channel, or the reason why it is missing.
 
     Parameters
     ----------
     channel
-        What the light levels told. Levels with one frame have no noise, but shape the curve; of several groups at one
-        amount of light, that with the most certain signal stands for them.
+        The channel. Levels with one frame have no noise, but shape the curve. Of several groups at one amount of light,
+        the one with the smallest uncertainty is used.
     """
     levels, dark = channel.levels, channel.dark.variance
-    place = _one_each(levels.x, np.diag(levels.signal_covariance))
+    place = _best_levels(levels.x, np.diag(levels.signal_covariance))
     x, signal = levels.x[place], levels.signal[place]
     if len(x) < LEAST_LEVELS:
         return Missing(f"{len(x)} light levels; a characteristic curve needs {LEAST_LEVELS} or more")
@@ -91,7 +90,7 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     weights = dark.weights_at(levels.exposure_s)[place]
     variance = levels.shot[place] + weights @ dark.y
     of_dark = np.sum(weights**2 * dark.variance, axis=1)
-    variance_u = np.sqrt(np.maximum(np.diag(levels.shot_covariance)[place] - of_dark, 0.0))  # rounding alone
+    variance_u = np.sqrt(np.maximum(np.diag(levels.shot_covariance)[place] - of_dark, 0.0))  # negative only by rounding
 
     good = (variance > 0.0) & (slope > 0.0) & ~levels.clipped[place]
     noise = np.sqrt(np.where(variance > 0.0, variance, np.nan))
@@ -115,16 +114,16 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     )
 
 
-def _one_each(x: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Of each amount of light the level that is known best."""
+def _best_levels(x: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the best-known level at each amount of light."""
     order = np.lexsort((variance, x))
     return np.asarray(order[np.append(True, np.diff(x[order]) > 0.0)])
 
 
 def local_slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m, m) by which ordinates become the slopes of the parabolas through each point and its two neighbours.
+    """Return the (m, m) matrix from ordinates to the slopes of the parabolas through each point and its neighbours.
 
-    At the ends it is that of the parabola through the last three.
+    At each end, the parabola goes through the last three points.
 
     Examples
     --------
@@ -148,7 +147,7 @@ def local_slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
 def _threshold(
     channel: Channel, x: NDArray[np.float64], slope: NDArray[np.float64], variance: NDArray[np.float64]
 ) -> Value:
-    """Where x slope = noise: the variance and the slope taken as straight between the levels, from the dark on."""
+    """Return where x slope = noise, with variance and slope interpolated linearly between the levels and the dark."""
     dark = channel.dark.variance.at_zero
     if not x.size or dark.value <= 0.0:
         return Missing("no light level shows noise and signal, or the dark temporal variance is not above zero")
@@ -167,14 +166,14 @@ def _threshold(
     from scipy.optimize import brentq
 
     root = float(brentq(excess, light[i - 1], light[i]))
-    # Near zero light the noise is that of the dark: what its variance moves the root by is half its relative error.
+    # Near zero light the noise is the dark noise: the root moves by half the relative error of its variance.
     relative = 0.5 * dark.relative if i == 1 else 0.0
     return Uncertain.of(root, root * relative)
 
 
 def _saturation(channel: Channel, x: NDArray[np.float64], snr: NDArray[np.float64]) -> Value:
     if channel.saturation.signal is None or not np.isfinite(snr).any():
-        return Missing("no flat reached saturation; take flats up to where they do not get brighter")
+        return Missing("no flat reached saturation; take flats up to the level where they stop getting brighter")
     peak = int(np.nanargmax(snr))
     low, high = x[max(peak - 1, 0)], x[min(peak + 1, len(x) - 1)]
     return Uncertain.of(float(x[peak]), float(high - low) / math.sqrt(12.0))

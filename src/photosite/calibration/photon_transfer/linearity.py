@@ -1,4 +1,4 @@
-"""How far the response is from a straight line: linearity after EMVA 1288, in its present and its former definition."""
+"""Linearity of EMVA 1288: deviation of the response from a straight line, in the definitions of R4.0 and R3.0."""
 
 from __future__ import annotations
 
@@ -15,30 +15,29 @@ from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
 
 RANGE = (0.05, 0.95)
-"""EMVA 1288: the regression takes signals from 5 to 95 % of that at saturation."""
+"""EMVA 1288: the regression uses signals from 5 to 95 % of that at saturation."""
 
 LEAST_LEVELS = 3
-"""Light levels that a deviation from a straight line needs; the standard wants 50 equal steps up to saturation, at
-least 9 of them in the range."""
+"""Light levels that a deviation from a line needs; the standard asks for 50 equal steps, at least 9 in the range."""
 
 Definition = Literal["relative", "full scale"]
 
 
 @dataclass(frozen=True, eq=False)
 class LinearityFit:
-    """A straight line through the response, and what it leaves.
+    """A straight line through the response, and the deviations from it.
 
     Parameters
     ----------
     definition
         "relative" or "full scale", see `linearity`.
     intercept, slope
-        Of the line: DN, and DN per unit of the abscissa.
+        The line: DN, and DN per unit of the abscissa.
     deviation_percent, deviation_uncertainty
         (points,) deviation of each light level that has one, and its standard uncertainty from sampling.
     error, lowest, highest
-        The linearity error in percent: of "relative" the mean of the absolute deviations, of "full scale" half the
-        difference of the highest and the lowest; and those two. All over the levels that were fitted.
+        Linearity error and lowest and highest deviation of the fitted levels, percent. The error is the mean absolute
+        deviation for "relative", and half the difference of highest and lowest for "full scale".
     """
 
     definition: Definition
@@ -62,11 +61,11 @@ class Linearity:
     x, signal_dn, signal_uncertainty
         (points,) the light levels below saturation: amount of light; mean less dark; its standard uncertainty.
     used
-        (points,) whether the signal is between 5 and 95 % of that at saturation, so that the lines were fitted to it.
+        (points,) whether the signal is between 5 and 95 % of that at saturation, so that it was fitted.
     relative
-        By EMVA 1288 releases 3.1 and 4.0.
+        Definition of EMVA 1288 releases 3.1 and 4.0.
     full_scale
-        By release 3.0.
+        Definition of release 3.0.
     """
 
     abscissa: str
@@ -79,23 +78,23 @@ class Linearity:
 
 
 def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Estimate]:
-    """The linearity errors as parameters: of one channel, or of several together.
+    """Return the linearity errors as parameters, of one channel or of several together.
 
     Parameters
     ----------
     channels
-        One or more. Of several, the errors are the mean over the channels, the extremes those of all.
+        One or more. Of several, the errors are means over the channels, and the extremes those of all.
     """
     known = [entry for entry in channels if isinstance(entry, Linearity)]
-    of_several = f"; over {len(known)} of {len(channels)} channels" if len(channels) > 1 else ""
-    relative = f"of least relative squares, relative to it (EMVA 1288 R4.0, equations 61 and 62){of_several}"
+    suffix = f"; over {len(known)} of {len(channels)} channels" if len(channels) > 1 else ""
+    relative = f"of least relative squares, relative to it (EMVA 1288 R4.0, equations 61 and 62){suffix}"
     range_text = "signals from 5 to 95 % of saturation about the line"
     methods = {
         "linearity_error_percent": f"mean absolute deviation of {range_text} {relative}",
         "linearity_error_min_percent": f"lowest deviation of {range_text} {relative}",
         "linearity_error_max_percent": f"highest deviation of {range_text} {relative}",
         "linearity_error_full_scale_percent": f"half the range of the deviations of {range_text} of least squares, "
-        f"over 0.9 of the signal at saturation (EMVA 1288 R3.0){of_several}",
+        f"over 0.9 of the signal at saturation (EMVA 1288 R3.0){suffix}",
     }
     if not known:
         missing = next((entry for entry in channels if isinstance(entry, Missing)), Missing("no light frames"))
@@ -111,17 +110,17 @@ def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Es
 
 
 def channel_linearity(channel: Channel) -> Linearity | Missing:
-    """The linearity of a channel's light levels, or why it cannot be told.
+    """Return the linearity of a channel, or the reason why it is missing.
 
     Parameters
     ----------
     channel
-        What the light levels told. Without known photons the abscissa is the exposure time: the light is then taken
-        as constant (the standard's method I).
+        The channel. Without known photons the abscissa is the exposure time, and the light is taken as constant (the
+        standard's method I).
     """
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None or saturation.index is None:
-        return Missing("linearity is told from 5 to 95 % of saturation, and no flat reached saturation")
+        return Missing("linearity is defined from 5 to 95 % of saturation, and no flat reached saturation")
     below = np.arange(len(levels.x)) <= saturation.index
     return linearity(
         levels.x[below],
@@ -139,7 +138,7 @@ def linearity(
     saturation: float,
     abscissa: str = "photons_per_pixel",
 ) -> Linearity | Missing:
-    """Linearity after EMVA 1288, from signals y at amounts of light H, in two definitions.
+    """Return the linearity of EMVA 1288, from signals y at amounts of light H, in two definitions.
 
     Relative (R4.0 Linear, equations 61 and 62; the same since R3.1). The line a0 + a1 H is the one of least relative
     squares, sum ((y - a0 - a1 H) / y)^2, over signals from 5 to 95 % of that at saturation. The deviation is
@@ -148,24 +147,24 @@ def linearity(
 
     Full scale (R3.0). The line is that of plain least squares over the same range; the deviation is
     100 (y - a0 - a1 H) / (0.9 y_sat), 0.9 being the range's part of the full scale, and LE is half of the difference
-    between highest and lowest. Small signals hardly count in it; a camera of high dynamic range hides its errors there.
+    between highest and lowest. Small signals hardly count, so it hides the errors of a camera with high dynamic range.
 
     Parameters
     ----------
     x, signal
-        (m,) amounts of light and signals in DN, dark taken off, up to saturation.
+        (m,) amounts of light, and signals in DN, dark subtracted, up to saturation.
     covariance
-        (m, m) of the signals.
+        (m, m) covariance of the signals.
     saturation
         The signal at saturation, DN.
     abscissa
-        What `x` is.
+        Unit of `x`.
 
     Returns
     -------
     Linearity or Missing
-        Missing with fewer than three amounts of light in the range. The uncertainties are those of the signals by
-        sampling. Noise draws extremes outwards and has a mean size: compare errors with their uncertainty.
+        Missing with fewer than three amounts of light in the range. The uncertainties come from the sampling of the
+        signals. Noise widens the extremes and increases mean absolute values: compare errors with their uncertainty.
 
     Examples
     --------
@@ -200,13 +199,13 @@ def _fit(
     weight = np.zeros_like(signal)
     weight[used] = 1.0 / signal[used] ** 2 if relative else 1.0
     design = np.column_stack([np.ones_like(x), x])
-    # (2, m): intercept and slope are this times the signals, the weights taken as they are.
+    # (2, m): its product with the signals is intercept and slope, for fixed weights.
     estimator = np.linalg.solve(design.T @ (weight[:, None] * design), design.T * weight)
     line = design @ (estimator @ signal)
     # Where the line is not above zero there is no relative deviation.
     scale = np.where(line > 0.0, line, np.nan) if relative else np.full_like(line, (RANGE[1] - RANGE[0]) * saturation)
     deviation = 100.0 * (signal - line) / scale
-    # Of least relative squares the weights move with the signals: by y the line moves (2 line / y - 1) times as far.
+    # For least relative squares the weights depend on the signals: the line moves (2 line / y - 1) times as far.
     moved = np.divide(2.0 * line, signal, out=np.ones_like(line), where=used) - used if relative else used
     hat = (design @ estimator) * moved
     share = signal / scale if relative else np.ones_like(x)

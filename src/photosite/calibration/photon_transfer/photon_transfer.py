@@ -1,4 +1,4 @@
-"""Saturation, the linear range, system gain and responsivity: EMVA 1288 R4.0, photon transfer method."""
+"""Light levels, saturation, linear range, system gain and responsivity: EMVA 1288 R4.0, photon transfer method."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
@@ -18,40 +19,40 @@ LINEAR_SHARE = 0.7
 """EMVA 1288: the range for gain and responsivity ends at 70 % of the signal at saturation."""
 
 FALLEN_SHARE = 0.8
-"""The variance has passed its maximum where a brighter level's shot variance is below this share of it."""
+"""A brighter level with a shot variance below this share of the largest shows that the maximum is passed."""
 
 STILL_SHARE = 0.02
-"""A level is fully clipped where this share of the largest shot variance, or less, is left."""
+"""A level with a shot variance below this share of the largest is fully clipped."""
 
 
 @dataclass(frozen=True)
 class LightLevels:
-    """The light levels of one channel, dark taken off, sorted by brightness.
+    """The light levels of one channel, dark subtracted, sorted by amount of light.
 
     Parameters
     ----------
     abscissa
         "photons_per_pixel" where every group has it, else "exposure_s".
     x, exposure_s
-        (m,) on that axis; exposure times.
+        (m,) amount of light on that axis; exposure times in seconds.
     signal, signal_covariance
-        (m,) mean less dark, DN; (m, m).
+        (m,) mean less dark, DN; its (m, m) covariance.
     shot, shot_covariance
-        (m,) temporal variance less the dark's, DN^2, NaN where a level has one frame; (m, m) of sampling.
+        (m,) temporal variance less the dark's, DN^2, NaN for one frame; its (m, m) sampling covariance.
     noise, noise_uncertainty
-        (m,) temporal variance with the dark's, DN^2, and its standard uncertainty as found from the level alone.
+        (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
     dark_noise, dark_share
-        The dark temporal variances, and (m, darks) how much of each was taken off.
+        The dark temporal variances, and the (m, darks) share of each that was subtracted.
     mean
-        (m,) mean with the dark, DN.
+        (m,) mean including the dark, DN.
     spread
-        (m,) standard deviation of single numbers over pixels and frames, DN.
+        (m,) standard deviation over pixels and frames, DN.
     mean_variance
         (m,) variance of the mean over pixels and frames, fixed pattern included.
     clipped, white_share
-        (m,) whether it is notably clipped; share of numbers at the top.
+        (m,) whether the level is clipped; share of numbers at full scale.
     group
-        (m,) index of the group among the light groups.
+        (m,) index of the light group.
     """
 
     abscissa: str
@@ -79,10 +80,10 @@ class LightLevels:
 
 
 def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLines) -> LightLevels:
-    """One channel's light levels with the dark taken off.
+    """Return one channel's light levels, dark subtracted.
 
-    The dark is that of the same exposure where there is one, else read off the line through the darks. What
-    several light levels share because they use the same darks is in the covariances.
+    The dark is that of the same exposure where there is one, else the line through the darks. The covariances include
+    the darks that several levels share.
     """
     photons = [entry.group.photons_per_pixel for entry in lights]
     known = all(count is not None for count in photons)
@@ -96,7 +97,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     take_variance = dark.variance.weights_at(exposure)
     mean = np.array([level.mean for level in levels])
     variance = np.array([level.variance for level in levels])
-    # A single frame does not tell its noise; its spread over pixels bounds it.
+    # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.array(
         [level.mean_variance if level.repeated else level.spatial_variance / level.pixels for level in levels]
     )
@@ -132,16 +133,16 @@ class Saturation:
     Parameters
     ----------
     index
-        The light level with the largest temporal variance (EMVA 1288 R4.0), of single frames the brightest one; None
-        where saturation was not seen.
+        The light level with the largest temporal variance (EMVA 1288 R4.0), or the brightest of single frames; None
+        where no level is saturated.
     signal
-        Its signal, DN, dark taken off; None where saturation was not seen.
+        Its signal, DN, dark subtracted; None where no level is saturated.
     x
-        Where on the axis of the light levels the variance is largest: about that level, known to a step between levels.
+        Amount of light at the largest variance; its uncertainty is that of a step between levels.
     level_dn
         Mean digital number of fully clipped pixels.
     level_method
-        How that was read.
+        How it was measured.
     """
 
     index: int | None
@@ -152,12 +153,15 @@ class Saturation:
 
 
 def find_saturation(levels: LightLevels, white: int) -> Saturation:
-    """Find where the temporal variance is largest, and what fully clipped pixels read."""
+    """Return where the temporal variance is largest, and the digital number of fully clipped pixels.
+
+    `white` is the full scale of the converter, DN.
+    """
     level_dn, method = _clipped_level(levels, white)
     repeated = np.flatnonzero(levels.repeated)
     if repeated.size == 0:
         seen = isinstance(level_dn, Uncertain)
-        reason = "no light level has two frames, and the variance shows saturation"
+        reason = "no light level has two frames, which the variance at saturation needs"
         if not seen:
             return Saturation(None, None, Missing(reason), level_dn, method)
         brightest = int(np.argmax(levels.signal))
@@ -166,19 +170,19 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     beyond = repeated[repeated > peak]
     fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_SHARE * levels.shot[peak]
     if not (fallen or levels.white_share[peak:].max() > CLIPPED_SHARE):
-        reason = "no flat reached saturation; take flats up to where they do not get brighter"
+        reason = "no flat reached saturation; take flats up to the level where they stop getting brighter"
         return Saturation(None, None, Missing(reason), level_dn, method)
     return Saturation(peak, float(levels.signal[peak]), _between_neighbours(levels, peak), level_dn, method)
 
 
 def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
-    """The amount of light at the maximum, of which the levels tell only that one of them has the largest variance.
+    """Return the amount of light at the maximum of the variance, between the levels around the largest one.
 
-    Up to the maximum the variance rises with the light; beyond, more and more pixels clip, a share ndtr(z) of them at z
-    spreads w past the middle. So the maximum is where the share grows as fast as the light, phi(z) = w ndtr(-z), and a
-    level beyond it still has more variance than the level before while the share is below the step between the two.
-    That bounds the maximum from below by the largest level, or a little less, and from above by the next, or a little
-    less; between the bounds any place is as likely (rectangular).
+    Up to the maximum the variance grows with the light. Beyond it more and more pixels clip, a share ndtr(z) at z
+    relative spreads w past the middle. So the maximum is where that share grows as fast as the light,
+    phi(z) = w ndtr(-z). A level beyond it still has a larger variance than the level before while the share is below
+    the step between the two. The maximum thus lies from slightly below the largest level to slightly below the next
+    one, with a rectangular distribution.
     """
     from scipy.special import log_ndtr, ndtri
 
@@ -197,7 +201,7 @@ def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
 
 
 def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
-    """What fully clipped pixels read: the brightest flats where they are still, or the converter's top."""
+    """Return the digital number of fully clipped pixels: the brightest flats without noise, or the full scale."""
     last = len(levels.x) - 1
     shot = levels.shot[levels.repeated]
     still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
@@ -207,14 +211,16 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
     share = float(levels.white_share.max())
     if share > CLIPPED_SHARE:
         value = Uncertain.of(float(white))
-        return value, f"the converter's highest number, which {100 * share:.3g} % of the brightest flats read"
-    return Missing("no flat is clipped; take flats up to where they do not get brighter"), "fully clipped flats"
+        return value, f"full scale of the converter, the value of {100 * share:.3g} % of the brightest flats' numbers"
+    return Missing(
+        "no flat is clipped; take flats up to the level where they stop getting brighter"
+    ), "fully clipped flats"
 
 
 def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.bool_]:
-    """(m,) which light levels are in the linear range.
+    """Return (m,) whether each light level is in the linear range.
 
-    Not notably clipped and, where saturation was seen, at most 70 % of the signal there.
+    It must not be clipped and, where saturation is known, have at most 70 % of the signal there.
     """
     inside = ~levels.clipped
     if saturation.signal is not None:
@@ -224,32 +230,31 @@ def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.boo
 
 @dataclass(frozen=True)
 class GainFit(Fit):
-    """The photon transfer line, and what the gain owes to the dark variances taken off its points.
+    """The photon transfer line, and the effect of the dark variances on the gain.
 
     Parameters
     ----------
     dark
-        Value 0; its sources are those of the dark variances, which read noise and dark noise share.
+        Value 0, with the sources of the dark variances, which read noise and dark noise share.
     """
 
     dark: Uncertain
 
     @property
     def uncertain(self) -> tuple[Uncertain, ...]:
-        """The gain, correlated with what else the darks tell."""
+        """The gain, correlated with the other results from the darks."""
         own = max(float(self.covariance[0, 0]) - self.dark.standard_uncertainty**2, 0.0)
         source = Source.student(self.freedom) if math.isfinite(self.freedom) else None
         return (Uncertain.of(float(self.parameters[0]), math.sqrt(own), source) + self.dark,)
 
 
 def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]]) -> GainFit | None:
-    """System gain K: the slope through the origin of shot variance against signal, all channels together.
+    """Fit the system gain K: the slope through the origin of shot variance against signal, all channels together.
 
-    K is one number for a chip: channels differ in light, not in what an electron is worth.
-    The signal's own uncertainty enters by its effect K u(signal) on the variance axis (effective variance).
-    A variance that came out low by chance says of itself that it is known well; weights from such uncertainties draw
-    the line below the points, by twice their relative variance. So the uncertainty of each is taken relative to itself
-    and applied to what the line says of the level.
+    K is one number for a chip, because all channels share the converter. The signal's uncertainty enters by its effect
+    K u(signal) on the variance axis (effective variance). A variance that is low by chance also has a low estimated
+    uncertainty, and weights from such uncertainties bias the line downwards by twice the relative variance. So the
+    relative uncertainty of each level is applied to the value of the line there.
 
     Returns
     -------
@@ -261,8 +266,8 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
     v = np.concatenate([levels.shot[mask] for levels, mask in zip(channels, masks, strict=True)])
     if y.size == 0:
         return None
-    shot = _block_diagonal([c.shot_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
-    signal = _block_diagonal([c.signal_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
+    shot = block_diag(*[c.shot_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
+    signal = block_diag(*[c.signal_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
     noise, uncertainty = (
         np.concatenate([getattr(levels, name)[mask] for levels, mask in zip(channels, masks, strict=True)])
         for name in ("noise", "noise_uncertainty")
@@ -281,19 +286,8 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
     return GainFit(**vars(fit), dark=Uncertain(0.0, dark.parts))
 
 
-def _block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    size = sum(len(block) for block in blocks)
-    result = np.zeros((size, size))
-    start = 0
-    for block in blocks:
-        end = start + len(block)
-        result[start:end, start:end] = block
-        start = end
-    return result
-
-
 def gain_value(fit: GainFit | None) -> Value:
-    """K in DN per electron, or why there is none."""
+    """Return K in DN/e-, or the reason why it is missing."""
     if fit is None:
         return Missing("no light level in the linear range has two frames; photon transfer needs their noise")
     gain, uncertainty = float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0]))
@@ -306,7 +300,7 @@ def gain_value(fit: GainFit | None) -> Value:
 
 
 def fit_response(levels: LightLevels, used: NDArray[np.bool_]) -> Fit | None:
-    """Responsivity: the slope through the origin of signal against the light levels' axis."""
+    """Fit the responsivity: the slope through the origin of signal against the light levels' axis."""
     if not used.any():
         return None
     x = levels.x[used]

@@ -1,4 +1,4 @@
-"""The signal-to-noise ratio against the amount of light: as measured, and as the linear model has it."""
+"""Signal-to-noise ratio against the amount of light: measured, and of the linear model."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from photosite.values.uncertain import Missing, Uncertain
 
 @dataclass(frozen=True, eq=False)
 class SnrCurve:
-    """Signal-to-noise ratio of one channel at each light level, and the linear model's.
+    """Signal-to-noise ratio of one channel at each light level, and of the linear model.
 
     Parameters
     ----------
     x, snr, snr_uncertainty
-        (points,) amount of light; signal over temporal noise, a plain ratio; its standard uncertainty from sampling.
+        (points,) amount of light; signal over temporal noise, a ratio; its standard uncertainty from sampling.
     used
         (points,) whether the level is in the linear range.
     photons
-        Whether `x` counts photons per pixel; else it is the signal in electrons.
+        Whether `x` is in photons per pixel; else it is the signal in electrons.
     response_dn
         DN per unit of `x`.
     gain_dn_per_e
         System gain.
     dark_variance_dn2
-        Temporal variance at exposure zero, quantisation in it.
+        Dark temporal variance at exposure zero, quantisation included.
 
     Notes
     -----
-    EMVA 1288 R4.0 Linear, the signal-to-noise ratio: SNR = signal / temporal noise, of the linear model
-    eta p / sqrt(sigma_d^2 + sigma_q^2 / K^2 + eta p), and of an ideal sensor sqrt(p). Where the photons are not known,
-    the electrons stand for them: an ideal sensor is then one without any noise but the shot noise.
+    EMVA 1288 R4.0 Linear: SNR = signal / temporal noise. In the linear model it is
+    eta p / sqrt(sigma_d^2 + sigma_q^2 / K^2 + eta p), for an ideal sensor sqrt(p). Where the photons are unknown,
+    electrons replace them: the ideal sensor then has shot noise only.
     """
 
     x: NDArray[np.float64]
@@ -48,7 +48,7 @@ class SnrCurve:
     dark_variance_dn2: Uncertain
 
     def model(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The linear model's ratio and its standard uncertainty, to first order.
+        """Return the linear model's ratio and its standard uncertainty, to first order.
 
         Parameters
         ----------
@@ -58,7 +58,7 @@ class SnrCurve:
         Returns
         -------
         tuple of numpy.ndarray
-            Both of the shape of `x`; NaN where a dark variance that came out negative leaves no noise.
+            Both of the shape of `x`; NaN where a negative dark variance leaves no noise.
 
         Examples
         --------
@@ -84,20 +84,20 @@ class SnrCurve:
         return snr, np.sqrt(of_dark**2 + of_gain**2 + of_response**2)
 
     def with_pattern(self, x: ArrayLike, dsnu_dn: float, prnu: float) -> NDArray[np.float64]:
-        """The linear model's ratio with the fixed pattern among the noise: that of pixels side by side in one frame.
+        """Return the linear model's ratio with the fixed pattern as noise: that of the pixels of one frame.
 
         Parameters
         ----------
         x
             Amounts of light above 0, any shape.
         dsnu_dn
-            DSNU1288 in DN; a spread below zero, whose variance came out negative, takes away.
+            DSNU1288 in DN; a negative one stands for a negative variance.
         prnu
-            PRNU1288, as a share of the signal.
+            PRNU1288, as a share of the signal; negative as `dsnu_dn`.
 
         Notes
         -----
-        EMVA 1288 R4.0 Linear, the total SNR.
+        EMVA 1288 R4.0 Linear, total SNR.
 
         Examples
         --------
@@ -114,18 +114,18 @@ class SnrCurve:
 
 
 def snr_curve(channel: Channel) -> SnrCurve | Missing:
-    """The signal-to-noise ratios of a channel's light levels, or why there are none.
+    """Return the signal-to-noise ratios of a channel's light levels, or the reason why they are missing.
 
     Parameters
     ----------
     channel
-        What the light levels told.
+        The channel.
 
     Returns
     -------
     SnrCurve or Missing
-        Levels with one frame, those whose noise or signal is not above zero, and those brighter than that of the
-        largest noise, where clipping takes the noise away, have no ratio and no point.
+        Left out are levels with one frame, levels whose noise or signal is not above zero, and levels brighter than
+        that of the largest noise, where clipping removes the noise.
     """
     levels, gain, dark = channel.levels, channel.gain, channel.dark.variance
     photons = levels.abscissa == "photons_per_pixel"
@@ -137,19 +137,19 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
     weights = dark.weights_at(levels.exposure_s)
     variance = levels.shot + weights @ dark.y
     of_dark = np.sum(weights**2 * dark.variance, axis=1)
-    variance_u2 = np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)  # rounding alone makes it negative
-    there = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
+    variance_u2 = np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)  # negative only by rounding
+    known = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
     if channel.saturation.index is not None:
-        there[channel.saturation.index + 1 :] = False
-    signal, variance, variance_u2 = levels.signal[there], variance[there], variance_u2[there]
+        known[channel.saturation.index + 1 :] = False
+    signal, variance, variance_u2 = levels.signal[known], variance[known], variance_u2[known]
     snr = signal / np.sqrt(variance)
-    relative = np.sqrt(np.diag(levels.signal_covariance)[there] / signal**2 + variance_u2 / (2.0 * variance) ** 2)
+    relative = np.sqrt(np.diag(levels.signal_covariance)[known] / signal**2 + variance_u2 / (2.0 * variance) ** 2)
     slope = Uncertain.of(float(fit.parameters[0]), float(np.sqrt(fit.covariance[0, 0])))
     return SnrCurve(
-        x=levels.x[there] if photons else signal / gain.value,
+        x=levels.x[known] if photons else signal / gain.value,
         snr=snr,
         snr_uncertainty=snr * relative,
-        used=channel.used[there],
+        used=channel.used[known],
         photons=photons,
         response_dn=slope if photons else gain,
         gain_dn_per_e=gain,

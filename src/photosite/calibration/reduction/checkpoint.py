@@ -1,4 +1,4 @@
-"""Partial sums on disk: what a calibration that is broken off need not read again."""
+"""Checkpoint on disk: the sums from which an interrupted calibration resumes."""
 
 from __future__ import annotations
 
@@ -19,59 +19,59 @@ from photosite.errors import FileError
 from photosite.files.atomic import atomic_path
 from photosite.frames.frame_set import FrameGroup, FrameSet
 
-_VERSION = 2
+_VERSION = 3
 SAVE_EVERY_S = 20.0
-"""Seconds of work that may be lost; a group that is finished is kept at once."""
+"""Seconds of work that an interruption may lose; a finished group is saved at once."""
 
 
 @dataclass(frozen=True)
 class GroupProgress:
-    """How far the first look at a group got.
+    """How far the first pass over a group got.
 
     Parameters
     ----------
-    looked_at
-        Frames of the group that were read, in its order.
+    read
+        Number of frames read, in the order of the group.
     used
-        The places of those that were not repeats.
-    seen
-        Of each of these, the digest of the rows that are looked at first.
+        Indices of those that are not repeats.
+    digests
+        Digest of the sampled rows of each used frame.
     rejected
-        What was said of the others.
-    judged
-        Whether the group was read to its end, and broken frames left out.
+        Reasons for the others.
+    screened
+        Whether all frames were read, and outlier frames left out.
     tops
-        Of a group that was judged, `top_value_shares` of its channels.
+        `top_value_shares` of the channels, once screened.
     samples
-        (used, rows, cols) of a group that was not: `Grid.sample` of each frame used.
+        (used, rows, cols) `SampleGrid.sample` of each used frame, until screened.
     """
 
-    looked_at: int
+    read: int
     used: tuple[int, ...]
-    seen: tuple[str, ...]
+    digests: tuple[str, ...]
     rejected: tuple[str, ...]
-    judged: bool
+    screened: bool
     tops: tuple[tuple[float, float], ...]
     samples: NDArray[np.uint16] = field(compare=False, repr=False)
 
 
 class Checkpoint:
-    """A folder that keeps the sums of a frame set's groups while it is calibrated: a file for each group.
+    """A folder with one file of exact sums per group of a frame set.
 
-    The file holds the exact sums, so that a run which goes on from them gives the same result to the last bit. It
-    belongs to the frames by their names, their size and the totals of the first and the last one summed.
+    A run that resumes from it gives bit-identical results. The files are bound to the frames by their names, their size
+    and the totals of the first and the last frame summed.
 
     Parameters
     ----------
     folder
-        Made if it is missing.
+        Created if it does not exist.
     frames
-        The set.
+        The frame set.
 
     Raises
     ------
     FileError
-        If the folder cannot be made, or holds something else.
+        If the folder cannot be created, or holds other files.
     """
 
     def __init__(self, folder: str | PathLike[str], frames: FrameSet) -> None:
@@ -82,52 +82,44 @@ class Checkpoint:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FileError(folder, f"cannot hold partial sums: {error.strerror or error}") from None
-        strange = sorted(p.name for p in self.folder.iterdir() if not p.name.startswith((".", "sums-")))
-        if strange:
-            raise FileError(folder, f"holds {strange[0]}; partial sums need a folder of their own")
+            raise FileError(folder, f"the folder cannot be created: {error.strerror or error}") from None
+        others = sorted(p.name for p in self.folder.iterdir() if not p.name.startswith((".", "sums-")))
+        if others:
+            raise FileError(folder, f"the folder holds {others[0]}", hint="Use an empty folder for the checkpoint")
 
     def due(self) -> bool:
-        """Whether so much time has passed since something was saved that the sums should be kept."""
+        """Return whether the sums should be saved again."""
         return time.monotonic() - self._saved_s > SAVE_EVERY_S
 
-    def save(self, group: FrameGroup, sums: FrameSums, progressed: GroupProgress) -> None:
-        """Keep a group's sums, whole or not at all.
+    def save(self, group: FrameGroup, sums: FrameSums, progress: GroupProgress) -> None:
+        """Save a group's sums, completely or not at all.
 
         Raises
         ------
         FileError
-            If they cannot be written.
+            If the file cannot be written.
         """
         import h5py
 
-        note = {
-            "version": _VERSION,
-            "group": self._identity(group),
-            "looked_at": progressed.looked_at,
-            "used": progressed.used,
-            "seen": progressed.seen,
-            "rejected": progressed.rejected,
-            "judged": progressed.judged,
-            "tops": progressed.tops,
-        }
+        note = {name: value for name, value in vars(progress).items() if name != "samples"}
+        note |= {"version": _VERSION, "group": self._identity(group)}
         with atomic_path(self._files[id(group)]) as temporary, h5py.File(temporary, "w") as file:
-            file.attrs["progressed"] = json.dumps(note)
+            file.attrs["progress"] = json.dumps(note)
             for name, array in sums.state().items():
                 file.create_dataset(name, data=array)
-            file.create_dataset("samples", data=progressed.samples)
+            file.create_dataset("samples", data=progress.samples)
         self._saved_s = time.monotonic()
 
     def load(self, group: FrameGroup, sums: FrameSums) -> GroupProgress | None:
-        """Bring a group's sums back, if some were kept.
+        """Restore a group's sums; return None if none were saved.
 
         Raises
         ------
         FileError
-            If what was kept is damaged, or is of other frames.
+            If the file is damaged, or belongs to other frames.
         """
         path = self._files[id(group)]
-        if (found := self._progressed(group)) is None:
+        if (found := self._progress(group)) is None:
             return None
         try:
             import h5py
@@ -135,28 +127,30 @@ class Checkpoint:
             with h5py.File(path, "r") as file:
                 sums.restore({name: np.asarray(file[name]) for name in file})
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise self._damaged(path, error) from None
+            raise _damaged(path, error) from None
         totals = sums.frame_totals()
         for place in sorted({0, len(found.used) - 1}) if found.used else ():
             source = group.frames[found.used[place]]
             if int(source.read().sum(dtype=np.uint64)) != totals[place]:
                 raise FileError(
-                    source.name, f"has changed since its sums were kept; remove the folder {self.folder} and begin anew"
+                    source.name,
+                    "the frame has changed since its sums were saved",
+                    hint=f"Remove the folder {self.folder} and start again",
                 )
         return found
 
-    def looked_at(self, group: FrameGroup) -> int:
-        """Frames of a group that need not be read again in the first pass.
+    def frames_read(self, group: FrameGroup) -> int:
+        """Return the number of frames of a group that need not be read again.
 
         Raises
         ------
         FileError
             As `load`.
         """
-        found = self._progressed(group)
-        return found.looked_at if found else 0
+        found = self._progress(group)
+        return found.read if found else 0
 
-    def _progressed(self, group: FrameGroup) -> GroupProgress | None:
+    def _progress(self, group: FrameGroup) -> GroupProgress | None:
         path = self._files[id(group)]
         if not path.exists():
             return None
@@ -164,24 +158,24 @@ class Checkpoint:
             import h5py
 
             with h5py.File(path, "r") as file:
-                note: dict[str, Any] = json.loads(file.attrs["progressed"])
-                version, identity = note["version"], note["group"]
-                if version == _VERSION:
-                    found = GroupProgress(
-                        int(note["looked_at"]), tuple(note["used"]), tuple(note["seen"]), tuple(note["rejected"]),
-                        bool(note["judged"]), tuple((a, b) for a, b in note["tops"]), np.asarray(file["samples"]),
-                    )  # fmt: skip
+                note: dict[str, Any] = json.loads(file.attrs["progress"])
+                same = note["version"] == _VERSION and note["group"] == self._identity(group)
+                found = GroupProgress(
+                    int(note["read"]), tuple(note["used"]), tuple(note["digests"]), tuple(note["rejected"]),
+                    bool(note["screened"]), tuple((a, b) for a, b in note["tops"]), np.asarray(file["samples"]),
+                )  # fmt: skip
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise self._damaged(path, error) from None
-        if version != _VERSION or identity != self._identity(group):
+            raise _damaged(path, error) from None
+        if not same:
             raise FileError(
-                path, f"holds partial sums of other frames than {group_label(group)} of {self._frames.source}; "
-                f"remove the folder or name another"
-            )  # fmt: skip
+                path,
+                f"the file belongs to other frames than {group_label(group)} of {self._frames.source}",
+                hint="Remove the folder, or use another one for the checkpoint",
+            )
         return found
 
     def remove(self) -> None:
-        """Take the files away, and the folder if nothing else is in it: the calibration is done."""
+        """Remove the files, and the folder if it is then empty."""
         for path in self._files.values():
             path.unlink(missing_ok=True)
         if not any(self.folder.iterdir()):
@@ -193,6 +187,7 @@ class Checkpoint:
         what += [source.name for source in group.frames]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()
 
-    def _damaged(self, path: Path, error: Exception) -> FileError:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        return FileError(path, f"is no file of partial sums, or is damaged ({reason}); remove it")
+
+def _damaged(path: Path, error: Exception) -> FileError:
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it")

@@ -1,4 +1,4 @@
-"""Which frames a calibration stands on: their digests, taken when somebody asks for them."""
+"""The frames that a calibration is based on, and their digests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class UsedFrame:
     Parameters
     ----------
     source
-        Where it is.
+        Where it is read from.
     total
         The sum of its digital numbers when it was used.
     """
@@ -32,20 +32,20 @@ class UsedFrame:
 
     @property
     def name(self) -> str:
-        """What it is called: its path, or a label for a frame in memory."""
+        """Its path, or a label for a frame in memory."""
         return self.source.name
 
 
 def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
-    """One SHA-256 per frame, in the order of the frames: of its digital numbers, little-endian uint16, row by row.
+    """Return one SHA-256 per frame, of its digital numbers as little-endian uint16, row by row.
 
-    Hashing takes several times as long as calibrating, so it is done when the digests are asked for. A frame whose
-    numbers do not add up any more to what they did is no longer the frame that was used.
+    Hashing takes several times as long as calibrating, so it is done on request only. A frame with another total than
+    before has changed.
 
     Raises
     ------
     FileError
-        If a frame is not there any more, or has changed since it was used.
+        If a frame is missing, or has changed since it was used.
 
     Examples
     --------
@@ -53,18 +53,14 @@ def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
     >>> frames_sha256([UsedFrame(frame, 0)])[0][:12]
     'af5570f5a181'
     """
+    if not all(frame.source.thread_safe for frame in used):
+        return tuple(_digest(frame) for frame in used)
     with ThreadPoolExecutor(min(4, os.cpu_count() or 1), "photosite-hash") as threads:
-        together = list(used)
-        if all(frame.source.thread_safe for frame in together):
-            return tuple(threads.map(_digest_of, together))
-        return tuple(_digest_of(frame) for frame in together)
+        return tuple(threads.map(_digest, used))
 
 
-def _digest_of(frame: UsedFrame) -> str:
+def _digest(frame: UsedFrame) -> str:
     dn: NDArray[np.unsignedinteger] = frame.source.read()
     if int(dn.sum(dtype=np.uint64)) != frame.total:
-        raise FileError(
-            frame.name,
-            "has changed since it was calibrated, so that its digest would be another frame's; calibrate again",
-        )
+        raise FileError(frame.name, "the frame has changed since it was calibrated", hint="Calibrate again")
     return hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()

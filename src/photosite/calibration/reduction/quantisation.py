@@ -1,16 +1,15 @@
-"""What rounding to whole numbers may do to a mean and a temporal variance beyond the 1/12 DN^2 that is taken off.
+"""Uncertainty of a mean and a temporal variance from rounding, beyond the 1/12 DN^2 that is subtracted.
 
 A normal number of mean m and standard deviation s, rounded, has an error e whose moments are known in closed form
 (Widrow and Kollar, Quantization Noise, 2008, ch. 4). With c_k = (-1)^k exp(-2 pi^2 k^2 s^2):
 
-    mean of e              = sum c_k / (pi k) sin(2 pi k m)
-    mean of e^2            = 1/12 + sum c_k / (pi k)^2 cos(2 pi k m)
-    covariance with what   = s^2 2 sum c_k cos(2 pi k m)
-    was rounded
+    mean of e                               = sum c_k / (pi k) sin(2 pi k m)
+    mean of e^2                             = 1/12 + sum c_k / (pi k)^2 cos(2 pi k m)
+    covariance with the unrounded number    = s^2 2 sum c_k cos(2 pi k m)
 
-Above 1 DN of noise nothing is left of the sums; at 0.5 DN the variance may be off by 0.008 DN^2, at 0.3 DN by most of
-what it is, down where the mean is a whole number and up where it lies between two. Where the means of the pixels
-differ, the sums average down.
+Above 1 DN of noise the sums vanish. At 0.5 DN the variance may be wrong by 0.008 DN^2, at 0.3 DN by most of its value:
+too low where the mean is a whole number, too high where it lies between two. Where the means of the pixels differ, the
+sums average out.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 QUIET = 2.0
-"""Variance before rounding, DN^2, from which on the sums are below 1e-16."""
+"""Variance before rounding, DN^2, above which the sums are below 1e-16."""
 
 NEAR = 0.005
-"""DN^2 within which a variance before rounding is taken to lead to what was found: the grid's step."""
+"""Tolerance, DN^2, within which a variance before rounding explains a measured one: the step of the grid."""
 
 _TERMS = 60
 
@@ -33,12 +32,12 @@ _TERMS = 60
 def rounding_error(
     mean: float | NDArray[np.float64], sd: float | NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What rounding adds to the mean, DN, and to the variance beyond 1/12, DN^2.
+    """Return the change of the mean, DN, and of the variance beyond 1/12, DN^2, by rounding.
 
     Parameters
     ----------
     mean, sd
-        Of the normal numbers before they are rounded, DN; of shapes that go together.
+        Mean and standard deviation of the normal numbers before rounding, DN; broadcast together.
 
     Examples
     --------
@@ -58,39 +57,39 @@ def rounding_error(
 
 @lru_cache(maxsize=1)
 def _grid() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Variance before rounding, and what rounding adds to mean and variance, for all phases and noises."""
+    """Return the variance before rounding, and the change of mean and variance, for all phases and noises."""
     mean, sd = np.meshgrid(np.linspace(0.0, 0.5, 101), np.linspace(0.02, 1.5, 297))
     return sd**2, *rounding_error(mean, sd)
 
 
-def left_of_phases(spatial_variance: float) -> float:
-    """The share of the sums that is left where the pixels' means have this variance, DN^2.
+def remaining_share(spatial_variance: float) -> float:
+    """Return the share of the sums that remains where the pixels' means have a variance, DN^2.
 
-    The larger of a normal spread's and the envelope of an even one's (a shaded field): not to take too much off.
+    It is the larger of the shares for normally and for uniformly distributed means (a shaded field).
 
     Examples
     --------
-    >>> left_of_phases(0.0), round(left_of_phases(1.0), 3)
+    >>> remaining_share(0.0), round(remaining_share(1.0), 3)
     (1.0, 0.092)
     """
     if spatial_variance <= 0.0:
         return 1.0
-    even = 1.0 / (math.pi * math.sqrt(12.0 * spatial_variance))
-    return min(max(math.exp(-2.0 * math.pi**2 * spatial_variance), even), 1.0)
+    uniform = 1.0 / (math.pi * math.sqrt(12.0 * spatial_variance))
+    return min(max(math.exp(-2.0 * math.pi**2 * spatial_variance), uniform), 1.0)
 
 
 def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float]:
-    """Standard uncertainties of a level's mean, DN, and temporal variance, DN^2, from rounding.
+    """Return standard uncertainties of a level's mean, DN, and temporal variance, DN^2, from rounding.
 
-    Of all noises and phases that lead to such a variance, the largest effect, over sqrt(2): that of a sine at any
-    phase. No use is made of where the mean lies.
+    It is the largest effect over all noises and phases that explain the variance, divided by sqrt(2), as for a sine at
+    any phase. The position of the mean is not used.
 
     Parameters
     ----------
     variance, uncertainty
-        Temporal variance as found, 1/12 in it, DN^2, and its standard uncertainty.
+        Measured temporal variance, 1/12 included, DN^2, and its standard uncertainty.
     spatial_variance
-        Of the pixels' means, DN^2, temporal noise taken off.
+        Variance of the pixels' means, without temporal noise, DN^2.
 
     Examples
     --------
@@ -101,11 +100,11 @@ def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: 
     (0.0, 0.0)
     """
     analog = variance - 1.0 / 12.0
-    if not analog < QUIET:  # NaN, of one frame, says nothing of rounding
+    if not analog < QUIET:  # includes NaN, the variance of one frame
         return 0.0, 0.0
-    left = left_of_phases(spatial_variance)
+    left = remaining_share(spatial_variance)
     before, of_mean, of_variance = _grid()
     apart = np.abs(before + left * of_variance - analog)
-    may_be = apart <= max(NEAR + 2.0 * uncertainty, float(apart.min()))
+    possible = apart <= max(NEAR + 2.0 * uncertainty, float(apart.min()))
     scale = left / math.sqrt(2.0)
-    return scale * float(np.abs(of_mean[may_be]).max()), scale * float(np.abs(of_variance[may_be]).max())
+    return scale * float(np.abs(of_mean[possible]).max()), scale * float(np.abs(of_variance[possible]).max())

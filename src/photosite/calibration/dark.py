@@ -1,0 +1,212 @@
+"""Stage "dark": what the dark frames show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photosite.calibration.checks.result_screening import screen_dark_slope, screen_variance_slope
+from photosite.calibration.clipped_blacks.clipped_darks import (
+    METHOD,
+    NO_PIXEL_SLOPES,
+    ClippedDarks,
+    DarkEstimates,
+    are_clipped,
+    correct_clipped_darks,
+)
+from photosite.calibration.measurements import Measurements, mean_for_sensor
+from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
+from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
+from photosite.calibration.spatial.parts import Parts, channel_parts
+from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance, mean_frame_noise, slope_noise
+from photosite.engine.map_statistics import Moments, label_moments
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
+
+
+@dataclass(frozen=True)
+class DarkResult:
+    """What the dark frames show.
+
+    Parameters
+    ----------
+    groups
+        Statistics of the dark groups, corrected for clipping at 0.
+    reference
+        Index of the group for read noise and DSNU.
+    lines
+        Per channel, dark signal and dark variance against exposure.
+    scatter
+        Relative scatter of the noise between combinations of frames, beyond sampling (`DarkLine.scatter`).
+    noise
+        Per channel, the temporal variance left in the mean frame of the reference group.
+    slopes
+        Per channel, mean and spread of the per-pixel dark slopes; None with one dark exposure.
+    parts
+        Per channel, row, column and pixel parts of the mean reference dark: plain and high-passed.
+    clipped
+        Fit of the censored likelihood; None where no darks are clipped at 0.
+    channels, together
+        Dark measurements per channel, and of all pixels together.
+    """
+
+    groups: tuple[GroupStatistics, ...]
+    reference: int
+    lines: tuple[DarkLines, ...]
+    scatter: float
+    noise: Sequence[TemporalParts]
+    slopes: tuple[SlopeSpread, ...] | None
+    parts: tuple[tuple[Parts | Missing, Parts | Missing], ...]
+    clipped: ClippedDarks | None
+    channels: tuple[Measurements, ...]
+    together: Measurements
+
+    @property
+    def reference_exposure_s(self) -> float:
+        """Exposure time of the reference group, seconds."""
+        return self.groups[self.reference].group.exposure_s
+
+
+def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult:
+    """Analyse the dark frames.
+
+    Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
+    at 0, for its zeros.
+
+    Raises
+    ------
+    CalibrationError
+        If the darks are so clipped that too little is left.
+    FileError
+        If a frame cannot be read again.
+    """
+    as_read, reference = reduction.darks, reduction.reference
+    clipped = correct_clipped_darks(reader, as_read, reference) if are_clipped(as_read) else None
+    groups = as_read if clipped is None else clipped.groups
+    lines = tuple(_lines(groups, k) for k in range(len(reduction.names)))
+    pooled = _lines(groups, None)
+    scatter = pooled.variance.scatter
+    noise = mean_frame_parts(reader, as_read[reference], scatter)
+    slopes = _slope_spreads(reduction, scatter)
+    if clipped is not None and slopes is not None:
+        slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
+
+    mean, tile = reduction.reference_mean.mean(), reduction.reference_mean.labels
+    parts = []
+    for k in range(len(lines)):
+        plain, filtered = (channel_parts(mean, tile, k, noise[k], filtered=high_pass) for high_pass in (False, True))
+        parts.append((plain, filtered) if clipped is None else clipped.parts(k, plain, filtered))
+    entry, exposure_s = groups[reference], groups[reference].group.exposure_s
+    channels = []
+    for k, moments in enumerate(label_moments(mean, tile)):
+        measured = replace(
+            measure_dark_level(lines[k], entry.levels[k], entry.label),
+            dsnu_variance=_dsnu_variance(moments, entry.levels[k], scatter, parts[k][0]),
+            dsnu1288=parts[k][0],
+            dsnu1288_filtered=parts[k][1],
+        )
+        if slopes is not None:
+            measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
+        if clipped is not None:
+            measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
+        channels.append(measured)
+    together = measure_dark_level(pooled, pooled_level(entry.levels), entry.label)
+    if clipped is not None:
+        spread = NO_PIXEL_SLOPES if slopes is None else _mean_variance(slopes)
+        together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
+    return DarkResult(
+        tuple(groups), reference, lines, scatter, noise, slopes, tuple(parts), clipped, tuple(channels), together
+    )
+
+
+def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:
+    """Return what the dark lines and the reference level of one channel show.
+
+    Parameters
+    ----------
+    lines
+        Dark signal and dark variance against exposure.
+    level
+        Reference level: many frames.
+    label
+        Its group's name in messages.
+    """
+    black, slope = lines.mean.line
+    slope = screen_dark_slope(slope, lines.mean.exposure_s)
+    noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, of_variance=True)
+    read = level.noise + Uncertain.of(-QUANTISATION_DN2, level.clipping_uncertainty)
+    return Measurements(
+        pixels=level.pixels,
+        read_variance=read + Uncertain.of(0.0, level.rounding_variance),
+        black_level=lines.mean.at_zero if isinstance(black, Missing) else black,
+        dark_slope=slope,
+        dark_slope_variance=slope if isinstance(slope, Missing) else Uncertain(0.0),
+        dark_variance=lines.variance.at_zero,
+        dark_variance_slope=screen_variance_slope(noise_slope, slope),
+        read_method=f"{level.frames} {label}",
+    )
+
+
+def _lines(groups: Sequence[GroupStatistics], channel: int | None) -> DarkLines:
+    """Return the dark lines of one channel, or of all pixels together (None)."""
+    levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in groups]
+    return DarkLines.of([entry.group.exposure_s for entry in groups], levels)
+
+
+def _slope_spreads(reduction: Reduction, scatter: float) -> tuple[SlopeSpread, ...] | None:
+    if reduction.dark_slopes is None:
+        return None
+    exposure = np.array([entry.group.exposure_s for entry in reduction.darks])
+    noise = []
+    for k in range(len(reduction.names)):
+        levels = [entry.levels[k] for entry in reduction.darks]
+        frames = np.array([level.frames for level in levels])
+        variances = temporal_variances(exposure, levels)
+        noise.append(slope_noise(reduction.dark_slopes.coefficients, frames, *variances, scatter))
+    return reduction.dark_slopes.slopes.spreads(noise)
+
+
+def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:
+    """Return the dark slopes of a clipped channel.
+
+    The mean is that of the corrected levels. The spread does not contain the clipped half, so its uncertainty is as
+    large as the spread itself.
+    """
+    _, slope = lines.mean.line
+    mean = spread.mean if isinstance(slope, Missing) else slope.value
+    variance = spread.variance * scale
+    return replace(spread, mean=mean, variance=variance + Uncertain.of(0.0, abs(variance.value)))
+
+
+def _mean_variance(spreads: Sequence[SlopeSpread]) -> Uncertain:
+    return weighted_mean([entry.variance for entry in spreads], [float(entry.pixels) for entry in spreads])
+
+
+def _dsnu_variance(moments: Moments, level: Level, scatter: float, parts: Parts | Missing) -> Uncertain:
+    dsnu = excess_variance(moments, mean_frame_noise(level, scatter))
+    if isinstance(parts, Missing):
+        return dsnu
+    # With a row or column pattern there are fewer independent samples than pixels.
+    return Uncertain.of(dsnu.value, max(dsnu.standard_uncertainty, parts.total.standard_uncertainty))
+
+
+def _with_censored_fit(
+    measured: Measurements, estimates: DarkEstimates, slope_variance: Value, exposure_s: float
+) -> Measurements:
+    """Return the measurements with the censored fit of the reference darks; per-pixel dark slopes are unknown."""
+    black, dsnu, read = estimates
+    slope = measured.dark_slope
+    return replace(
+        measured,
+        read_variance=read,
+        dsnu_variance=dsnu,
+        black_level=black if isinstance(slope, Missing) else black - slope * exposure_s,
+        dark_slope=mean_for_sensor(slope, slope_variance, measured.pixels),
+        dark_slope_variance=slope if isinstance(slope, Missing) else NO_PIXEL_SLOPES,
+        dark_method=METHOD,
+    )

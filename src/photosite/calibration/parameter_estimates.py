@@ -1,0 +1,231 @@
+"""From measurements to parameters: units, EMVA 1288 results, and how each was obtained."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+from photosite.calibration.measurements import Measurements
+from photosite.calibration.parameters import Parameters
+from photosite.calibration.photon_transfer.linearity import linearity_estimates
+from photosite.calibration.spatial.parts import Parts
+from photosite.sensor.noise_profile import QUANTISATION_DN2
+from photosite.values.estimate import Estimate
+from photosite.values.standard_deviation import (
+    standard_deviation,
+    standard_deviation_interval_95,
+    upper_limit_95,
+)
+from photosite.values.uncertain import Missing, Uncertain, Value, derive
+
+COARSEST_STEP = 0.10
+"""Largest uncertainty of the saturation exposure, relative, at which the largest variance locates saturation.
+
+EMVA 1288 asks for 50 equal exposure steps or more."""
+
+LEAST_DARK_VARIANCE = 0.24
+"""DN^2; EMVA 1288: below it quantisation hides the temporal dark noise, and this is its upper limit."""
+
+
+def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
+    """Return all parameters with their uncertainties, in every unit that is known.
+
+    Parameters
+    ----------
+    m
+        Measurements of one channel, or of all together.
+    mv_per_dn
+        Millivolts at the pixel per digital number.
+    """
+    per_e = derive(lambda k: 1.0 / k, m.gain)
+    gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
+    return Parameters(
+        **_noise_and_pattern(m, mv_per_dn, per_e),
+        **_emva(m, per_e),
+        **_emva_pattern(m, per_e),
+        **linearity_estimates(m.linearity),
+        system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
+        conversion_gain_uv_per_e=Estimate.of(
+            derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn), "system gain times volts per digital number"
+        ),
+        saturation_dn=Estimate.of(m.saturation_dn, m.method(m.saturation_method, "saturation_dn")),
+    )
+
+
+def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
+    """Return the estimate of a standard deviation, multiplied by a scale."""
+    if isinstance(variance, Missing) or isinstance(scale, Missing):
+        missing = variance if isinstance(variance, Missing) else scale
+        return Estimate.of(missing, method)
+    limit = upper_limit_95(variance)
+    return Estimate.of(
+        standard_deviation(variance) * scale,
+        method,
+        None if limit is None else limit * scale.value,
+        standard_deviation_interval_95(variance * scale * scale),
+    )
+
+
+def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
+    scales = {"dn": Uncertain(1.0), "e": per_e, "mv": mv}
+    read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance less 1/12 DN²"))
+    dsnu = m.method(
+        m.dark_method or "spread over pixels of the mean repeated dark less temporal variance / n", "dsnu_variance"
+    )
+    prnu = m.method(
+        "relative spread of per-pixel slopes against exposure in the linear range, less their noise",
+        "response_variance",
+    )
+    dcnu = m.method(
+        "spread of per-pixel dark slopes, less their noise, relative to the mean slope", "dark_slope_variance"
+    )
+    slope = "slope of the mean dark level against exposure"
+    return {
+        **{f"read_noise_{unit}": _read_noise(m, scale, read) for unit, scale in scales.items()},
+        **{f"dsnu_{unit}": _deviation(m.dsnu_variance, scale, dsnu) for unit, scale in scales.items()},
+        "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), prnu),
+        "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
+        "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
+        "dark_current_from_variance_e_per_s": Estimate.of(
+            derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e),
+            "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)",
+        ),
+        "dcnu_percent": _deviation(m.dark_slope_variance, _percent_of_dark(m.dark_slope), dcnu),
+        "black_level_dn": Estimate.of(m.black_level, m.dark_method or "mean dark level at exposure zero"),
+    }
+
+
+def _percent_of_dark(slope: Value) -> Value:
+    if isinstance(slope, Missing):
+        return slope
+    if slope.value < 3.0 * slope.standard_uncertainty:
+        return Missing("the dark current is not distinguishable from zero; take longer dark exposures")
+    return 100.0 / slope
+
+
+def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
+    """Return the read noise, multiplied by a scale; only its upper limit where quantisation hides it."""
+    dark, found = m.dark_variance, _deviation(m.read_variance, scale, method)
+    if not isinstance(dark, Uncertain) or dark.value >= LEAST_DARK_VARIANCE or found.value is None:
+        return found
+    assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
+    limit = max(math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION_DN2) * scale.value, found.interval_95[1])
+    return Estimate(
+        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: quantisation "
+        f"hides the read noise; its 95 % upper limit is {limit:.3g}",
+        upper_limit_95=limit,
+        method=method,
+    )
+
+
+def _temporal_dark_noise(m: Measurements, per_e: Value) -> Estimate:
+    method = f"dark temporal variance at exposure zero{_clipping_note(m)}, less 1/12 DN² (EMVA 1288 R4.0, dark noise)"
+    result = _deviation(derive(lambda v: v - QUANTISATION_DN2, m.dark_variance), per_e, method)
+    if isinstance(m.dark_variance, Missing) or isinstance(per_e, Missing):
+        return result
+    if m.dark_variance.value >= LEAST_DARK_VARIANCE:
+        return result
+    limit = math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION_DN2) * per_e.value
+    return replace(result, upper_limit_95=max(limit, result.upper_limit_95 or 0.0))
+
+
+def _clipping_note(m: Measurements) -> str:
+    return ", corrected for clipping" if m.dark_method else ""
+
+
+@dataclass(frozen=True)
+class _Capacity:
+    """Saturation in electrons and in photons, the method of each, and the measurement that both are based on."""
+
+    electrons: Value
+    photons: Value
+    method: str
+    photons_method: str
+    measurement: str
+
+
+def _capacity(m: Measurements) -> _Capacity:
+    """Return saturation by EMVA's variance maximum where the exposures locate it, else from clipped pixels."""
+    efficiency = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
+    peak = m.saturation_photons
+    known = isinstance(peak, Uncertain) and isinstance(efficiency, Uncertain)
+    fine = isinstance(peak, Uncertain) and peak.standard_uncertainty <= COARSEST_STEP * peak.value
+    if known and (fine or isinstance(m.saturation_dn, Missing)):
+        text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
+        electrons = derive(lambda q, photons: q * photons, efficiency, peak)
+        return _Capacity(electrons, peak, f"quantum efficiency times {text}", text, "saturation_photons")
+    electrons = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
+    text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
+    if not known:
+        return _Capacity(electrons, peak, text, text, "saturation_dn")
+    photons = derive(lambda e, q: e / q, electrons, efficiency)
+    coarse = "the exposures are too far apart for EMVA's largest variance"
+    by_efficiency = f"saturation in electrons / quantum efficiency; {coarse}"
+    return _Capacity(electrons, photons, f"{text}; {coarse}", by_efficiency, "saturation_dn")
+
+
+def _threshold_e(dark_variance: Value, gain: Value) -> Value:
+    """Return the electrons at SNR 1, quantisation included: sqrt(var / K^2 + 1/4) + 1/2."""
+    if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
+        return Missing("the dark temporal variance is negative at exposure zero; take shorter darks")
+    return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
+
+
+def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+    efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
+    threshold_e = _threshold_e(m.dark_variance, m.gain)
+    threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
+    saturation = _capacity(m)
+    capacity, measurement = saturation.electrons, saturation.measurement
+    range_db = derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e)
+    entries: dict[str, tuple[Value, str, str]] = {
+        "responsivity_dn_per_photon": (
+            m.responsivity,
+            "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)",
+            "responsivity",
+        ),
+        "quantum_efficiency_percent": (
+            derive(lambda q: q * 100.0, efficiency),
+            "responsivity / system gain (EMVA 1288 R4.0, photon transfer)",
+            "responsivity",
+        ),
+        "sensitivity_threshold_photons": (
+            threshold,
+            "photons at SNR 1: (sqrt(dark variance / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
+            "responsivity",
+        ),
+        "saturation_capacity_e": (capacity, saturation.method, measurement),
+        "saturation_capacity_photons": (saturation.photons, saturation.photons_method, measurement),
+        "snr_max_db": (
+            derive(lambda e: e.decibel(10.0), capacity),
+            "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
+            measurement,
+        ),
+        "dynamic_range_db": (
+            range_db,
+            "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)",
+            measurement,
+        ),
+    }
+    estimates = {name: Estimate.of(value, m.method(text, source)) for name, (value, text, source) in entries.items()}
+    return {**estimates, "temporal_dark_noise_e": _temporal_dark_noise(m, per_e)}
+
+
+def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:
+    clipping = _clipping_note(m)
+    dark = f"spatial variance of the mean dark less temporal variance / n{clipping}, {{}} (EMVA 1288 R4.0, DSNU)"
+    light = "spatial variance at half saturation less the dark's, {} (EMVA 1288 {}, PRNU)"
+    percent = Uncertain(100.0)
+    result: dict[str, Estimate] = {}
+    for prefix, unit, parts, scale, text in (
+        ("dsnu1288", "e", m.dsnu1288, per_e, dark.format("no high-pass")),
+        ("dsnu1288_filtered", "e", m.dsnu1288_filtered, per_e, dark.format("high-passed")),
+        ("prnu1288", "percent", m.prnu1288, percent, light.format("high-passed", "R4.0")),
+        ("prnu1288_unfiltered", "percent", m.prnu1288_unfiltered, percent, light.format("no high-pass", "R3.1")),
+    ):
+        method = m.method(text, prefix)
+        for part in fields(Parts):
+            name = f"{prefix}_{unit}" if part.name == "total" else f"{prefix}_{part.name}_{unit}"
+            variance = parts if isinstance(parts, Missing) else getattr(parts, part.name)
+            result[name] = _deviation(variance, scale, method)
+    return result
