@@ -1,16 +1,16 @@
-"""The loop closed on itself: simulate a measurement, calibrate it, find the parameters inside their intervals.
+"""Closed loop: simulate measurements, calibrate them, and find the parameters inside their intervals.
 
 20 monochrome sensors with known photons (EMVA 1288's protocol) and 20 Bayer sensors without (the 2008 paper's), each
-with other parameters and another chip, half of them limited by the converter and half by the well.
+with different parameters and a different chip, half of them limited by the converter and half by the well.
 
-What must hold, per parameter: at least 85 % of the 95 % intervals cover the truth, and the pulls (error over standard
-uncertainty) are centred and neither wide nor hollow. With intervals that cover exactly 95 %, 40 sensors pass
-the first with probability 99.7 % and 20 sensors with 98.4 %; a mean pull beyond 3.5 standard errors has probability
-0.05 %. Many parameters share their errors, so over all of them fresh seeds would raise a false alarm in
-roughly one run of ten; these seeds are fixed. 100 seeds (200 sensors; those in photons 100) cover 93 to 100 % for every
-parameter, as this prints:
+For each parameter, at least 85 % of the 95 % intervals must contain the truth, and the pulls (error over standard
+uncertainty) must be centred and of normal width. With intervals that contain it in exactly 95 % of cases, 40 sensors
+pass the first with probability 99.7 % and 20 sensors with 98.4 %; a mean pull beyond 3.5 standard errors has
+probability 0.05 %. Many parameters share their errors, so new seeds would raise a false alarm over all of them in
+roughly one run of ten; these seeds are fixed. With 100 seeds (200 sensors; 100 for parameters in photons) 93 to 100 %
+of the intervals contain the truth, for every parameter. This prints them:
 
-    PHOTOSITE_LOOP_SEEDS=100 python -m pytest -rP tests/calibration/test_closed_loop.py -k covered
+    PHOTOSITE_LOOP_SEEDS=100 python -m pytest -rP tests/calibration/test_closed_loop.py -k contain
 """
 
 import os
@@ -25,7 +25,7 @@ MONO = BAYER = int(os.environ.get("PHOTOSITE_LOOP_SEEDS", "20"))
 
 @pytest.fixture(scope="module")
 def outcomes(virtual):
-    """(cfa, parameter) to lists of (error, standard uncertainty); and the calibrations."""
+    """Lists of (error, standard uncertainty) by (cfa, parameter); and the calibrations."""
     errors, calibrations = {}, []
     for cfa, count in (("mono", MONO), ("rggb", BAYER)):
         known = cfa == "mono"
@@ -42,7 +42,7 @@ def outcomes(virtual):
                     pair = (estimate.value - truth[name], estimate.standard_uncertainty)
                     errors.setdefault((cfa, name), []).append(pair)
                 elif name.startswith("linearity_error"):
-                    # Straight responses: noise draws extremes outwards, but to five uncertainties once in 500 runs.
+                    # Straight responses: noise widens the extremes, but to five uncertainties only once in 500 runs.
                     assert abs(estimate.value) < (
                         5.0 * estimate.standard_uncertainty if name.endswith(("min_percent", "max_percent")) else 0.1
                     ), name
@@ -56,18 +56,18 @@ def names(errors):
     return dict.fromkeys(name for _, name in errors)
 
 
-def test_every_parameter_is_covered(outcomes):
+def test_intervals_contain_the_truth(outcomes):
     errors, _ = outcomes
     covered = {}
     for name in names(errors):
         pairs = np.array(errors.get(("mono", name), []) + errors.get(("rggb", name), []))
         # 1e-9 of rounding: the level of an ideal converter's top is exact.
         covered[name] = np.mean(np.abs(pairs[:, 0]) <= 1.959964 * pairs[:, 1] + 1e-9)
-        print(f"{name}: {100 * covered[name]:.1f} % of {len(pairs)} intervals cover the truth")
+        print(f"{name}: {100 * covered[name]:.1f} % of {len(pairs)} intervals contain the truth")
     assert {name: share for name, share in covered.items() if share < 0.85} == {}
 
 
-def test_every_parameter_is_centred_with_honest_uncertainty(outcomes):
+def test_errors_are_centred_and_uncertainties_right(outcomes):
     errors, _ = outcomes
     wrong = {}
     for name in names(errors):
@@ -83,14 +83,14 @@ def test_every_parameter_is_centred_with_honest_uncertainty(outcomes):
 
 
 def test_saturation_is_between_the_exposures(outcomes):
-    """The largest variance lies within a step, whose rectangle is the uncertainty, half a width to either side."""
+    """The largest variance lies within a step of the exposures, which is the rectangular uncertainty."""
     errors, _ = outcomes
     for error, uncertainty in errors["mono", "saturation_capacity_photons"]:
         assert abs(error) < 1.2 * np.sqrt(3) * uncertainty
 
 
 def test_channels_agree_with_the_truth(outcomes):
-    """Gain and PRNU per colour channel: 60 channels each, coverage 95 % expected, 85 % is 3.5 standard errors below."""
+    """Gain and PRNU of 60 colour channels: 95 % coverage expected, 85 % is 3.5 standard errors below."""
     _, calibrations = outcomes
     covered = {"system_gain_dn_per_e": [], "prnu_percent": [], "read_noise_dn": [], "dsnu_dn": []}
     for sensor, calibration in calibrations[MONO:]:
@@ -110,7 +110,7 @@ def test_channels_agree_with_the_truth(outcomes):
 
 
 def test_the_measured_sensor_simulates_like_the_true_one(outcomes, virtual):
-    """One step further: the sensor file written from a calibration is the true one within its uncertainties."""
+    """The sensor file of a calibration agrees with the true one within its uncertainties."""
     sensor, calibration = outcomes[1][MONO]
     measured = calibration.sensor
     assert measured.channels == sensor.channels

@@ -1,6 +1,6 @@
-"""300 frames of a real 12-bit CCD camera against the EMVA 1288 reference implementation's figures.
+"""300 frames of a real 12-bit CCD camera against the results of the EMVA 1288 reference implementation.
 
-Frames: Basler AG, CC BY-SA 3.0. Where the definition is the same, 0.5 % (docs/emva-reference.md has the table).
+Frames: Basler AG, CC BY-SA 3.0. Results of the same definition agree to 0.5 % (table in docs/emva-reference.md).
 """
 
 from dataclasses import replace
@@ -32,12 +32,12 @@ PAIRS_ALONE = {
     "linearity_error_min_percent": -0.6157976,
     "linearity_error_max_percent": 0.4804483,
 }
-"""What the reference has from two frames a level; it uses its 50 frames for the spatial figures only."""
+"""The reference's results from two frames per level; it uses its 50 frames for the spatial parameters only."""
 
 
 BETWEEN_EXPOSURES = {"saturation_capacity_photons", "saturation_capacity_e"}
-"""The reference takes the exposure with the largest variance, photosite the middle of where the largest variance can
-lie: half of a 2 % step higher, less what the clipping's gentle beginning takes."""
+"""The reference takes the exposure with the largest variance, photosite the middle of the interval in which the maximum
+can lie: half of a 2 % step higher, less the effect of the gradual clipping."""
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def pairs_alone(emva_frames):
     return calibrate(replace(frames, groups=tuple(group for group in frames.groups if len(group) == 2)))
 
 
-def test_linearity_is_the_reference_s_from_the_same_frames(pairs_alone):
+def test_linearity_of_the_same_frames_equals_the_reference(pairs_alone):
     for name, value in PAIRS_ALONE.items():
         assert getattr(pairs_alone, name).value == pytest.approx(value, rel=1e-6)
     fit = pairs_alone.linearity["M"].relative
@@ -68,15 +68,15 @@ def test_linearity_is_the_reference_s_from_the_same_frames(pairs_alone):
 
 
 def test_linearity_with_the_stack_among_the_levels(calibration):
-    """One level more, in the middle: it draws the line a hair."""
+    """One additional level in the middle shifts the line slightly."""
     for name, value in PAIRS_ALONE.items():
         assert getattr(calibration, name).value == pytest.approx(value, rel=8e-3)
     assert calibration.linearity_error_percent.value == pytest.approx(0.2925, abs=1e-3)
     assert calibration.linearity["M"].used.sum() == 34
 
 
-def test_dark_currents_hold_the_reference_s(calibration, pairs_alone):
-    """Its lines weigh every exposure alike: plain least squares through the same points gives its numbers."""
+def test_dark_current_intervals_contain_the_reference(calibration, pairs_alone):
+    """The reference weights all exposures equally: plain least squares through the same points gives its values."""
     for kind, power, name, value in (
         ("dark_signal", 1, "dark_current_e_per_s", 28.479107),
         ("dark_variance", 2, "dark_current_from_variance_e_per_s", 69.971699),
@@ -89,9 +89,9 @@ def test_dark_currents_hold_the_reference_s(calibration, pairs_alone):
     assert not any("that from the variance" in warning for warning in calibration.warnings)
 
 
-def test_rows_that_flicker_are_no_pattern(calibration):
-    """The reference's pixel part is the root of -0.0042 DN^2, its row part 0.26 e-: noise that whole rows share, of
-    which a 50th stays in the mean, was taken off the pixels."""
+def test_row_noise_is_not_a_row_pattern(calibration):
+    """The reference's pixel part is the root of -0.0042 DN^2, its row part 0.26 e-: it subtracts the row noise left in
+    the mean of 50 frames from the pixels."""
     for part, most in (("pixel", 0.3), ("row", 0.13)):
         low, high = getattr(calibration, f"dsnu1288_{part}_e").interval_95
         assert 0.0 < high < most
@@ -99,7 +99,7 @@ def test_rows_that_flicker_are_no_pattern(calibration):
     assert not any("negative" in warning for warning in calibration.warnings)
 
 
-def test_spectrograms_are_the_reference_s(calibration):
+def test_spectrograms_equal_the_reference(calibration):
     """Square roots of power: first frequency, 1/4, last, median."""
     dark, light = calibration.spatial["M"].dark, calibration.spatial["M"].light
     for found, wanted in (
@@ -115,7 +115,7 @@ def test_spectrograms_are_the_reference_s(calibration):
     assert np.sqrt(light.vertical.power[1]) * per_dn == pytest.approx(86.6963113, rel=1e-7)
 
 
-def test_profiles_are_the_reference_s(calibration):
+def test_profiles_equal_the_reference(calibration):
     dark, light = calibration.spatial["M"].dark, calibration.spatial["M"].light
     some = light.along_columns.mean[[0, 320, 639]], light.along_rows.mean[[0, 240, 479]]
     np.testing.assert_allclose(some[0], [1996.33304167, 1965.10416667, 1968.58925], rtol=1e-10)
@@ -126,7 +126,7 @@ def test_profiles_are_the_reference_s(calibration):
     assert extremes == pytest.approx((12.08, 16.86, 15.02))
 
 
-def test_the_dark_histogram_is_the_reference_s(calibration):
+def test_the_dark_histogram_equals_the_reference(calibration):
     found = calibration.spatial["M"].dark.histogram
     assert (len(found.count), found.count.sum(), found.count.max()) == (240, 307_200, 5525)
     ends = found.lower[0], found.lower[-1], found.width, found.lower[found.count.argmax()]
@@ -136,13 +136,13 @@ def test_the_dark_histogram_is_the_reference_s(calibration):
     assert found.percent_beyond[at] == pytest.approx(0.040364583, rel=1e-6)
 
 
-def test_the_high_pass_takes_the_uneven_light_off(calibration):
-    """The unfiltered figure holds the shading of the illumination; what is left is the pixels' own."""
+def test_the_high_pass_removes_the_uneven_light(calibration):
+    """The unfiltered value includes the shading of the illumination."""
     assert calibration.prnu1288_percent.value == pytest.approx(0.260, abs=0.002)
     assert calibration.prnu1288_percent.value < 0.65 * calibration.prnu1288_unfiltered_percent.value
 
 
-def test_the_paper_s_prnu_sees_the_shading_too(calibration):
+def test_the_paper_s_prnu_includes_the_shading(calibration):
     assert calibration.prnu_percent.value == pytest.approx(calibration.prnu1288_unfiltered_percent.value, rel=0.02)
 
 
@@ -153,5 +153,5 @@ def test_all_frames_are_used(calibration):
     assert calibration.linear_range["M"].levels == 27
 
 
-def test_scatter_beyond_sampling_is_told(calibration):
+def test_scatter_beyond_sampling_gives_a_warning(calibration):
     assert any("scatter" in warning for warning in calibration.warnings)

@@ -1,9 +1,8 @@
-"""Sets like the published ones: a descriptor with PNG frames, of a sensor that is no model's.
+"""Sets like the published ones: a descriptor with PNG frames, of sensors that deviate from the model.
 
-The first is simulated with 12 bits: non-linear by 2 % at saturation, light that falls off by 3 % to the corners, a
-sinusoidal pattern in the dark, 200 outlier pixels. The truth is known, and intervals must hold it. The second is
-an 8-bit camera whose exposure times are microseconds where a descriptor has nanoseconds, and which takes its
-dark signal off itself.
+The first is simulated with 12 bits: response curved by 2 % at saturation, light that falls off by 3 % to the corners, a
+sinusoidal pattern in the dark, 200 outlier pixels. The truth is known, and intervals must contain it. The second is an
+8-bit camera with black level clamping, and exposure times in microseconds where a descriptor has nanoseconds.
 """
 
 from dataclasses import dataclass
@@ -71,7 +70,7 @@ class Imperfect:
 
 
 def write_set(folder, chip, *, levels, longest_s, ns_per_s, stack=16):
-    """As the published sets: pairs of frames over 1.15 saturations, pairs of darks, and a stack of each."""
+    """Like the published sets: pairs of flats up to 1.15 times saturation, pairs of darks, and a stack of each."""
     lines = ["# simulated", "v 3.0", f"n {chip.bits} {COLS} {ROWS}"]
     most = 1.15 * chip.full_e / chip.efficiency
 
@@ -99,7 +98,7 @@ def write_set(folder, chip, *, levels, longest_s, ns_per_s, stack=16):
 
 
 def photons_at_largest_variance(chip):
-    """Where the temporal variance of clipped numbers, mean over the pixels, is largest: EMVA 1288's saturation."""
+    """Photons at the largest mean temporal variance of clipped numbers: EMVA 1288's saturation."""
     photons = np.linspace(0.85, 1.1, 101) * chip.full_e / chip.efficiency
     sample = np.s_[:: max(1, ROWS // 40), :: max(1, COLS // 40)]
     light, offset = (getattr(chip, name)[sample].ravel() for name in ("light_on", "offset"))
@@ -117,7 +116,7 @@ def photons_at_largest_variance(chip):
 
 
 def truth(chip):
-    """By the definitions of the figures; spreads are those of this chip, outliers and sinusoid in them."""
+    """By the definitions of the parameters; spreads are those of this chip, with outliers and sinusoid."""
     offset_e = chip.offset.std()
     return {
         "system_gain_dn_per_e": chip.gain,
@@ -136,7 +135,7 @@ def truth(chip):
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
-    """Three chips: bent downwards, bent upwards, straight."""
+    """Three chips: response curved downwards, curved upwards, straight."""
     outcomes = []
     for seed, bend in ((0, 0.02), (1, -0.02), (4, 0.0)):
         chip = Imperfect(seed, bend=bend)
@@ -149,37 +148,37 @@ def simulated(tmp_path_factory):
 
 @pytest.mark.parametrize("name", sorted(truth(Imperfect(0))))
 def test_the_truth_lies_inside_the_intervals(simulated, name):
-    """Thirty-three honest intervals of 95 % would miss once or twice; these seeds hold all."""
+    """Of 33 intervals of 95 %, one or two would miss on average; with these seeds none does."""
     for chip, calibration in simulated:
         entry = getattr(calibration, name)
         assert entry.value is not None, entry.reason
         low, high = entry.interval_95
-        # The bounds of the largest variance are those of a straight response; half a bend of 2 % moves it.
+        # The bounds of the largest variance assume a straight response; half of the curvature shifts it.
         moved = 0.5 * abs(chip.bend) * entry.value if name == "saturation_capacity_photons" else 1e-9
         assert low - moved <= truth(chip)[name] <= high + moved, (chip.bend, entry)
         assert entry.standard_uncertainty < 0.06 * entry.value
 
 
-def test_the_bend_is_told_and_only_where_there_is_one(simulated):
-    told = [any("is not straight" in text for text in calibration.warnings) for _, calibration in simulated]
-    assert told == [True, True, False]
+def test_only_a_curved_response_gives_a_warning(simulated):
+    warned = [any("is not straight" in text for text in calibration.warnings) for _, calibration in simulated]
+    assert warned == [True, True, False]
 
 
-def test_without_its_bend_the_gain_s_interval_would_miss(simulated):
-    """What the widening is for: the scatter about the straight line explains a fifth of the error."""
+def test_without_the_curvature_the_gain_s_interval_would_miss(simulated):
+    """The scatter about the straight line explains a fifth of the error only."""
     chip, calibration = simulated[0]
     curve = calibration.curves["M"]["photon_transfer"]
     assert abs(curve.slope / chip.gain - 1) > 0.02
     assert calibration.system_gain_dn_per_e.value == pytest.approx(curve.slope)
 
 
-def test_the_high_pass_parts_prnu_from_the_fall_off(simulated):
+def test_the_high_pass_removes_the_fall_off(simulated):
     for _, calibration in simulated:
         assert calibration.prnu1288_unfiltered_percent.value > 1.15 * calibration.prnu1288_percent.value
 
 
-def test_the_8_bit_camera_whose_exposures_are_microseconds(tmp_path):
-    """Its dark level falls with exposure, per stated second by 600 000 electrons: no number, but the factor."""
+def test_exposure_times_in_microseconds_give_no_dark_current(tmp_path):
+    """The dark level falls by 600 000 electrons per stated second: no value, but the factor of the unit."""
     chip = Imperfect(
         7, bits=8, gain=0.02, black_dn=12.0, read_e=40.0, dsnu_e=20.0, sine_e=10.0, outlier_e=500.0, bend=0.0,
         dark_e_per_s=0.0, clamp_e_per_s=600.0,
@@ -189,9 +188,9 @@ def test_the_8_bit_camera_whose_exposures_are_microseconds(tmp_path):
     for name in ("dark_current_e_per_s", "dark_current_from_variance_e_per_s", "dcnu_percent"):
         entry = getattr(calibration, name)
         assert entry.value is None, entry
-        assert "off by a factor of 1000 or more" in entry.reason
-        assert "microseconds where nanoseconds belong" in entry.reason
-    assert any(text.startswith("dark current could not be true") for text in calibration.warnings)
+        assert "wrong by a factor of 1000 or more" in entry.reason
+        assert "microseconds in place of nanoseconds" in entry.reason
+    assert any(text.startswith("dark current is implausible") for text in calibration.warnings)
     assert any("nanoseconds" in text for text in calibration.warnings)
     for name, value in (("system_gain_dn_per_e", chip.gain), ("quantum_efficiency_percent", 100 * chip.efficiency)):
         entry = getattr(calibration, name)

@@ -1,1 +1,1 @@
-"""From frames to a sensor's parameters, each with its uncertainty."""
+"""Calibration: from dark frames and flat fields to sensor parameters with uncertainties."""

@@ -1,4 +1,4 @@
-"""What precision a measurement will reach, before it is made: the calibration's own fits on the expected levels."""
+"""Prediction of a measurement's precision: the fits of the calibration, applied to the expected levels."""
 
 from __future__ import annotations
 
@@ -43,24 +43,24 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Missing, Uncertain, Value
 
-NOT_PREDICTED = Missing("a plan does not predict it; DSNU1288 and PRNU1288 are about as precise as DSNU and PRNU")
+NOT_PREDICTED = Missing("not predicted by a plan; DSNU1288 and PRNU1288 are about as precise as DSNU and PRNU")
 
 _FAR = 4.0
-"""Spreads beyond the middle of the clipping where a level counts as clipped to the last pixel."""
+"""Standard deviations past the middle of the clipping beyond which all pixels of a level count as clipped."""
 
 
 @dataclass(frozen=True)
 class PlannedGroup:
-    """Frames to be taken under one setting.
+    """Frames to be taken with one setting.
 
     Parameters
     ----------
     kind, exposure_s, frames
-        What, how long, how many.
+        Dark or light, exposure time in seconds, number of frames.
     electrons
-        Mean electrons from light that a pixel of each channel will collect, in the order of `channel_names`.
+        Mean electrons from light in a pixel of each channel, in the order of `channel_names`.
     photons_per_pixel
-        Mean photons on a pixel, where the light is metered.
+        Mean photons per pixel, where the light is metered.
     """
 
     kind: Kind
@@ -71,19 +71,20 @@ class PlannedGroup:
 
 
 def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
-    """The parameters as a calibration of these frames will find them, on average, with their uncertainties.
+    """Return the parameters that a calibration of these frames will give on average, with their uncertainties.
 
-    Each group's expected mean, variance and sampling errors go through the fits and the propagation of `calibrate`. The
-    sampling error of a variance over n frames of P pixels is 2 v^2 / (n - 1) + k4 / n over P, k4 the fourth cumulant of
-    a Poisson count, and what the pixels' different sensitivity adds. Row, column and high-passed parts are not
-    predicted, nor is scatter that a real laboratory adds: a lamp that wanders, a converter's uneven steps.
+    The expected mean, variance and sampling error of each group pass through the fits and the propagation of
+    `calibrate`. The sampling error of a variance over n frames of P pixels is (2 v^2 / (n - 1) + k4 / n) / P, with k4
+    the fourth cumulant of a Poisson count, plus the effect of the pixels' different sensitivities. Row, column and
+    high-passed parts are not predicted, nor is the scatter of a real laboratory (drifting lamp, uneven converter
+    steps).
 
     Parameters
     ----------
     sensor
-        A guess of the sensor: noise, gain and fixed pattern as in its file.
+        Assumed sensor: noise, gain and fixed pattern as in its file.
     groups
-        What is to be taken: two dark frames or more at one exposure at least.
+        The frames to be taken, with at least two dark frames at one exposure.
 
     Raises
     ------
@@ -108,7 +109,8 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
         for kind in ("dark", "light")
     )
     if not any(entry.frames > 1 for entry in darks):
-        raise InputError("a plan has two dark frames or more at one exposure, which show the read noise")
+        hint = "Plan several dark frames at one exposure time: they show the read noise"
+        raise InputError("groups", expected="a plan with at least two dark frames at one exposure", hint=hint)
     _check_darks(darks)
     exposures = [entry.group.exposure_s for entry in darks]
     reference = darks[reference_dark(darks)]
@@ -136,7 +138,7 @@ def _statistics(sensor: Sensor, group: PlannedGroup, pixels: Sequence[int]) -> G
 
 
 def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Level:
-    """One channel of a group as it is to be expected."""
+    """Return the expected level of one channel of a group."""
     from scipy.special import ndtr
 
     gain, noise, n = sensor.system_gain_dn_per_e, sensor.noise, group.frames
@@ -147,16 +149,16 @@ def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Le
         noise.prnu_percent.value / 100 * group.electrons[channel], noise.dcnu_percent.value / 100 * dark_e
     )
     black, capacity = sensor.readout.black_level_dn.value, sensor.saturation_capacity_e
-    by_well = sensor.pixel.well_capacity_e.value <= capacity
+    well_limited = sensor.pixel.well_capacity_e.value <= capacity
     spread_e = math.sqrt(mean_e + read_e**2 + uneven_e**2 + dsnu_e**2)
     beyond = (mean_e - capacity) / spread_e if spread_e > 0.0 else -math.inf
-    open_share = float(ndtr(-beyond)) if beyond < _FAR else 0.0
-    variance_e = mean_e * open_share + read_e**2 * (1.0 if by_well else open_share)
-    variance = gain**2 * variance_e + (1.0 / 12.0 if open_share or by_well else 0.0)
-    fourth = gain**4 * mean_e * open_share
-    scatter = (fourth / n + (gain**2 * uneven_e * open_share) ** 2 + 2.0 * variance**2 / max(n - 1, 1)) / pixels
-    spatial = gain**2 * (uneven_e**2 * open_share + dsnu_e**2) + variance / n
-    mean = black + gain * (mean_e * open_share + capacity * (1.0 - open_share))
+    unclipped_share = float(ndtr(-beyond)) if beyond < _FAR else 0.0
+    variance_e = mean_e * unclipped_share + read_e**2 * (1.0 if well_limited else unclipped_share)
+    variance = gain**2 * variance_e + (1.0 / 12.0 if unclipped_share or well_limited else 0.0)
+    fourth = gain**4 * mean_e * unclipped_share
+    scatter = (fourth / n + (gain**2 * uneven_e * unclipped_share) ** 2 + 2.0 * variance**2 / max(n - 1, 1)) / pixels
+    spatial = gain**2 * (uneven_e**2 * unclipped_share + dsnu_e**2) + variance / n
+    mean = black + gain * (mean_e * unclipped_share + capacity * (1.0 - unclipped_share))
     sigma = gain * spread_e
     return Level(
         pixels=pixels,
@@ -167,7 +169,7 @@ def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Le
         variance_uncertainty=math.sqrt(scatter) if n > 1 else math.nan,
         spatial_variance=spatial,
         low_fraction=float(ndtr((0.5 - mean) / sigma)) if sigma > 0.0 else 0.0,
-        high_fraction=0.0 if by_well else 1.0 - open_share,
+        high_fraction=0.0 if well_limited else 1.0 - unclipped_share,
         frame_shift=0.0,
     ).with_rounding()
 
@@ -177,8 +179,8 @@ def _check_darks(darks: Sequence[GroupStatistics]) -> None:
         low = max(level.low_fraction for level in entry.levels)
         if low > CLIPPED_DARK_SHARE:
             raise InputError(
-                f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be at 0 DN; a plan "
-                f"is for frames that do not clip: take a black level (pedestal) of five standard deviations of the dark"
+                f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
+                hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",
             )
 
 
@@ -215,8 +217,8 @@ def _measured(
     if channel is not None:
         metered = channel.levels.abscissa == "photons_per_pixel"
         response = fit_response(channel.levels, channel.used) if metered else None
-        none = Missing("no light level lies in the linear range") if metered else NO_PHOTONS
-        responsivity: Value = none if response is None else response.uncertain[0]
+        missing = Missing("no light level lies in the linear range") if metered else NO_PHOTONS
+        responsivity: Value = missing if response is None else response.uncertain[0]
         measured = replace(
             measured,
             response_variance=_response_variance(sensor, channel, lights, slopes),

@@ -22,49 +22,49 @@ if TYPE_CHECKING:
     "--sensor",
     "sensor_name",
     metavar="NAME|FILE",
-    help="What is known beforehand (pixel, volts, spectra), if the protocol names no sensor file.",
+    help="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol.",
 )
 @click.option(
     "-o",
     "--output",
     type=options.output_file(".yaml", ".yml"),
     metavar="FILE",
-    help="Sensor file to write (YAML), as measured.",
+    help="Sensor file to write (YAML).",
 )
 @click.option(
     "--report",
     type=options.output_file(".html", ".pdf"),
     metavar="FILE",
-    help="Report to write: a data sheet in one self-contained HTML page, or a PDF, by the file's ending.",
+    help="Report to write: a data sheet as one self-contained HTML page or a PDF, by the suffix.",
 )
 @click.option(
     "--checkpoint",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
-    help="Keep partial sums here; a run that was broken off goes on from them.",
+    help="Checkpoint folder; an interrupted run resumes from it.",
 )
-@click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
-@click.option("--dark", multiple=True, metavar="PATTERN", help="Files of a folder that are dark frames: 'IMG_00*'.")
-@click.option("--light", multiple=True, metavar="PATTERN", help="Files of a folder that are light frames.")
+@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth, for files without it.")
+@click.option("--cfa", help="Colour filter array (rggb, ...), for files without it.")
+@click.option("--dark", multiple=True, metavar="PATTERN", help="Dark frames of the folder, by file name: 'IMG_00*'.")
+@click.option("--light", multiple=True, metavar="PATTERN", help="Light frames of the folder, by file name.")
 @click.option(
     "--far-dark",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="DN",
-    help="List pixels of the mean dark frame that deviate from its mean by more; else those too far out for a normal "
-    "distribution.",
+    help="List pixels of the mean dark frame that deviate from its mean by more. Default: a limit beyond which a "
+    "normal distribution has a tenth of a pixel.",
 )
 @click.option(
     "--far-light",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="PERCENT",
-    help="The same for the mean light frame near half saturation, high-passed.",
+    help="The same for the mean light frame near half saturation, high-passed, in percent of the mean signal.",
 )
 @click.option(
     "--maps",
     is_flag=True,
-    help="Measure the chip itself: maps of offset, response, dark rate and read noise, defects, row and column noise; "
-    "-o writes the maps beside the sensor file (HDF5).",
+    help="Also measure maps of offset, response, dark rate and read noise, defects, row and column noise; -o writes the "
+    "maps beside the sensor file (HDF5).",
 )
 @options.json_option
 def command(
@@ -84,12 +84,14 @@ def command(
 ) -> None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
-    PATH is a folder of frames, a protocol (YAML), an EMVA 1288 descriptor or a file of many frames. What cannot be
-    estimated is said with the reason. Frames of several gain settings (ISO) are a series: each setting is
-    calibrated, the switch of the conversion gain and the two parts of the read noise are looked for, and -o writes
-    a sensor file for each setting, mine.gain400.sensor.yaml and so on. Millivolts and the sensor file need what
-    frames do not tell: the pixel's size, the voltage swing and the spectral response, from the sensor file that the
-    protocol names or from --sensor.
+    PATH is a folder of frames, a protocol (YAML), an EMVA 1288 descriptor or a file with many frames. Parameters that
+    cannot be estimated are reported with the reason. Millivolts and the sensor file need the pixel size, the voltage
+    swing and the spectral response, which frames do not show: they come from the sensor file named by the protocol or
+    by --sensor.
+
+    Frames of several gain settings (ISO) are calibrated as a series: each setting by itself, then the switch of the
+    conversion gain and the two parts of the read noise. -o then writes a sensor file per setting,
+    mine.gain400.sensor.yaml and so on.
 
     \b
     Frames are read from
@@ -100,13 +102,13 @@ def command(
       FITS              EXPTIME, GAIN, CCD-TEMP, IMAGETYP, BAYERPAT (needs photosite[fits])
 
     \b
-    What a file does not say is read from its name, or its subfolder's:
+    Missing metadata are read from the name of the file or its subfolder
       dark, bias, d_012; light, flat, bright, b_012   dark or light
-      10ms, 0.04s, 250us, 1-8000s                     exposure (1-8000s is 1/8000 s)
+      10ms, 0.04s, 250us, 1-8000s                     exposure time (1-8000s is 1/8000 s)
       iso400, gain_2.5; _-10C                         gain setting; temperature
 
-    A protocol stands before files and names. Where nothing says dark or light, the level of the frames tells it, with a
-    warning; --dark and --light say otherwise.
+    A protocol overrides metadata and file names. Without any of them, the level of the frames decides between dark and
+    light, with a warning; --dark and --light override it.
 
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
@@ -119,11 +121,11 @@ def command(
     frames = open_frames(path, bits=bits, cfa=cfa, dark=dark, light=light)
     sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
     if output is not None and sensor is None:
-        raise click.UsageError("-o needs what frames do not tell (pixel, volts, spectra): name a sensor with --sensor")
+        raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")
     if maps and len(frames.gain_settings) > 1:
-        raise click.UsageError("--maps takes frames of one gain setting; calibrate those of one setting by themselves")
+        raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")
     if (far_dark or far_light) and len(frames.gain_settings) > 1:
-        raise click.UsageError("--far-dark and --far-light take frames of one gain setting")
+        raise click.UsageError("--far-dark and --far-light need frames of one gain setting")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
         calibrate_gain_series(frames, sensor, output, report, checkpoint, as_json)
@@ -144,7 +146,7 @@ def command(
 
 def _save(calibration: Calibration, output: Path | None, report: Path | None) -> None:
     if output is not None:
-        _ = calibration.sensor  # what it may lack is said before anything is written
+        _ = calibration.sensor  # raises before anything is written
     if report is not None:
         calibration.report(report)
     if output is not None:
@@ -157,8 +159,8 @@ def _show(calibration: Calibration) -> None:
 
     model = f"EMVA 1288's {calibration.model} model"
     click.echo(f"{calibration.source}: {calibration.frame_count} frames, {model}\n")
-    rows = [("parameter", "value", "unit", "how")]
-    missing = [("not estimated", "why")]
+    rows = [("parameter", "value", "unit", "method")]
+    missing = [("not estimated", "reason")]
     for name, entry in calibration.estimates().items():
         shown = PARAMETER_LABELS[name]
         if entry.value is None or entry.standard_uncertainty is None:
@@ -186,7 +188,7 @@ def _show_chip(calibration: Calibration) -> None:
     chip, temporal = calibration.chip, calibration.temporal
     if chip is None or temporal is None:
         return
-    rows = [("noise in the dark", "value", "unit", "how")]
+    rows = [("dark temporal noise", "value", "unit", "method")]
     for label, unit, entry in (
         ("pixel noise", "DN", temporal.pixel_noise_dn),
         ("row noise", "DN", temporal.row_noise_dn),

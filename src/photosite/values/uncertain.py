@@ -1,14 +1,14 @@
-"""Numbers that know where their uncertainty comes from.
+"""Values with uncertainty, propagated to first order.
 
-First-order propagation after the GUM (JCGM 100:2008, 5.1 and 5.2): a result keeps its sensitivity to every
-independent source, so that what two results share, a system gain say, is counted once in their ratio.
+Propagation follows the GUM (JCGM 100:2008, 5.1 and 5.2). A result keeps its sensitivity to each independent source, so
+that an uncertainty shared by two results, such as that of a system gain, is counted once in their ratio.
 
-A source also knows how far its own 95 % interval reaches to either side, and a result's interval is made of those:
-to each side the root of the summed squares (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869, and for differences
-by Ting et al., J. Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, a mean square over few lines say,
-whose interval is chi-square's and not symmetric, and the usual one where all sources are normal. The sum of many is
-nearly normal, but squares of sides shorter than the normal one stay short: of such a side, what is short counts in the
-share that the source has of the whole.
+A source also has the half-widths of its own 95 % interval to either side. A result's half-width to a side is the root
+of the summed squares of those (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869; for differences Ting et al., J.
+Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, such as a mean square over few rows with its asymmetric
+chi-square interval, and the usual one where all sources are normal. The sum of many sources is nearly normal, but the
+sum of squared half-widths below the normal one stays below it. Therefore the missing part of such a half-width counts
+less the larger the source's share of the whole.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from photosite.values.measured import COVERAGE_95
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Source:
-    """An independent cause of uncertainty, itself and no other.
+    """An independent source of uncertainty; two sources are equal only if they are the same object.
 
     Parameters
     ----------
     below, above
-        How far the end of the 95 % interval lies below and above what was found, in standard uncertainties.
+        Distance of the ends of the 95 % interval below and above the value, in standard uncertainties.
     """
 
     below: float = COVERAGE_95
@@ -39,7 +39,7 @@ class Source:
 
     @classmethod
     def student(cls, freedom: float) -> Source:
-        """A mean, or a fitted line's parameter, whose uncertainty was found from so many degrees of freedom.
+        """Return the source of a mean or fitted parameter whose uncertainty has a number of degrees of freedom.
 
         Examples
         --------
@@ -53,7 +53,7 @@ class Source:
 
     @classmethod
     def mean_square(cls, freedom: float) -> Source:
-        """A variance found from so many degrees of freedom: chi-square's interval.
+        """Return the source of a variance with a number of degrees of freedom, with a chi-square interval.
 
         Examples
         --------
@@ -71,13 +71,13 @@ class Source:
         )
 
     def scaled(self, factor: float) -> Source:
-        """One whose interval reaches `factor` times as far, in the same standard uncertainties."""
+        """Return a source with half-widths multiplied by a factor."""
         return Source(factor * self.below, factor * self.above)
 
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A value and, per independent source, the change that one standard uncertainty of the source makes in it.
+    """A value and, per independent source, its change per standard uncertainty of the source.
 
     Examples
     --------
@@ -93,14 +93,14 @@ class Uncertain:
 
     @classmethod
     def of(cls, value: float, standard_uncertainty: float = 0.0, source: Source | None = None) -> Uncertain:
-        """A new, independent input; exact where the uncertainty is 0.
+        """Return a new, independent input; exact where the uncertainty is 0.
 
         Parameters
         ----------
         value, standard_uncertainty
-            What was found.
+            Value and its standard uncertainty.
         source
-            The shape of its interval; normal if None.
+            Source with the half-widths of the interval; default normal.
         """
         if standard_uncertainty == 0.0:
             return cls(value)
@@ -108,7 +108,7 @@ class Uncertain:
 
     @classmethod
     def of_variance(cls, value: float, standard_uncertainty: float = 0.0) -> Uncertain:
-        """A new, independent mean square; its degrees of freedom are 2 (value / uncertainty)^2 (Satterthwaite).
+        """Return a new, independent mean square with 2 (value / uncertainty)^2 degrees of freedom (Satterthwaite).
 
         Examples
         --------
@@ -132,7 +132,7 @@ class Uncertain:
         return self.value - below, self.value + above
 
     def _reach(self, side: float) -> float:
-        """How far the 95 % interval reaches: above the value for side 1, below it for -1."""
+        """Return the half-width of the 95 % interval: above the value for side 1, below it for -1."""
         whole = self.standard_uncertainty
         if whole == 0.0:
             return 0.0
@@ -144,7 +144,7 @@ class Uncertain:
         return math.sqrt(squares)
 
     def covariance(self, other: Uncertain) -> float:
-        """Covariance with another result, from the sources that they share.
+        """Return the covariance with another result, from the sources that they share.
 
         Examples
         --------
@@ -156,7 +156,7 @@ class Uncertain:
 
     @property
     def relative(self) -> float:
-        """Standard uncertainty as a fraction of the value's size."""
+        """Standard uncertainty over the absolute value."""
         return self.standard_uncertainty / abs(self.value)
 
     def _with(self, value: float, slope: float, other: Uncertain | None = None, slope2: float = 0.0) -> Uncertain:
@@ -189,15 +189,15 @@ class Uncertain:
         return _lift(other) / self
 
     def apply(self, function: Callable[[float], float], derivative: Callable[[float], float]) -> Uncertain:
-        """A function of the value, given with its derivative."""
+        """Return a function of the value, given with its derivative."""
         return self._with(function(self.value), derivative(self.value))
 
     def sqrt(self) -> Uncertain:
-        """Square root of a positive value."""
+        """Return the square root of a positive value."""
         return self.apply(math.sqrt, lambda x: 0.5 / math.sqrt(x))
 
     def decibel(self, factor: float) -> Uncertain:
-        """`factor` times the decimal logarithm."""
+        """Return `factor` times the decimal logarithm."""
         return self.apply(lambda x: factor * math.log10(x), lambda x: factor / (math.log(10.0) * x))
 
 
@@ -208,14 +208,14 @@ def _lift(number: Uncertain | float) -> Uncertain:
 def correlated(
     values: NDArray[np.float64], covariance: NDArray[np.float64], freedom: float = math.inf
 ) -> tuple[Uncertain, ...]:
-    """Inputs that share a covariance matrix, such as the intercept and slope of a fitted line.
+    """Return inputs with a covariance matrix, such as the intercept and slope of a fitted line.
 
     Parameters
     ----------
     values, covariance
-        (p,) and (p, p).
+        (p,) values and their (p, p) covariance.
     freedom
-        Degrees of freedom that the covariance was found from.
+        Degrees of freedom of the covariance.
 
     Examples
     --------
@@ -225,7 +225,7 @@ def correlated(
     """
     scales, vectors = np.linalg.eigh(covariance)
     keys = [Source.student(freedom) if math.isfinite(freedom) else Source() for _ in scales]
-    loads = vectors * np.sqrt(np.clip(scales, 0.0, None))  # rounding alone makes an eigenvalue negative
+    loads = vectors * np.sqrt(np.clip(scales, 0.0, None))  # negative only by rounding
     return tuple(
         Uncertain(float(value), {key: float(load) for key, load in zip(keys, row, strict=True)})
         for value, row in zip(values, loads, strict=True)
@@ -233,7 +233,7 @@ def correlated(
 
 
 def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Uncertain:
-    """Mean with given weights, what the values share kept.
+    """Return the weighted mean, correlations included.
 
     Examples
     --------
@@ -245,7 +245,7 @@ def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Unce
 
 
 def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArray[np.float64]) -> Uncertain:
-    """A linear combination, what the values share kept."""
+    """Return a linear combination, correlations included."""
     result = Uncertain(0.0)
     for value, coefficient in zip(values, coefficients, strict=True):
         result = result + value * float(coefficient)
@@ -259,9 +259,9 @@ class JointCovariance:
     Parameters
     ----------
     names
-        (n,) what they are called.
+        (n,) names of the results.
     matrix
-        (n, n) in their units.
+        (n, n) covariance in their units.
 
     Examples
     --------
@@ -276,34 +276,35 @@ class JointCovariance:
 
     @classmethod
     def of(cls, values: Mapping[str, Uncertain]) -> JointCovariance:
-        """Of results that may share sources."""
+        """Return the covariance of results that may share sources."""
         n = len(values)
         matrix = np.array([[a.covariance(b) for b in values.values()] for a in values.values()])
         return cls(tuple(values), matrix.reshape(n, n))
 
     def among(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """(names, names) of some of them.
+        """Return the (names, names) covariance of some results.
 
         Raises
         ------
         InputError
-            If one is not among the results.
+            If a name is unknown.
         """
         for name in names:
             if name not in self.names:
-                raise InputError(f"there is no value of '{name}'; {did_you_mean(name, self.names)}")
+                hint = did_you_mean(name, self.names)
+                raise InputError("names", value=name, expected="names of results with a value", hint=hint)
         place = [self.names.index(name) for name in names]
         return self.matrix[np.ix_(place, place)]
 
 
 @dataclass(frozen=True)
 class Missing:
-    """What could not be estimated, and why."""
+    """A result that could not be obtained, with the reason."""
 
     reason: str
 
     def to_dict(self) -> dict[str, str]:
-        """`reason`."""
+        """Return `reason`."""
         return {"reason": self.reason}
 
 
@@ -311,7 +312,7 @@ Value = Uncertain | Missing
 
 
 def derive(function: Callable[..., Uncertain], *inputs: Value) -> Value:
-    """`function(*inputs)`, or the first input that is missing.
+    """Return `function(*inputs)`, or the first input that is missing.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Checks of frames and of results before they are used."""
+"""Checks of frame sets, levels and results."""

@@ -1,1 +1,1 @@
-"""Dark frames that are clipped at 0."""
+"""Dark frames clipped at 0: censored likelihood and correction of levels."""

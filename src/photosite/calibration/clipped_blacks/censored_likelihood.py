@@ -1,10 +1,10 @@
-"""Darks that clip at zero: what their numbers still tell of black level, read noise and DSNU.
+"""Black level, read noise and DSNU of darks clipped at zero, by maximum likelihood.
 
-A camera without a pedestal cuts the lower half of its dark noise off; the spreads of what is left are not those of the
-sensor. The model is that of the sensor file: pixel means are normal round the black level (DSNU), a pixel's
-numbers normal round its mean (read noise), rounded to whole numbers, and what is below 1/2 reads 0. The likelihood
-of that (a Tobit model with two levels) has its maximum at the sensor's values, and its curvature there is their
-uncertainty (Tobin, Econometrica 26 (1958) 24; Amemiya, J. Econometrics 24 (1984) 3).
+A camera without a pedestal clips the lower half of its dark noise, so that the remaining spreads are not those of the
+sensor. The model is that of the sensor file: pixel means are normal around the black level (DSNU); a pixel's numbers
+are normal around its mean (read noise), rounded to whole numbers, and 0 below 1/2. The likelihood (a Tobit model with
+two levels) has its maximum at the sensor's values, and its curvature there gives their uncertainty (Tobin, Econometrica
+26 (1958) 24; Amemiya, J. Econometrics 24 (1984) 3).
 """
 
 from __future__ import annotations
@@ -22,56 +22,54 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import binom, chi2
 
 from photosite.engine.frame_sums import FrameSums
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
 
-ROUNDING = 1.0 / 12.0
-"""Variance of rounding to whole numbers, DN^2."""
-
 LEAST_READ_NOISE = 0.5
-"""DN. Below it a rounded normal is not near enough to a normal of variance + 1/12 (errors as exp(-2 pi^2 s^2), 0.7 %
-here), and clipping and rounding together hide the noise."""
+"""DN. Below it a rounded normal differs too much from a normal of variance + 1/12 (by exp(-2 pi^2 s^2), 0.7 % here),
+and clipping and rounding together hide the noise."""
 
 MOST_UNCERTAIN = 0.25
-"""Relative uncertainty of the read noise, and of the total spread, from which on too little is left to see."""
+"""Relative uncertainty of the read noise, or of the total spread, above which the result is withheld."""
 
 ROUNDING_ERROR = 10.0
-"""What a normal of variance v = s^2 + 1/12 in the place of a rounded one does to the variances, in units of
-s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; half of it to the mean, in units of s. The largest
-errors over a grid of sensors with a million pixels each."""
+"""Error of the variances from replacing a rounded normal by a normal of variance v = s^2 + 1/12.
+
+In units of s^2 / (2880 v^2), the leading term of a rounded normal's kurtosis; the error of the mean is half of it in
+units of s. The number is the largest over a grid of sensors with a million pixels each."""
 
 MISFIT = 1e-3
-"""Share of sensors as the model has them that may be told that they are not."""
+"""Share of sensors that follow the model and may be reported not to."""
 
 LEAST_PIXELS = 100
-"""Pixels that must read above zero at least once."""
+"""Pixels that must be above zero at least once."""
 
 LEAST_CLASS, MOST_CLASSES = 20.0, 30
-"""Pixels expected in a class of the comparison with the model, and how many classes there are."""
+"""Least expected pixels in a class of the comparison with the model, and largest number of classes."""
 
 _TOGETHER = 4
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(24)
 _LOG_WEIGHTS = np.log(_WEIGHTS) + _NODES**2
 _NEWTON_STEPS = 60
 _NO_SPREAD = 1e-4
-"""DSNU variance over read variance that counts as none: the likelihood rises towards zero spread."""
+"""DSNU variance over read variance at which the search ends, where the likelihood grows towards zero DSNU."""
 
 
 @dataclass(frozen=True)
 class ClippedCounts:
     """Exact sufficient statistics of one channel's dark frames under the model.
 
-    Zeros tell how often a pixel was below 1/2; a sum, and a sum of squares, is the same with or without zeros, and the
-    squares leave the integral over the pixel's mean. So of all numbers of a pixel two count, and of all pixels how
-    many share the two.
+    A pixel is described by its number of zeros and its sum: a sum, and a sum of squares, is the same with or without
+    zeros, and the squares do not depend on the pixel's mean. Pixels with the same two numbers form a cell.
 
     Parameters
     ----------
     frames
-        Frames, n.
+        Number of frames, n.
     zeros, total
-        (cells,) how many of a pixel's n numbers are 0, and their sum.
+        (cells,) number of zeros among a pixel's n numbers, and their sum.
     pixels
-        (cells,) how many pixels have these two.
+        (cells,) number of pixels.
     squares
         Sum of the squares of all numbers.
     """
@@ -84,7 +82,7 @@ class ClippedCounts:
 
     @classmethod
     def of(cls, zeros: NDArray[np.integer], total: NDArray[np.integer], frames: int, squares: int) -> ClippedCounts:
-        """From the two maps, (pixels,) each, and the sum of all squares.
+        """Return the statistics of the two maps, (pixels,) each, and the sum of all squares.
 
         Examples
         --------
@@ -104,14 +102,14 @@ class ClippedCounts:
 def count_clipped(
     frames: Iterable[NDArray[np.unsignedinteger]], shape: tuple[int, int], tile: NDArray[np.int64]
 ) -> tuple[ClippedCounts, ...]:
-    """One pass over dark frames: their counts per channel. Memory does not grow with the frames.
+    """Return the counts per channel of dark frames, in one pass and in memory independent of their number.
 
     Parameters
     ----------
     frames
-        (rows, cols) each.
+        The frames, (rows, cols) each.
     shape
-        (rows, cols).
+        (rows, cols) of the frames.
     tile
         The repeating tile of channel indices.
     """
@@ -121,7 +119,7 @@ def count_clipped(
         numbers.add(batch)
         for dn in batch:
             np.add(zeros, dn == 0, out=zeros, casting="unsafe")
-        del batch, dn  # before the next one is gathered
+        del batch, dn  # free their memory before the next batch
     result = []
     for k, totals in enumerate(numbers.label_totals()):
         planes = [np.s_[r :: tile.shape[0], c :: tile.shape[1]] for r, c in np.argwhere(tile == k)]
@@ -134,22 +132,22 @@ def count_clipped(
 
 @dataclass(frozen=True)
 class CensoredDark:
-    """What clipped darks tell of one channel.
+    """Censored fit of one channel.
 
     Parameters
     ----------
     pixels, frames
-        How many of each.
+        Numbers of pixels and frames.
     zero_share
         Share of the numbers that are 0.
     black_level, dsnu_variance, read_variance
-        Mean of the dark signal in DN (it may be negative); variance over pixels of their means, and of a pixel's
-        numbers about its mean, rounding taken off, in DN^2.
+        Mean of the dark signal, DN (may be negative); variance over pixels of their means, and variance of a pixel's
+        numbers about its mean without rounding, DN^2.
     covariance
-        (3, 3) of these, in this order: the inverse of the information, widened by `misfit` where chance does not
-        explain it, and what rounding may do (`ROUNDING_ERROR`).
+        (3, 3) covariance of these, in this order: the inverse of the information, widened by `misfit` where chance does
+        not explain it, plus the error from rounding (`ROUNDING_ERROR`).
     misfit
-        Chi square per degree of freedom of how often pixels read 0, against what the model expects.
+        Chi square per degree of freedom of the pixels' numbers of zeros, against the model.
     misfit_is_chance
         Whether chance explains the misfit.
     """
@@ -166,19 +164,19 @@ class CensoredDark:
 
 
 def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Log likelihood and its gradient in (black level, DSNU variance, read variance).
+    """Return the log likelihood and its gradient by black level, DSNU variance and read variance.
 
-    A pixel's mean is integrated out by Gauss-Hermite quadrature round the mode of its own integrand, which is
+    A pixel's mean is integrated out by Gauss-Hermite quadrature around the mode of its integrand, which is
     log-concave; the gradient is the expectation over the same weights (Fisher's identity).
     """
     mu, a, b = theta
-    r, v = math.sqrt(b), b + ROUNDING
+    r, v = math.sqrt(b), b + QUANTISATION_DN2
     n0 = counts.zeros[:, None].astype(np.float64)
     n1 = counts.frames - n0
     s = counts.total[:, None].astype(np.float64)
 
     def censored(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """z, log P(0), and the density over P(0)."""
+        """Return z, log P(0), and the density over P(0)."""
         z = (0.5 - m) / r
         log_p = log_ndtr(z)
         return z, log_p, np.exp(-0.5 * z * z - 0.5 * math.log(2.0 * math.pi) - log_p)
@@ -222,7 +220,7 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
 
 
 def _information(counts: ClippedCounts, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) observed information: minus the derivative of the gradient, by central differences."""
+    """Return the (3, 3) observed information: minus the derivative of the gradient, by central differences."""
     total = theta[1] + theta[2]
     # Half of the DSNU variance at most, so that it stays above zero.
     steps = np.array([1e-3 * math.sqrt(total), min(1e-3 * total, 0.5 * theta[1]), 1e-3 * theta[2]])
@@ -235,7 +233,7 @@ def _information(counts: ClippedCounts, theta: NDArray[np.float64]) -> NDArray[n
 
 
 def _start(counts: ClippedCounts) -> NDArray[np.float64]:
-    """From the share of zeros and the mean of all numbers, as if DSNU and read noise were alike."""
+    """Return a start from the share of zeros and the mean of all numbers, for equal DSNU and read noise."""
     pixels = int(counts.pixels.sum())
     samples = counts.frames * pixels
     zeros = min(max(counts.zero_share, 0.5 / samples), 1.0 - 0.5 / samples)
@@ -247,7 +245,7 @@ def _start(counts: ClippedCounts) -> NDArray[np.float64]:
 
 
 def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
-    """Where the likelihood is largest; None where no maximum was found."""
+    """Return where the likelihood is largest; None where no maximum was found."""
     start = _start(counts)
     scale, samples = math.sqrt(start[1] + start[2]), counts.frames * float(counts.pixels.sum())
     if not scale > 0.0:
@@ -255,7 +253,7 @@ def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
 
     def theta_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
         b = scale**2 * math.exp(x[2])
-        # Never quite zero: the likelihood's own limit, from which the last step goes on.
+        # Not zero: the last Newton step starts from this limit.
         return np.array([scale * x[0], b * (_NO_SPREAD + math.exp(x[1])), b])
 
     def cost(x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -273,15 +271,15 @@ def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
 
 
 def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
-    """Black level, DSNU and read noise of darks that clip at zero, by maximum likelihood.
+    """Estimate black level, DSNU and read noise of darks clipped at zero, by maximum likelihood.
 
-    Where the likelihood rises towards no DSNU at all, the result is one Newton step from there: a variance may come
-    out negative, as everywhere in a calibration.
+    Where the likelihood grows towards zero DSNU, the result is one Newton step from there: the variance may be
+    negative, as everywhere in a calibration.
 
     Returns
     -------
     CensoredDark or Missing
-        Missing where too little is left above zero to tell them.
+        Missing where too little is above zero.
 
     Examples
     --------
@@ -293,24 +291,26 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     (2.3, 2.2)
     """
     share = counts.zero_share
-    seen = int(counts.pixels[counts.total > 0].sum())
-    if seen < LEAST_PIXELS:
-        return Missing(f"{_percent(share)} of the numbers are 0, and {seen} pixels ever read more; too little is left")
+    positive = int(counts.pixels[counts.total > 0].sum())
+    if positive < LEAST_PIXELS:
+        return Missing(
+            f"{_percent(share)} of the numbers are 0, and only {positive} pixels are ever above 0; too little is left"
+        )
     theta = _maximum(counts)
     if theta is None:
-        return Missing(f"{_percent(share)} of the numbers are 0, and the rest fit no noise with a fixed pattern")
+        return Missing(f"{_percent(share)} of the numbers are 0, and no noise with a fixed pattern explains the rest")
     try:
         covariance = np.asarray(np.linalg.inv(_information(counts, theta)), np.float64)
     except np.linalg.LinAlgError:
         covariance = np.full((3, 3), -1.0)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
-        return Missing(f"{_percent(share)} of the numbers are 0; what is left does not tell read noise from DSNU")
+        return Missing(f"{_percent(share)} of the numbers are 0; the rest does not separate read noise from DSNU")
     theta = theta + covariance @ _expectations(counts, theta)[1]
     mu, a, b = (float(value) for value in theta)
     total = a + b
     of_total = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
     if not (b > 0.0 and total > 0.0):
-        return Missing(f"{_percent(share)} of the numbers are 0; what is left shows no read noise")
+        return Missing(f"{_percent(share)} of the numbers are 0; the rest shows no read noise")
     if b < LEAST_READ_NOISE**2:
         return Missing(
             f"{_percent(share)} of the numbers are 0 and the read noise is near {math.sqrt(b):.2g} DN, below "
@@ -319,10 +319,10 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
     if uncertain > MOST_UNCERTAIN:
         return Missing(
-            f"{_percent(share)} of the numbers are 0; the noise that is left is known to ±{100 * uncertain:.0f} % only"
+            f"{_percent(share)} of the numbers are 0; the noise of the rest is known to ±{100 * uncertain:.0f} % only"
         )
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
-    rounding = ROUNDING_ERROR / (2880.0 * (b + ROUNDING) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
+    rounding = ROUNDING_ERROR / (2880.0 * (b + QUANTISATION_DN2) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
     return CensoredDark(
         pixels=int(counts.pixels.sum()),
         frames=counts.frames,
@@ -341,10 +341,10 @@ def _percent(share: float) -> str:
 
 
 def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float, bool]:
-    """Chi square per degree of freedom of the pixels' zeros against the model, and whether chance explains it.
+    """Return chi square per degree of freedom of the pixels' zeros against the model, and whether chance explains it.
 
-    How often a pixel reads 0 is binomial given its mean, and the means are normal: what is not (hot pixels, a shading,
-    noise with tails) shows here.
+    A pixel's number of zeros is binomial given its mean, and the means are normal. Deviations (hot pixels, shading,
+    noise with tails) show here.
     """
     n, pixels = counts.frames, int(counts.pixels.sum())
     t = np.linspace(-8.0, 8.0, 801)
@@ -352,7 +352,7 @@ def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float
     below = ndtr((0.5 - mu - math.sqrt(a) * t) / math.sqrt(b))
     expected = pixels * (binom.pmf(np.arange(n + 1)[:, None], n, below) @ (share / share.sum()))
     found = np.bincount(counts.zeros, weights=counts.pixels.astype(np.float64), minlength=n + 1)
-    # Classes of like size, each of enough pixels for chi square.
+    # Classes of similar size, each with enough pixels for chi square.
     wanted = max(LEAST_CLASS, pixels / MOST_CLASSES)
     edges = np.unique(np.minimum(np.cumsum(expected) // wanted, pixels // wanted - 1), return_index=True)[1]
     if len(edges) < 2:

@@ -1,9 +1,8 @@
-"""Dark levels as they would be without clipping at zero.
+"""Correction of dark levels for clipping at zero.
 
-What clipping leaves of a level's mean, temporal variance and spatial variance is, under the model of
-`censored_likelihood.py`, a known function of its true mean, DSNU and noise; here that is turned
-round. All dark levels
-go the same way, so that what the chip's own pixels do to them is nearly the same in all, and drops out of slopes.
+Under the model of `censored_likelihood.py`, the mean, temporal variance and spatial variance of a clipped level are
+known functions of its true mean, DSNU and noise. The correction inverts them. It is applied to all dark levels, so that
+the effect of the chip's individual pixels is nearly the same in all of them, and cancels in slopes.
 """
 
 from __future__ import annotations
@@ -16,31 +15,31 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 from scipy.special import ndtr
 
-from photosite.calibration.clipped_blacks.censored_likelihood import ROUNDING, CensoredDark
+from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark
 from photosite.calibration.reduction.groups import Level
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
 
 _REACH = 8.0
-"""Standard deviations on either side that the integrals go."""
+"""Half-width of the integrals in standard deviations."""
 
 _POINTS = 97
-"""Pixel means of the integral over the fixed pattern."""
-
+"""Points of the integral over the fixed pattern."""
 
 _MOST = 1 << 16
-"""No digital number is as large."""
+"""Upper limit of the digital numbers."""
 
 
 @dataclass(frozen=True)
 class _Pixels:
-    """What pixels of the model read, by their true mean: central moments of a clipped and rounded normal.
+    """Central moments of a clipped and rounded normal, by the true mean of the pixel.
 
     Parameters
     ----------
     share
-        (points,) share of the pixels at each true mean, 1 in all.
+        (points,) share of the pixels at each true mean; the sum is 1.
     offset
-        (points,) true mean less the level's.
+        (points,) true mean less that of the level.
     mean, variance, third, fourth
         (points,) mean and central moments of the numbers.
     """
@@ -54,15 +53,15 @@ class _Pixels:
 
     @classmethod
     def of(cls, mu: float, dsnu_variance: float, read_variance: float) -> _Pixels:
-        """By sums over the probabilities of each number: exact, however small the noise."""
+        """Return the moments by sums over the probabilities of each number, which are exact for any noise."""
         d, r = math.sqrt(max(dsnu_variance, 0.0)), math.sqrt(read_variance)
         t = np.linspace(-_REACH, _REACH, _POINTS) if d > 0.0 else np.zeros(1)
         share = np.exp(-0.5 * t * t)
         offset = d * t
-        top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _MOST))  # a solver may ask for any noise
+        top = max(2, min(math.ceil(mu + _REACH * (d + r)) + 2, _MOST))  # a solver may try any noise
         y = np.arange(1, top, dtype=np.float64)
         at_least = ndtr((mu + offset[:, None] - y + 0.5) / r)
-        # E[y^k] is the sum over y of P(Y >= y) times what y^k grows by.
+        # E[y^k] is the sum over y of P(Y >= y) (y^k - (y - 1)^k).
         raw = [at_least @ (y**k - (y - 1.0) ** k) for k in (1, 2, 3, 4)]
         m = raw[0]
         return cls(
@@ -76,9 +75,9 @@ class _Pixels:
 
 
 def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[np.float64]:
-    """(3,) mean, temporal variance, and variance over pixels of their means, of clipped numbers.
+    """Return (3,) mean, temporal variance, and spatial variance of the pixels' means, of clipped numbers.
 
-    A DSNU variance below zero, as one comes out where there is none, goes on as the first order of a small one.
+    A negative DSNU variance, an estimate for a chip without DSNU, continues the first order of a small one.
     """
     pixels = _Pixels.of(mu, dsnu_variance, read_variance)
     mean = float(pixels.share @ pixels.mean)
@@ -89,45 +88,44 @@ def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[n
 
 
 def moment_slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) change of the moments with mean, DSNU variance and read variance."""
+    """Return the (3, 3) derivatives of the moments by mean, DSNU variance and read variance."""
     steps = np.array([1e-3 * math.sqrt(theta[2]), 1e-3 * max(abs(theta[1]), 1e-2 * theta[2]), 1e-3 * theta[2]])
     return np.column_stack(
         [(_moments(*(theta + step)) - _moments(*(theta - step))) / (2.0 * step.max()) for step in np.diag(steps)]
     )
 
 
-def correct_clipping(level: Level, like: CensoredDark) -> Level | Missing:
-    """A dark level without its clipping.
+def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
+    """Return a dark level corrected for clipping.
 
     Parameters
     ----------
     level
-        As read.
-    like
-        The censored estimate of the same channel: where the search begins and, for a level of one frame, its noise
-        and its DSNU.
+        The clipped level.
+    model
+        Censored fit of the same channel: start of the search and, for a level of one frame, its noise and DSNU.
 
     Returns
     -------
     Level or Missing
-        Its own uncertainties are those of temporal noise, and of what the chip's own pixels, a sample of the model's,
-        do to it otherwise than to the reference level; what they do to both alike is in `shared_mean` and
-        `shared_variance`. Missing where nothing fits what was read.
+        Its own uncertainties come from temporal noise, and from the part of the chip's effect (its pixels are a sample
+        of the model's) that differs from that on the reference level. The common part is in `shared_mean` and
+        `shared_variance`. Missing where no noise fits the level.
 
     Examples
     --------
-    >>> seen = _moments(0.0, 4.0, 9.0)
-    >>> mean, temporal, spatial = (float(entry) for entry in seen)
+    >>> clipped = _moments(0.0, 4.0, 9.0)
+    >>> mean, temporal, spatial = (float(entry) for entry in clipped)
     >>> level = Level(10**6, 10, mean, 1e-6, temporal, 1e-3, spatial + temporal / 10, 0.5, 0.0, 0.0)
-    >>> like = CensoredDark(10**6, 10, 0.5, 0.1, 3.9, 9.2, np.eye(3), 1.0, True)
-    >>> whole = correct_clipping(level, like)
-    >>> abs(whole.mean) < 1e-6, round(whole.variance - 1 / 12, 6)
+    >>> model = CensoredDark(10**6, 10, 0.5, 0.1, 3.9, 9.2, np.eye(3), 1.0, True)
+    >>> corrected = correct_clipping(level, model)
+    >>> abs(corrected.mean) < 1e-6, round(corrected.variance - 1 / 12, 6)
     (True, 9.0)
     """
     if level.low_fraction == 0.0:
         return level
-    start = np.array([like.black_level, like.dsnu_variance, like.read_variance])
-    seen = np.array([level.mean, level.variance, level.spatial_variance - level.variance / level.frames])
+    start = np.array([model.black_level, model.dsnu_variance, model.read_variance])
+    observed = np.array([level.mean, level.variance, level.spatial_variance - level.variance / level.frames])
     free = np.array([0, 1, 2]) if level.repeated else np.array([0])
     scale = math.sqrt(abs(start[1]) + start[2])
     units = np.array([scale, scale**2, math.nan])
@@ -140,13 +138,15 @@ def correct_clipping(level: Level, like: CensoredDark) -> Level | Missing:
             theta[2] *= math.exp(min(x[2], 50.0))
         return theta
 
-    def off(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        away = (_moments(*theta_of(x)) - seen) / np.array([scale, scale**2, scale**2])
+    def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        away = (_moments(*theta_of(x)) - observed) / np.array([scale, scale**2, scale**2])
         return np.asarray(away[free])
 
-    found = root(off, np.zeros(len(free)), tol=1e-10)
+    found = root(residual, np.zeros(len(free)), tol=1e-10)
     if not found.success and float(np.abs(found.fun).max()) > 1e-6:
-        return Missing(f"{100 * level.low_fraction:.3g} % of the numbers are 0, and no noise round any level reads so")
+        return Missing(
+            f"{100 * level.low_fraction:.3g} % of the numbers are 0, and no level and noise explain the rest"
+        )
     return _restored(level, theta_of(found.x), start, free)
 
 
@@ -157,30 +157,32 @@ def _inverse(theta: NDArray[np.float64], free: NDArray[np.int64]) -> NDArray[np.
 def _influence(
     pixels: _Pixels, back: NDArray[np.float64], free: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(2, points): what a pixel at each true mean does to the level's mean and its read variance, times the pixels.
+    """Return (2, points) the effect of a pixel at each true mean on the level's mean and read variance, times pixels.
 
-    What the chip's own pixels are brighter by is no error in its frames' level.
+    The pixel's own offset is not an error of the level.
     """
     mean = float(pixels.share @ pixels.mean)
     variance = float(pixels.share @ pixels.variance)
     excess = (pixels.mean - mean) ** 2
-    seen = np.array([pixels.mean - mean, pixels.variance - variance, excess - pixels.share @ excess])
-    influence = back @ seen[free]
+    change = np.array([pixels.mean - mean, pixels.variance - variance, excess - pixels.share @ excess])
+    influence = back @ change[free]
     return influence[0] - pixels.offset, influence[-1]
 
 
 def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float64], free: NDArray[np.int64]) -> Level:
-    """The level at `theta`; `first` is where the reference level is, with which it shares what its pixels do."""
+    """Return the level at `theta`; `first` is the reference level, with which it shares the effect of its pixels."""
     pixels, back = _Pixels.of(*theta.tolist()), _inverse(theta, free)
     temporal = back @ _temporal_covariance(pixels, level.frames)[np.ix_(free, free)] @ back.T / level.pixels
-    like = _Pixels.of(*first.tolist())
+    reference = _Pixels.of(*first.tolist())
     shared, own = [], []
-    for here, there in zip(_influence(pixels, back, free), _influence(like, _inverse(first, free), free), strict=True):
-        size = math.sqrt(float(like.share @ there**2))
-        along = float((pixels.share * here) @ there) / size if here.size == there.size and size > 0.0 else 0.0
+    for here, other in zip(
+        _influence(pixels, back, free), _influence(reference, _inverse(first, free), free), strict=True
+    ):
+        size = math.sqrt(float(reference.share @ other**2))
+        along = float((pixels.share * here) @ other) / size if here.size == other.size and size > 0.0 else 0.0
         shared.append(along / math.sqrt(level.pixels))
         own.append(max(float(pixels.share @ here**2) - along**2, 0.0) / level.pixels)
-    numbers = float(theta[2]) + ROUNDING
+    numbers = float(theta[2]) + QUANTISATION_DN2
     restored = replace(
         level,
         mean=float(theta[0]),
@@ -200,7 +202,7 @@ def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float6
 
 
 def _temporal_covariance(pixels: _Pixels, n: int) -> NDArray[np.float64]:
-    """(3, 3) of mean, temporal and spatial variance over n frames, the pixels fixed; times the number of pixels."""
+    """Return the (3, 3) covariance of mean, temporal and spatial variance over n frames, times the number of pixels."""
     away = pixels.mean - pixels.share @ pixels.mean
 
     def over(values: NDArray[np.float64]) -> float:

@@ -1,1 +1,1 @@
-"""Photon transfer, linearity and signal-to-noise ratio."""
+"""Photon transfer method of EMVA 1288: levels, saturation, gain, linearity and signal-to-noise ratio."""

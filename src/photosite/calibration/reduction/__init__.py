@@ -1,1 +1,1 @@
-"""Frames reduced to sums and levels."""
+"""Reduction of frames to statistics of groups: reading, exact sums, checkpoints and provenance."""
