@@ -63,8 +63,8 @@ if TYPE_CHECKING:
 @click.option(
     "--maps",
     is_flag=True,
-    help="Also measure maps of offset, response, dark rate and read noise, defects, row and column noise; -o writes the "
-    "maps beside the sensor file (HDF5).",
+    help="Also measure maps of offset, response, dark rate and read noise, defects, row and column noise; -o writes "
+    "the maps beside the sensor file (HDF5).",
 )
 @options.json_option
 def command(
