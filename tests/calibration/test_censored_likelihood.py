@@ -1,6 +1,6 @@
-"""Clipped darks: the likelihood against one written out, estimates against the truth, refusals.
+"""Clipped darks: the likelihood against a direct one, estimates against the truth, missing results.
 
-Statistical tests have fixed seeds. Of 120 intervals of 95 % at least 105 cover; of honest ones fewer do once in 3000
+Statistical tests have fixed seeds. At least 105 of 120 intervals of 95 % must contain the truth; fewer do once in 3000
 seeds. Pulls (error over uncertainty) have a mean within 3.3 / sqrt(120) = 0.3 and a width within 0.8 to 1.2, 3.1
 standard errors either way.
 """
@@ -37,7 +37,7 @@ def counted(y):
 
 
 def log_likelihood(y, mu, dsnu_variance, read_variance):
-    """Pixel by pixel, the integral over the pixel's mean by 4000 trapezia, the numbers one by one."""
+    """Pixel by pixel: the integral over the pixel's mean by 4000 trapezia."""
     v = read_variance + 1 / 12
     m = np.linspace(mu - 9 * np.sqrt(dsnu_variance), mu + 9 * np.sqrt(dsnu_variance), 4001)
     total = 0.0
@@ -50,13 +50,13 @@ def log_likelihood(y, mu, dsnu_variance, read_variance):
 
 
 @pytest.mark.parametrize("theta", [(0.3, 5.0, 4.0), (-2.0, 1.0, 9.0), (4.0, 0.2, 2.0)])
-def test_the_likelihood_is_the_one_written_out(theta):
+def test_the_likelihood_equals_the_direct_one(theta):
     y = darks(12, 6, 0.5, 2.0, 2.2, seed=1)
     found, _ = _expectations(counted(y), np.array(theta))
     assert found == pytest.approx(log_likelihood(y, *theta), abs=1e-8)
 
 
-def test_the_gradient_is_the_likelihood_s():
+def test_the_gradient_is_the_derivative_of_the_likelihood():
     counts, theta = counted(darks(500, 9, 0.0, 2.0, 1.7, seed=2)), np.array([0.2, 3.5, 3.2])
     _, gradient = _expectations(counts, theta)
     for k, step in enumerate(np.diag(1e-4 * theta)):
@@ -64,7 +64,7 @@ def test_the_gradient_is_the_likelihood_s():
         assert gradient[k] == pytest.approx(difference / (2 * step[k]), rel=1e-6)
 
 
-def test_counting_is_the_obvious_one():
+def test_counts_equal_those_of_numpy():
     tile = np.array([[0, 1], [1, 2]])
     frames = np.random.default_rng(3).integers(0, 4, (11, 6, 8)).astype(np.uint16)
     found = count_clipped(iter(frames), (6, 8), tile)
@@ -77,8 +77,8 @@ def test_counting_is_the_obvious_one():
         assert counts.zero_share == pytest.approx((frames[:, inside] == 0).mean())
 
 
-def test_a_d200_s_darks_read_too_little_noise_and_the_likelihood_finds_it():
-    """Naively 0.33 mV and 0.30 mV; the truth is 0.52 mV and 0.55 mV."""
+def test_the_noise_of_a_clipped_d200_is_recovered():
+    """The clipped spreads are 0.33 mV and 0.30 mV; the truth is 0.52 mV and 0.55 mV."""
     mv = 0.55 / D200_DSNU_DN
     y = darks(40_000, 40, 0.0, D200_DSNU_DN, D200_READ_DN, seed=4)
     temporal = y.var(0, ddof=1).mean()
@@ -119,8 +119,8 @@ def test_intervals_cover_the_truth(condition):
     assert (np.abs(pulls.std(0) - 1) < 0.2).all(), pulls.std(0)
 
 
-def test_a_spread_that_is_none_may_come_out_negative():
-    """Half of chips without DSNU do; of 40, none or all would once in 5e11."""
+def test_the_dsnu_variance_of_a_chip_without_dsnu_may_be_negative():
+    """Half of them are; none or all of 40 once in 5e11."""
     signs = {np.sign(fit_censored(counted(darks(1024, 8, 1.0, 0.0, 2.0, s))).dsnu_variance) for s in range(40)}
     assert signs == {-1.0, 1.0}
 
@@ -128,19 +128,19 @@ def test_a_spread_that_is_none_may_come_out_negative():
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ((1024, 8, -40.0, 2.0, 2.0), "0 pixels ever read more"),
-        ((400, 4, -6.0, 1.0, 3.0), r"known to ±\d+ % only|does not tell read noise from DSNU|too little is left"),
+        ((1024, 8, -40.0, 2.0, 2.0), "only 0 pixels are ever above 0"),
+        ((400, 4, -6.0, 1.0, 3.0), r"known to ±\d+ % only|does not separate read noise from DSNU|too little is left"),
         ((1024, 16, 0.0, 1.0, 0.3), f"below {LEAST_READ_NOISE:g}: rounding and clipping together hide it"),
     ],
 )
-def test_too_little_left_is_refused(setting, reason):
+def test_too_little_above_zero_gives_a_reason(setting, reason):
     found = fit_censored(counted(darks(*setting, seed=5)))
     assert isinstance(found, Missing)
     assert re.search(reason, found.reason), found.reason
 
 
-def test_what_the_model_does_not_describe_is_seen_and_widens_the_uncertainty():
-    """5 % hot pixels, 15 DN up: a mixture, not a normal."""
+def test_a_misfit_of_the_model_widens_the_uncertainty():
+    """5 % hot pixels, 15 DN higher: not a normal distribution."""
     y = darks(8192, 16, 0.0, 2.3, 2.2, seed=6)
     rng = np.random.default_rng(6)
     hot = rng.random(8192) < 0.05

@@ -1,8 +1,8 @@
-"""Cameras without a pedestal, from frames to parameters: the truth is found, and it is said how.
+"""Cameras without a pedestal, from frames to parameters: the truth is found, and the method is named.
 
-Twelve virtual sensors whose darks clip at 0, six of them Bayer, shot by the slow and obvious generator. A pull is error
-over standard uncertainty: of honest ones one in 2000 is beyond 3.5, and of 12 the root mean square lies within 0.5 and
-1.6 but once in 250. Seeds are fixed.
+Twelve virtual sensors whose darks are clipped at 0, six of them Bayer, with frames of the simple generator. A pull is
+error over standard uncertainty: one in 2000 is beyond 3.5, and the root mean square of 12 lies outside 0.5 to 1.6 once
+in 250. Seeds are fixed.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from photosite.studies.closed_loop.study import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
 from photosite.studies.virtual_lab import virtual_lab
 
-FIGURES = (
+PARAMETERS = (
     "read_noise_dn",
     "dsnu_dn",
     "black_level_dn",
@@ -33,12 +33,12 @@ FIGURES = (
 
 @pytest.fixture(scope="module")
 def pulls(virtual):
-    """Per figure the pulls of twelve sensors; the black level is between 0 and 1.5 deviations of the dark."""
-    found = {name: [] for name in FIGURES}
+    """Pulls of twelve sensors by parameter; the black level is between 0 and 1.5 standard deviations of the dark."""
+    found = {name: [] for name in PARAMETERS}
     for seed in range(12):
         cfa = "rggb" if seed % 2 else "mono"
         base = virtual.sensor(seed, cfa=cfa, rows=80, cols=96)
-        # Noise that is normal, as the model has it: some electrons of dark signal have Poisson's skew.
+        # Normal noise, as in the model: a few electrons of dark signal would have the skew of a Poisson distribution.
         base = base.with_(
             read_noise_mv=max(base.noise.read_noise_mv.value, 6.0 * base.mv_per_dn * base.system_gain_dn_per_e)
         )
@@ -47,7 +47,7 @@ def pulls(virtual):
         sensor = base.with_(black_level_dn=black, dark_voltage_mv_per_s=0.1 * dark_dn * base.mv_per_dn)
         calibration = calibrate(virtual.frame_set(sensor, seed, dark_frames=32, repeats=5, levels=8))
         truth = virtual.truth(sensor, photons_known=cfa == "mono")
-        for name in FIGURES:
+        for name in PARAMETERS:
             entry = getattr(calibration, name)
             if name not in truth:
                 continue
@@ -59,7 +59,7 @@ def pulls(virtual):
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", PARAMETERS)
 def test_the_truth_is_found(pulls, name):
     print(name, pulls[name].round(1))
     assert np.abs(pulls[name]).max() < 3.5
@@ -77,8 +77,8 @@ def test_table_1_of_a_d200_without_a_pedestal():
     assert rows["dsnu_mv"].standard_uncertainty < 0.02
 
 
-def test_columns_are_found_through_the_clipping():
-    """Offsets of columns beside those of pixels, half of it all below zero: unscaled, they would come out at half."""
+def test_column_parts_are_corrected_for_clipping():
+    """Column and pixel offsets, half of the numbers clipped: unscaled, the column part would be half of the truth."""
     gain, rng = 0.25, np.random.default_rng(9)
     columns = rng.normal(0.0, 0.8, 120)
     offset = rng.normal(0.0, 1.6, (100, 120)) + columns
@@ -97,7 +97,7 @@ def test_columns_are_found_through_the_clipping():
     assert low > 0.65 * columns.std() / gain
 
 
-def test_darks_on_a_pedestal_go_the_plain_way(virtual):
+def test_darks_on_a_pedestal_need_no_censored_fit(virtual):
     frames = virtual.frame_set(virtual.sensor(1, rows=32, cols=48), 1, dark_frames=8, repeats=3, levels=5)
     calibration = calibrate(frames)
     assert "censored" not in calibration.read_noise_dn.method

@@ -1,4 +1,4 @@
-"""The dark current from the variance beside that from the mean."""
+"""The dark current from the variance, compared with that from the mean."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from photosite.frames.frame_set import frame_set_from_arrays
 GAIN, READ_E, DARK_E_PER_S = 0.8, 5.0, 300.0
 
 
-def frames_of(seed, *, dark_level_held=False):
-    """Darks of 0.1 to 1 s and flats; a camera that holds its dark level takes the mean of the dark charge off."""
+def frames_of(seed, *, clamped=False):
+    """Darks of 0.1 to 1 s and flats; black level clamping subtracts the mean of the dark charge."""
     rng = np.random.default_rng(seed)
     shape = (60, 80)
 
@@ -21,16 +21,16 @@ def frames_of(seed, *, dark_level_held=False):
     frames = []
     for t in np.linspace(0.1, 1.0, 8):
         dark = DARK_E_PER_S * t
-        frames += [("dark", t, frame(dark, dark if dark_level_held else 0.0)) for _ in range(4)]
+        frames += [("dark", t, frame(dark, dark if clamped else 0.0)) for _ in range(4)]
     for t in np.linspace(0.1, 1.0, 6):
         dark = DARK_E_PER_S * t
-        frames += [("light", t, frame(4000.0 * t + dark, dark if dark_level_held else 0.0)) for _ in range(2)]
+        frames += [("light", t, frame(4000.0 * t + dark, dark if clamped else 0.0)) for _ in range(2)]
     return frame_set_from_arrays(frames, bits=12)
 
 
-def test_the_variance_tells_the_dark_current_within_its_interval():
-    """30 chips: 28.5 intervals of 95 % should hold the truth; 24 or fewer come once in 3000 runs. Errors are centred:
-    their mean is within four of its standard errors."""
+def test_the_dark_current_from_the_variance_is_right():
+    """30 chips: 28.5 intervals of 95 % contain the truth on average, 24 or fewer once in 3000 runs. The mean error is
+    within four standard errors."""
     inside, errors = 0, []
     for seed in range(30):
         estimate = calibrate(frames_of(seed)).dark_current_from_variance_e_per_s
@@ -41,16 +41,16 @@ def test_the_variance_tells_the_dark_current_within_its_interval():
     assert abs(np.mean(errors)) < 4.0 / np.sqrt(30)
 
 
-def test_both_agree_where_nothing_is_corrected():
+def test_both_agree_without_clamping():
     calibration = calibrate(frames_of(100))
     low, high = calibration.dark_current_e_per_s.interval_95
     assert low < DARK_E_PER_S < high
-    assert not any("that from the variance" in warning for warning in calibration.warnings)
+    assert not any("and from the variance" in warning for warning in calibration.warnings)
 
 
-def test_a_held_dark_level_shows_in_the_variance_and_is_said():
-    calibration = calibrate(frames_of(101, dark_level_held=True))
+def test_a_clamped_black_level_gives_a_warning():
+    calibration = calibrate(frames_of(101, clamped=True))
     assert calibration.dark_current_e_per_s.value == pytest.approx(0.0, abs=5.0)
     low, high = calibration.dark_current_from_variance_e_per_s.interval_95
     assert low < DARK_E_PER_S < high
-    assert any("that from the variance" in warning for warning in calibration.warnings)
+    assert any("and from the variance" in warning for warning in calibration.warnings)

@@ -86,7 +86,7 @@ def test_dark_current_intervals_contain_the_reference(calibration, pairs_alone):
         assert plain == pytest.approx(value, rel=1e-5)
         low, high = getattr(calibration, name).interval_95
         assert low < value < high
-    assert not any("that from the variance" in warning for warning in calibration.warnings)
+    assert not any("and from the variance" in warning for warning in calibration.warnings)
 
 
 def test_row_noise_is_not_a_row_pattern(calibration):

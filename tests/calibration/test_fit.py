@@ -10,7 +10,7 @@ def test_ideal_points_get_textbook_weighted_least_squares():
     rng = np.random.default_rng(0)
     x = np.linspace(1.0, 9.0, 12)
     sigma = 0.01 * x
-    y = 2.0 + 0.5 * x + rng.normal(0.0, 0.5 * sigma)  # scatter below the stated one: no extra variance
+    y = 2.0 + 0.5 * x + rng.normal(0.0, 0.5 * sigma)  # scatter below the stated one, so no extra variance
     fit = fit_linear(np.column_stack([np.ones_like(x), x]), y, np.diag(sigma**2))
     slope, intercept = np.polyfit(x, y, 1, w=1 / sigma)
     assert fit.extra_variance == 0.0
@@ -43,8 +43,8 @@ def test_extra_variance_brings_chi_square_to_its_expectation():
     assert fit.chi_square > fit.degrees_of_freedom
 
 
-def test_correlated_points_are_weighed_by_their_covariance():
-    """Two points that share an error: the generalised mean, by hand."""
+def test_correlated_points_are_weighted_by_their_covariance():
+    """Two points that share an error: the generalised mean."""
     covariance = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 1.0]])
     y = np.array([1.0, 2.0, 1.5])
     fit = fit_linear(np.ones((3, 1)), y, covariance)
@@ -67,7 +67,7 @@ def test_intervals_cover(extra, at_least):
     assert covered / 1000 > at_least
 
 
-def test_one_point_is_taken_at_its_word():
+def test_one_point_determines_the_line():
     fit = fit_linear(np.array([[2.0]]), np.array([3.0]), np.array([[0.04]]))
     assert fit.parameters[0] == 1.5
     assert np.sqrt(fit.covariance[0, 0]) == pytest.approx(0.1)

@@ -1,4 +1,4 @@
-"""The general model against closed forms: a linear camera, and one whose response is bent."""
+"""The general model against closed forms: a linear camera, and one with a curved response."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ READ_DN, GAIN = 3.0, 0.5
 
 
 def frames_of(signal, exposures, seed, *, photons_per_s=None, slope=None):
-    """Pairs of 100 x 100 flats and darks; noise of the read-out and shot noise of what `signal` says fell in."""
+    """Pairs of 100 x 100 flats and darks, with read noise and shot noise."""
     rng = np.random.default_rng(seed)
     noisy = []
 
@@ -44,23 +44,23 @@ def test_a_linear_camera_has_the_linear_model_s_figures(photons_per_s):
     response = 1e4 if photons_per_s is None else 1e4 / photons_per_s
     s2 = READ_DN**2 + 1 / 12
     expected = (GAIN + np.sqrt(GAIN**2 + 4.0 * s2)) / (2.0 * response)
-    # Two frames of 10 000 pixels know a variance to 1.4 %, the first level's and the dark's enter: 0.7 % each.
+    # Two frames of 10 000 pixels give a variance to 1.4 %; that of the first level and of the dark add 0.7 % each.
     assert found.threshold.value == pytest.approx(expected, rel=0.04)
     x = found.x
     ideal = x * response / np.sqrt(s2 + GAIN * response * x)
     there = np.isfinite(found.snr)
     error = (found.snr - ideal)[there] / found.snr_uncertainty[there]
-    # The last level's parabola goes through the first clipped one. Of 18 others, 1.5 is once in 50 000.
+    # The parabola of the last level includes the first clipped one. For the 18 others, 1.5 occurs once in 50 000.
     assert np.sqrt(np.mean(error[:-1] ** 2)) < 1.5
     assert there[x * response < 3800.0].all()
-    said = calibration.to_dict()
-    assert said["model"] == calibration.model
-    assert said["general"]["M"]["threshold"]["value"] == found.threshold.value
+    entries = calibration.to_dict()
+    assert entries["model"] == calibration.model
+    assert entries["general"]["M"]["threshold"]["value"] == found.threshold.value
 
 
-def test_a_bent_response_is_no_trouble():
-    """y = 1e4 t (1 - t / 3): where an electron is worth less, its noise is too, and the ratio of the input stays that
-    of the electrons, t r / sqrt(s^2 / g^2 + t r), r electrons per second and g DN per electron there."""
+def test_a_curved_response_keeps_the_ratio_of_the_electrons():
+    """y = 1e4 t (1 - t / 3): a smaller local slope reduces signal and noise alike, and the input ratio stays that of
+    the electrons, t r / sqrt(s^2 / g^2 + t r), r electrons per second and g DN per electron there."""
     exposures = np.linspace(0.02, 0.8, 40)
 
     def slope(t):
@@ -70,13 +70,13 @@ def test_a_bent_response_is_no_trouble():
     found = calibration.general["M"]
     t = found.x
     inner = found.signal_dn < 3500.0
-    # A level of two frames knows its mean to 0.005 sigma: with steps of 0.02 s that is 0.5 % of a slope and less.
+    # Two frames give the mean to 0.005 sigma: with steps of 0.02 s that is at most 0.5 % of a slope.
     np.testing.assert_allclose(found.slope[inner], 1e4 * slope(t)[inner], rtol=0.02)
     ideal = 20_000.0 * t / np.sqrt((READ_DN**2 + 1 / 12) / (GAIN * slope(t)) ** 2 + 20_000.0 * t)
     np.testing.assert_allclose(found.snr[inner], ideal[inner], rtol=0.04)
 
 
-def test_too_few_levels_are_said_so():
+def test_too_few_levels_give_a_reason():
     calibration = calibrate(frames_of(lambda t: 1e4 * t, [0.1, 0.2], 3))
     assert isinstance(calibration.general["M"], Missing)
     assert calibration.general["M"].reason.startswith("2 light levels")

@@ -31,7 +31,7 @@ def test_three_points_of_a_parabola_have_a_deviation_in_closed_form():
     assert found.full_scale.error.value == pytest.approx(0.5 * (deviation.max() - deviation.min()), rel=1e-12)
 
 
-def test_a_quadratic_response_leaves_its_square_less_the_mean_square():
+def test_deviations_of_a_quadratic_response_have_a_closed_form():
     """Plain least squares of y = H - q H^2 over equal steps leaves -q (u^2 - <u^2>), u from the middle of the range:
     over a width of L from -q L^2 / 6 to q L^2 / 12 in the limit, so that LE goes to q L^2 / 8 of the scale."""
     q = 0.1
@@ -46,8 +46,8 @@ def test_a_quadratic_response_leaves_its_square_less_the_mean_square():
     assert fit.error.value == pytest.approx(100.0 * q * np.ptp(u) ** 2 / 8.0 / scale, rel=5e-3)
 
 
-def test_the_relative_line_is_numpy_s_with_weights_one_over_signal():
-    """EMVA's reference implementation states this as its equivalent."""
+def test_the_relative_line_equals_numpy_with_weights_one_over_signal():
+    """EMVA's reference implementation documents this equivalence."""
     rng = np.random.default_rng(1)
     x = np.linspace(1.0, 100.0, 50)
     y = 37.0 * x * (1.0 + 0.01 * rng.normal(size=50))
@@ -58,22 +58,22 @@ def test_the_relative_line_is_numpy_s_with_weights_one_over_signal():
     assert found.relative.intercept == pytest.approx(intercept, rel=1e-7)
 
 
-def test_a_straight_line_has_no_error_and_neither_do_its_units():
+def test_a_straight_line_has_no_error_and_units_do_not_matter():
     x = np.linspace(0.0, 2.0, 21)
     found = linearity(x, 5.0 + 400.0 * x, 1e-9 * np.eye(21), 805.0)
     assert found.relative.error.value == pytest.approx(0.0, abs=1e-9)
-    bent = linearity(x, 400.0 * x - 20.0 * x**2, np.eye(21), 720.0)
+    curved = linearity(x, 400.0 * x - 20.0 * x**2, np.eye(21), 720.0)
     other = linearity(1e-6 * x, 0.1 * (400.0 * x - 20.0 * x**2), 0.01 * np.eye(21), 72.0)
-    assert other.relative.error.value == pytest.approx(bent.relative.error.value, rel=1e-9)
+    assert other.relative.error.value == pytest.approx(curved.relative.error.value, rel=1e-9)
     assert other.relative.error.standard_uncertainty == pytest.approx(
-        bent.relative.error.standard_uncertainty, rel=1e-9
+        curved.relative.error.standard_uncertainty, rel=1e-9
     )
 
 
 def test_uncertainties_are_those_of_repeated_measurements():
-    """A clearly bent response, measured 2000 times. Spread against stated uncertainty: the spread of 2000 values is
-    known to 1.6 %, so 8 % is five of that; linearisation and the weights' own noise stay below 2 %. Errors are small
-    beside the bend, which is that of a cube, so that the extremes stay at their levels."""
+    """A clearly curved response, measured 2000 times. The spread of 2000 values is known to 1.6 %, so 8 % is five times
+    that; linearisation and the noise of the weights stay below 2 %. Errors are small against the cubic curvature, so
+    that the extremes stay at their levels."""
     rng = np.random.default_rng(2)
     x = np.linspace(0.02, 1.0, 30)
     true = 1000.0 * x * (1.0 - 0.1 * x**2)
@@ -87,7 +87,7 @@ def test_uncertainties_are_those_of_repeated_measurements():
             assert spread == pytest.approx(stated, rel=0.08), (fit, name)
 
 
-def test_too_few_levels_are_said_so():
+def test_too_few_levels_give_a_reason():
     x = np.array([0.5, 0.9, 1.0, 1.0])
     result = linearity(x, 100.0 * x, np.eye(4), 100.0)
     assert isinstance(result, Missing)
@@ -96,7 +96,7 @@ def test_too_few_levels_are_said_so():
 
 @pytest.mark.parametrize("level", [1, 3, 7])
 def test_uncertainties_are_derivatives(level):
-    """Where one signal alone is uncertain, that of each deviation is how far it goes with that signal."""
+    """With one uncertain signal, the uncertainty of each deviation is its derivative by that signal."""
     x = np.linspace(0.05, 1.0, 9)
     y = 1000.0 * x * (1.0 - 0.3 * x)
     alone = np.zeros((9, 9))

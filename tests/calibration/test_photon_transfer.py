@@ -1,4 +1,4 @@
-"""Saturation, linear range and gain on light levels written by hand."""
+"""Saturation, linear range and gain on hand-written light levels."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def levels(signal, shot, *, white_share=None, x=None, signal_sigma=1e-3, shot_si
         shot=shot,
         shot_covariance=np.diag(np.broadcast_to(shot_sigma, m) ** 2.0),
         noise=shot + 1.0,
-        noise_uncertainty=np.zeros(m),  # `shot_covariance` holds it all
+        noise_uncertainty=np.zeros(m),  # all uncertainty is in `shot_covariance`
         dark_noise=(),
         dark_share=np.zeros((m, 0)),
         mean=signal + 64,
@@ -53,8 +53,8 @@ def test_saturation_is_where_the_variance_is_largest():
     assert linear_levels(curve, found).tolist() == [True, True, False, False, False, False]
 
 
-def test_the_largest_variance_is_where_the_levels_leave_it():
-    """Against all sensors, by the light at which half of their pixels clip, whose largest variance is met at 400."""
+def test_the_interval_of_the_largest_variance_is_that_of_all_possible_sensors():
+    """Sensors with any clipping level, selected by their largest measured variance at 400."""
     curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_share=[0, 0, 0, 0, 0.3, 1])
     fine = np.linspace(200.0, 600.0, 4001)
     measured = np.searchsorted(fine, [100.0 * k for k in range(3, 7)])
@@ -70,7 +70,7 @@ def test_the_largest_variance_is_where_the_levels_leave_it():
     assert x.interval_95 == pytest.approx((low + 0.025 * (high - low), high - 0.025 * (high - low)), abs=3.0)
 
 
-def test_a_well_that_fills_below_the_converter_s_top_is_saturation_too():
+def test_a_well_that_fills_below_full_scale_is_saturation_too():
     curve = levels([*RISING, 410.0, 410.0], [20.0, 40.0, 60.0, 80.0, 1.0, 0.2])
     found = find_saturation(curve, white=4095)
     assert found.index == 3
@@ -78,27 +78,27 @@ def test_a_well_that_fills_below_the_converter_s_top_is_saturation_too():
     assert found.level_dn.standard_uncertainty == pytest.approx(0.01)
 
 
-def test_of_single_frames_place_and_signal_are_those_of_the_brightest():
+def test_single_frames_saturate_at_the_brightest_level():
     curve = levels([*RISING, 500.2, 500.1], [np.nan] * 6, white_share=[0, 0, 0, 0, 1, 1])
     found = find_saturation(curve, white=564)
     assert (found.index, found.signal) == (4, 500.2)
     assert "no light level has two frames" in found.x.reason
 
 
-def test_a_rising_variance_is_no_saturation():
+def test_a_rising_variance_is_not_saturation():
     found = find_saturation(levels(RISING, [20.0, 41.0, 62.0, 80.0]), white=4095)
     assert found.index is None
     assert isinstance(found.x, Missing)
     assert isinstance(found.level_dn, Missing)
 
 
-def test_scatter_of_the_variance_is_no_saturation():
+def test_scatter_of_the_variance_is_not_saturation():
     """A brighter level 5 % below the largest variance is noise, not clipping."""
     found = find_saturation(levels(RISING, [20.0, 40.0, 61.0, 58.0]), white=4095)
     assert found.index is None
 
 
-def test_partial_clipping_tells_the_converter_s_top():
+def test_partial_clipping_gives_full_scale():
     curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_share=[0, 0, 0, 0.2])
     found = find_saturation(curve, white=470)
     assert found.level_dn.value == 470.0
@@ -113,7 +113,7 @@ def test_gain_is_the_weighted_slope_through_the_origin():
     assert fit.parameters[0] == pytest.approx((w * y) @ curve.shot / ((w * y) @ y), rel=1e-6)
 
 
-def test_the_signal_s_uncertainty_counts_by_what_it_does_to_the_variance():
+def test_the_signal_s_uncertainty_counts_by_its_effect_on_the_variance():
     """Effective variance: u(shot)^2 + K^2 u(signal)^2."""
     signal_sigma = np.array([5.0, 0.1, 0.1, 0.1])
     curve = levels(RISING, [20.5, 40.0, 60.0, 80.0], signal_sigma=signal_sigma)
@@ -133,14 +133,14 @@ def test_channels_are_fitted_together():
     assert fit.degrees_of_freedom == 3
 
 
-def test_a_variance_that_does_not_rise_is_no_gain():
+def test_a_variance_that_does_not_rise_gives_no_gain():
     fit = fit_gain([levels(RISING, [0.1, -0.1, 0.05, -0.1])], [np.ones(4, bool)])
     assert "does not rise" in gain_value(fit).reason
     assert "two frames" in gain_value(None).reason
 
 
-def test_gain_and_read_noise_err_together_by_the_darks_they_share():
-    """A dark variance that comes out high is taken off every level: the gain errs low by its share in the fit."""
+def test_gain_and_read_noise_are_correlated_by_shared_darks():
+    """A high dark variance is subtracted from every level, which makes the gain low by its share in the fit."""
     dark = Uncertain.of(5.0, 0.2)
     curve = levels(RISING, [20.0, 40.0, 60.0, 80.0], shot_sigma=0.5)
     curve = replace(
@@ -156,9 +156,9 @@ def test_gain_and_read_noise_err_together_by_the_darks_they_share():
     assert gain.covariance(dark) < 0
 
 
-def test_weights_do_not_pull_the_line_below_its_points():
-    """2000 photon transfers of eight levels, each variance known to 5 % and saying so of itself: a fit by the stated
-    uncertainties is low by two squares of that, 0.5 %; the standard error here is 0.04 %."""
+def test_weights_do_not_bias_the_line_downwards():
+    """2000 photon transfers of eight levels, each variance with an uncertainty of 5 % of itself: a fit weighted by
+    those uncertainties is low by twice the square of that, 0.5 %; the standard error here is 0.04 %."""
     rng = np.random.default_rng(8)
     signal = np.linspace(100.0, 800.0, 8)
     gains = []

@@ -1,4 +1,4 @@
-"""The signal-to-noise ratio: points against the law the frames were drawn from, and the model against its slopes."""
+"""Signal-to-noise ratio: points against the law of the simulated frames, and the model against its derivatives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ELECTRONS = np.geomspace(40, 4000, 9)
 
 
 def frames(photons: bool, seed: int = 11):
-    """A sensor of quantum efficiency 0.5: two frames a level, its darks at every exposure."""
+    """A sensor with quantum efficiency 0.5: two frames per level, and darks at every exposure time."""
     rng = np.random.default_rng(seed)
     listed = []
     for electrons in ELECTRONS:
@@ -42,19 +42,19 @@ def truth(curve: SnrCurve) -> np.ndarray:
     return electrons / np.sqrt(electrons + (READ_DN**2 + 1 / 12) / K**2)
 
 
-def test_points_are_those_of_the_law_within_their_uncertainty(curve: SnrCurve) -> None:
-    """Nine normal deviates: one beyond 4 comes in 1 of 1800 runs; their chi square beyond 30 in 1 of 2300."""
+def test_points_follow_the_law_within_their_uncertainty(curve: SnrCurve) -> None:
+    """Nine normal deviates: one beyond 4 in 1 of 1800 runs; their chi square beyond 30 in 1 of 2300."""
     deviation = (curve.snr - truth(curve)) / curve.snr_uncertainty
     assert len(deviation) == len(ELECTRONS)
     assert np.abs(deviation).max() < 4.0
     assert 1.0 < np.sum(deviation**2) < 30.0
 
 
-def test_model_holds_the_law_inside_its_band(curve: SnrCurve) -> None:
+def test_the_band_of_the_model_contains_the_law(curve: SnrCurve) -> None:
     light = 2.0 * ELECTRONS if curve.photons else ELECTRONS
     model, uncertainty = curve.model(light)
     assert np.all(np.abs(model - truth(curve)) < 4.0 * uncertainty)
-    assert np.all(uncertainty < 0.01 * model), "the band is worth something"
+    assert np.all(uncertainty < 0.01 * model)
 
 
 @pytest.mark.parametrize("photons", [True, False])
@@ -75,7 +75,7 @@ def test_band_is_first_order_propagation_of_three_independent_inputs(photons: bo
     assert uncertainty == pytest.approx(np.sqrt(squares), rel=1e-4)
 
 
-def test_a_noise_below_zero_gives_no_ratio() -> None:
+def test_a_negative_noise_variance_gives_no_ratio() -> None:
     none, one = np.array([]), Uncertain(1.0)
     curve = SnrCurve(none, none, none, none.astype(bool), True, one, one, Uncertain.of(-5.0, 1.0))
     snr, _ = curve.model([4.0, 6.0])
@@ -83,7 +83,7 @@ def test_a_noise_below_zero_gives_no_ratio() -> None:
     assert snr[1] == 6.0
 
 
-def test_one_frame_a_level_says_why_there_is_no_ratio() -> None:
+def test_one_frame_per_level_gives_a_reason() -> None:
     rng = np.random.default_rng(2)
 
     def shot(mean: float) -> np.ndarray:

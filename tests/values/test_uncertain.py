@@ -17,7 +17,7 @@ from photosite.values.uncertain import (
 )
 
 
-def test_what_two_results_share_cancels():
+def test_shared_uncertainty_cancels():
     k = Uncertain.of(0.28, 0.01)
     a, b = 5.0 / k, 7.0 / k
     assert (a / b).standard_uncertainty == pytest.approx(0.0, abs=1e-15)
@@ -25,7 +25,7 @@ def test_what_two_results_share_cancels():
     assert (a + b).standard_uncertainty == pytest.approx(12 * 0.01 / 0.28**2)
 
 
-def test_a_combination_keeps_what_is_shared():
+def test_a_combination_keeps_correlations():
     gain = Uncertain.of(2.0, 0.1)
     assert combined([gain, gain], [3.0, -3.0]).standard_uncertainty == 0.0
 
@@ -38,7 +38,7 @@ def test_independent_inputs_add_in_squares():
 
 
 def test_propagation_agrees_with_simulation():
-    """A figure like dynamic range, against 200 000 draws: 0.5 % is five standard errors of a standard deviation."""
+    """A result like the dynamic range, against 200 000 draws: 0.5 % is five standard errors of a standard deviation."""
     rng = np.random.default_rng(1)
     n = 200_000
     k, v, e = rng.normal(0.3, 0.002, n), rng.normal(9.0, 0.05, n), rng.normal(0.45, 0.004, n)
@@ -72,12 +72,12 @@ def test_weighted_mean():
     assert mean.standard_uncertainty == pytest.approx(0.1 * math.hypot(0.25, 0.75))
 
 
-def test_what_is_missing_names_the_first_reason():
+def test_a_missing_result_has_the_first_reason():
     missing = derive(lambda a, b: a + b, Uncertain.of(1.0), Missing("no light frames"))
     assert missing == Missing("no light frames")
 
 
-def test_the_interval_of_a_mean_square_is_chi_square_s():
+def test_the_interval_of_a_mean_square_is_that_of_chi_square():
     """40 000 variances of 8 frames: 95 % within 0.55 % (five standard errors), 2.5 % on either side within 0.4 %."""
     rng = np.random.default_rng(3)
     below = above = 0
@@ -90,10 +90,10 @@ def test_the_interval_of_a_mean_square_is_chi_square_s():
 
 
 def test_the_interval_of_a_difference_of_mean_squares_covers():
-    """Row variance less pixel variance, as the parts of the fixed pattern are made: 19 rows, 1000 pixels, truth 1.5.
+    """Row variance less pixel variance, as for the parts of the fixed pattern: 19 rows, 1000 pixels, truth 1.5.
 
-    20 000 draws, 95 % within 1 %: the method is a little conservative. Normal intervals of the same uncertainties miss
-    the truth twice as often as they should.
+    20 000 draws, 95 % within 1 %: the method is slightly conservative. Normal intervals with the same uncertainties
+    miss the truth twice as often as they should.
     """
     rng = np.random.default_rng(4)
     covered = normal = 0
@@ -108,13 +108,13 @@ def test_the_interval_of_a_difference_of_mean_squares_covers():
     assert normal / 20_000 < 0.925
 
 
-def test_student_s_interval():
+def test_the_interval_of_few_degrees_of_freedom():
     value = Uncertain.of(3.0, 0.1, Source.student(4.0))
     assert value.interval_95 == pytest.approx((3.0 - 0.2776, 3.0 + 0.2776), abs=1e-4)
     assert (value * -2.0).interval_95 == pytest.approx((-6.5553, -5.4447), abs=1e-4)
 
 
-def test_the_side_of_an_interval_turns_with_the_sign():
+def test_a_negative_factor_swaps_the_sides_of_an_interval():
     square = Uncertain.of(4.0, 1.0, Source(below=1.0, above=5.0))
     assert square.interval_95 == pytest.approx((3.0, 9.0))
     assert (10.0 + square * -1.0).interval_95 == pytest.approx((1.0, 7.0))

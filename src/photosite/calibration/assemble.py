@@ -33,7 +33,7 @@ FAR_APART = 3.29
 """Distance of two estimates of one quantity, in standard uncertainties, beyond which a warning is given: 1 in 1000."""
 
 FAR_BELOW_ZERO = 4.75
-"""A standard deviation this many uncertainties below zero has a variance more than three of its own below zero."""
+"""At this many uncertainties below zero, a standard deviation's variance is over three of its uncertainties below."""
 
 
 def assemble(

@@ -114,11 +114,11 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     _check_darks(darks)
     exposures = [entry.group.exposure_s for entry in darks]
     reference = darks[reference_dark(darks)]
-    darkness = [DarkLines.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
-    channels = [_channel(sensor, k, darkness[k], lights) for k in range(len(names))] if lights else []
+    lines = [DarkLines.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
+    channels = [_channel(sensor, k, lines[k], lights) for k in range(len(names))] if lights else []
     gain = gain_value(fit_gain([c.levels for c in channels], [c.used for c in channels])) if lights else NO_LIGHT
     measured = [
-        _measured(sensor, darkness[k], darks, reference, channels[k] if channels else None, lights, k)
+        _measured(sensor, lines[k], darks, reference, channels[k] if channels else None, lights, k)
         for k in range(len(names))
     ]
     return estimate_parameters(_together(names, measured, darks, reference, exposures, gain), _mv_per_dn(sensor))
@@ -193,7 +193,7 @@ def _channel(sensor: Sensor, index: int, dark: DarkLines, lights: Sequence[Group
 
 def _measured(
     sensor: Sensor,
-    background: DarkLines,
+    lines: DarkLines,
     darks: Sequence[GroupStatistics],
     reference: GroupStatistics,
     channel: Channel | None,
@@ -203,7 +203,7 @@ def _measured(
     level = reference.levels[index]
     spread = Uncertain.of_variance(level.spatial_variance, level.spatial_variance * math.sqrt(2.0 / level.pixels))
     measured = replace(
-        measure_dark_level(background, level, reference.label),
+        measure_dark_level(lines, level, reference.label),
         dsnu_variance=spread - level.noise * (1.0 / level.frames),
         dsnu1288=NOT_PREDICTED,
         dsnu1288_filtered=NOT_PREDICTED,
@@ -282,7 +282,7 @@ def _together(
 ) -> Measurements:
     if len(names) == 1:
         return replace(measured[0], gain=gain)
-    background = DarkLines.of(exposures, [pooled_level(entry.levels) for entry in darks])
-    dark = measure_dark_level(background, pooled_level(reference.levels), reference.label)
+    pooled_lines = DarkLines.of(exposures, [pooled_level(entry.levels) for entry in darks])
+    dark = measure_dark_level(pooled_lines, pooled_level(reference.levels), reference.label)
     pooled = pool_channels(names, measured, dark, gain).without_dark_shot_noise(reference.group.exposure_s)
     return replace(pooled.for_sensor(), responsivity=pooled.responsivity)

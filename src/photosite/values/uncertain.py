@@ -3,7 +3,7 @@
 Propagation follows the GUM (JCGM 100:2008, 5.1 and 5.2). A result keeps its sensitivity to each independent source, so
 that an uncertainty shared by two results, such as that of a system gain, is counted once in their ratio.
 
-A source also has the half-widths of its own 95 % interval to either side. A result's half-width to a side is the root
+Each source has the half-widths of its 95 % interval to either side. A result's half-width to a side is the root
 of the summed squares of those (Graybill and Wang, J. Am. Stat. Assoc. 75 (1980) 869; for differences Ting et al., J.
 Stat. Comput. Simul. 35 (1990) 135). It is exact for one source, such as a mean square over few rows with its asymmetric
 chi-square interval, and the usual one where all sources are normal. The sum of many sources is nearly normal, but the

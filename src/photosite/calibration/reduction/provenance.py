@@ -39,8 +39,8 @@ class UsedFrame:
 def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
     """Return one SHA-256 per frame, of its digital numbers as little-endian uint16, row by row.
 
-    Hashing takes several times as long as calibrating, so it is done on request only. A frame with another total than
-    before has changed.
+    Hashing takes several times as long as calibrating; therefore it is done on request only. A frame with another total
+    than before has changed.
 
     Raises
     ------
