@@ -20,7 +20,7 @@ from photosite.calibration.measurements import Measurements, mean_for_sensor
 from photosite.calibration.photon_transfer.dark_lines import DarkLines, temporal_variances
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
-from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.parts import Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance, mean_frame_noise, slope_noise
@@ -159,7 +159,8 @@ def _lines(groups: Sequence[GroupStatistics], channel: int | None) -> DarkLines:
 
 
 def _slope_spreads(reduction: Reduction, scatter: float) -> tuple[SlopeSpread, ...] | None:
-    if reduction.dark_slopes is None:
+    coefficients = dark_slope_coefficients([entry.group for entry in reduction.darks])
+    if reduction.dark_slopes is None or coefficients is None:
         return None
     exposure = np.array([entry.group.exposure_s for entry in reduction.darks])
     noise = []
@@ -167,8 +168,8 @@ def _slope_spreads(reduction: Reduction, scatter: float) -> tuple[SlopeSpread, .
         levels = [entry.levels[k] for entry in reduction.darks]
         frames = np.array([level.frames for level in levels])
         variances = temporal_variances(exposure, levels)
-        noise.append(slope_noise(reduction.dark_slopes.coefficients, frames, *variances, scatter))
-    return reduction.dark_slopes.slopes.spreads(noise)
+        noise.append(slope_noise(coefficients, frames, *variances, scatter))
+    return reduction.dark_slopes.spreads(noise)
 
 
 def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:

@@ -104,9 +104,9 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     names = channel_names(sensor.array.cfa)
     tile = np.array([[names.index(name) for name in row] for row in sensor.array.cfa])
     pixels = label_pixels((sensor.array.rows, sensor.array.cols), tile).tolist()
+    in_order = sorted(groups, key=lambda group: group.exposure_s)
     darks, lights = (
-        [_statistics(sensor, group, pixels) for group in _sorted(groups) if group.kind == kind]
-        for kind in ("dark", "light")
+        [_statistics(sensor, group, pixels) for group in in_order if group.kind == kind] for kind in ("dark", "light")
     )
     if not any(entry.frames > 1 for entry in darks):
         hint = "Plan several dark frames at one exposure time: they show the read noise"
@@ -121,15 +121,8 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
         _measured(sensor, lines[k], darks, reference, channels[k] if channels else None, lights, k)
         for k in range(len(names))
     ]
-    return estimate_parameters(_together(names, measured, darks, reference, exposures, gain), _mv_per_dn(sensor))
-
-
-def _sorted(groups: Sequence[PlannedGroup]) -> list[PlannedGroup]:
-    return sorted(groups, key=lambda group: group.exposure_s)
-
-
-def _mv_per_dn(sensor: Sensor) -> Uncertain:
-    return Uncertain(sensor.mv_per_dn)
+    together = _together(names, measured, darks, reference, exposures, gain)
+    return estimate_parameters(together, Uncertain(sensor.mv_per_dn))
 
 
 def _statistics(sensor: Sensor, group: PlannedGroup, pixels: Sequence[int]) -> GroupStatistics:

@@ -15,9 +15,10 @@ from photosite.calibration.chip_maps.residuals import StackResiduals, read_resid
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace, measure_temporal_noise
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
-from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level, reference_dark
+from photosite.calibration.reduction.groups import GroupStatistics, pooled_level, reference_dark
+from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
+from photosite.calibration.spatial.pixel_slopes import PixelSlopes
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSet
@@ -114,17 +115,15 @@ def measure_chip(
 
 def _read_darks(reader: FrameReader) -> _DarkMaps:
     planned = reader.frames.of_kind("dark")
-    exposure = np.array([group.exposure_s for group in planned])
-    slopes, coefficients = None, np.zeros(len(planned))
-    if len(np.unique(exposure)) > 1:
+    slopes, coefficients = None, dark_slope_coefficients(planned)
+    if coefficients is not None:
         slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
-        coefficients = slope_coefficients(exposure, np.array([float(len(group)) for group in planned]))
     wanted = reference_dark(planned)
     groups: list[GroupStatistics] = []
     stack: tuple[MeanFrame, FloatMap] | None = None
     for index, group in enumerate(planned):
-        sums = reader.sums(group)
-        groups.append(GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals())))
+        statistics, sums = read_group(reader, group)
+        groups.append(statistics)
         if max(level.low_fraction for level in groups[-1].levels) > CLIPPED_DARK:
             raise ClippedChipError(
                 "the percentage of clipped dark values",
@@ -135,14 +134,15 @@ def _read_darks(reader: FrameReader) -> _DarkMaps:
             )
         if index == wanted:
             stack = _mean_and_variance(sums)
-        if slopes is not None:
+        if slopes is not None and coefficients is not None:
             slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(groups[-1].levels))
     if stack is None or (reference := reference_dark(groups)) != wanted:
         reader.expect(len(planned[reference_dark(groups)]))
         reference = reference_dark(groups)
         stack = _mean_and_variance(reader.sums(planned[reference]))
     rate = None if slopes is None else slopes.slopes.astype(np.float32)
-    return _DarkMaps(groups, reference, *stack, rate, coefficients)
+    weights = np.zeros(len(planned)) if coefficients is None else coefficients
+    return _DarkMaps(groups, reference, *stack, rate, weights)
 
 
 def _mean_and_variance(sums: FrameSums) -> tuple[MeanFrame, FloatMap]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,22 +15,6 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coeffi
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
-
-
-@dataclass(frozen=True)
-class DarkSlopeMap:
-    """A map of per-pixel dark slopes.
-
-    Parameters
-    ----------
-    slopes
-        The map, DN/s.
-    coefficients
-        (dark groups,) weight of each group's mean frame in it, 1/s.
-    """
-
-    slopes: PixelSlopes
-    coefficients: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -47,7 +32,7 @@ class Reduction:
     reference_mean
         Its mean frame.
     dark_slopes
-        Map of per-pixel dark slopes; None with one dark exposure.
+        Map of per-pixel dark slopes, DN/s; None with one dark exposure.
     top_shares
         Per light group and channel: the highest digital number, and the share of pixels that read it
         (`top_value_shares`).
@@ -62,7 +47,7 @@ class Reduction:
     lights: tuple[GroupStatistics, ...]
     reference: int
     reference_mean: MeanFrame
-    dark_slopes: DarkSlopeMap | None
+    dark_slopes: PixelSlopes | None
     top_shares: tuple[tuple[tuple[float, float], ...], ...]
     rejected: tuple[str, ...]
     used: tuple[UsedFrame, ...]
@@ -76,9 +61,7 @@ class Reduction:
 def reduce_frames(reader: FrameReader) -> Reduction:
     """Read every frame once and return the statistics of each group.
 
-    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`. The map of dark slopes weights
-    each group by its number of frames, because the weights must be known before the first frame is read. The dark
-    variance grows little with exposure, so better weights would gain little precision.
+    Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`.
 
     Raises
     ------
@@ -88,12 +71,9 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         If a frame cannot be read, or has another size or range than the set.
     """
     planned = reader.frames.of_kind("dark")
-    exposure = np.array([group.exposure_s for group in planned])
-    slope_map = None
-    if len(np.unique(exposure)) > 1:
+    slopes, coefficients = None, dark_slope_coefficients(planned)
+    if coefficients is not None:
         slopes = PixelSlopes((reader.frames.rows, reader.frames.cols), reader.tile)
-        weights = np.array([float(len(group)) for group in planned])
-        slope_map = DarkSlopeMap(slopes, slope_coefficients(exposure, weights))
     wanted = reference_dark(planned)
     darks: list[GroupStatistics] = []
     mean: MeanFrame | None = None
@@ -102,9 +82,8 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         darks.append(statistics)
         if index == wanted:
             mean = sums.mean_frame()
-        if slope_map is not None:
-            coefficient = float(slope_map.coefficients[index])
-            slope_map.slopes.add(sums.mean_frame(), [coefficient] * len(statistics.levels))
+        if slopes is not None and coefficients is not None:
+            slopes.add(sums.mean_frame(), [float(coefficients[index])] * len(statistics.levels))
     reference = reference_dark(darks)
     if mean is None or reference != wanted:  # frames of the planned reference group were rejected
         reader.expect(len(planned[reference]))
@@ -122,11 +101,23 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         lights=tuple(lights),
         reference=reference,
         reference_mean=mean,
-        dark_slopes=slope_map,
+        dark_slopes=slopes,
         top_shares=tuple(reader.tops[id(entry.group)] for entry in lights),
         rejected=tuple(reader.rejected),
         used=tuple(reader.used_frames),
     )
+
+
+def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] | None:
+    """Return the (groups,) weights of mean dark frames in the map of dark slopes, 1/s; None with one exposure.
+
+    Groups count by their number of frames, because the weights must be known before the first frame is read. The dark
+    variance grows little with exposure, so better weights would gain little precision.
+    """
+    exposure = np.array([group.exposure_s for group in darks])
+    if len(np.unique(exposure)) < 2:
+        return None
+    return slope_coefficients(exposure, np.array([float(len(group)) for group in darks]))
 
 
 def read_group(reader: FrameReader, group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
