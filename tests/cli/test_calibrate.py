@@ -81,11 +81,11 @@ def test_pixels_beyond_a_threshold_are_listed(photosite: Any, tmp_path: Path) ->
     done = photosite("calibrate", tmp_path / "stack", "--json", "--far-dark", "0.8")
     assert done.json["model"] == "general"
     found = done.json["far_pixels"]["G"]
-    assert (found["dark"]["threshold"], found["dark"]["rule"], found["dark"]["unit"]) == (0.8, "as given", "DN")
+    assert (found["dark"]["threshold"], found["dark"]["rule"], found["dark"]["unit"]) == (0.8, "set by the user", "DN")
     assert len(found["dark"]["row"]) == len(found["dark"]["deviation"]) > 10
     assert all(abs(deviation) > 0.8 for deviation in found["dark"]["deviation"])
     assert all((row + col) % 2 == 1 for row, col in zip(found["dark"]["row"], found["dark"]["col"], strict=True))
-    assert found["light"]["rule"].startswith("where a normal distribution")
+    assert found["light"]["rule"].startswith("a normal distribution would have")
 
 
 def test_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Path) -> None:

@@ -89,6 +89,9 @@ def assemble(
         cfa=frames.cfa,
         base=sensor,
         known=scale,
+        chip=None,
+        temporal=None,
+        no_chip=None,
         gain_setting=frames.gain_settings[0],
         temperature_c=_temperatures(frames),
     )

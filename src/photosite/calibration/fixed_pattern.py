@@ -158,7 +158,8 @@ def measure_fixed_pattern(
     groups = [i for i in range(len(lights)) if i in half or any(_in_plan(plan, i) for plan in plans)]
     reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
     slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
-    found: dict[int, tuple[Parts | Missing, Parts | Missing, SpatialAnalysis | Missing]] = {}
+    prnu: dict[int, tuple[Parts | Missing, Parts | Missing]] = {}
+    spatial: dict[int, SpatialAnalysis | Missing] = {}
     for i in groups:
         mean = reader.mean(lights[i].group)
         slopes.add(mean, [plan.coefficients.get(i, 0.0) if isinstance(plan, SlopePlan) else 0.0 for plan in plans])
@@ -170,14 +171,15 @@ def measure_fixed_pattern(
                 _light_less_dark(part, dark_part, channels[k], i)
                 for part, dark_part in zip(flat.parts(k), patterns[k].parts, strict=True)
             )
-            found[k] = filtered, plain, spatial_analysis(patterns[k].planes, flat.planes(k), far)
+            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(patterns[k].planes, flat.planes(k), far)
     spreads = slopes.spreads([plan.noise if isinstance(plan, SlopePlan) else Uncertain(0.0) for plan in plans])
     result = []
     for k, group in enumerate(half):
         if isinstance(group, Missing):
-            found[k] = group, group, spatial_analysis(patterns[k].planes, group, far)
+            prnu[k], spatial[k] = (group, group), spatial_analysis(patterns[k].planes, group, far)
         dark_slope = None if dark.slopes is None else dark.slopes[k]
-        result.append(FixedPattern(_response_variance(plans[k], spreads[k], dark_slope), *patterns[k].parts, *found[k]))
+        response = _response_variance(plans[k], spreads[k], dark_slope)
+        result.append(FixedPattern(response, *patterns[k].parts, *prnu[k], spatial[k]))
     return tuple(result)
 
 
