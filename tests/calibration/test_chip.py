@@ -234,13 +234,13 @@ def test_clipped_darks_are_calibrated_without_maps() -> None:
     assert with_maps.read_noise_dn.value is not None
     assert with_maps.chip is None
     assert with_maps.temporal is None
-    assert "clipped dark values" in with_maps.no_chip
+    assert "clipped dark values" in with_maps.no_maps_reason
     assert with_maps.warnings == (
         *without.warnings,
-        f"the chip was not measured, there are no maps: {with_maps.no_chip}",
+        f"the chip was not measured, there are no maps: {with_maps.no_maps_reason}",
     )
-    assert with_maps.no_chip in temporal_blocks(with_maps)[0].text
-    assert without.no_chip is None
+    assert with_maps.no_maps_reason in temporal_blocks(with_maps)[0].text
+    assert without.no_maps_reason is None
 
 
 def test_calibration_saves_its_maps_with_its_sensor(trip, tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""Profiles, spectrograms, histograms and far pixels of planes with known patterns."""
+"""Profiles, spectrograms, histograms and outlier pixels of planes with known patterns."""
 
 import json
 
@@ -9,11 +9,11 @@ from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.planes import pixel_gain
 from photosite.calibration.spatial.spatial_analysis import (
     MOST_BINS,
-    FarThresholds,
     MeanPlanes,
-    far_pixels,
+    OutlierThresholds,
     histogram,
     normal_threshold,
+    outlier_pixels,
     profiles,
     spatial_analysis,
     spectrogram,
@@ -54,9 +54,9 @@ def test_planted_patterns_are_found():
     assert found.light.vertical_filtered.white == pytest.approx(1.0, rel=0.05)
     assert found.light.histogram.sigma == pytest.approx(np.sqrt(pixel_gain()), rel=0.02)
     assert found.light.along_rows.mean[-1] / found.light.along_rows.mean[0] == pytest.approx(1.04 / 0.96, rel=3e-3)
-    assert (found.light.far.row[0], found.light.far.col[0]) == (40, 60)
+    assert (found.light.outliers.row[0], found.light.outliers.col[0]) == (40, 60)
     # The high-pass filter keeps 1 - h(0)^2 = 1 - 0.0808^2 of a single pixel's deviation.
-    assert found.light.far.deviation[0] == pytest.approx(12.0, abs=3.0)
+    assert found.light.outliers.deviation[0] == pytest.approx(12.0, abs=3.0)
 
 
 def test_remaining_temporal_noise_has_the_unit_of_the_spectrum():
@@ -67,13 +67,13 @@ def test_remaining_temporal_noise_has_the_unit_of_the_spectrum():
     assert found.light.vertical_filtered.temporal == pytest.approx(0.08 * 0.1**2 * pixel_gain(), rel=2e-3)
 
 
-def test_far_pixels_of_a_mosaic_have_sensor_positions():
+def test_outlier_pixels_of_a_mosaic_have_sensor_positions():
     dark, light = frames_of(np.random.default_rng(3), (160, 160))
     dark[21, 44] += 9.0  # a green of the second site of the tile
-    dark[0::2, 1::2] += 3.0  # different green levels do not make far pixels
-    found = spatial_analysis(planes(dark, BAYER, 1), planes(light, BAYER, 1), FarThresholds(dark_dn=4.0))
-    assert (found.dark.far.row.tolist(), found.dark.far.col.tolist()) == ([21], [44])
-    assert found.dark.far.threshold == 4.0
+    dark[0::2, 1::2] += 3.0  # different green levels do not make outlier pixels
+    found = spatial_analysis(planes(dark, BAYER, 1), planes(light, BAYER, 1), OutlierThresholds(dark_dn=4.0))
+    assert (found.dark.outliers.row.tolist(), found.dark.outliers.col.tolist()) == ([21], [44])
+    assert found.dark.outliers.threshold == 4.0
     content = found.to_dict()
     assert (content["dark"]["row"], content["dark"]["col"], content["dark"]["unit"]) == ([21], [44], "DN")
     assert json.loads(json.dumps(content)) == content
@@ -224,7 +224,7 @@ def test_constant_map_has_one_bin():
     assert found.normal().tolist() == [100.0]
 
 
-def test_far_pixels_are_found_and_ordinary_ones_are_not():
+def test_outlier_pixels_are_found_and_ordinary_ones_are_not():
     """A million normal pixels list 0.1 pixels on average; more than two are found for one seed in 6000."""
     rng = np.random.default_rng(4)
     plane = rng.normal(0.0, 2.0, (1000, 1000))
@@ -232,10 +232,10 @@ def test_far_pixels_are_found_and_ordinary_ones_are_not():
     hot = rng.choice(1_000_000, 40, replace=False)
     plane.ravel()[hot] += rng.choice([-30.0, 30.0], 40)
     places = np.arange(1000)
-    found = far_pixels([plane], [0.0], [(places, places)])
+    found = outlier_pixels([plane], [0.0], [(places, places)])
     assert set(hot) <= set(found.row * 1000 + found.col)
     assert len(found.row) <= 42
     assert (np.diff(np.abs(found.deviation)) <= 0.0).all()
-    given = far_pixels([plane], [0.0], [(places, places)], threshold=5.0)
+    given = outlier_pixels([plane], [0.0], [(places, places)], threshold=5.0)
     assert len(given.row) == np.sum(np.abs(plane) > 5.0)
     assert given.rule == "set by the user"

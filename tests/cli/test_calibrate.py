@@ -78,9 +78,9 @@ def test_finds_the_truth_without_reading_it(photosite: Any, stack: Path, tmp_pat
 
 def test_pixels_beyond_a_threshold_are_listed(photosite: Any, tmp_path: Path) -> None:
     assert run(["shoot", "--rows", "72", "--cols", "80", "--seed", "6", "-o", str(tmp_path / "stack")]) == 0
-    done = photosite("calibrate", tmp_path / "stack", "--json", "--far-dark", "0.8")
+    done = photosite("calibrate", tmp_path / "stack", "--json", "--outlier-dark", "0.8")
     assert done.json["model"] == "general"
-    found = done.json["far_pixels"]["G"]
+    found = done.json["outlier_pixels"]["G"]
     assert (found["dark"]["threshold"], found["dark"]["rule"], found["dark"]["unit"]) == (0.8, "set by the user", "DN")
     assert len(found["dark"]["row"]) == len(found["dark"]["deviation"]) > 10
     assert all(abs(deviation) > 0.8 for deviation in found["dark"]["deviation"])

@@ -13,7 +13,7 @@ from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.calibration import calibration_page
 from photosite.report.chip import defect_blocks, temporal_blocks
 from photosite.report.html import Details, Images, Paragraph, Table, render_page
-from photosite.report.patterns import far_pixel_blocks
+from photosite.report.patterns import outlier_pixel_blocks
 from photosite.sensor.measured_chip import no_defects
 
 HOT, DEAD = (7, 11), (20, 3)
@@ -48,8 +48,8 @@ def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Cali
     assert sum(isinstance(block, Images) for block in blocks) == 1
 
 
-def test_far_pixels_of_the_mean_frames_are_listed_with_their_rule(calibration: Calibration) -> None:
-    blocks = far_pixel_blocks(calibration)
+def test_outlier_pixels_of_the_mean_frames_are_listed_with_their_rule(calibration: Calibration) -> None:
+    blocks = outlier_pixel_blocks(calibration)
     table = next(block for block in blocks if isinstance(block, Table))
     assert next(row[0] for row in table.rows) == "dark"
     assert all("0.1 pixels" in row[5] for row in table.rows)

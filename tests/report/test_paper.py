@@ -36,5 +36,5 @@ def test_a_converter_that_ends_first_tells_no_well(loop: ClosedLoop) -> None:
     for calibration in (deep, replace(limited, base=None)):
         row = _well_row(calibration)
         assert row[2] == "not estimated"
-        assert "the converter's range ends before the well is full" in row[3]
+        assert "the converter saturates before the well" in row[3]
     assert deep.sensor.pixel.well_capacity_e.value == 1e6

@@ -88,10 +88,10 @@ def assemble(
         bits=frames.bits,
         cfa=frames.cfa,
         base=sensor,
-        known=scale,
+        electrical_scale=scale,
         chip=None,
         temporal=None,
-        no_chip=None,
+        no_maps_reason=None,
         gain_setting=frames.gain_settings[0],
         temperature_c=_temperatures(frames),
     )

@@ -17,7 +17,7 @@ from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.result import Calibration
-from photosite.calibration.spatial.spatial_analysis import FarThresholds
+from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
 from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 
@@ -26,7 +26,7 @@ def calibrate(
     frames: FrameSet,
     sensor: Sensor | None = None,
     *,
-    far: FarThresholds | None = None,
+    outliers: OutlierThresholds | None = None,
     maps: bool = False,
     progress: Progress | None = None,
     checkpoint: str | PathLike[str] | None = None,
@@ -45,12 +45,12 @@ def calibrate(
     sensor
         The sensor as known before the measurement, for millivolts and for `Calibration.sensor`; default
         `frames.sensor`.
-    far
+    outliers
         Thresholds for the deviating pixels listed in `Calibration.spatial`.
     maps
         Also measure the chip: `Calibration.chip` and `Calibration.temporal` (`photosite.calibration.chip_maps.chip`).
         All frames are read once more, and the darks for the read noise twice. Darks clipped at 0 give no maps:
-        `Calibration.no_chip` and a warning then give the reason.
+        `Calibration.no_maps_reason` and a warning then give the reason.
     progress
         Called with (frames read, frames to read) after each frame. The second number grows where frames must be read
         again. The count starts again for the maps.
@@ -97,7 +97,7 @@ def calibrate(
             dark = measure_dark_frames(reduction, reader)
             light = measure_light_frames(reduction, dark)
             check_channels(reduction, light.channels)
-            patterns = measure_fixed_pattern(reduction, dark, light, reader, far)
+            patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
         calibration = assemble(reduction, dark, light, patterns, sensor)
         return _with_maps(frames, calibration, progress) if maps else calibration
 
@@ -119,5 +119,5 @@ def _with_maps(frames: FrameSet, calibration: Calibration, progress: Progress | 
         chip, temporal = measure_chip(frames, calibration, progress)
     except ClippedChipError as error:
         warning = f"the chip's maps could not be measured: {error}"
-        return replace(calibration, no_chip=str(error), warnings=(*calibration.warnings, warning))
+        return replace(calibration, no_maps_reason=str(error), warnings=(*calibration.warnings, warning))
     return replace(calibration, chip=chip, temporal=temporal)

@@ -30,7 +30,12 @@ from photosite.calibration.spatial.pixel_slopes import (
     slope_coefficients,
     slope_noise,
 )
-from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, SpatialAnalysis, spatial_analysis
+from photosite.calibration.spatial.spatial_analysis import (
+    MeanPlanes,
+    OutlierThresholds,
+    SpatialAnalysis,
+    spatial_analysis,
+)
 from photosite.values.uncertain import Missing, Uncertain, Value
 
 HALF_SATURATION = (0.3, 0.7)
@@ -128,7 +133,7 @@ class _DarkPattern:
 
 
 def measure_fixed_pattern(
-    reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, far: FarThresholds | None
+    reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, outliers: OutlierThresholds | None
 ) -> tuple[FixedPattern, ...]:
     """Measure each channel's fixed pattern.
 
@@ -138,7 +143,7 @@ def measure_fixed_pattern(
         Results of the stages before.
     reader
         Reads mean frames of the linear range, and a few frames for row and column noise, again.
-    far
+    outliers
         Thresholds of the pixels listed as candidates for the defect list.
 
     Raises
@@ -151,7 +156,7 @@ def measure_fixed_pattern(
     patterns = _dark_patterns(reduction, dark, half, reader)
     if not channels:
         return tuple(
-            FixedPattern(NO_LIGHT, *entry.parts, NO_LIGHT, NO_LIGHT, spatial_analysis(entry.planes, NO_LIGHT, far))
+            FixedPattern(NO_LIGHT, *entry.parts, NO_LIGHT, NO_LIGHT, spatial_analysis(entry.planes, NO_LIGHT, outliers))
             for entry in patterns
         )
     plans = [plan_slopes(channel, lights) for channel in channels]
@@ -171,12 +176,12 @@ def measure_fixed_pattern(
                 _light_less_dark(part, dark_part, channels[k], i)
                 for part, dark_part in zip(flat.parts(k), patterns[k].parts, strict=True)
             )
-            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(patterns[k].planes, flat.planes(k), far)
+            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(patterns[k].planes, flat.planes(k), outliers)
     spreads = slopes.spreads([plan.noise if isinstance(plan, SlopePlan) else Uncertain(0.0) for plan in plans])
     result = []
     for k, group in enumerate(half):
         if isinstance(group, Missing):
-            prnu[k], spatial[k] = (group, group), spatial_analysis(patterns[k].planes, group, far)
+            prnu[k], spatial[k] = (group, group), spatial_analysis(patterns[k].planes, group, outliers)
         dark_slope = None if dark.slopes is None else dark.slopes[k]
         response = _response_variance(plans[k], spreads[k], dark_slope)
         result.append(FixedPattern(response, *patterns[k].parts, *prnu[k], spatial[k]))

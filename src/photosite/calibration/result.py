@@ -47,14 +47,14 @@ class Calibration(Parameters):
         Per channel, the results of the general model, or the reason why they are missing.
     chip, temporal
         Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested.
-    no_chip
+    no_maps_reason
         Why `chip` and `temporal` are None where maps were requested.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius.
     base
         The sensor as known before the measurement; None if unknown.
-    known
+    electrical_scale
         Its electrical scale (voltage swing in V, analog gain) with uncertainties, which all values in volts share.
     warnings
         Limitations of the result.
@@ -78,7 +78,7 @@ class Calibration(Parameters):
     bits: int
     cfa: tuple[tuple[str, ...], ...]
     base: Sensor | None = None
-    known: Mapping[str, Uncertain] = field(default_factory=dict)
+    electrical_scale: Mapping[str, Uncertain] = field(default_factory=dict)
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
     spatial: Mapping[str, SpatialAnalysis | Missing] = field(default_factory=dict)
@@ -86,7 +86,7 @@ class Calibration(Parameters):
     general: Mapping[str, GeneralModel | Missing] = field(default_factory=dict)
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
-    no_chip: str | None = None
+    no_maps_reason: str | None = None
     gain_setting: float | None = None
     temperature_c: tuple[float, float] | None = None
 
@@ -170,8 +170,8 @@ class Calibration(Parameters):
         -------
         dict
             `parameters` (name to `Estimate.to_dict`), `channels` (the same per colour channel), `model`, `general`
-            (results of the general model per channel), `linear_range`, `far_pixels` (per channel, candidates for the
-            defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and `temporal`.
+            (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel, candidates for
+            the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and `temporal`.
         """
         entries: dict[str, Any] = {
             "parameters": {name: entry.to_dict() for name, entry in self.estimates().items()},
@@ -182,7 +182,7 @@ class Calibration(Parameters):
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},
-            "far_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
+            "outlier_pixels": {channel: found.to_dict() for channel, found in self.spatial.items()},
             "warnings": list(self.warnings),
             "rejected": list(self.rejected),
         }

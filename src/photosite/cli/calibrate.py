@@ -48,14 +48,14 @@ if TYPE_CHECKING:
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Dark frames of the folder, by file name: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Light frames of the folder, by file name.")
 @click.option(
-    "--far-dark",
+    "--outlier-dark",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="DN",
     help="List pixels of the mean dark frame that deviate from its mean by more. Default: a limit beyond which a "
     "normal distribution has a tenth of a pixel.",
 )
 @click.option(
-    "--far-light",
+    "--outlier-light",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="PERCENT",
     help="The same for the mean light frame near half saturation, high-passed, in percent of the mean signal.",
@@ -77,8 +77,8 @@ def command(
     cfa: str | None,
     dark: tuple[str, ...],
     light: tuple[str, ...],
-    far_dark: float | None,
-    far_light: float | None,
+    outlier_dark: float | None,
+    outlier_light: float | None,
     maps: bool,
     as_json: bool,
 ) -> None:
@@ -113,7 +113,7 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
     from photosite.calibration.calibrate import calibrate
-    from photosite.calibration.spatial.spatial_analysis import FarThresholds
+    from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.frames.open import open_frames
     from photosite.sensor.io.maps_file import maps_path
     from photosite.sensor.io.sensor_file import load_sensor
@@ -124,14 +124,14 @@ def command(
         raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")
     if maps and len(frames.gain_settings) > 1:
         raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")
-    if (far_dark or far_light) and len(frames.gain_settings) > 1:
-        raise click.UsageError("--far-dark and --far-light need frames of one gain setting")
+    if (outlier_dark or outlier_light) and len(frames.gain_settings) > 1:
+        raise click.UsageError("--outlier-dark and --outlier-light need frames of one gain setting")
     say_if_compiling()
     if len(frames.gain_settings) > 1:
         calibrate_gain_series(frames, sensor, output, report, checkpoint, as_json)
         return
-    far = FarThresholds(far_dark, far_light)
-    calibration = calibrate(frames, sensor, maps=maps, far=far, progress=Stages(), checkpoint=checkpoint)
+    outliers = OutlierThresholds(outlier_dark, outlier_light)
+    calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
     _save(calibration, output, report)
     beside = maps_path(output) if calibration.chip is not None and output is not None else None
     if as_json:

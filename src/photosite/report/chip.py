@@ -53,7 +53,7 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Temporal noise of the dark by what shares it, its tail, and bands that come and go."""
     noise = calibration.temporal
     if noise is None:
-        why = calibration.no_chip
+        why = calibration.no_maps_reason
         return (reason_block(_NO_MAPS if why is None else f"the chip was not measured pixel by pixel: {why}"),)
     parts = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
     tail = {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}

@@ -1,4 +1,4 @@
-"""The fixed pattern in a calibration's report: spectrograms, profiles, histograms, and the pixels far out."""
+"""The fixed pattern in a calibration's report: spectrograms, profiles, histograms, and the outlier pixels."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def non_uniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def far_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """The pixels far out in the histograms: candidates for a list of defects, with the rule that found them."""
+def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the outlier pixels of the histograms, candidates for the defect list, with the rule that found them."""
     found = _analyses(calibration)
     if not found:
         return (reason_block(_why(calibration)),)
@@ -56,7 +56,7 @@ def far_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
     columns = ("Frame", "Channel", "Pixels", "Listed beyond", "Unit", "Rule")
     titles = tuple(Column(title, numeric=title in ("Pixels", "Listed beyond")) for title in columns)
     rows = tuple(
-        (p.kind, channel, str(len(p.far.row)), format_number(p.far.threshold, 4), p.unit, p.far.rule)
+        (p.kind, channel, str(len(p.outliers.row)), format_number(p.outliers.threshold, 4), p.unit, p.outliers.rule)
         for channel, p in patterns
     )
     blocks: list[Block] = [
@@ -66,13 +66,13 @@ def far_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
         ),
         Table("Candidates for the list of defects", titles, rows),
     ]
-    blocks += [_far_list(channel, pattern) for channel, pattern in patterns if len(pattern.far.row)]
+    blocks += [_outlier_list(channel, pattern) for channel, pattern in patterns if len(pattern.outliers.row)]
     return tuple(blocks)
 
 
-def _far_list(channel: str, pattern: FramePattern) -> Details:
-    far = pattern.far
-    count = len(far.row)
+def _outlier_list(channel: str, pattern: FramePattern) -> Details:
+    found = pattern.outliers
+    count = len(found.row)
     some = f"the {_LISTED} farthest of {count} pixels" if count > _LISTED else f"{count} pixel{'s' * (count != 1)}"
     columns = (
         Column("Row", numeric=True),
@@ -81,10 +81,10 @@ def _far_list(channel: str, pattern: FramePattern) -> Details:
     )
     rows = tuple(
         (str(row), str(col), format_number(float(deviation), 4))
-        for row, col, deviation in zip(far.row[:_LISTED], far.col[:_LISTED], far.deviation[:_LISTED], strict=True)
+        for row, col, deviation in zip(found.row[:_LISTED], found.col[:_LISTED], found.deviation[:_LISTED], strict=True)
     )
     where = f"channel {channel}, " if channel != "M" else ""
-    title = f"Far out in {_FRAMES[pattern.kind]}: {where}{some}"
+    title = f"Outlier pixels of {_FRAMES[pattern.kind]}: {where}{some}"
     return Details(title, (Table("Places counted from 0, the most deviating first", columns, rows),))
 
 

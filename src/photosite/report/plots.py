@@ -14,7 +14,7 @@ from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.linearity import linearity_figure
 from photosite.report.figures.snr import snr_figure
 from photosite.report.html import Block, Section, Subheading
-from photosite.report.patterns import far_pixel_blocks, non_uniformity_blocks
+from photosite.report.patterns import non_uniformity_blocks, outlier_pixel_blocks
 from photosite.report.tables import linear_range_table
 from photosite.values.uncertain import Missing
 
@@ -85,7 +85,7 @@ def plot_sections(calibration: Calibration) -> tuple[Section, ...]:
     -----
     EMVA 1288 R4.0 Linear, the plots that a data sheet presents.
     """
-    defects = (*defect_blocks(calibration), *far_pixel_blocks(calibration))
+    defects = (*defect_blocks(calibration), *outlier_pixel_blocks(calibration))
     ranges = [linear_range_table(calibration.linear_range)] if calibration.linear_range else []
     gain = calibration.system_gain_dn_per_e
     no_light = gain.reason or "one light level only; a curve needs two or more"

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalParts
-from photosite.calibration.spatial.spatial_analysis import FarThresholds, MeanPlanes, spatial_analysis, spectrogram
+from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
 from photosite.report.figures.general_model import general_model_figure
 from photosite.report.figures.histogram import histogram_figure
 from photosite.report.figures.marks import thinned
@@ -29,7 +29,9 @@ def spatial():
     none = Uncertain(0.0)
     noise = TemporalParts(Uncertain(0.05), none, none)
     planes = [[MeanPlanes.of(mean, TILE, k, 20, 0.01, noise) for mean in (dark, light)] for k in range(3)]
-    return {name: spatial_analysis(*pair, FarThresholds(dark_dn=1.5)) for name, pair in zip("RGB", planes, strict=True)}
+    return {
+        name: spatial_analysis(*pair, OutlierThresholds(dark_dn=1.5)) for name, pair in zip("RGB", planes, strict=True)
+    }
 
 
 def lines_of(axes):

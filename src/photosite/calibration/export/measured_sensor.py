@@ -39,7 +39,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
         )
     source = f"measured from {calibration.frame_count} frames"
     changes: dict[str, Measured] = {}
-    uncertain: dict[str, Value] = dict(calibration.known)
+    uncertain: dict[str, Value] = dict(calibration.electrical_scale)
     for field, estimate in (
         ("read_noise_mv", calibration.read_noise_mv),
         ("dsnu_mv", calibration.dsnu_mv),

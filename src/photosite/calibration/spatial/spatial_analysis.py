@@ -1,4 +1,4 @@
-"""The fixed pattern of a mean frame: spectrograms, profiles, histograms and far pixels (EMVA 1288 R4.0, 8.6 to 8.8)."""
+"""Fixed pattern of a mean frame: spectrograms, profiles, histograms, outlier pixels (EMVA 1288 R4.0, 8.6 to 8.8)."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ MOST_BINS = 256
 """Largest number of bins of a histogram (EMVA 1288)."""
 
 EXPECTED_BEYOND = 0.1
-"""Pixels of the whole map that a normal distribution would have beyond the default threshold for far pixels."""
+"""Pixels of the whole map that a normal distribution would have beyond the default threshold for outlier pixels."""
 
 _QUARTILE = NormalDist().inv_cdf(0.75)
 
@@ -300,7 +300,7 @@ def _counted(above: NDArray[np.floating], width: float, bins: int, grain: float 
 
 
 @dataclass(frozen=True, eq=False)
-class FarPixels:
+class OutlierPixels:
     """Pixels that deviate from the mean of their map by more than a threshold: candidates for a defect list.
 
     Parameters
@@ -330,7 +330,7 @@ class FarPixels:
 def normal_threshold(sample: NDArray[np.floating], pixels: int) -> float:
     """Return the deviation beyond which a normal distribution of `pixels` values would have 0.1 pixels, on either side.
 
-    The standard deviation is that of the sample's interquartile range, which far pixels do not widen.
+    The standard deviation is that of the sample's interquartile range, which outlier pixels do not widen.
     """
     low, high = np.quantile(sample, [0.25, 0.75])
     sigma = float(high - low) / (2.0 * _QUARTILE)
@@ -341,9 +341,9 @@ Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Sensor row of each row, and sensor column of each column of a plane."""
 
 
-def far_pixels(
+def outlier_pixels(
     planes: Sequence[Plane], centres: Sequence[float], places: Sequence[Places], threshold: float | None = None
-) -> FarPixels:
+) -> OutlierPixels:
     """Find the pixels of one or more maps that deviate from the mean by more than a threshold.
 
     Parameters
@@ -357,7 +357,7 @@ def far_pixels(
     --------
     >>> plane = np.full((2, 3), 7.0)
     >>> plane[1, 2] = 47.0
-    >>> found = far_pixels([plane], [7.0], [(np.array([0, 2]), np.array([1, 3, 5]))], threshold=20.0)
+    >>> found = outlier_pixels([plane], [7.0], [(np.array([0, 2]), np.array([1, 3, 5]))], threshold=20.0)
     >>> found.row.tolist(), found.col.tolist(), found.deviation.tolist()
     ([2], [5], [40.0])
     """
@@ -376,12 +376,14 @@ def far_pixels(
             found.append(deviations[i, j].astype(np.float64))
     deviation = np.concatenate(found)
     order = np.argsort(-np.abs(deviation), kind="stable")
-    return FarPixels(np.concatenate(rows)[order], np.concatenate(cols)[order], deviation[order], float(threshold), rule)
+    return OutlierPixels(
+        np.concatenate(rows)[order], np.concatenate(cols)[order], deviation[order], float(threshold), rule
+    )
 
 
 @dataclass(frozen=True)
-class FarThresholds:
-    """Deviations from the mean beyond which pixels are listed as far; None selects `normal_threshold`.
+class OutlierThresholds:
+    """Deviations from the mean beyond which pixels are listed as outliers; None selects `normal_threshold`.
 
     Parameters
     ----------
@@ -406,7 +408,7 @@ class FramePattern:
     frames, exposure_s
         Number of averaged frames, and their exposure time.
     unit
-        "DN", or "%" of the mean signal: the unit of spectrograms, histogram and far pixels.
+        "DN", or "%" of the mean signal: the unit of spectrograms, histogram and outlier pixels.
     mean_dn
         Mean of the map.
     horizontal, vertical
@@ -417,8 +419,8 @@ class FramePattern:
         Horizontal and vertical profile in DN. In a mosaic, positions count pixels of the channel.
     histogram
         Deviations from the mean; for light, after the high-pass filter.
-    far
-        Pixels far out in the histogram.
+    outliers
+        Outlier pixels of the histogram.
     """
 
     kind: Literal["dark", "light"]
@@ -433,7 +435,7 @@ class FramePattern:
     along_columns: Profile
     along_rows: Profile
     histogram: Histogram
-    far: FarPixels
+    outliers: OutlierPixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,10 +446,10 @@ class SpatialAnalysis:
     light: FramePattern | Missing
 
     def to_dict(self) -> dict[str, Any]:
-        """Return `dark` and `light`: the far pixels of each, or the reason why they are missing."""
+        """Return `dark` and `light`: the outlier pixels of each, or the reason why they are missing."""
         light = self.light
-        of_light = light.to_dict() if isinstance(light, Missing) else light.far.to_dict(light.unit)
-        return {"dark": self.dark.far.to_dict(self.dark.unit), "light": of_light}
+        of_light = light.to_dict() if isinstance(light, Missing) else light.outliers.to_dict(light.unit)
+        return {"dark": self.dark.outliers.to_dict(self.dark.unit), "light": of_light}
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,7 +506,7 @@ class MeanPlanes:
 
 
 def spatial_analysis(
-    dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: FarThresholds | None = None
+    dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: OutlierThresholds | None = None
 ) -> SpatialAnalysis | Missing:
     """Analyse a channel's pattern in its mean dark frame and its mean frame near half saturation.
 
@@ -513,7 +515,7 @@ def spatial_analysis(
     dark, light
         Mean frames; the dark signal is not yet subtracted from `light`.
     thresholds
-        Thresholds for far pixels.
+        Thresholds for outlier pixels.
 
     Returns
     -------
@@ -523,7 +525,7 @@ def spatial_analysis(
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:
         return Missing(f"a colour plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
-    wanted = thresholds or FarThresholds()
+    wanted = thresholds or OutlierThresholds()
     return SpatialAnalysis(
         _dark_pattern(dark, wanted.dark_dn),
         light if isinstance(light, Missing) else _light_pattern(light, dark, wanted.light_percent),
@@ -533,9 +535,9 @@ def spatial_analysis(
 def _dark_pattern(dark: MeanPlanes, threshold: float | None) -> FramePattern:
     means = [plane_mean(plane) for plane in dark.planes]
     found = histogram(dark.planes, means, grain=_grain(dark))
-    far = far_pixels(dark.planes, means, [dark.places(site, 0) for site in range(len(means))], threshold)
+    outliers = outlier_pixels(dark.planes, means, [dark.places(site, 0) for site in range(len(means))], threshold)
     filtered = [high_passed(plane) for plane in dark.planes]
-    return _pattern("dark", dark, dark.planes, means, filtered, dark.noise.total.value, found, far)
+    return _pattern("dark", dark, dark.planes, means, filtered, dark.noise.total.value, found, outliers)
 
 
 def _grain(frames: MeanPlanes) -> float | None:
@@ -549,9 +551,9 @@ def _light_pattern(light: MeanPlanes, dark: MeanPlanes, threshold: float | None)
     filtered = [high_passed(plane, 100.0 / float(np.mean(means))) for plane in planes]
     level = [plane_mean(plane) for plane in filtered]
     found = histogram(filtered, level)
-    far = far_pixels(filtered, level, [light.places(site, MARGIN) for site in range(len(planes))], threshold)
+    outliers = outlier_pixels(filtered, level, [light.places(site, MARGIN) for site in range(len(planes))], threshold)
     noise = light.noise.total.value + dark.noise.total.value
-    return _pattern("light", light, planes, means, filtered, noise, found, far)
+    return _pattern("light", light, planes, means, filtered, noise, found, outliers)
 
 
 def _pattern(
@@ -562,7 +564,7 @@ def _pattern(
     filtered: Sequence[Plane],
     noise: float,
     found: Histogram,
-    far: FarPixels,
+    outliers: OutlierPixels,
 ) -> FramePattern:
     mean = float(np.mean(means))
     scale = 1.0 if kind == "dark" else 100.0 / mean
@@ -583,5 +585,5 @@ def _pattern(
         along_columns=along_columns,
         along_rows=along_rows,
         histogram=found,
-        far=far,
+        outliers=outliers,
     )

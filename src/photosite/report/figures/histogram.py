@@ -45,7 +45,9 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
         _draw(left, right, pattern.histogram, color, BLACK if alone else color)
         for axes, places in ((left, (-1.0, 1.0)), (right, (1.0,))):
             for sign in places:
-                axes.axvline(sign * pattern.far.threshold, color=GRAY if alone else color, linewidth=0.9, linestyle=":")
+                axes.axvline(
+                    sign * pattern.outliers.threshold, color=GRAY if alone else color, linewidth=0.9, linestyle=":"
+                )
     some = next(iter(patterns.values()))
     left.set(ylabel="pixels", xlabel=f"deviation from the mean ({some.unit})")
     left.set_ylim(bottom=0.5)
@@ -63,7 +65,7 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
 def _reach(pattern: FramePattern) -> float:
     """Of the farthest pixel and of the threshold, with some room."""
     ends = abs(pattern.histogram.lower[0]), abs(pattern.histogram.lower[-1] + pattern.histogram.width)
-    return 1.05 * float(max(*ends, pattern.far.threshold))
+    return 1.05 * float(max(*ends, pattern.outliers.threshold))
 
 
 def _draw(left: Axes, right: Axes, found: Histogram, color: str, dashes: str) -> None:
