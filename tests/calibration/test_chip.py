@@ -13,6 +13,7 @@ from photosite.calibration.calibrate import calibrate
 from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.chip import temporal_blocks
+from photosite.sensor.io.maps_file import load_measured_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import DefectKind
 from photosite.sensor.readout import digital_numbers
@@ -251,8 +252,8 @@ def test_calibration_saves_its_maps_with_its_sensor(trip, tmp_path) -> None:
     assert with_chip.sensor.maps is None
     with_chip.save(tmp_path / "mine.sensor.yaml")
     again = load_sensor(tmp_path / "mine.sensor.yaml")
-    assert (again.measured_chip.offset_dn == chip.offset_dn).all()
-    assert again.measured_chip.defects.counts() == chip.defects.counts()
+    assert (load_measured_chip(again).offset_dn == chip.offset_dn).all()
+    assert load_measured_chip(again).defects.counts() == chip.defects.counts()
     content = with_chip.to_dict()
     assert content["defects"]["dead"] == 20
     assert content["temporal"]["frames"] == DARKS

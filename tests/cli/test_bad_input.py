@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import photosite as ps
+from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.io.sensor_file import dump_sensor
@@ -45,7 +46,9 @@ def _stack(folder: Path, frames: dict[tuple[str, float], list[RawFrame]]) -> Pat
     for number, ((kind, exposure_s), group) in enumerate(frames.items()):
         for index, frame in enumerate(group):
             frame.save(folder / f"{number}_{index}.tif")
-        entries.append(ProtocolFrames("dark" if kind == "dark" else "light", exposure_s, (f"{number}_*.tif",)))
+        entries.append(
+            ProtocolFrames((f"{number}_*.tif",), FrameSettings("dark" if kind == "dark" else "light", exposure_s))
+        )
     write_protocol(Protocol(tuple(entries)), folder / "protocol.yaml")
     return folder
 
@@ -139,7 +142,7 @@ def test_truncated_frame_of_a_stack(refused: Any, tmp_path: Path) -> None:
 
 
 def test_missing_frame_of_a_stack(refused: Any, tmp_path: Path) -> None:
-    protocol = Protocol((ProtocolFrames("dark", 0.01, ("a.tif", "b.tif")),))
+    protocol = Protocol((ProtocolFrames(("a.tif", "b.tif"), FrameSettings("dark", 0.01)),))
     _frame().save(tmp_path / "a.tif")
     write_protocol(protocol, tmp_path / "protocol.yaml")
     assert "b.tif" in refused("calibrate", tmp_path)

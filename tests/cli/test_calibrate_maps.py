@@ -10,6 +10,7 @@ import pytest
 
 import photosite as ps
 from photosite.cli.main import run
+from photosite.sensor.io.maps_file import load_measured_chip
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack
     assert set(done.json["defects"]) == {"hot", "offset", "dead", "response", "blinking", "noisy"}
     assert done.json["temporal"]["pixel_noise_dn"]["value"] > 0
     sensor = ps.load_sensor(tmp_path / "mine.sensor.yaml")
-    assert sensor.measured_chip is not None
+    assert load_measured_chip(sensor) is not None
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     black = np.zeros((66, 98), np.float32)
     simulated = np.mean([camera.expose(black, 0.01, seed=1, frame=i).dn for i in range(30)], axis=0)

@@ -11,7 +11,7 @@ import pytest
 from virtual_gain_series import GainModel, GainSeriesLab, gain_series_lab
 
 import photosite as ps
-from photosite.frames.io.noise_profiles import read_darktable
+from photosite.frames.io.darktable import read_darktable
 
 SETTINGS = (100, 200, 400, 800, 1600)
 

@@ -1,7 +1,8 @@
-"""Bilinear demosaic: against a per-pixel loop, against the textbook kernels, and on pictures it must reproduce."""
+"""Bilinear demosaic: against a per-pixel loop, against textbook kernels, and on pictures that it reproduces exactly."""
 
 import numpy as np
 import pytest
+from raising import raises
 from scipy.ndimage import convolve
 
 from photosite.develop.demosaic import demosaic_bilinear, plane_names
@@ -71,7 +72,7 @@ def test_ramps_of_different_slopes_are_kept_inside(name):
     assert (demosaic_bilinear(mosaic, NAMED[name])[1:-1, 1:-1] == wanted[1:-1, 1:-1]).all()
 
 
-def test_monochrome_is_left_as_it_is():
+def test_monochrome_is_unchanged():
     mosaic = np.arange(12, dtype=np.uint16).reshape(3, 4)
     planes = demosaic_bilinear(mosaic, NAMED["mono"])
     assert planes.shape == (3, 4, 1)
@@ -88,12 +89,12 @@ def test_input_of_any_type_and_memory_order_gives_the_same():
 
 def test_a_channel_too_far_away_is_an_error():
     quad = tuple(tuple(row) for row in ("RRGG", "RRGG", "GGBB", "GGBB"))
-    with pytest.raises(InputError, match="cannot find channel"):
+    with raises(InputError, "cfa"):
         demosaic_bilinear(np.ones((8, 8)), quad)
-    with pytest.raises(InputError, match="cannot find channel"):
+    with raises(InputError, "cfa"):
         demosaic_bilinear(np.ones((1, 8)), NAMED["rggb"])
 
 
 def test_a_stack_is_not_a_mosaic():
-    with pytest.raises(InputError, match=r"\(2, 4, 4\)"):
+    with raises(InputError, "mosaic", value=(2, 4, 4)):
         demosaic_bilinear(np.ones((2, 4, 4)), NAMED["rggb"])

@@ -1,4 +1,4 @@
-"""Pictures written as PNG, read back by decoders that are not ours."""
+"""PNG pictures, read back by other decoders."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_8_bits_through_pillow(picture: np.ndarray, tmp_path: Path) -> None:
 
 
 def test_16_bits_by_the_standard(picture: np.ndarray, tmp_path: Path) -> None:
-    """Pillow cuts 16-bit colour to 8: the chunks are taken apart as ISO/IEC 15948 has them; Pillow checks the CRCs."""
+    """Pillow reduces 16-bit colour to 8 bits, so the chunks are parsed by ISO/IEC 15948; Pillow checks the CRCs."""
     save_picture(picture, tmp_path / "p.png", bits=16)
     with Image.open(tmp_path / "p.png") as image:
         image.verify()
@@ -58,7 +58,7 @@ def test_16_bits_by_the_standard(picture: np.ndarray, tmp_path: Path) -> None:
         ((4, 4, 3), 0.5, "p.png", 12),
     ],
 )
-def test_what_cannot_be_written(shape: tuple[int, ...], value: float, name: str, bits: int, tmp_path: Path) -> None:
+def test_invalid_arguments(shape: tuple[int, ...], value: float, name: str, bits: int, tmp_path: Path) -> None:
     with pytest.raises(InputError):
         save_picture(np.full(shape, value, np.float32), tmp_path / name, bits=bits)
     assert list(tmp_path.iterdir()) == []

@@ -1,7 +1,7 @@
-"""Gray world and what saturation does to it."""
+"""Gray world, with and without saturated pixels."""
 
 import numpy as np
-import pytest
+from raising import raises
 
 from photosite.develop.white_balance import gray_world_gains, saturated_neighbourhood
 from photosite.errors import InputError
@@ -16,7 +16,7 @@ def test_gains_bring_the_means_to_green():
     np.testing.assert_allclose(means, means[1], rtol=1e-12)
 
 
-def test_pixels_left_out_do_not_count():
+def test_excluded_pixels_do_not_count():
     rgb = np.full((10, 10, 3), [0.2, 0.4, 0.1])
     clipped = np.zeros((10, 10), dtype=bool)
     clipped[:3] = True
@@ -35,12 +35,12 @@ def test_saturation_reaches_its_eight_neighbours_and_no_further():
     assert (found == wanted).all()
 
 
-def test_nothing_to_average_is_an_error():
-    with pytest.raises(InputError, match="every pixel is saturated"):
+def test_invalid_input():
+    with raises(InputError, "gray world finds no pixel"):
         gray_world_gains(np.ones((2, 2, 3)), np.ones((2, 2), dtype=bool))
-    with pytest.raises(InputError, match="above black must be positive"):
+    with raises(InputError, "mean above black"):
         gray_world_gains(np.full((2, 2, 3), [0.1, 0.2, -0.01]))
-    with pytest.raises(InputError, match="left_out must be"):
+    with raises(InputError, "left_out"):
         gray_world_gains(np.ones((2, 2, 3)), np.zeros((3, 2), dtype=bool))
-    with pytest.raises(InputError, match=r"\(rows, cols, 3\)"):
+    with raises(InputError, "rgb"):
         gray_world_gains(np.ones((2, 2)))

@@ -1,12 +1,12 @@
-"""FITS as cameras' programs write it; without astropy one line says what to install."""
+"""FITS as camera programs write it."""
 
 from __future__ import annotations
 
-import re
 import sys
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import FileError
 from photosite.frames.io.read import read_headers, read_raw
@@ -51,7 +51,7 @@ def test_kinds(tmp_path, image_type, kind):
     assert [g.kind for g in open_frames(tmp_path).groups] == [kind]
 
 
-def test_a_kind_that_is_two_is_left_to_the_name(tmp_path):
+def test_an_ambiguous_kind_leaves_the_decision_to_the_name(tmp_path):
     put(tmp_path / "dark_1.fits", dn(), EXPTIME=1.0, IMAGETYP="Dark Flat")
     assert [g.kind for g in open_frames(tmp_path).groups] == ["dark"]
 
@@ -78,37 +78,36 @@ def test_eight_and_signed_bits(tmp_path):
     put(tmp_path / "b.fits", (dn() >> 1).astype(np.int16))
     assert np.array_equal(read_raw(tmp_path / "b.fits").dn, dn() >> 1)
     put(tmp_path / "c.fits", np.array([[5, -3]], np.int16))
-    with pytest.raises(FileError, match="holds -3; the numbers of a raw frame are 0 or above"):
+    with raises(FileError, "dn", value=-3):
         read_raw(tmp_path / "c.fits")
 
 
 @pytest.mark.parametrize(
-    ("data", "keywords", "why"),
+    ("data", "keywords", "what"),
     [
-        (np.zeros((4, 5), np.float32), {}, "unit 0 has BITPIX -32"),
-        (np.zeros((4, 5), np.int32), {}, "unit 0 has BITPIX 32"),
-        (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "BSCALE 2.0"),
-        (np.zeros((4, 5), np.int8), {}, "BZERO -128"),
-        (np.zeros((3, 4, 5), np.uint16), {}, "3 planes, as a picture in colour has"),
-        (np.zeros(5, np.uint16), {}, "a frame is (rows, cols), a stack (frames, rows, cols)"),
-        (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "says EXPTIME = 'long', which is no number"),
-        (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0}, "above 0 s, not 0"),
-        (np.zeros((4, 5), np.uint16), {"BAYERPAT": "CYGM"}, "BAYERPAT = 'CYGM': unknown colour filter array"),
-        (None, {}, "is FITS without an image"),
+        (np.zeros((4, 5), np.float32), {}, "pixels"),
+        (np.zeros((4, 5), np.int32), {}, "pixels"),
+        (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "pixels"),
+        (np.zeros((4, 5), np.int8), {}, "pixels"),
+        (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a colour picture"),
+        (np.zeros(5, np.uint16), {}, "shape"),
+        (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "EXPTIME"),
+        (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0}, "exposure_s"),
+        (np.zeros((4, 5), np.uint16), {"BAYERPAT": "CYGM"}, "cfa"),
+        (None, {}, "the FITS file holds no image"),
     ],
 )
-def test_what_is_refused(tmp_path, data, keywords, why):
+def test_invalid_files(tmp_path, data, keywords, what):
     put(tmp_path / "dark.fits", data, **({"EXPTIME": 1.0} | keywords))
-    with pytest.raises(FileError, match=re.escape(why)) as caught:
+    with raises(FileError, what, path=str(tmp_path / "dark.fits")):
         open_frames(tmp_path)
-    assert "\n" not in str(caught.value)
 
 
-def test_a_bias_frame_has_no_exposure_and_none_has_less(tmp_path):
+def test_exposure_0_is_valid_for_a_bias_frame(tmp_path):
     put(tmp_path / "bias.fits", dn(), EXPTIME=0.0)
     assert read_raw(tmp_path / "bias.fits").exposure_s == 0.0
     put(tmp_path / "less.fits", dn(), EXPTIME=-1.0)
-    with pytest.raises(FileError, match=r"an exposure is 0 s .* or more, not -1 s"):
+    with raises(FileError, "exposure_s", value=-1.0):
         read_raw(tmp_path / "less.fits")
 
 
@@ -125,7 +124,5 @@ def test_truncated_anywhere(tmp_path):
 def test_without_astropy(tmp_path, monkeypatch):
     put(tmp_path / "a.fits", dn())
     monkeypatch.setitem(sys.modules, "astropy.io", None)
-    with pytest.raises(
-        FileError, match=r"is FITS, read with astropy, which is missing: pip install 'photosite\[fits\]'"
-    ):
+    with raises(FileError, "FITS needs astropy", hint="pip install 'photosite[fits]'"):
         read_raw(tmp_path / "a.fits")

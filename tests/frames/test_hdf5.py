@@ -1,14 +1,14 @@
-"""HDF5 files of others: the documented layout, what is found by itself, and what is refused."""
+"""HDF5 files of other programs: the documented layout, and invalid files."""
 
 from __future__ import annotations
 
 import pickle
-import re
 import struct
 
 import h5py
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.frames.io import hdf5
@@ -22,7 +22,7 @@ def stack(seed=0, frames=3, top=4096):
 
 
 def test_a_whole_measurement_in_one_file(tmp_path):
-    """Attributes of the file, a group and a dataset, the nearest counting; one value a frame; names for the rest."""
+    """Attributes of file, group and dataset, the nearest counts; one value per frame; names state the rest."""
     darks, flats, single = stack(1), stack(2, 4), stack(3)[0]
     with h5py.File(tmp_path / "m.h5", "w") as file:
         file.attrs.update({"bits": 12, "cfa": "rggb", "black_level_dn": 64.0, "iso": 100, "operator": "Ada"})
@@ -55,7 +55,7 @@ def test_a_whole_measurement_in_one_file(tmp_path):
 
 
 def test_frames_are_read_one_by_one(tmp_path, monkeypatch):
-    """Opening reads no pixels, and a frame of a stack costs a frame."""
+    """Opening reads no pixels, and reading a frame of a stack reads that frame only."""
     with h5py.File(tmp_path / "m.h5", "w") as file:
         file.create_dataset("dark_1s", data=stack())
     read = []
@@ -93,66 +93,66 @@ def test_tiles(tmp_path, cfa, tile):
     assert read_headers(tmp_path / "a.h5")[0].cfa == tile
 
 
+INVALID_ATTRIBUTES = [("bits", 12.5), ("bits", "many"), ("cfa", "xyz"), ("black_level_dn", "low")]
+
+
 def made(path, data=None, name="data", **attributes):
     with h5py.File(path, "w") as file:
         file.create_dataset(name, data=stack() if data is None else data).attrs.update(attributes)
 
 
 @pytest.mark.parametrize(
-    ("make", "why"),
+    ("make", "what"),
     [
-        ({"data": np.zeros((4, 5))}, r"holds no frames, .*of uint8 or uint16: /data \(4, 5\) float64"),
-        ({"data": np.zeros(7, np.uint16)}, r"/data \(7,\) uint16"),
-        ({"data": np.zeros((40, 50, 3), np.uint8)}, r"/data is \(40, 50, 3\), a picture in colour"),
-        ({"data": np.zeros((0, 5), np.uint8)}, r"/data is empty: \(0, 5\)"),
-        ({"exposure_time": 5.0}, "an attribute 'exposure_time' of unknown unit; name it exposure_s, in seconds"),
-        ({"exposure_s": "long"}, "exposure_s is 'long', not a number"),
-        ({"exposure_s": [1.0, 2.0]}, r"exposure_s has shape \(2,\); it is one value, or one a frame"),
-        ({"exposure_s": -1.0}, "above 0 s, not -1"),
-        ({"exposure_s": 1.0, "kind": "grey"}, "states the kind 'grey'"),
-        ({"exposure_s": 1.0, "kind": "dark", "gain_setting": "high"}, "gain_setting 'high', which is no number"),
-        ({"bits": 12.5}, "12.5 is no whole number"),
-        ({"bits": 17}, "16 bits, not 17"),
-        ({"bits": "many"}, "an attribute cannot be"),
-        ({"cfa": "xyz"}, "unknown colour filter array 'xyz'"),
-        ({"black_level_dn": "low"}, "an attribute cannot be"),
+        ({"data": np.zeros((4, 5))}, "the file holds no frames, but /data (4, 5) float64"),
+        ({"data": np.zeros(7, np.uint16)}, "the file holds no frames, but /data (7,) uint16"),
+        ({"data": np.zeros((40, 50, 3), np.uint8)}, "the shape (40, 50, 3) is that of a colour picture"),
+        ({"data": np.zeros((0, 5), np.uint8)}, "the dataset is empty"),
+        ({"exposure_time": 5.0}, "the unit of the attribute 'exposure_time' is unknown"),
+        ({"exposure_s": "long"}, "exposure_s"),
+        ({"exposure_s": [1.0, 2.0]}, "exposure_s"),
+        ({"exposure_s": -1.0}, "exposure_s"),
+        ({"kind": "grey"}, "kind"),
+        ({"gain_setting": "high"}, "gain_setting"),
+        ({"bits": 17}, "bits"),
+        *(({name: value}, "an attribute is invalid") for name, value in INVALID_ATTRIBUTES),
     ],
 )
-def test_what_is_refused(tmp_path, make, why):
+def test_invalid_files(tmp_path, make, what):
     made(tmp_path / "a.h5", **({"exposure_s": 1.0, "kind": "dark"} | make if "exposure_time" not in make else make))
-    with pytest.raises(FileError, match=f"^{re.escape(str(tmp_path / 'a.h5'))}.*{why}") as caught:
+    with raises(FileError, what) as caught:
         open_frames(tmp_path / "a.h5")
-    assert "\n" not in str(caught.value)
+    assert caught.value.path.startswith(str(tmp_path / "a.h5"))
 
 
 def test_numbers_above_the_bits(tmp_path):
     made(tmp_path / "a.h5", exposure_s=1.0, kind="dark", bits=10)
     frames = open_frames(tmp_path / "a.h5")
-    with pytest.raises(FileError, match=r"a\.h5:/data\[0\]: holds \d+ DN, which 10 bits cannot"):
+    with raises(FileError, "dn", path=f"{tmp_path / 'a.h5'}:/data[0]"):
         list(frames.groups[0])
 
 
-def test_one_of_many_has_to_be_named(tmp_path):
+def test_reading_one_of_many_needs_an_index(tmp_path):
     made(tmp_path / "a.h5")
-    with pytest.raises(FileError, match="holds 3 frames; say which by its index"):
+    with raises(FileError, "the file holds 3 frames"):
         read_raw(tmp_path / "a.h5")
-    with pytest.raises(FileError, match="holds 3 frames, counted from 0; there is no frame 3"):
+    with raises(FileError, "index", value=3):
         read_raw(tmp_path / "a.h5", index=3)
     made(tmp_path / "b.h5", stack()[0])
-    with pytest.raises(FileError, match="is one frame; a measurement is"):
+    with raises(FileError, "the file holds a single frame"):
         open_frames(tmp_path / "b.h5")
 
 
-def test_more_pixels_said_than_stored(tmp_path):
-    """A shape that was never written must not become a million frames."""
+def test_datasets_that_were_not_written(tmp_path):
+    """A shape without data must not become a billion frames."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("data", shape=(10**9, 100, 100), dtype=np.uint16, chunks=(1, 100, 100))
-    with pytest.raises(FileError, match="bytes of pixels and stores 0; it was not written whole"):
+    with raises(FileError, "the dataset is incomplete: 0 bytes stored"):
         read_headers(tmp_path / "a.h5")
 
 
-def test_text_of_variable_length_that_is_damaged_does_not_hang(tmp_path):
-    """libhdf5 itself walks such a heap for ever."""
+def test_damaged_text_of_variable_length_does_not_hang(tmp_path):
+    """libhdf5 itself walks such a heap forever."""
     made(tmp_path / "a.h5", cfa="rggb", kind="dark")
     whole = (tmp_path / "a.h5").read_bytes()
     heap = whole.index(b"GCOL")
@@ -166,20 +166,19 @@ def test_text_of_variable_length_that_is_damaged_does_not_hang(tmp_path):
     assert whole[:8] == hdf5.SIGNATURE
 
 
-def test_an_exposure_listed_otherwise_is_told(tmp_path):
-    """A warning where files state another exposure than their listing."""
+def test_different_listed_exposure_gives_a_warning(tmp_path):
     made(tmp_path / "a.h5", exposure_s=0.01)
     (tmp_path / "protocol.yaml").write_text(
         "photosite_protocol: 1\nframes: [{kind: dark, exposure: 10, files: a.h5}]\n"
     )
-    with pytest.warns(PhotositeWarning, match=r"3 files state another exposure.*0\.01 s for 10 s.*check its unit"):
+    with pytest.warns(PhotositeWarning, match=r"3 files state another exposure.*0\.01 s, listed 10 s"):
         assert open_frames(tmp_path).groups[0].exposure_s == 10.0
 
 
 @pytest.mark.parametrize("libver", ["earliest", "latest"])
 @pytest.mark.parametrize("value", ["RG/GB", ["dark", "dark"]])
-def test_text_longer_than_the_file_is_refused_before_room_is_made_for_it(tmp_path, libver, value):
-    """libhdf5 would ask for the length said, up to 4 GiB."""
+def test_text_longer_than_the_file_is_rejected_before_memory_is_allocated(tmp_path, libver, value):
+    """libhdf5 would allocate the stated length, up to 4 GiB."""
     path = tmp_path / "a.h5"
     with h5py.File(path, "w", libver=libver) as file:
         data = file.create_dataset("frames", data=np.full((2, 4, 4), 64, np.uint16))
@@ -192,13 +191,13 @@ def test_text_longer_than_the_file_is_refused_before_room_is_made_for_it(tmp_pat
     at = content.index(struct.pack("<I", len(last)) + heap, content.index(b"note\0"))
     content[at : at + 4] = struct.pack("<I", 0x4FCA2905)
     path.write_bytes(content)
-    # The latest format has a checksum that says so first.
+    # The latest format has a checksum that detects it first.
     with pytest.raises(FileError, match=r"an attribute's text has 1338648837 bytes|checksum"):
         read_headers(path)
 
 
 def test_lists_of_variable_length_are_not_read(tmp_path):
-    """Damage makes text to lists, and libhdf5 then reads from anywhere; netCDF's lists of references are no damage."""
+    """Damage turns text into lists, and libhdf5 then reads any address; netCDF's lists of references are valid."""
     file = tmp_path / "a.h5"
     made(file, stack()[0], exposure_s=1.0)
     with h5py.File(file, "a") as opened:

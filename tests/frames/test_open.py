@@ -1,18 +1,18 @@
-"""Folders of frames, and what must be alike in a set."""
+"""Opening folders of frames, and the checks that frames of a set agree."""
 
 from __future__ import annotations
 
 import pickle
-import re
 from types import MappingProxyType
 
 import numpy as np
 import pytest
 from PIL import Image
+from raising import raises
 
 import photosite as ps
 from photosite.errors import FileError, InputError
-from photosite.frames import listing
+from photosite.frames import from_files
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from
@@ -23,7 +23,7 @@ def put(path, value=64, shape=(24, 26), **fields):
 
 
 @pytest.mark.parametrize("ending", ["dng", "tif", "png"])
-def test_a_folder_by_the_files_own_words(tmp_path, ending):
+def test_settings_from_metadata(tmp_path, ending):
     for number, (kind, exposure_s) in enumerate([("light", 0.2), ("dark", 0.1), ("dark", 0.2), ("dark", 0.1)]):
         metadata = MappingProxyType({"kind": kind, **({"photons_per_pixel": 500.0} if kind == "light" else {})})
         put(tmp_path / f"{number}.{ending}", number, exposure_s=exposure_s, metadata=metadata, cfa=cfa_from("grbg"))
@@ -45,38 +45,34 @@ def test_kind_by_name(tmp_path, name, kind):
 
 
 @pytest.mark.parametrize(
-    ("name", "fields", "why"),
+    ("name", "fields", "what"),
     [
-        ("dark_flat", {}, "both dark and light in its name"),
-        (
-            "dark",
-            {"exposure_s": None},
-            "does not state its exposure, nor does its name; say it in a protocol.yaml: 'photosite_pro",
-        ),
-        ("dark", {"metadata": MappingProxyType({"kind": "grey"})}, "states the kind 'grey'"),
-        ("dark", {"metadata": MappingProxyType({"photons_per_pixel": "few"})}, "photons_per_pixel 'few'"),
-        ("dark", {"exposure_s": -1.0}, "above 0 s, not -1"),
+        ("dark_flat", {}, "the name 'dark_flat' states both"),
+        ("dark", {"exposure_s": None}, "the file and name do not state the exposure time"),
+        ("dark", {"metadata": MappingProxyType({"kind": "grey"})}, "kind"),
+        ("dark", {"metadata": MappingProxyType({"photons_per_pixel": "few"})}, "photons_per_pixel"),
+        ("dark", {"exposure_s": -1.0}, "exposure_s"),
     ],
 )
-def test_a_frame_that_does_not_say_enough(tmp_path, name, fields, why):
+def test_invalid_or_missing_settings(tmp_path, name, fields, what):
     put(tmp_path / f"{name}.png", **fields)
-    with pytest.raises(FileError, match=re.escape(why)):
+    with raises(FileError, what, path=str(tmp_path / f"{name}.png")):
         open_frames(tmp_path)
 
 
 def test_folders_without_frames(tmp_path):
-    with pytest.raises(FileError, match="holds no frames"):
+    with raises(FileError, "the folder has no frames"):
         open_frames(tmp_path)
-    with pytest.raises(FileError, match="no such file or folder"):
+    with raises(FileError, "there is no such file or folder"):
         open_frames(tmp_path / "nowhere")
     for name in ("a.txt", "b.txt"):
         (tmp_path / name).write_text("v 3.0\n")
-    with pytest.raises(FileError, match=r"holds 2 descriptors, a\.txt and others"):
+    with raises(FileError, "the folder has 2 descriptors"):
         open_frames(tmp_path)
 
 
 def test_frames_in_subfolders(tmp_path):
-    """As a measurement lies on disk: by the subfolder's name, unless the file's own name says otherwise."""
+    """The subfolder's name states the kind, unless the file's name does."""
     for place, name in (("dark", "DSC_0001"), ("dark", "DSC_0002"), ("flats 2", "DSC_0003"), ("dark", "flat_0004")):
         (tmp_path / place).mkdir(exist_ok=True)
         put(tmp_path / place / f"{name}.png")
@@ -84,43 +80,45 @@ def test_frames_in_subfolders(tmp_path):
     put(tmp_path / ".hidden" / "dark_1.png")
     assert [(g.kind, len(g)) for g in open_frames(tmp_path).groups] == [("dark", 2), ("light", 2)]
     (tmp_path / "flats 2" / "protocol.yaml").write_text("photosite_protocol: 1")
-    with pytest.raises(FileError, match="subfolder flats 2 is a measurement of its own"):
+    with raises(
+        FileError, "the folder has no frames", hint="Its subfolder flats 2 is a separate measurement: open that"
+    ):
         open_frames(tmp_path)
 
 
-def test_subfolders_without_frames_are_named(tmp_path):
+def test_subfolders_without_frames(tmp_path):
     for name in ("charts", "notes"):
         (tmp_path / name).mkdir()
-    with pytest.raises(FileError, match=r"holds no frames .*subfolders \(charts, notes\) hold no frames either"):
+    with pytest.raises(FileError, match=r"subfolders \(charts, notes\) have none"):
         open_frames(tmp_path)
 
 
-def test_what_is_no_measurement(tmp_path):
+def test_paths_that_are_not_a_measurement(tmp_path):
     put(tmp_path / "dark.png")
-    with pytest.raises(FileError, match="is one frame; a measurement is"):
+    with raises(FileError, "the file holds a single frame"):
         open_frames(tmp_path / "dark.png")
     (tmp_path / "a.txt").write_text("hello\n")
-    with pytest.raises(FileError, match="no EMVA 1288 descriptor"):
+    with raises(FileError, "the file is neither a YAML protocol nor"):
         open_frames(tmp_path / "a.txt")
-    with pytest.raises(InputError, match="1 to 16 bits, not 20"):
+    with raises(InputError, "bits", value=20):
         open_frames(tmp_path, bits=20)
-    with pytest.raises(InputError, match="unknown colour filter array"):
+    with raises(InputError, "cfa"):
         open_frames(tmp_path, cfa="xyz")
 
 
 @pytest.mark.parametrize(
-    ("odd", "why"),
+    ("odd", "what"),
     [
-        ({"shape": (24, 27)}, "has size 24 x 27, but .*dark_1.* has 24 x 26"),
-        ({"bits": 14}, "has bits 14, but .*dark_1.* has 12"),
-        ({"cfa": cfa_from("rggb")}, "has colour filter array RG/GB, but .*dark_1.* has M"),
+        ({"shape": (24, 27)}, "the size is 24 x 27, but"),
+        ({"bits": 14}, "the bit depth is 14, but"),
+        ({"cfa": cfa_from("rggb")}, "the colour filter array is RG/GB, but"),
     ],
 )
 @pytest.mark.parametrize("ending", ["dng", "tif", "png"])
-def test_mixed_frames_name_the_odd_one(tmp_path, ending, odd, why):
+def test_frames_that_disagree(tmp_path, ending, odd, what):
     for number in (1, 2, 3):
         put(tmp_path / f"dark_{number}.{ending}", **(odd if number == 2 else {}))
-    with pytest.raises(FileError, match=rf"dark_2\.{ending}: {why}"):
+    with raises(FileError, what, path=str(tmp_path / f"dark_2.{ending}")):
         open_frames(tmp_path)
 
 
@@ -128,16 +126,16 @@ def test_eight_and_sixteen_bits_do_not_mix(tmp_path):
     (tmp_path / "data.txt").write_text("v 3\nn 12 4 4\nd 40\ni a.png\ni b.png\n")
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / "a.png")
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "b.png")
-    with pytest.raises(FileError, match=r"b\.png: stores 8 bits a pixel, too few for a 12-bit"):
+    with raises(FileError, "bits", value=12, path=str(tmp_path / "b.png")):
         open_frames(tmp_path)
 
 
-def test_bits_and_mosaic_from_the_caller(tmp_path):
+def test_bits_and_cfa_from_the_caller(tmp_path):
     (tmp_path / "protocol.yml").write_text("photosite_protocol: 1\nframes: [{kind: dark, exposure: 1, files: a.png}]\n")
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / "a.png")
     assumed = open_frames(tmp_path)
     assert assumed.bits == 16
-    assert [note.split(":")[0] for note in assumed.notes] == ["no bits are stated"]
+    assert [note.split(";")[0] for note in assumed.notes] == ["the bit depth is not stated"]
     frames = open_frames(tmp_path, bits=10, cfa=[["G", "R"], ["B", "G"]])
     assert frames.notes == ()
     assert (frames.bits, frames.cfa) == (10, cfa_from("grbg"))
@@ -147,8 +145,8 @@ def test_opening_reads_no_pixels(tmp_path, monkeypatch):
     for number in range(3):
         put(tmp_path / f"dark_{number}.png")
     read = []
-    real = listing.read_frame
-    monkeypatch.setattr(listing, "read_frame", lambda *args: read.append(args) or real(*args))
+    real = from_files.read_frame
+    monkeypatch.setattr(from_files, "read_frame", lambda *args: read.append(args) or real(*args))
     frames = open_frames(tmp_path)
     assert read == []
     assert len(list(frames.groups[0])) == 3
@@ -161,33 +159,33 @@ def test_a_file_truncated_before_and_after_opening(tmp_path):
     frames = open_frames(tmp_path)
     whole = (tmp_path / "dark_1.dng").read_bytes()
     (tmp_path / "dark_1.dng").write_bytes(whole[:-1])
-    with pytest.raises(FileError, match=r"dark_1\.dng: is truncated"):
+    with pytest.raises(FileError, match=r"dark_1\.dng: .*truncated"):
         list(frames.groups[0])
-    with pytest.raises(FileError, match=r"dark_1\.dng: is truncated"):
+    with pytest.raises(FileError, match=r"dark_1\.dng: .*truncated"):
         open_frames(tmp_path)
     (tmp_path / "dark_1.dng").unlink()
-    with pytest.raises(FileError, match=r"dark_1\.dng: there is no such file"):
+    with raises(FileError, "there is no such file"):
         list(frames.groups[0])
     put(tmp_path / "dark_1.dng", shape=(30, 30))
-    with pytest.raises(FileError, match=r"is now \(30, 30\); it was \(24, 26\)"):
+    with raises(FileError, "the frame was (24, 26)"):
         list(frames.groups[0])
 
 
-def test_a_link_to_a_listed_file_is_the_same_frame(tmp_path):
+def test_a_link_is_the_same_frame_as_its_target(tmp_path):
     put(tmp_path / "dark_1.png")
     (tmp_path / "dark_2.png").symlink_to(tmp_path / "dark_1.png")
-    with pytest.raises(FileError, match=r"dark_2\.png: is listed twice, first at .*dark_1\.png"):
+    with raises(FileError, "the frame is listed twice", path=str(tmp_path / "dark_2.png")):
         open_frames(tmp_path)
 
 
-def test_black_levels_that_differ_are_not_stated(tmp_path):
+def test_different_black_levels(tmp_path):
     put(tmp_path / "dark_1.png", black_level_dn=60.0)
     assert open_frames(tmp_path).black_level_dn == 60.0
     put(tmp_path / "dark_2.png", black_level_dn=61.0)
     assert open_frames(tmp_path).black_level_dn is None
 
 
-def test_a_set_goes_to_another_process(tmp_path):
+def test_frame_sets_can_be_pickled(tmp_path):
     put(tmp_path / "dark_1.dng", 77)
     frames = pickle.loads(pickle.dumps(open_frames(tmp_path)))
     assert int(next(iter(frames.groups[0])).max()) == 77

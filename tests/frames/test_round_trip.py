@@ -1,4 +1,4 @@
-"""A frame comes back as it was saved, from every format; damaged files are refused in one line."""
+"""Frames are read back as they were saved, in every format; damaged files raise one error."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 from PIL import Image
+from raising import raises
 
 from photosite.errors import FileError, InputError
-from photosite.frames.io.read import format_of, read_headers, read_raw
+from photosite.frames.io.read import detect_format, read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import cfa_from
 
@@ -68,7 +69,7 @@ def test_round_trip_of_a_plain_frame(tmp_path, ending, shape):
 
 @pytest.mark.parametrize("ending", ["tif", "png", "h5"])
 @pytest.mark.parametrize("cfa", [[["R"]], [["R", "G", "B"]], [["R", "G"], ["G", "W"]]])
-def test_any_tile_but_in_dng(tmp_path, ending, cfa):
+def test_any_tile_except_in_dng(tmp_path, ending, cfa):
     frame = make_frame((1, 5), cfa=cfa)
     frame.save(tmp_path / f"a.{ending}")
     assert_same(read_raw(tmp_path / f"a.{ending}"), frame)
@@ -91,8 +92,8 @@ def test_the_header_needs_no_pixels(tmp_path, ending):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_one_frame_one_file(tmp_path, ending):
-    """The same frame gives the same bytes: no time, no chance, no temporary name in the file."""
+def test_the_same_frame_gives_the_same_bytes(tmp_path, ending):
+    """No time stamp, random number or temporary name is in the file."""
     frame = make_frame((24, 24), metadata=MappingProxyType({"seed": 3}))
     for name in ("a", "b"):
         frame.save(tmp_path / f"{name}.{ending}")
@@ -100,7 +101,7 @@ def test_one_frame_one_file(tmp_path, ending):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_content_goes_before_the_name(tmp_path, ending):
+def test_the_content_decides_the_format(tmp_path, ending):
     frame = make_frame()
     frame.save(tmp_path / f"a.{ending}")
     (tmp_path / f"a.{ending}").rename(tmp_path / "a.data")
@@ -108,16 +109,16 @@ def test_content_goes_before_the_name(tmp_path, ending):
 
 
 def test_saving_with_another_ending_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"\.dng, \.tif, \.tiff, \.png, \.h5, \.hdf5, not as 'a\.jpg'"):
+    with raises(InputError, "path", value="a.jpg"):
         make_frame().save(tmp_path / "a.jpg")
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("metadata", [{"a": [1]}, {"a": None}, {"a": float("nan")}])
-def test_metadata_that_cannot_be_kept_are_refused_and_the_old_file_stays(tmp_path, ending, metadata):
+def test_unsupported_metadata_raise_and_the_old_file_stays(tmp_path, ending, metadata):
     path = tmp_path / f"a.{ending}"
     path.write_bytes(b"before")
-    with pytest.raises(InputError, match=r"metadata|finite"):
+    with raises(InputError, "metadata['a']"):
         make_frame(metadata=MappingProxyType(metadata)).save(path)
     assert path.read_bytes() == b"before"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
@@ -125,7 +126,7 @@ def test_metadata_that_cannot_be_kept_are_refused_and_the_old_file_stays(tmp_pat
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_a_failing_writer_leaves_nothing(tmp_path, ending, monkeypatch):
-    """The disk fills up after the pixels are written: the old frame stays, no half a file is left."""
+    """The disk is full after the pixels are written: the old frame stays and no partial file is left."""
     path = tmp_path / f"a.{ending}"
     old = make_frame(seed=5)
     old.save(path)
@@ -174,7 +175,7 @@ def test_tiff_in_its_variants(tmp_path, options):
     assert np.array_equal(read_raw(tmp_path / "a.tif").dn, dn)
 
 
-def test_the_caller_says_what_the_file_does_not(tmp_path):
+def test_bits_and_cfa_from_the_caller(tmp_path):
     Image.fromarray(np.full((4, 4), 4095, np.uint16)).save(tmp_path / "a.png")
     frame = read_raw(tmp_path / "a.png", bits=12, cfa="bggr")
     assert (frame.bits, frame.white_level_dn, frame.channels) == (12, 4095.0, ("B", "G", "R"))
@@ -182,20 +183,20 @@ def test_the_caller_says_what_the_file_does_not(tmp_path):
 
 def test_file_and_caller_contradict(tmp_path):
     make_frame(bits=12, cfa="rggb").save(tmp_path / "a.png")
-    with pytest.raises(FileError, match="12-bit frame by its own account, not the 14-bit"):
+    with raises(FileError, "bits", value=14):
         read_raw(tmp_path / "a.png", bits=14)
-    with pytest.raises(FileError, match="RG/GB, not the BG/GR"):
+    with raises(FileError, "cfa", value="BG/GR"):
         read_raw(tmp_path / "a.png", cfa="bggr")
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "b.png")
-    with pytest.raises(FileError, match="stores 8 bits a pixel, too few for a 12-bit"):
+    with raises(FileError, "bits", value=12):
         read_raw(tmp_path / "b.png", bits=12)
-    with pytest.raises(InputError, match="1 to 16 bits, not 17"):
+    with raises(InputError, "bits", value=17):
         read_raw(tmp_path / "b.png", bits=17)
 
 
 def test_numbers_above_the_bits_are_refused(tmp_path):
     Image.fromarray(np.full((4, 4), 4096, np.uint16)).save(tmp_path / "a.png")
-    with pytest.raises(FileError, match="12-bit frame cannot hold 4096 DN"):
+    with raises(FileError, "dn", value=4096):
         read_raw(tmp_path / "a.png", bits=12)
 
 
@@ -247,7 +248,7 @@ def other_kind(path: Path, kind: str) -> None:
         ("text.dng", "is not a frame"),
         ("text.png", "is not a frame"),
         ("text.txt", "is not a frame"),
-        ("text.nef", "not a raw file|cannot be decoded"),
+        ("text.nef", "LibRaw cannot open|cannot be decoded"),
         ("empty.dng", "is empty"),
         ("empty.nef", "is empty"),
         ("empty.png", "is empty"),
@@ -255,7 +256,7 @@ def other_kind(path: Path, kind: str) -> None:
         ("missing.dng", "there is no such file"),
     ],
 )
-def test_wrong_files_are_refused_in_one_line(tmp_path, name, why):
+def test_files_that_are_not_frames(tmp_path, name, why):
     path = tmp_path / name
     other_kind(path, name)
     for read in (read_raw, read_headers):
@@ -267,7 +268,7 @@ def test_wrong_files_are_refused_in_one_line(tmp_path, name, why):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_truncated_anywhere(tmp_path, ending):
-    """Cut after every number of bytes there is."""
+    """Cut after every byte."""
     make_frame((22, 23), exposure_s=0.1, metadata=MappingProxyType({"camera": "a"})).save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()
     cut = tmp_path / f"cut.{ending}"
@@ -295,7 +296,7 @@ def test_truncated_anywhere_in_files_of_other_origin(tmp_path, ending):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
-    """One bit turned, here and there: never another library's exception. PNG's checksums always find it."""
+    """Single flipped bits never raise another library's exception. PNG's checksums always detect them."""
     frame = make_frame((22, 23), bits=16, exposure_s=0.1, color_matrix=np.eye(3))
     frame.save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()
@@ -307,7 +308,7 @@ def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
         damaged[at] ^= 1 << dice.randrange(8)
         (tmp_path / f"b.{ending}").write_bytes(damaged)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a description lost makes it a DNG of other origin, black levels and all
+            warnings.simplefilter("ignore")  # without its description it is a DNG of another program
             try:
                 read_raw(tmp_path / f"b.{ending}")
             except FileError:
@@ -315,20 +316,20 @@ def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
     assert found == len(places) if ending == "png" else found > 0
 
 
-def test_a_damaged_description(tmp_path):
+def test_damaged_descriptions(tmp_path):
     make_frame().save(tmp_path / "a.tif")
     whole = (tmp_path / "a.tif").read_bytes()
     for old, new in ((b'"bits": 12', b'"bats": 12'), (b'"cfa": [[', b'"cfa": 1[')):
         (tmp_path / "b.tif").write_bytes(whole.replace(old, new))
-        with pytest.raises(FileError, match="damaged description"):
+        with raises(FileError, "the description of the frame is damaged"):
             read_raw(tmp_path / "b.tif")
     (tmp_path / "c.tif").write_bytes(whole.replace(b'_frame": 1', b'_frame": 2'))
-    with pytest.raises(FileError, match="format version 2; this photosite reads version 1"):
+    with raises(FileError, "photosite_frame", value=2):
         read_raw(tmp_path / "c.tif")
 
 
-def test_the_description_is_plain_json_in_a_known_place(tmp_path):
-    """Other programs can read it: TIFF's ImageDescription, PNG's text chunk 'photosite'."""
+def test_the_description_is_json_that_other_programs_can_read(tmp_path):
+    """It is in TIFF's ImageDescription and in PNG's text chunk 'photosite'."""
     frame = make_frame(black_level_dn=64.25)
     frame.save(tmp_path / "a.tif")
     frame.save(tmp_path / "a.png")
@@ -345,4 +346,4 @@ def test_formats_by_magic(tmp_path):
         (b"\x89PNG\r\n\x1a\n", "png"),
     ):
         (tmp_path / "a").write_bytes(head)
-        assert format_of(tmp_path / "a") == kind
+        assert detect_format(tmp_path / "a") == kind

@@ -181,7 +181,8 @@ def targets(folder: Path) -> dict[str, Target]:
     """All readers by name; valid frames that protocols and descriptors name are written to the folder."""
     from photosite.calibration.spectral.protocol import open_spectral
     from photosite.color.spectrum_file import read_spectrum
-    from photosite.frames.io.noise_profiles import read_darktable, read_libcamera
+    from photosite.frames.io.darktable import read_darktable
+    from photosite.frames.io.libcamera import read_libcamera
     from photosite.frames.io.read import read_frame, read_headers
     from photosite.frames.open import open_frames
     from photosite.sensor.io.maps_file import read_maps

@@ -11,6 +11,7 @@ from os import PathLike
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_folder
 from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
@@ -104,11 +105,8 @@ class GainSeriesLab:
                     frame.save(place / name / f"{step.kind}{number:02d}_{frame.metadata['frame']:04d}.tif")
                 entries += [
                     ProtocolFrames(
-                        step.kind,
-                        step.exposure_s,
                         (f"{name}/{step.kind}{number:02d}_*.tif",),
-                        lab.photons_per_pixel(step),
-                        gain_setting=setting,
+                        FrameSettings(step.kind, step.exposure_s, lab.photons_per_pixel(step), setting),
                     )
                     for number, step in enumerate(lab.protocol.steps, start=1)
                 ]

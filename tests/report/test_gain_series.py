@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 import photosite as ps
 from photosite.calibration.gain_series.result import ConversionGainSwitch, GainMode, GainSeries, GainStep
 from photosite.calibration.result import Calibration
-from photosite.frames.frame_set import Kind, frame_set_from_arrays
+from photosite.frames.frame_set import frame_set_from_arrays
+from photosite.frames.frame_settings import Kind
 from photosite.report.figures.gain_series import gain_series_figure
 from photosite.report.gain_series import gain_series_page, modes_table, settings_table, write_gain_series_report
 from photosite.report.html import render_page

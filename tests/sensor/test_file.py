@@ -1,13 +1,15 @@
-"""Sensor files: what the presets say, what comes back, and how a wrong file is told."""
+"""Sensor files: presets, round trips, and errors with section and line."""
 
 from __future__ import annotations
 
 import csv
 import json
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.sensor.io.sensor_file import dump_sensor, load_sensor, parse_sensor, preset_names
@@ -37,7 +39,7 @@ VENDOR_TABLE_1 = {
 
 
 @pytest.mark.parametrize(("preset", "table"), [("nikon-d200", D200_TABLE_1), ("vendor-2.2um", VENDOR_TABLE_1)])
-def test_presets_hold_the_papers_table_1(preset: str, table: dict[tuple[str, str], float]) -> None:
+def test_presets_have_the_values_of_the_papers_table_1(preset: str, table: dict[tuple[str, str], float]) -> None:
     sensor = load_sensor(preset)
     for (section, field), value in table.items():
         quantity = getattr(getattr(sensor, section), field)
@@ -46,14 +48,14 @@ def test_presets_hold_the_papers_table_1(preset: str, table: dict[tuple[str, str
         assert not quantity.assumed
 
 
-def test_d200_gain_is_that_of_the_paper() -> None:
+def test_d200_gain_matches_the_paper() -> None:
     sensor = load_sensor("nikon-d200")
     assert 1 / sensor.system_gain_dn_per_e == pytest.approx(7.98, rel=1e-5)
     assert (sensor.array.rows, sensor.array.cols, sensor.readout.bits) == (2592, 3872, 12)
     assert sensor.array.cfa == (("R", "G"), ("G", "B"))
 
 
-def test_vendor_presets_mark_what_is_assumed() -> None:
+def test_vendor_presets_mark_assumed_values() -> None:
     vendor, small = load_sensor("vendor-2.2um"), load_sensor("vendor-1.4um")
     assert (vendor.array.rows, vendor.array.cols, vendor.array.cfa[0]) == (1536, 2048, ("G", "B"))
     for sensor in (vendor, small):
@@ -91,7 +93,7 @@ def test_d200_spectra_are_the_reference_scaled(d200_sensitivity: Path) -> None:
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_what_is_written_reads_back_the_same(name: str, tmp_path: Path) -> None:
+def test_round_trip(name: str, tmp_path: Path) -> None:
     sensor = load_sensor(name).with_(
         read_noise_mv=Measured(0.1 + 0.2, 1e-3, "150 darks", assumed=False), frames_sha256=("ab", "cd")
     )
@@ -99,74 +101,61 @@ def test_what_is_written_reads_back_the_same(name: str, tmp_path: Path) -> None:
     assert load_sensor(tmp_path / "mine.sensor.yaml") == sensor
 
 
-def test_small_numbers_stay_numbers() -> None:
+def test_numbers_with_an_exponent() -> None:
     """YAML 1.1 reads 1e-3 as text; 1.2 does not."""
     text = dump_sensor(load_sensor("nikon-d200")).replace("value: 0.52", "value: 1e-3")
     assert parse_sensor(text, "x.yaml").noise.read_noise_mv.value == 1e-3
 
 
 WRONG = [
-    ("fill_factor:", "fil_factor:", "unknown field 'fil_factor' in pixel; did you mean 'fill_factor'?", "fil_factor"),
-    ("noise:", "nois:", "unknown field 'nois' at the top; did you mean 'noise'?", "nois"),
-    ("value: 0.52,", "valu: 0.52,", "unknown key 'valu' beside 'value'; did you mean 'value'?", "read_noise_mv"),
-    ("value: 0.52,", "value: -0.52,", "noise.read_noise_mv: must be at least 0, not -0.52", "read_noise_mv"),
-    ("value: 0.52,", "value: .nan,", "noise.read_noise_mv: a measured value must be a finite number", "read_noise_mv"),
-    ("value: 0.52,", "value: [1],", "value must be a number", "read_noise_mv"),
-    ("value: 0.9,", "value: 9,", "pixel.fill_factor: must be above 0 and at most 1, not 9", "fill_factor"),
-    ("value: 1.126,", "value: 40,", "noise.prnu_percent: must be at least 0 and at most 15, not 40", "prnu_percent"),
-    ("bits: 12", "bits: 12.5", "readout.bits", "bits:"),
-    ("bits: 12", "bits: 40", "readout.bits", "bits:"),
-    ("[R, G], [G, B]", "[R, G], [G, X]", "channels lacks X, which array.cfa names", None),
-    ("[380, 390,", "[390, 380,", "channels.R: wavelength_nm must increase", "  R:"),
-    ("[380, 390,", "[390,", "one number per wavelength: 40 wavelengths, 41 efficiencies", "  R:"),
-    ("photosite_sensor: 1", "photosite_sensor: 2", "expected 'photosite_sensor: 1'", "photosite_sensor"),
-    ("pixel:", "pixel: {", "is not YAML", None),
+    ("fill_factor:", "fil_factor:", "unknown field 'fil_factor'", "pixel", "fil_factor"),
+    ("noise:", "nois:", "unknown field 'nois'", None, "nois"),
+    ("value: 0.52,", "valu: 0.52,", "unknown field 'valu'", "noise.read_noise_mv", "read_noise_mv"),
+    ("value: 0.52,", "value: -0.52,", "value", "noise.read_noise_mv", "read_noise_mv"),
+    ("value: 0.52,", "value: .nan,", "value", "noise.read_noise_mv", "read_noise_mv"),
+    ("value: 0.52,", "value: [1],", "value", "noise.read_noise_mv", "read_noise_mv"),
+    ("value: 0.9,", "value: 9,", "value", "pixel.fill_factor", "fill_factor"),
+    ("value: 1.126,", "value: 40,", "value", "noise.prnu_percent", "prnu_percent"),
+    ("bits: 12", "bits: 12.5", "bits", "readout", "bits:"),
+    ("bits: 12", "bits: 40", "bits", "readout", "bits:"),
+    ("[R, G], [G, B]", "[R, G], [G, X]", "X of array.cfa is missing", "channels", None),
+    ("[380, 390,", "[390, 380,", "the entries", "channels.R.wavelength_nm", "wavelength_nm:"),
+    ("[380, 390,", "[390,", "quantum_efficiency", "channels.R", "  R:"),
+    ("photosite_sensor: 1", "photosite_sensor: 2", "photosite_sensor", None, "photosite_sensor"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "message", "at"), WRONG)
-def test_wrong_files_say_what_and_where(old: str, new: str, message: str, at: str | None, tmp_path: Path) -> None:
-    source = Path(load_sensor.__code__.co_filename).parent / "presets" / "nikon-d200.sensor.yaml"
+@pytest.mark.parametrize(("old", "new", "what", "where", "at"), WRONG)
+def test_invalid_fields(old: str, new: str, what: str, where: str | None, at: str | None) -> None:
+    source = resources.files("photosite.sensor") / "presets" / "nikon-d200.sensor.yaml"
     lines = source.read_text().splitlines()
     first = next(i for i, line in enumerate(lines) if old in line and not line.startswith("#"))
     lines[first] = lines[first].replace(old, new, 1)
-    path = tmp_path / "wrong.sensor.yaml"
-    path.write_text("\n".join(lines))
-    with pytest.raises(FileError) as caught:
-        load_sensor(path)
-    told = str(caught.value)
-    assert message in told
-    assert "\n" not in told
+    with raises(FileError, what, path="mine.yaml", where=where) as caught:
+        parse_sensor("\n".join(lines), "mine.yaml")
     if at is not None:
         assert caught.value.line is not None
         assert at in lines[caught.value.line - 1]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [("", "does not describe a sensor"), ("- 1\n", "does not describe a sensor"), ("\x00", "is not YAML")],
-)
-def test_files_of_another_kind(content: str, message: str) -> None:
-    with pytest.raises(FileError, match=message):
+@pytest.mark.parametrize("content", ["", "- 1\n"])
+def test_files_of_another_kind(content: str) -> None:
+    with raises(FileError, "photosite_sensor"):
         parse_sensor(content, "x.yaml")
 
 
 def test_missing_field_and_missing_file(tmp_path: Path) -> None:
     text = "\n".join(line for line in dump_sensor(load_sensor("nikon-d200")).splitlines() if "bits:" not in line)
-    with pytest.raises(FileError, match="field 'bits' is missing from readout"):
+    with raises(FileError, "field 'bits' is missing", where="readout"):
         parse_sensor(text, "x.yaml")
-    with pytest.raises(FileError, match="there is no such file"):
+    with pytest.raises(FileError):
         load_sensor(tmp_path / "none.yaml")
 
 
-def test_unknown_presets_are_told_what_there_is() -> None:
-    with pytest.raises(InputError, match=r"unknown sensor 'nikon-d300'; presets are: nikon-d200, vendor-1.4um"):
-        load_sensor("nikon-d300")
-
-
-def test_an_empty_name() -> None:
-    with pytest.raises(InputError, match=r"needs a name.*presets are: nikon-d200"):
-        load_sensor("")
+@pytest.mark.parametrize("name", ["nikon-d300", ""])
+def test_unknown_presets(name: str) -> None:
+    with raises(InputError, "sensor", value=name):
+        load_sensor(name)
 
 
 def test_schema_describes_the_file() -> None:

@@ -1,4 +1,4 @@
-"""Maps beside a sensor file: the same chip comes back, and nothing else passes for it."""
+"""Maps beside a sensor file: round trip, missing, changed and invalid files."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import dataclasses
 import h5py
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.sensor.io import maps_file
+from photosite.sensor.io.maps_file import load_measured_chip
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.measured_chip import Blinking, DefectKind, Defects, MeasuredChip, no_blinking, no_defects
 from photosite.sensor.model import Maps
@@ -54,19 +56,19 @@ def same(a, b):
                 assert x.dtype == y.dtype, entry.name
 
 
-def test_a_chip_comes_back(tmp_path) -> None:
+def test_round_trip(tmp_path) -> None:
     for number, wanted in enumerate((chip(), chip(system_gain_dn_per_e=None, prnu=None, defects=no_defects()))):
         path = tmp_path / f"{number}.maps.h5"
         maps = wanted.save(path)
         assert maps.sha256 == maps_file.file_sha256(path)
-        same(maps_file.load_maps(maps), wanted)
+        same(maps_file.read_maps(maps.file), wanted)
 
 
 def test_the_same_chip_gives_the_same_file(tmp_path) -> None:
     assert chip().save(tmp_path / "a.maps.h5").sha256 == chip().save(tmp_path / "b.maps.h5").sha256
 
 
-def test_a_sensor_file_takes_its_maps_along(tmp_path) -> None:
+def test_maps_are_copied_with_the_sensor_file(tmp_path) -> None:
     (tmp_path / "there").mkdir()
     sensor = load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS, maps=chip().save(tmp_path / "a.maps.h5"))
     sensor.save(tmp_path / "there" / "mine.sensor.yaml")
@@ -74,30 +76,30 @@ def test_a_sensor_file_takes_its_maps_along(tmp_path) -> None:
     (tmp_path / "a.maps.h5").unlink()
     (tmp_path / "there").rename(tmp_path / "elsewhere")
     again = load_sensor(tmp_path / "elsewhere" / "mine.sensor.yaml")
-    same(again.measured_chip, chip())
+    same(load_measured_chip(again), chip())
     again.save(tmp_path / "elsewhere" / "other.sensor.yaml")  # beside its maps already: nothing is copied
     assert [f.name for f in (tmp_path / "elsewhere").glob("*.h5")] == ["mine.maps.h5"]
     assert again.with_(read_noise_mv=1).maps == again.maps
     assert again.with_(serial="2").maps is None
-    assert again.with_(maps=None).measured_chip is None
+    assert load_measured_chip(again.with_(maps=None)) is None
 
 
-def test_maps_that_are_missing_or_changed_are_refused(tmp_path) -> None:
+def test_missing_and_changed_maps(tmp_path) -> None:
     sensor = load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS, maps=chip().save(tmp_path / "a.maps.h5"))
     chip(row_noise_dn=0.6).save(tmp_path / "a.maps.h5")
-    with pytest.raises(FileError, match=r"a\.maps\.h5: is not the file of maps that the sensor file means"):
-        _ = sensor.measured_chip
-    with pytest.raises(FileError, match="is not the file"):
+    with raises(FileError, "sha256", path=str(tmp_path / "a.maps.h5")):
+        _ = load_measured_chip(sensor)
+    with raises(FileError, "sha256"):
         sensor.save(tmp_path / "b.sensor.yaml")
     assert not (tmp_path / "b.sensor.yaml").exists()
     (tmp_path / "a.maps.h5").unlink()
-    with pytest.raises(FileError, match="no such file of maps"):
-        _ = sensor.measured_chip
-    with pytest.raises(FileError, match="cannot be read"):
-        maps_file.load_maps(Maps(file="a\0b", sha256="0" * 64))
+    with raises(FileError, "there is no such file of maps"):
+        _ = load_measured_chip(sensor)
+    with raises(FileError, "the file cannot be read"):
+        load_measured_chip(sensor.with_(maps=Maps(file="a\0b", sha256="0" * 64)))
 
 
-def spoiled(name, path, content):
+def changed(name, path, content):
     def change(file):
         if path in file.attrs:
             del file.attrs[path]
@@ -113,53 +115,52 @@ def spoiled(name, path, content):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        (spoiled("attribute", "photosite_maps", 2), "expected the attribute photosite_maps = 1"),
-        (spoiled("attribute", "photosite_maps", "x"), "expected the attribute photosite_maps = 1"),
-        (spoiled("attribute", "black_level_dn", None), "black_level_dn is a number"),
-        (spoiled("attribute", "black_level_dn", "64"), "black_level_dn is a number"),
-        (spoiled("attribute", "row_noise_dn", np.nan), "row_noise_dn is finite"),
-        (spoiled("attribute", "read_noise_freedom", 0), "read_noise_freedom is 1 or more"),
-        (spoiled("attribute", "system_gain_dn_per_e", -1.0), "system_gain_dn_per_e is above 0"),
-        (spoiled("map", "read_noise_dn", None), "lacks the map read_noise_dn"),
-        (spoiled("map", "offset_dn", np.zeros((3, 3))), "the maps of a chip are"),
-        (spoiled("map", "prnu", np.zeros(9)), "prnu is a dataset of numbers with 2"),
-        (spoiled("map", "prnu", np.full((ROWS, COLS), np.inf)), "not finite"),
-        (spoiled("map", "defects/row", np.array([0, ROWS])), "a row is from 0 to 5, not 0 to 6"),
-        (spoiled("map", "blinking/col", np.array([1])), "the columns of blinking differ in length"),
-        (spoiled("map", "defects/value", None), "defects/value is a dataset"),
+        (changed("attribute", "photosite_maps", 2), "photosite_maps"),
+        (changed("attribute", "photosite_maps", "x"), "photosite_maps"),
+        (changed("attribute", "black_level_dn", None), "black_level_dn"),
+        (changed("attribute", "black_level_dn", "64"), "black_level_dn"),
+        (changed("attribute", "row_noise_dn", np.nan), "row_noise_dn"),
+        (changed("attribute", "read_noise_freedom", 0), "read_noise_freedom"),
+        (changed("attribute", "system_gain_dn_per_e", -1.0), "system_gain_dn_per_e"),
+        (changed("map", "read_noise_dn", None), "the map read_noise_dn is missing"),
+        (changed("map", "offset_dn", np.zeros((3, 3))), "offset_uncertainty_dn"),
+        (changed("map", "prnu", np.zeros(9)), "prnu"),
+        (changed("map", "prnu", np.full((ROWS, COLS), np.inf)), "prnu"),
+        (changed("map", "defects/row", np.array([0, ROWS])), "row"),
+        (changed("map", "blinking/col", np.array([1])), "the columns of blinking differ in length"),
+        (changed("map", "defects/value", None), "defects/value"),
     ],
 )
-def test_files_that_hold_something_else_are_refused_in_a_line(tmp_path, change, message) -> None:
+def test_invalid_maps(tmp_path, change, what) -> None:
     path = tmp_path / "a.maps.h5"
     chip().save(path)
     with h5py.File(path, "r+") as file:
         change(file)
-    with pytest.raises(FileError, match=message) as caught:
+    with raises(FileError, what, path=str(path)):
         maps_file.read_maps(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("content", [b"", b"not HDF5", b"\x89HDF\r\n\x1a\n" + bytes(200)])
-def test_what_is_not_hdf5_is_refused(tmp_path, content) -> None:
+def test_files_that_are_not_hdf5(tmp_path, content) -> None:
     path = tmp_path / "a.maps.h5"
     path.write_bytes(content)
-    with pytest.raises(FileError, match="cannot be read as HDF5 maps"):
+    with raises(FileError, "the file cannot be read as HDF5 maps"):
         maps_file.read_maps(path)
 
 
-def test_a_map_too_large_is_not_read(tmp_path, monkeypatch) -> None:
+def test_maps_that_are_too_large(tmp_path, monkeypatch) -> None:
     path = tmp_path / "a.maps.h5"
     chip().save(path)
     monkeypatch.setattr(maps_file, "MOST_PIXELS", ROWS * COLS - 1)
-    with pytest.raises(FileError, match="more than 47 numbers are not read"):
+    with raises(FileError, "offset_dn.shape", value=(ROWS, COLS)):
         maps_file.read_maps(path)
 
 
-def test_maps_of_another_size_or_place_are_refused() -> None:
-    with pytest.raises(InputError, match="prnu is"):
+def test_maps_of_another_size_or_with_nan() -> None:
+    with raises(InputError, "prnu"):
         chip(prnu=np.zeros((ROWS, COLS + 1), np.float32))
-    with pytest.raises(InputError, match="not finite"):
+    with raises(InputError, "offset_dn"):
         chip(offset_dn=np.full((ROWS, COLS), np.nan, np.float32))
     assert len(chip(blinking=no_blinking()).blinking) == 0

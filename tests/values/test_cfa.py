@@ -1,16 +1,17 @@
-"""Colour filter arrays: what is one."""
+"""Colour filter arrays from names and tiles."""
 
 from __future__ import annotations
 
 import pytest
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.values.cfa import cfa_from
 
 
 @pytest.mark.parametrize("tile", [None, 3, [], [None], [["R"], 3], [["R", "G"], ["B"]], [[""]], {"R": 1}, "rgb"])
-def test_what_is_no_tile_is_refused(tile):
-    with pytest.raises(InputError, match="colour filter array"):
+def test_invalid_tiles(tile):
+    with raises(InputError, "cfa", value=tile):
         cfa_from(tile)
 
 

@@ -1,4 +1,4 @@
-"""Exposure times: read as people write them, written so that they come back."""
+"""Exposure times: parsing, validation, and exact round trips."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.values.exposure import check_exposure, format_exposure, parse_exposure
@@ -47,14 +48,14 @@ def test_parsed(text, exposure_s):
         math.inf,
     ],
 )
-def test_refused(text):
-    with pytest.raises(InputError, match="exposure"):
+def test_invalid_text_and_numbers(text):
+    with raises(InputError, "exposure_s"):
         parse_exposure(text)
 
 
 @pytest.mark.parametrize("exposure_s", ["1/3", "0.1", True, None, np.bool_(True), np.ones(2), 1j])
 def test_numbers_only(exposure_s):
-    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+    with raises(InputError, "exposure_s"):
         check_exposure(exposure_s)
 
 
@@ -64,7 +65,7 @@ def test_numbers_of_any_kind(exposure_s):
     assert type(check_exposure(exposure_s)) is float
 
 
-def test_what_is_formatted_is_parsed_back():
+def test_formatted_exposures_are_parsed_back_exactly():
     rng = np.random.default_rng(1)
     values = [*(1 / n for n in range(1, 9000, 7)), *(10.0 ** rng.uniform(-7, 3, 500)), 4e-5, 0.01402, 1e-300]
     assert [parse_exposure(format_exposure(value)) for value in values] == values

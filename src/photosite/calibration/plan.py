@@ -38,7 +38,8 @@ from photosite.calibration.spatial.pixel_slopes import (
 )
 from photosite.engine.map_statistics import label_pixels
 from photosite.errors import InputError
-from photosite.frames.frame_set import FrameGroup, Kind
+from photosite.frames.frame_set import FrameGroup
+from photosite.frames.frame_settings import Kind
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Missing, Uncertain, Value

@@ -101,7 +101,7 @@ def _write(
     asked: _Asked, form: str, output: Path, into: Path | None, maker: str, model: str | None, target: str
 ) -> str:
     from photosite.frames.io import noise_profiles
-    from photosite.frames.io.dng_profile import DNG_LOSS, write_dng_profile
+    from photosite.frames.io.dng_noise_profile import DNG_LOSS, write_dng_profile
 
     if form in ("emva", "emva-xml"):
         return _write_emva(asked, form, output)
@@ -121,7 +121,7 @@ def _write(
 def _write_emva(asked: _Asked, form: str, output: Path) -> str:
     from photosite.calibration.calibrate import calibrate
     from photosite.calibration.export.emva_xml import EMVA_XML_LOSS, write_emva_results
-    from photosite.frames.io.emva_write import EMVA_FRAMES_LOSS, write_descriptor
+    from photosite.frames.io.emva_descriptor import EMVA_FRAMES_LOSS, write_descriptor
 
     frames = _frames(asked)
     if frames is None:
@@ -138,9 +138,8 @@ def _write_emva(asked: _Asked, form: str, output: Path) -> str:
 
 def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
     """The noise profiles of the source, by rising gain setting; the one asked for where one was."""
-    from photosite.frames.io.noise_profiles import at_setting
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.sensor.noise_profile import sensor_noise_profile
+    from photosite.sensor.noise_profile import profile_at_setting, sensor_noise_profile
 
     frames = _frames(asked)
     if frames is None:
@@ -156,7 +155,7 @@ def _profiles(asked: _Asked) -> Sequence[NoiseProfile]:
 
     series = calibrate_series(frames, _sensor(asked, frames), progress=Stages())
     profiles = [_of(step.calibration, step.setting) for step in series.steps]
-    return profiles if asked.setting is None else [at_setting(profiles, asked.setting)]
+    return profiles if asked.setting is None else [profile_at_setting(profiles, asked.setting)]
 
 
 def _of(calibration: Calibration, setting: float | None) -> NoiseProfile:
@@ -167,14 +166,14 @@ def _of(calibration: Calibration, setting: float | None) -> NoiseProfile:
 
 def _profile(asked: _Asked, iso: float | None) -> NoiseProfile:
     """The one profile for a DNG file: of the setting asked for, else of the file's own ISO."""
-    from photosite.frames.io.noise_profiles import at_setting
+    from photosite.sensor.noise_profile import profile_at_setting
 
     profiles = _profiles(asked)
-    return profiles[0] if len(profiles) == 1 else at_setting(profiles, iso)
+    return profiles[0] if len(profiles) == 1 else profile_at_setting(profiles, iso)
 
 
 def _iso_of(path: Path) -> float | None:
-    from photosite.frames.io.dng_read import read_dng_header
+    from photosite.frames.io.dng import read_dng_header
 
     metadata = read_dng_header(path).metadata
     iso = metadata.get("gain_setting", metadata.get("iso"))

@@ -42,16 +42,16 @@ def command(
 
     Example: photosite import noiseprofiles.json --model "X-1" --gain-setting 400 --sensor nikon-d200 -o x1.sensor.yaml
     """
-    from photosite.frames.io.noise_profiles import at_setting
     from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.sensor.noise_profile import profile_at_setting
 
     if (output is None) != (sensor_name is None):
         raise click.UsageError("-o and --sensor go together: a profile is a part of a sensor, and --sensor is the rest")
     profiles = _read(file, model, mono)
     if output is not None and sensor_name is not None:
-        at_setting(profiles, gain_setting).sensor(load_sensor(sensor_name)).save(output)
+        profile_at_setting(profiles, gain_setting).sensor(load_sensor(sensor_name)).save(output)
     elif gain_setting is not None:
-        profiles = (at_setting(profiles, gain_setting),)
+        profiles = (profile_at_setting(profiles, gain_setting),)
     for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
         say(note)
     if as_json:
@@ -65,12 +65,13 @@ def command(
 
 
 def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]:
-    from photosite.frames.io.dng_profile import read_dng_profile
-    from photosite.frames.io.noise_profiles import looks_like_libcamera, read_darktable, read_libcamera
+    from photosite.frames.io.darktable import read_darktable
+    from photosite.frames.io.dng_noise_profile import read_dng_profile
+    from photosite.frames.io.libcamera import is_libcamera, read_libcamera
 
     if file.suffix.lower() == ".dng":
         return (read_dng_profile(file),)
-    if looks_like_libcamera(file):
+    if is_libcamera(file):
         return (read_libcamera(file),)
     return read_darktable(file, model, mono=mono)
 

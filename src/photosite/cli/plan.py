@@ -11,7 +11,7 @@ from photosite.cli.command import Command
 from photosite.cli.output import print_json, table
 
 if TYPE_CHECKING:
-    from photosite.frames.frame_set import Kind
+    from photosite.frames.frame_settings import Kind
     from photosite.sensor.model import Sensor
     from photosite.studies.planning import Plan, Want
     from photosite.studies.protocol import ShootingProtocol
@@ -106,7 +106,7 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
     from pathlib import Path
 
     from photosite.errors import FileError
-    from photosite.frames.io.protocol import file_entries, read_protocol
+    from photosite.frames.io.protocol import read_protocol
     from photosite.studies.planning import step_from
     from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol
 
@@ -117,10 +117,12 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
     path = Path(str(named))
     found = read_protocol(path)
     counts: dict[tuple[Kind, float], int] = {}
-    for entry in file_entries(found, path):
-        if entry.kind is None or entry.exposure_s is None:
-            raise FileError(path, f"does not say kind and exposure of {entry.path}; a plan needs both", entry.line)
-        counts[entry.kind, entry.exposure_s] = counts.get((entry.kind, entry.exposure_s), 0) + 1
+    for entry in found.frame_files(path):
+        kind, exposure_s = entry.settings.kind, entry.settings.exposure_s
+        if kind is None or exposure_s is None:
+            problem = f"a plan needs kind and exposure of {entry.path}"
+            raise FileError(path, problem, entry.line, hint="State them in the protocol")
+        counts[kind, exposure_s] = counts.get((kind, exposure_s), 0) + 1
     steps_found = (Step(kind, exposure_s, count) for (kind, exposure_s), count in counts.items())
     return ShootingProtocol(found.name or path.name, tuple(steps_found))
 

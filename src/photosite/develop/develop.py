@@ -1,4 +1,4 @@
-"""From a raw frame to a picture."""
+"""Developing a raw frame into a display picture."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from photosite.frames.raw_frame import RawFrame
 WHITE_BALANCES = ("gray-world", "none")
 
 AUTO_EXPOSURE_PERCENTILE = 99.5
-"""Automatic exposure takes this percentile of each pixel's brightest primary to display white."""
+"""Automatic exposure maps this percentile of the brightest primary of each pixel to display white."""
 
 _BLOCK_ROWS = 256
-"""Rows worked on at a time, so that a frame of ten megapixels needs little beyond its own picture."""
+"""Rows processed at a time, to limit memory."""
 
 
 def develop(
@@ -31,45 +31,43 @@ def develop(
     color_matrix: ColorMatrix | ArrayLike | None = None,
     exposure: float | str = "auto",
 ) -> NDArray[np.float32]:
-    """Make a display picture of a raw frame.
+    """Develop a raw frame into a display picture.
 
-    In this order: black level off and white level to 1; bilinear demosaic; white balance; colour matrix to
-    linear sRGB; exposure; sRGB encoding. A monochrome frame becomes gray and skips colour.
+    Steps: scale black level to 0 and white level to 1, bilinear demosaic, white balance, colour matrix to linear sRGB,
+    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for colour.
 
     Parameters
     ----------
     raw
         The frame: channels R, G and B in any tile, or one channel.
     white_balance
-        "gray-world": red and blue get the mean of green, saturated pixels and their neighbours left out.
-        "none": as the camera saw it. Or three gains for red, green and blue. With a white balance, equal
-        balanced values come out as display white's colour whatever the matrix. Saturated pixels are limited
-        to the level at which the first channel saturates, so that they are not tinted.
+        "gray-world": scale red and blue to the mean of green, without saturated pixels and their neighbours. "none":
+        unbalanced. Or three gains for red, green and blue. With a white balance, equal balanced values become neutral,
+        whatever the matrix. Saturated pixels are limited to the level at which the first channel saturates, so that
+        they are not tinted.
     color_matrix
-        (3, 3), camera RGB to XYZ under D65, or what `fit_color_matrix` gave; its scale is free. None takes
-        the inverse of `raw.color_matrix`; where the frame has none either, camera RGB is taken as linear
-        sRGB, which gives a recognisable picture but not its colours.
+        (3, 3), camera RGB to XYZ under D65, or the result of `fit_color_matrix`; its scale is free. Default: the
+        inverse of `raw.color_matrix`. Without that, camera RGB is taken as linear sRGB: a recognisable picture with
+        wrong colours.
     exposure
-        "auto": the 99.5th percentile over pixels of the brightest primary becomes display white. Or a factor:
-        with 1 a neutral surface at the sensor's white level is display white.
+        "auto": the 99.5th percentile over pixels of the brightest primary becomes display white. Or a factor; with 1 a
+        neutral surface at the sensor's white level becomes display white.
 
     Returns
     -------
     numpy.ndarray
-        (rows, cols, 3) float32, display sRGB, 0 to 1; what lies outside the display's range is clipped to it.
+        (rows, cols, 3) float32, display sRGB, clipped to 0..1.
 
     Raises
     ------
     InputError
-        If the channels are neither R, G, B nor one, the white balance is unknown or its gains cannot be, the
-        matrix has no inverse or gives white an impossible camera colour, the exposure is not above 0, or
-        "auto" finds no light.
+        If the channels are neither R, G, B nor one, an argument is invalid, the matrix has no inverse or needs negative
+        camera RGB for white, or "auto" finds no light.
 
     Notes
     -----
-    The white balance meets the matrix as in the DNG specification 1.7, chapter 6: the matrix knows its own
-    neutral, the camera RGB that it takes to the white of D65, and balanced values are in units of that
-    neutral.
+    White balance and matrix are combined as in the DNG specification 1.7, chapter 6: the matrix has a neutral, the
+    camera RGB that it maps to the white of D65, and balanced values are in units of that neutral.
 
     Examples
     --------
@@ -83,7 +81,8 @@ def develop(
     planes = _normalised_planes(raw)
     if planes.shape[2] == 1:
         if not isinstance(white_balance, str) or color_matrix is not None:
-            raise InputError("a monochrome frame has no white balance and no colour matrix; leave both out")
+            problem = "a monochrome frame has no white balance and no colour matrix"
+            raise InputError(problem, hint="Omit both arguments")
         _check_white_balance(white_balance)
         linear = np.repeat(planes, 3, axis=2)
     else:
@@ -103,7 +102,7 @@ def develop(
 
 
 def _blocks(picture: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """Views of some rows each."""
+    """Return views of `_BLOCK_ROWS` rows each."""
     return [picture[r : r + _BLOCK_ROWS] for r in range(0, picture.shape[0], _BLOCK_ROWS)]
 
 
@@ -111,19 +110,20 @@ def _check_exposure(exposure: float | str) -> None:
     if exposure == "auto":
         return
     if isinstance(exposure, str) or not (math.isfinite(exposure) and exposure > 0):
-        raise InputError(f"exposure is 'auto' or a factor above 0, not {exposure!r}")
+        raise InputError("exposure", value=exposure, expected="'auto' or a factor above 0")
 
 
 def _check_white_balance(name: str) -> None:
     if name not in WHITE_BALANCES:
-        raise InputError(f"unknown white balance '{name}'; {did_you_mean(name, WHITE_BALANCES)}")
+        hint = did_you_mean(name, WHITE_BALANCES)
+        raise InputError("white_balance", value=name, expected="'gray-world', 'none' or three gains", hint=hint)
 
 
 def _normalised_planes(raw: RawFrame) -> NDArray[np.float32]:
-    """Demosaiced, black at 0 and the white level at 1."""
+    """Return the demosaiced frame, black level at 0 and white level at 1."""
     names = plane_names(raw.cfa)
     if len(names) != 1 and names != ("R", "G", "B"):
-        raise InputError(f"a picture is made of channels R, G and B or of one, not of {', '.join(names)}")
+        raise InputError("channels", where="raw frame", value=names, expected="R, G and B, or one")
     signal = raw.dn.astype(np.float32)
     signal -= np.float32(raw.black_level_dn)
     signal /= np.float32(raw.white_level_dn - raw.black_level_dn)
@@ -131,7 +131,7 @@ def _normalised_planes(raw: RawFrame) -> NDArray[np.float32]:
 
 
 def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Sequence[float]) -> None:
-    """Apply the gains in place, and keep saturated pixels from being tinted."""
+    """Apply the gains in place; limit saturated pixels so that they are not tinted."""
     saturated = saturated_neighbourhood(raw)
     if isinstance(white_balance, str):
         _check_white_balance(white_balance)
@@ -139,59 +139,59 @@ def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Se
     else:
         gains = np.asarray(white_balance, dtype=np.float64)
         if gains.shape != (3,) or not (np.isfinite(gains).all() and (gains > 0).all()):
-            raise InputError(f"white balance gains are three numbers above 0 (R, G, B), not {white_balance!r}")
+            expected = "three numbers above 0, for R, G and B"
+            raise InputError("white_balance", value=white_balance, expected=expected)
     planes *= gains.astype(np.float32)
     if saturated.any():
-        # Where one channel has clipped, its ratio to the others says nothing about the light's colour.
+        # If a channel is clipped, its ratio to the others does not follow the light's colour.
         planes[saturated] = np.minimum(planes[saturated], np.float32(gains.min()))
-    # A neutral surface first saturates the channel of the least gain: that level is 1.
+    # A neutral surface first saturates the channel with the least gain: that level is 1.
     planes /= np.float32(gains.min())
 
 
 def _camera_to_xyz(raw: RawFrame, color_matrix: ColorMatrix | ArrayLike | None) -> NDArray[np.float64] | None:
-    """(3, 3) from camera R, G, B to XYZ, or None where nothing is known."""
+    """Return (3, 3), camera R, G, B to XYZ, or None if it is unknown."""
     if color_matrix is None:
         if raw.color_matrix is None:
             return None
         from_xyz = np.asarray(raw.color_matrix, dtype=np.float64)
         if from_xyz.shape != (3, 3):
-            raise InputError(f"the frame's colour matrix must be (channels, 3), (3, 3) here, not {from_xyz.shape}")
+            raise InputError("color_matrix", where="raw frame", value=from_xyz.shape, expected="of shape (3, 3)")
         order = [raw.channels.index(name) for name in plane_names(raw.cfa)]
-        return _inverse(from_xyz[order], "the frame's colour matrix")
+        return _inverse(from_xyz[order])
     matrix = color_matrix.matrix if isinstance(color_matrix, ColorMatrix) else color_matrix
     to_xyz = np.asarray(matrix, dtype=np.float64)
     if to_xyz.shape != (3, 3):
-        raise InputError(f"a colour matrix is (3, 3), camera RGB to XYZ, not {to_xyz.shape}")
-    _inverse(to_xyz, "the colour matrix")
+        raise InputError("color_matrix", value=to_xyz.shape, expected="of shape (3, 3)")
+    _inverse(to_xyz)
     return to_xyz
 
 
-def _inverse(matrix: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
-        raise InputError(f"{what} has no inverse: its rows or columns lie in a plane")
+        raise InputError("color_matrix", value=matrix.tolist(), expected="an invertible matrix")
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def _neutral(to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The camera RGB that the matrix takes to the white of D65."""
+    """Return the camera RGB that the matrix maps to the white of D65."""
     neutral = np.asarray(np.linalg.solve(to_xyz, D65_WHITE_XYZ), dtype=np.float64)
     if not (neutral > 0).all():
-        raise InputError(
-            "the colour matrix takes no possible camera RGB to white: it would need "
-            f"({', '.join(f'{n:.4g}' for n in neutral)}); is it camera RGB to XYZ, not XYZ to camera RGB?"
-        )
+        problem = f"white would need the camera RGB ({', '.join(f'{n:.4g}' for n in neutral)}), not all above 0"
+        hint = "Check that the matrix is camera RGB to XYZ, not its inverse"
+        raise InputError(problem, where="color_matrix", hint=hint)
     return neutral
 
 
 def _balanced_to_srgb(to_xyz: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Balanced camera RGB to linear sRGB; (1, 1, 1) stays (1, 1, 1)."""
+    """Return balanced camera RGB to linear sRGB; (1, 1, 1) stays (1, 1, 1)."""
     if to_xyz is None:
         return np.eye(3)
     return np.asarray(SRGB_FROM_XYZ @ to_xyz @ np.diag(_neutral(to_xyz)))
 
 
 def _unbalanced_to_srgb(to_xyz: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Camera RGB to linear sRGB; the matrix's neutral that just saturates a channel becomes (1, 1, 1)."""
+    """Return camera RGB to linear sRGB; the matrix's neutral that just saturates a channel becomes (1, 1, 1)."""
     if to_xyz is None:
         return np.eye(3)
     return np.asarray(SRGB_FROM_XYZ @ to_xyz * _neutral(to_xyz).max())
@@ -200,7 +200,6 @@ def _unbalanced_to_srgb(to_xyz: NDArray[np.float64] | None) -> NDArray[np.float6
 def _auto_exposure(linear: NDArray[np.float32]) -> float:
     level = float(np.percentile(linear.max(axis=2), AUTO_EXPOSURE_PERCENTILE))
     if not level > 0:
-        raise InputError(
-            "automatic exposure finds no light: 99.5 % of the pixels are not above black; give exposure as a factor"
-        )
+        problem = "automatic exposure finds no light: 99.5 % of the pixels are not above black"
+        raise InputError(problem, hint="Pass {exposure}", arguments={"exposure": 1.0})
     return 1.0 / level

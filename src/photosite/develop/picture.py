@@ -1,4 +1,4 @@
-"""Pictures written: PNG in sRGB, 8 or 16 bits."""
+"""Writing pictures: PNG in sRGB, 8 or 16 bits."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ _PERCEPTUAL = b"\0"
 
 
 def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
-    """Write a developed picture as PNG, whole or not at all.
+    """Write a developed picture as PNG.
 
     Parameters
     ----------
     picture
-        (rows, cols, 3), display sRGB, 0 to 1, as `develop` gives it.
+        (rows, cols, 3), display sRGB, 0 to 1, from `develop`.
     path
-        A name that ends in .png.
+        A name with the suffix .png.
     bits
-        8 or 16 a channel.
+        Bits per channel, 8 or 16.
 
     Raises
     ------
     InputError
-        If the array is not a picture or holds values outside 0 to 1, the name ends otherwise, or the bits are neither.
+        If an argument is invalid.
     FileError
         If the file cannot be written.
 
-    Notes
-    -----
-    ISO/IEC 15948, with an sRGB chunk. Written here because Pillow has no 16-bit colour.
+    References
+    ----------
+    ISO/IEC 15948, with an sRGB chunk; Pillow has no 16-bit colour.
 
     Examples
     --------
@@ -54,22 +54,22 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     """
     values = np.asarray(picture)
     if values.ndim != 3 or values.shape[2] != 3 or values.size == 0:
-        raise InputError(f"a picture is (rows, cols, 3), not {values.shape}")
+        raise InputError("picture", value=values.shape, expected="of shape (rows, cols, 3)")
     if not (values.min() >= 0 and values.max() <= 1):
-        raise InputError("a picture's values lie from 0 to 1; some do not")
+        raise InputError("picture", value=(float(values.min()), float(values.max())), expected="within 0 to 1")
     if bits not in BITS:
-        raise InputError(f"a PNG has 8 or 16 bits a channel, not {bits}")
-    wanted = Path(path)
-    if wanted.suffix.lower() != ".png":
-        raise InputError(f"a picture is saved as .png, not as '{wanted.name}'")
+        raise InputError("bits", value=bits, expected="8 or 16")
+    target = Path(path)
+    if target.suffix.lower() != ".png":
+        raise InputError("path", value=target.name, expected="a name with the suffix .png")
     rows, cols, _ = values.shape
     codes = np.rint(values * ((1 << bits) - 1)).astype(np.dtype("u1") if bits == 8 else np.dtype(">u2"))
-    # Every scan line begins with the number of its filter; 0 leaves the line as it is.
+    # Every scan line begins with its filter type; 0 is no filter.
     lines = np.zeros((rows, 1 + cols * 3 * bits // 8), np.uint8)
     lines[:, 1:] = np.ascontiguousarray(codes).view(np.uint8).reshape(rows, -1)
     header = struct.pack(">IIBBBBB", cols, rows, bits, _TRUECOLOUR, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"sRGB", _PERCEPTUAL), (b"IDAT", zlib.compress(lines.tobytes(), 3)), (b"IEND", b""))
-    with atomic_path(wanted) as temporary:
+    with atomic_path(target) as temporary:
         temporary.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_framed(chunks)))
 
 

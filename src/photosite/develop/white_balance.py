@@ -1,4 +1,4 @@
-"""White balance: gains that make a neutral surface come out neutral."""
+"""White balance: gains that make neutral surfaces neutral."""
 
 from __future__ import annotations
 
@@ -14,28 +14,27 @@ if TYPE_CHECKING:
 
 
 def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Gains that bring the means of red and blue to that of green.
+    """Return the gains that scale the means of red and blue to that of green.
 
     Parameters
     ----------
     rgb
         (rows, cols, 3), linear, black at 0.
     left_out
-        (rows, cols), true at pixels that shall not count: a saturated channel has stopped following the
-        light, so its share of the mean would be wrong. `saturated_neighbourhood` finds them. None counts all.
+        (rows, cols), true at pixels to exclude, such as saturated ones (`saturated_neighbourhood`). None includes all.
 
     Returns
     -------
     numpy.ndarray
-        (3,), to multiply red, green and blue; green's is 1.
+        (3,), factors for red, green and blue; that of green is 1.
 
     Raises
     ------
     InputError
-        If no pixel is left, or a channel's mean is not above black.
+        If all pixels are excluded, or a channel's mean is not above black.
 
-    Notes
-    -----
+    References
+    ----------
     G. Buchsbaum, "A spatial processor model for object colour perception", J. Franklin Institute 310, 1980.
 
     Examples
@@ -45,39 +44,37 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
     """
     values = np.asarray(rgb)
     if values.ndim != 3 or values.shape[2] != 3:
-        raise InputError(f"gray world needs (rows, cols, 3), not an array of shape {values.shape}")
+        raise InputError("rgb", value=values.shape, expected="of shape (rows, cols, 3)")
     if left_out is None:
         means = values.mean(axis=(0, 1), dtype=np.float64)
     else:
         counted = ~np.asarray(left_out, dtype=np.bool_)
         if counted.shape != values.shape[:2]:
-            raise InputError(f"left_out must be {values.shape[:2]}, one per pixel, not {counted.shape}")
+            raise InputError("left_out", value=counted.shape, expected=f"of shape {values.shape[:2]}")
         if not counted.any():
-            raise InputError(
-                "gray world: every pixel is saturated or left out, so nothing says what gray is; "
-                "give white_balance as three gains, or expose for less"
-            )
+            hint = "Pass {white_balance}, or expose for less"
+            arguments = {"white_balance": [2.0, 1.0, 1.5]}
+            raise InputError("gray world finds no pixel that is not saturated", hint=hint, arguments=arguments)
         means = np.array([values[..., k].mean(dtype=np.float64, where=counted) for k in range(3)])
     if not (means > 0).all():
         raise InputError(
-            "gray world: the mean above black must be positive in red, green and blue, not "
-            f"{', '.join(f'{m:.4g}' for m in means)}; check the black level, or give three gains"
+            "mean above black of R, G, B",
+            where="gray world",
+            value=[round(float(m), 4) for m in means],
+            expected="above 0",
+            hint="Check the black level, or pass {white_balance}",
+            arguments={"white_balance": [2.0, 1.0, 1.5]},
         )
     return np.asarray(means[1] / means, dtype=np.float64)
 
 
 def saturated_neighbourhood(raw: RawFrame) -> NDArray[np.bool_]:
-    """Pixels whose bilinear neighbourhood (3 x 3) holds a saturated pixel.
+    """Return the pixels with a saturated pixel in their 3 x 3 neighbourhood, (rows, cols).
 
     Parameters
     ----------
     raw
         The frame; a pixel at or above `white_level_dn` is saturated.
-
-    Returns
-    -------
-    numpy.ndarray
-        (rows, cols).
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Raw frames and sets of raw frames."""
+"""Raw frames and sets of raw frames: reading, writing, and the settings they were taken under."""

@@ -1,4 +1,4 @@
-"""One raw frame: the digital numbers of a mosaic and what is needed to read them."""
+"""A raw frame: the digital numbers of a mosaic and the metadata needed to interpret them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ from photosite.errors import InputError
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
 
+def check_bits(bits: int | None) -> None:
+    """Raise `InputError` for a bit depth outside 1 to 16."""
+    if bits is not None and not 1 <= bits <= 16:
+        raise InputError("bits", value=bits, expected="1 to 16")
+
+
 @dataclass(frozen=True, eq=False)
 class RawFrame:
     """A raw frame.
@@ -23,29 +29,26 @@ class RawFrame:
     dn
         (rows, cols) uint16, digital numbers, black level included.
     bits
-        Bits of the analogue-to-digital converter; the highest number is 2^bits - 1.
+        Bit depth of the analogue-to-digital converter; the highest number is 2^bits - 1.
     cfa
-        The colour filter array's tile; `(("M",),)` for a monochrome chip.
+        Tile of the colour filter array; `(("M",),)` for a monochrome sensor.
     black_level_dn
-        What a pixel without light reads on average.
+        Mean digital number of a pixel without light.
     white_level_dn
-        The number at which the output saturates; 2^bits - 1 unless the file says less.
+        Digital number at which the output saturates; default 2^bits - 1.
     exposure_s
-        Exposure time, or None where the file does not say.
+        Exposure time, or None if unknown.
     color_matrix
-        (channels, 3), CIE XYZ under D65 to camera channels (in the order of `channels`), as DNG's ColorMatrix; None
-        where it is not known.
+        (channels, 3), CIE XYZ under D65 to camera channels (in the order of `channels`), as DNG's ColorMatrix, or None.
     noise_profile
-        (channels, 2), DNG's NoiseProfile: the variance of a signal s in 0..1 (black 0, white 1) is scale s + offset;
-        None where it is not known.
+        (channels, 2), DNG's NoiseProfile, or None: a signal s in 0..1 (black 0, white 1) has variance scale s + offset.
     metadata
-        What else the file said: camera, ISO, temperature, seed, ... Values are strings and numbers.
+        Other metadata of the file: camera, ISO, temperature, seed, ... Values are strings and numbers.
 
     Raises
     ------
     InputError
-        If the array is not two-dimensional uint16, is empty, or holds numbers above 2^bits - 1, or if the
-        levels cannot be.
+        If the array is not two-dimensional uint16, is empty or has values above 2^bits - 1, or a level is invalid.
 
     Examples
     --------
@@ -58,7 +61,7 @@ class RawFrame:
     bits: int
     cfa: Cfa = MONOCHROME
     black_level_dn: float = 0.0
-    white_level_dn: float = field(default=-1.0)
+    white_level_dn: float = field(default=None)  # type: ignore[assignment]  # set from bits below
     exposure_s: float | None = None
     color_matrix: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
@@ -67,19 +70,19 @@ class RawFrame:
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
         if dn.ndim != 2 or dn.size == 0 or dn.dtype != np.uint16:
-            raise InputError(f"a raw frame is (rows, cols) of uint16, not {dn.shape} of {dn.dtype}")
-        if not 1 <= self.bits <= 16:
-            raise InputError(f"a raw frame has 1 to 16 bits, not {self.bits}")
+            found = f"{dn.shape} of {dn.dtype}"
+            raise InputError("dn", value=found, expected="a (rows, cols) array of uint16")
+        check_bits(self.bits)
         top = (1 << self.bits) - 1
-        if self.white_level_dn == -1.0:
+        if self.white_level_dn is None:
             object.__setattr__(self, "white_level_dn", float(top))
-        if not 0 <= self.black_level_dn < self.white_level_dn <= top:
-            raise InputError(
-                f"levels must obey 0 <= black < white <= {top} DN, not black {self.black_level_dn}, "
-                f"white {self.white_level_dn}"
-            )
+        if not 0 < self.white_level_dn <= top:
+            raise InputError("white_level_dn", value=self.white_level_dn, expected=f"above 0 and at most {top}")
+        if not 0 <= self.black_level_dn < self.white_level_dn:
+            expected = f"0 or above and below the white level, {self.white_level_dn:g}"
+            raise InputError("black_level_dn", value=self.black_level_dn, expected=expected)
         if self.bits < 16 and (highest := int(dn.max())) > top:
-            raise InputError(f"a {self.bits}-bit frame cannot hold {highest} DN; its highest number is {top}")
+            raise InputError("dn", value=highest, expected=f"at most {top}, for {self.bits} bits")
         if not isinstance(self.metadata, MappingProxyType):
             object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
@@ -96,18 +99,18 @@ class RawFrame:
 
     @property
     def is_mosaic(self) -> bool:
-        """Whether pixels differ in colour."""
+        """Whether the frame has more than one channel."""
         return len(self.channels) > 1
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the frame; the format follows the name: .dng, .tif / .tiff, .png or .h5 / .hdf5.
+        """Write the frame in the format of the suffix: .dng, .tif / .tiff, .png or .h5 / .hdf5.
 
         Raises
         ------
         InputError
-            If the name's ending is none of these.
+            If the suffix is another, or the format cannot hold the frame.
         FileError
-            If the file cannot be written. A file of that name stays as it was.
+            If the file cannot be written. An existing file of that name is then unchanged.
         """
         from photosite.frames.io.write import write_raw
 

@@ -1,1 +1,1 @@
-"""The sensor's description and its chip: model, presets, optical stack, readout."""
+"""The sensor: its description, presets, optical stack, chip and readout."""

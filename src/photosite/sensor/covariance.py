@@ -1,24 +1,26 @@
-"""What the measured values of a sensor file share: their correlations, so that what is derived from them is exact."""
+"""Correlations between the measured values of a sensor file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from photosite.errors import InputError
 
 ROUNDING = 1e-5
-"""What correlations written with rounding may lack of being symmetric and positive semi-definite."""
+"""Tolerance for symmetry and positive semi-definiteness of correlations that were written with rounding."""
 
 _DIGITS = 10
 
 
 class Covariance(BaseModel):
-    """Correlations of measured values; with the standard uncertainties beside the values they are the covariance.
+    """Correlations of measured values; with the values' standard uncertainties they give the covariance.
 
-    Values that share a source, such as volts that were divided by one system gain, err together.
+    Values with a common source, such as volts that were divided by one system gain, have correlated errors.
 
     Examples
     --------
@@ -29,12 +31,12 @@ class Covariance(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Field(min_length=2)]
     correlation: tuple[tuple[float, ...], ...]
 
     @classmethod
     def of(cls, names: Sequence[str], covariance: NDArray[np.float64]) -> Covariance | None:
-        """From a covariance matrix; what has no variance is left out. None where fewer than two values have some.
+        """Return the correlations of a covariance matrix, without values of variance 0; None for fewer than two.
 
         Examples
         --------
@@ -50,26 +52,25 @@ class Covariance(BaseModel):
         return cls(names=tuple(names[int(k)] for k in kept), correlation=tuple(map(tuple, matrix.tolist())))
 
     @model_validator(mode="after")
-    def _is_one(self) -> Self:
+    def _check(self) -> Self:
         n = len(self.names)
-        if n < 2 or len(set(self.names)) != n:
-            raise ValueError("names are two different fields of the sensor or more")
+        if len(set(self.names)) != n:
+            raise InputError("names", value=self.names, expected="different fields of the sensor")
         if len(self.correlation) != n or any(len(row) != n for row in self.correlation):
-            raise ValueError(f"correlation needs {n} rows of {n} numbers, one for each of names")
+            raise InputError("correlation", expected=f"{n} rows of {n} numbers, one for each of names")
         matrix = np.array(self.correlation)
         if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1.0 + ROUNDING:
-            raise ValueError("a correlation is a number from -1 to 1")
+            raise InputError("correlation", expected="finite and from -1 to 1")
         if np.abs(np.diag(matrix) - 1.0).max() > ROUNDING or np.abs(matrix - matrix.T).max() > ROUNDING:
-            raise ValueError("correlation is symmetric, with 1 on its diagonal")
+            raise InputError("correlation", expected="symmetric, with 1 on the diagonal")
         lowest = float(np.linalg.eigvalsh(matrix).min())
         if lowest < -n * ROUNDING:
-            raise ValueError(
-                f"these correlations cannot be together: an eigenvalue of the matrix is {lowest:.3g}, below 0"
-            )
+            expected = f"positive semi-definite; its lowest eigenvalue is {lowest:.3g}"
+            raise InputError("correlation", expected=expected)
         return self
 
     def without(self, names: set[str]) -> Covariance | None:
-        """Of the other values; None where fewer than two are left."""
+        """Return the correlations of the other values, or None for fewer than two."""
         kept = [k for k, name in enumerate(self.names) if name not in names]
         if len(kept) < 2:
             return None
@@ -77,7 +78,7 @@ class Covariance(BaseModel):
         return Covariance(names=tuple(self.names[k] for k in kept), correlation=matrix)
 
     def matrix(self, names: Sequence[str], standard_uncertainty: ArrayLike) -> NDArray[np.float64]:
-        """(n, n) covariance of values by name; those that are not here are independent of all.
+        """Return the (n, n) covariance of values by name; values without an entry are independent.
 
         Examples
         --------
@@ -85,11 +86,11 @@ class Covariance(BaseModel):
         >>> shared.matrix(["b", "other", "a"], [1.0, 3.0, 2.0]).tolist()
         [[1.0, 0.0, 1.0], [0.0, 9.0, 0.0], [1.0, 0.0, 4.0]]
         """
-        place = {name: k for k, name in enumerate(self.names)}
+        index = {name: k for k, name in enumerate(self.names)}
         correlation = np.eye(len(names))
         for i, a in enumerate(names):
             for j, b in enumerate(names):
-                if i != j and a in place and b in place:
-                    correlation[i, j] = self.correlation[place[a]][place[b]]
+                if i != j and a in index and b in index:
+                    correlation[i, j] = self.correlation[index[a]][index[b]]
         scale = np.asarray(standard_uncertainty, dtype=np.float64)
         return correlation * np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""A chip as its frames showed it: what every pixel does, which pixels are defective, and what its lines add."""
+"""A measured chip: maps of its pixels, defective and blinking pixels, row and column noise."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ FloatMap = NDArray[np.float32]
 
 
 class DefectKind(IntEnum):
-    """What is wrong with a pixel. The number is what a file of maps keeps."""
+    """Kinds of defective pixels, with their numbers in a file of maps."""
 
     HOT = 1
-    """Its dark current lies far above that of its channel; the value is in DN/s."""
+    """Dark current far above that of the channel; the value is in DN/s."""
     OFFSET = 2
-    """Its dark level lies far off that of its channel; the value is in DN. Where darks have one exposure, hot pixels
-    are here."""
+    """Dark level far from that of the channel; the value is in DN. With dark frames of one exposure time this includes
+    hot pixels."""
     DEAD = 3
-    """It gives less than half of its channel's response to light; the value is its relative response."""
+    """Less than half of the channel's response to light; the value is the relative response."""
     RESPONSE = 4
-    """Its response to light lies far off that of its channel; the value is its relative response."""
+    """Response to light far from that of the channel; the value is the relative response."""
     BLINKING = 5
-    """It jumps between two levels (random telegraph noise); the value is the distance between them in DN."""
+    """Random telegraph noise between two levels; the value is their distance in DN."""
     NOISY = 6
-    """Its noise lies far above that of its channel, and shows no two levels; the value is in DN."""
+    """Noise far above that of the channel, without two levels; the value is in DN."""
 
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Defective pixels, a line each; a pixel may be on several.
+    """Defective pixels; a pixel can have several entries.
 
     Parameters
     ----------
     row, col
-        (n,) place on the chip.
+        (n,) position on the chip.
     kind
         (n,) uint8, a `DefectKind`.
     value
-        (n,) what was measured; the kind says of what and in which unit.
+        (n,) measured value; see `DefectKind` for quantity and unit.
     deviation
-        (n,) how far off the channel's median that is, in standard deviations of the channel's map; for BLINKING the
-        distance between the levels in units of the noise within them, for NOISY the noise in units of the channel's.
+        (n,) distance from the channel's median, in standard deviations of the channel's map; for BLINKING the distance
+        between the levels in units of the noise within them, for NOISY the noise in units of the channel's.
     """
 
     row: NDArray[np.int64]
@@ -64,15 +64,15 @@ class Defects:
         return len(self.row)
 
     def of(self, kind: DefectKind) -> Defects:
-        """Those of one kind."""
+        """Return the entries of one kind."""
         return self.where(self.kind == kind)
 
     def where(self, chosen: NDArray[np.bool_]) -> Defects:
-        """Those for which (n,) `chosen` is true."""
+        """Return the entries for which (n,) `chosen` is true."""
         return Defects(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
     def counts(self) -> Mapping[str, int]:
-        """How many there are of each kind, by its name in small letters.
+        """Return the number of entries of each kind, by its name in lower case.
 
         Examples
         --------
@@ -85,18 +85,18 @@ class Defects:
 
 @dataclass(frozen=True, eq=False)
 class Blinking:
-    """Pixels that jump between two levels, with what a simulation needs of them.
+    """Blinking pixels (random telegraph noise between two levels), as a simulation needs them.
 
     Parameters
     ----------
     row, col
-        (n,) place on the chip.
+        (n,) position on the chip.
     amplitude_dn
         (n,) distance between the levels.
     high_fraction
-        (n,) share of the frames in the upper one.
+        (n,) fraction of the frames in the upper level.
     noise_dn
-        (n,) temporal standard deviation within a level, rounding and shot noise of the dark current off.
+        (n,) temporal standard deviation within a level, without rounding and shot noise of the dark current.
     """
 
     row: NDArray[np.int64]
@@ -110,56 +110,54 @@ class Blinking:
 
 
 def no_defects() -> Defects:
-    """An empty list."""
+    """Return an empty list of defects."""
     none, whole = np.zeros(0), np.zeros(0, np.int64)
     return Defects(whole, whole, np.zeros(0, np.uint8), none, none)
 
 
 def no_blinking() -> Blinking:
-    """An empty list."""
+    """Return an empty list of blinking pixels."""
     none, whole = np.zeros(0), np.zeros(0, np.int64)
     return Blinking(whole, whole, none, none, none)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredChip:
-    """The maps of one chip, (rows, cols) float32 each, in digital numbers as they were measured.
+    """The maps of one chip, (rows, cols) float32 each, in digital numbers.
 
-    Nothing in them is smoothed, cut off or moved towards the others: a map's spread is the chip's and that of its
-    measurement, and `..._uncertainty` is the latter.
+    The maps are not smoothed, clipped or shrunk towards the mean: a map's spread is that of the chip and of its
+    measurement. `..._uncertainty` is the measurement's.
 
     Parameters
     ----------
     offset_dn, offset_uncertainty_dn
-        Dark level at an exposure of 0 less the black level, and its standard uncertainty. Where the darks have one
-        exposure, the level is that of `reference_exposure_s`.
+        Dark level at an exposure of 0 minus the black level, and its standard uncertainty. With dark frames of one
+        exposure time, the level at `reference_exposure_s`.
     read_noise_dn
-        Temporal standard deviation, rounding and shot noise of the dark current taken off; where the variance came out
-        negative, minus the root of its size.
+        Temporal standard deviation without rounding and shot noise of the dark current. A negative variance estimate -v
+        is stored as -sqrt(v).
     read_noise_freedom
-        Degrees of freedom of each pixel's temporal variance: over normal noise, that estimate times them over the true
-        variance follows chi-square.
+        Degrees of freedom of each pixel's temporal variance.
     dark_rate_dn_per_s, dark_rate_uncertainty_dn_per_s
-        Dark current; None where the darks have one exposure.
+        Dark current; None with dark frames of one exposure time.
     prnu, prnu_uncertainty
-        Relative deviation of the response to light from its channel's mean, of the chip and of what lit it: fall-off
-        of the light and of the lens are in it. None without light frames.
+        Relative deviation of the response to light from the channel's mean, including the fall-off of lamp and lens.
+        None without light frames.
     row_noise_dn, column_noise_dn
-        Temporal noise that a row or a column shares; as negative as its variance came out. It is part of
-        `read_noise_dn`.
+        Temporal noise common to a row or a column, part of `read_noise_dn`; negative if its variance estimate is.
     black_level_dn
-        What `offset_dn` is counted from.
+        Reference of `offset_dn`.
     system_gain_dn_per_e
-        DN per electron of these maps, or None where it is not known.
+        System gain of these maps, or None.
     reference_exposure_s
-        Exposure of the darks behind `read_noise_dn`.
+        Exposure time of the dark frames for `read_noise_dn`.
     defects, blinking
-        Pixels that are not like the others.
+        Defective and blinking pixels.
 
     Raises
     ------
     InputError
-        If the maps differ in size or type, or hold what is not finite.
+        If the maps differ in size or type or have values that are not finite, or another value is invalid.
     """
 
     offset_dn: FloatMap
@@ -181,18 +179,18 @@ class MeasuredChip:
     def __post_init__(self) -> None:
         for name, values in self.maps().items():
             if values.shape != self.offset_dn.shape or values.ndim != 2 or values.dtype != np.float32:
-                raise InputError(
-                    f"{name} is {values.shape} of {values.dtype}; the maps of a chip are {self.offset_dn.shape} float32"
-                )
-            # The sum of a map is finite where all of it is, and needs no second one of its size.
+                found, expected = f"{values.shape} of {values.dtype}", f"{self.offset_dn.shape} of float32"
+                raise InputError(name, value=found, expected=expected)
+            # The sum is finite if all values are, and needs no temporary array.
             if not np.isfinite(values.sum(dtype=np.float64)):
-                raise InputError(f"{name} holds numbers that are not finite")
+                raise InputError(name, expected="finite everywhere")
         if self.system_gain_dn_per_e is not None and not 0 < self.system_gain_dn_per_e < np.inf:
-            raise InputError(f"system_gain_dn_per_e is above 0, not {self.system_gain_dn_per_e}")
+            raise InputError("system_gain_dn_per_e", value=self.system_gain_dn_per_e, expected="finite and above 0")
         for what, listed in (("defects", self.defects), ("blinking", self.blinking)):
             for name, places, size in (("row", listed.row, self.shape[0]), ("col", listed.col, self.shape[1])):
                 if len(places) and not (places.min() >= 0 and places.max() < size):
-                    raise InputError(f"{what}: a {name} is from 0 to {size - 1}, not {places.min()} to {places.max()}")
+                    found = (int(places.min()), int(places.max()))
+                    raise InputError(name, where=what, value=found, expected=f"from 0 to {size - 1}")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -201,12 +199,12 @@ class MeasuredChip:
         return rows, cols
 
     def maps(self) -> dict[str, FloatMap]:
-        """The maps that there are, by name."""
+        """Return the maps that are not None, by name."""
         found = {name: getattr(self, name) for name in MAP_UNITS}
         return {name: values for name, values in found.items() if values is not None}
 
     def save(self, path: str | PathLike[str]) -> Maps:
-        """Write the maps to an HDF5 file, whole or not at all.
+        """Write the maps to an HDF5 file.
 
         Returns
         -------
@@ -232,4 +230,4 @@ MAP_UNITS = {
     "prnu": "1",
     "prnu_uncertainty": "1",
 }
-"""The maps of a `MeasuredChip` and their units, as the file names them."""
+"""The maps of a `MeasuredChip` and their units in the file."""

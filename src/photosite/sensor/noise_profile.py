@@ -1,7 +1,7 @@
-"""The noise profile of a gain setting: variance as a straight line in the signal, which is what files pass on.
+"""Noise profiles: the variance at one gain setting as a straight line in the signal, as other programs exchange it.
 
-Here stand the line and its two ways: from a sensor's description, and back to as much of one as the line holds. The
-files that carry it are read and written in `photosite.frames.io.noise_profiles`.
+Conversion from a sensor's description, and back to the part of one that the line determines. The file formats are in
+`photosite.frames.io`: darktable, libcamera and dng_noise_profile.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from photosite.values.measured import Measured
 QUANTISATION_DN2 = 1 / 12
 """Variance of rounding to whole numbers."""
 
-LOST = "PRNU, dark current, the well, quantum efficiency and how read noise and DSNU share the offset"
-"""What no noise profile of two numbers holds."""
+NOT_IN_PROFILE = (
+    "PRNU, dark current, the well, quantum efficiency and the division of the offset into read noise and DSNU"
+)
+"""What a noise profile of two numbers does not hold."""
 
 
 @dataclass(frozen=True)
@@ -29,26 +31,26 @@ class NoiseProfile:
     Parameters
     ----------
     channels
-        Names of the colour channels, `("M",)` for a monochrome chip.
+        Names of the colour channels, `("M",)` for a monochrome sensor.
     slope, offset
-        One for each channel. The slope is the photons' noise, system gain / (white - black); the offset is what
-        darkness has: read noise, DSNU and rounding.
+        One for each channel. The slope is photon noise, system gain / (white - black); the offset is the variance in
+        the dark: read noise, DSNU and rounding.
     gain_setting
-        ISO or gain as the file or the frames say; None where they do not.
+        ISO or gain as the file or the frames state it, or None.
     black_level_dn, white_level_dn
-        The levels that 0 and 1 stand for; None where the file does not say.
+        The levels that 0 and 1 stand for, or None.
     camera
-        The camera's name, "" where it is not known.
+        The camera's name, "" if unknown.
     notes
-        What the reader should know: what was assumed, and what was lost.
+        Assumptions and losses.
 
     Raises
     ------
     InputError
         If the lengths differ, a slope is not above 0, or the white level is not above the black level.
 
-    Notes
-    -----
+    References
+    ----------
     DNG specification 1.7, NoiseProfile.
 
     Examples
@@ -69,50 +71,51 @@ class NoiseProfile:
 
     def __post_init__(self) -> None:
         if not len(self.channels) == len(self.slope) == len(self.offset) > 0:
-            raise InputError("a noise profile has one slope and one offset for each channel")
-        if min(entry.value for entry in self.slope) <= 0:
-            raise InputError(f"a noise profile's slope is above 0, not {min(entry.value for entry in self.slope):g}")
+            raise InputError("a noise profile needs one slope and one offset for each channel")
+        if (lowest := min(entry.value for entry in self.slope)) <= 0:
+            raise InputError("slope", value=lowest, expected="above 0")
         black, white = self.black_level_dn, self.white_level_dn
         if (black is None) != (white is None) or (black is not None and white is not None and not 0 <= black < white):
-            raise InputError(f"levels must obey 0 <= black < white, not black {black}, white {white}")
+            raise InputError("black_level_dn, white_level_dn", value=(black, white), expected="0 <= black < white")
 
     @property
     def span_dn(self) -> float:
-        """White less black level.
+        """White level minus black level.
 
         Raises
         ------
         InputError
-            If the levels are not known.
+            If the levels are unknown.
         """
         if self.black_level_dn is None or self.white_level_dn is None:
-            raise InputError("this noise profile does not say its black and white level; name a sensor that does")
+            hint = "Name a sensor that states them"
+            raise InputError("the noise profile does not state its black and white level", hint=hint)
         return self.white_level_dn - self.black_level_dn
 
     @property
     def system_gain_dn_per_e(self) -> Measured:
-        """System gain K, DN per electron: slope times (white - black), the channels' mean.
+        """System gain K, DN per electron: slope times (white - black), mean over channels.
 
-        It assumes that the slope is photon noise alone.
+        This assumes that the slope is photon noise alone.
         """
         return _scaled(_mean(self.slope), self.span_dn)
 
     @property
     def dark_noise_dn(self) -> Measured:
-        """Noise of a dark frame over its pixels, DN, rounding included: the root of offset times (white - black)^2.
+        """Noise of a dark frame over its pixels, DN, rounding included: sqrt(offset) times (white - black).
 
         Raises
         ------
         InputError
-            If the offset is negative: no noise has that variance.
+            If the offset is negative.
         """
-        return _root(_scaled(_mean(self.offset), self.span_dn**2), "an offset")
+        return _root(_scaled(_mean(self.offset), self.span_dn**2), "offset")
 
     def at_levels(self, black_level_dn: float, white_level_dn: float) -> NoiseProfile:
-        """The same noise with other numbers for black and white: those of another converter, or those of a file.
+        """Return the same noise for other black and white levels, such as those of another converter.
 
-        Levels that were not known are taken to be these. Between known ones the ratio of the converters' ranges counts,
-        2^bits: a number of 12 bits is 16 times as large in 16.
+        Unknown levels are set to these. Known ones are converted by the ratio of the converters' ranges, 2^bits: a
+        number of 12 bits is 16 times as large in 16 bits.
 
         Examples
         --------
@@ -133,35 +136,52 @@ class NoiseProfile:
         )
 
     def sensor(self, base: Sensor) -> Sensor:
-        """As much of a sensor as the profile tells, on a description of the rest.
+        """Return a sensor with the profile's gain and dark noise, and everything else from `base`.
 
-        Conversion gain follows from the slope and the base's volts. Read noise is the whole offset less rounding, and
-        DSNU is 0: a profile does not part them, and one frame looks alike either way. All else is the base's.
+        Conversion gain follows from the slope and the base's volts. Read noise is the offset without rounding, and DSNU
+        is 0: a profile does not separate them, and in one frame they look alike.
 
         Raises
         ------
         InputError
-            If the offset is less than the variance of rounding: no read noise follows.
+            If the offset is less than the variance of rounding.
         """
         profile = self.at_levels(base.readout.black_level_dn.value, base.white_level_dn)
         source = f"noise profile{f' of {self.camera}' if self.camera else ''}"
         if self.gain_setting is not None:
             source += f" at gain setting {self.gain_setting:g}"
         analog = _scaled(_mean(profile.offset), profile.span_dn**2)
-        read_dn = _root(replace(analog, value=analog.value - QUANTISATION_DN2), f"{source}: an offset less rounding")
+        read_dn = _root(replace(analog, value=analog.value - QUANTISATION_DN2), "offset minus rounding")
         read_mv = _scaled(read_dn, base.mv_per_dn)
         conversion = _scaled(profile.system_gain_dn_per_e, base.mv_per_dn * 1e3)
         kept = base.provenance.source or base.name
         return base.with_(
             conversion_gain_uv_per_e=replace(conversion, source=f"{source}: the slope as photon noise, at these volts"),
-            read_noise_mv=replace(read_mv, source=f"{source}: all of the offset but rounding"),
-            dsnu_mv=Measured(0.0, source=f"{source}: in the read noise", assumed=True),
+            read_noise_mv=replace(read_mv, source=f"{source}: the offset without rounding"),
+            dsnu_mv=Measured(0.0, source=f"{source}: included in the read noise", assumed=True),
             source=f"{source}; the rest as in: {kept}",
         )
 
 
+def profile_at_setting(profiles: Sequence[NoiseProfile], setting: float | None) -> NoiseProfile:
+    """Return the profile of a gain setting; None selects the only one.
+
+    Raises
+    ------
+    InputError
+        If no profile has that setting, or there are several and `setting` is None.
+    """
+    settings = ", ".join("not stated" if p.gain_setting is None else f"{p.gain_setting:g}" for p in profiles)
+    if setting is None and len(profiles) == 1:
+        return profiles[0]
+    for profile in profiles:
+        if setting is not None and profile.gain_setting == setting:
+            return profile
+    raise InputError("gain_setting", value=setting, expected=f"one of the noise profiles': {settings}")
+
+
 def _mean(entries: Sequence[Measured]) -> Measured:
-    """Mean over channels, whose errors are taken to be shared: one gain and one converter serve them all."""
+    """Return the mean over channels; their errors are fully correlated, since gain and converter are shared."""
     return Measured(fmean(e.value for e in entries), fmean(e.standard_uncertainty for e in entries))
 
 
@@ -171,28 +191,28 @@ def _scaled(entry: Measured, factor: float) -> Measured:
 
 def _root(variance: Measured, what: str) -> Measured:
     if variance.value < 0:
-        raise InputError(f"{what} of {variance.value:.3g} DN² is no variance: the profile tells no dark noise")
+        raise InputError(what, where="noise profile", value=variance.value, expected="a variance of 0 DN² or above")
     value = math.sqrt(variance.value)
     if variance.standard_uncertainty == 0:
         return Measured(value)
-    # First order, u / (2 sqrt(v)), has no value at zero: the larger distance to the roots of v +- u has.
+    # First order, u / (2 sqrt(v)), diverges at 0; use the larger distance to the roots of v +- u.
     below = math.sqrt(max(variance.value - variance.standard_uncertainty, 0.0))
     return Measured(value, max(math.sqrt(variance.value + variance.standard_uncertainty) - value, value - below))
 
 
 def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: float | None = None) -> NoiseProfile:
-    """The noise profile that follows from a sensor's description.
+    """Return the noise profile of a sensor's description.
 
     The offset is read noise, DSNU, the dark current's shot noise and rounding.
 
     Parameters
     ----------
     sensor
-        The sensor; what is uncertain in it is uncertain in the profile.
+        The sensor; its uncertainties are propagated.
     exposure_s
         Exposure time, for the dark current's shot noise.
     gain_setting
-        What the camera calls the setting that the description is of.
+        Gain setting that the description is valid for.
 
     Examples
     --------
@@ -204,6 +224,7 @@ def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: 
     noise, pixel, readout = sensor.noise, sensor.pixel, sensor.readout
     span = sensor.white_level_dn - readout.black_level_dn.value
     gain, volts = sensor.system_gain_dn_per_e, sensor.mv_per_dn
+    # Relative uncertainties.
     of_volts = math.hypot(*(q.standard_uncertainty / q.value for q in (pixel.voltage_swing_v, readout.analog_gain)))
     of_conversion = pixel.conversion_gain_uv_per_e.standard_uncertainty / pixel.conversion_gain_uv_per_e.value
     of_span = readout.black_level_dn.standard_uncertainty / span

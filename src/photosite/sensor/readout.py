@@ -13,6 +13,7 @@ from photosite.engine.philox import key_from_seed
 from photosite.engine.pixels import expose
 from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
+from photosite.sensor.io.maps_file import load_measured_chip
 from photosite.sensor.measured_readout import expose_chip
 from photosite.sensor.model import Sensor
 
@@ -93,7 +94,7 @@ def digital_numbers(
             f"a region is (r0, r1, c0, c1) within the chip's {shape[0]} rows and {shape[1]} columns, not {region}"
         )
     photo_e = np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32)
-    if (measured := sensor.measured_chip) is not None:
+    if (measured := load_measured_chip(sensor)) is not None:
         if device != "cpu":
             raise InputError("a measured chip is simulated on the CPU: take device='cpu', or maps=None for a drawn one")
         return expose_chip(measured, sensor, photo_e, exposure_s, (r0, c0), np.uint32(frame), key_from_seed(int(seed)))

@@ -209,7 +209,7 @@ def step_from(text: str) -> Step:
     >>> step.kind, step.exposure_s, step.count
     ('dark', 0.000125, 50)
     """
-    from photosite.frames.frame_set import KINDS
+    from photosite.frames.frame_settings import KINDS
 
     parts = [part.strip() for part in text.split(":")]
     kind = next((kind for kind in KINDS if kind == parts[0]), None)

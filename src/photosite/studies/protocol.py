@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photosite.errors import InputError
-from photosite.frames.frame_set import KINDS, Kind
+from photosite.frames.frame_settings import KINDS, Kind
 from photosite.values.exposure import check_exposure
 
 

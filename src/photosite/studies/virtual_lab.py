@@ -19,7 +19,8 @@ from photosite.camera.camera import Camera
 from photosite.color.spectrum import integration_weights
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_folder
-from photosite.frames.frame_set import FrameSet, FrameSource, ListedFrame, group_frames
+from photosite.frames.frame_set import FrameSet, FrameSource, group_frames
+from photosite.frames.frame_settings import FrameSettings
 from photosite.frames.io.protocol import Protocol, ProtocolFrames, write_protocol
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited
@@ -161,14 +162,15 @@ class VirtualLab:
             for repeat in range(step.count):
                 yield number, step, self._expose(step, mean, first + repeat)
 
+    def _settings(self, step: Step) -> FrameSettings:
+        return FrameSettings(step.kind, step.exposure_s, self.photons_per_pixel(step))
+
     def frame_set(self) -> FrameSet:
         """The frames as a calibration reads them, made anew each time one is read: nothing is kept."""
         listed = [
-            ListedFrame(
-                step.kind,
-                step.exposure_s,
+            (
                 FrameSource(f"virtual frame {first + repeat}", partial(self._dn, step, first + repeat)),
-                self.photons_per_pixel(step),
+                self._settings(step),
             )
             for _, step, first in self._numbered()
             for repeat in range(step.count)
@@ -203,12 +205,7 @@ class VirtualLab:
             self.camera.sensor.save(place / TRUTH_NAME)
             nominal_sensor(self.camera.sensor).save(place / NOMINAL_NAME)
             entries = tuple(
-                ProtocolFrames(
-                    step.kind,
-                    step.exposure_s,
-                    (f"{step.kind}/{number:02d}_*.tif",),
-                    self.photons_per_pixel(step),
-                )
+                ProtocolFrames((f"{step.kind}/{number:02d}_*.tif",), self._settings(step))
                 for number, step in enumerate(self.protocol.steps, start=1)
             )
             write_protocol(Protocol(entries, self.protocol.name, sensor=NOMINAL_NAME), place / PROTOCOL_NAME)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 
 Cfa = tuple[tuple[str, ...], ...]
-"""The repeating tile, rows of channel names; `(("M",),)` is a monochrome chip."""
+"""The repeating tile, rows of channel names; `(("M",),)` is a monochrome sensor."""
 
 MONOCHROME: Cfa = (("M",),)
 
@@ -24,7 +24,7 @@ NAMED: dict[str, Cfa] = {
 
 
 def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
-    """A colour filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
+    """Return a colour filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
 
     Raises
     ------
@@ -38,18 +38,18 @@ def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
     """
     if isinstance(tile, str):
         if tile.lower() not in NAMED:
-            raise InputError(f"unknown colour filter array '{tile}'; known are: {', '.join(NAMED)}")
+            raise InputError("cfa", value=tile, expected=f"{', '.join(NAMED)}, or a tile of channel names")
         return NAMED[tile.lower()]
-    if not isinstance(tile, Sequence) or not all(isinstance(row, Sequence) for row in tile):
-        raise InputError(f"a colour filter array is a name or rows of channel names, not {tile!r:.80}")
-    rows = tuple(tuple(str(name) for name in row) for row in tile)
+    rows: Cfa = ()
+    if isinstance(tile, Sequence) and all(isinstance(row, Sequence) for row in tile):
+        rows = tuple(tuple(str(name) for name in row) for row in tile)
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows) or not all(map(all, rows)):
-        raise InputError(f"a colour filter array is rows of equal length of channel names, not {tile!r}")
+        raise InputError("cfa", value=tile, expected="a name, or rows of channel names, all of the same length")
     return rows
 
 
 def channel_names(cfa: Cfa) -> tuple[str, ...]:
-    """The channels of the tile, each once, in reading order.
+    """Return the channels of the tile, each once, in reading order.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def channel_names(cfa: Cfa) -> tuple[str, ...]:
 
 
 def tile_text(cfa: Sequence[Sequence[str]]) -> str:
-    """The tile on one line, for messages and tables.
+    """Return the tile on one line, for messages and tables.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def tile_text(cfa: Sequence[Sequence[str]]) -> str:
 
 
 def channel_sites(cfa: Cfa, channel: str) -> tuple[tuple[int, int], ...]:
-    """Where in the tile the channel sits: `mosaic[r :: len(cfa), c :: len(cfa[0])]` for each (r, c).
+    """Return a channel's places in the tile: its pixels are `mosaic[r :: len(cfa), c :: len(cfa[0])]` for each (r, c).
 
     Examples
     --------
@@ -82,7 +82,7 @@ def channel_sites(cfa: Cfa, channel: str) -> tuple[tuple[int, int], ...]:
 
 
 def channel_mask(cfa: Cfa, channel: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(rows, cols), true at the channel's pixels.
+    """Return (rows, cols), true at the channel's pixels.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def channel_mask(cfa: Cfa, channel: str, shape: tuple[int, int]) -> NDArray[np.b
 
 
 def shifted(cfa: Cfa, row: int, col: int) -> Cfa:
-    """The tile of a frame that begins at a row and column of a larger one.
+    """Return the tile of a frame that begins at a row and column of a larger frame.
 
     Examples
     --------

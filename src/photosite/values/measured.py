@@ -1,4 +1,4 @@
-"""A value with its standard uncertainty: what a measurement gives and a sensor file keeps."""
+"""A value with its standard uncertainty, as in a sensor file."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ COVERAGE_95 = 1.959963984540054
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A value and what is known about it.
+    """A value with its standard uncertainty and source.
 
     Parameters
     ----------
     value
-        The value, in the unit that the name it is stored under ends in.
+        The value, in the unit at the end of its field's name.
     standard_uncertainty
-        One standard deviation of the value (GUM), in the same unit; 0 for a value taken as exact.
+        Standard uncertainty (GUM), in the same unit; 0 for an exact value.
     source
-        Where the value comes from.
+        Origin of the value.
     assumed
-        True where nobody measured or published the value and it is an assumption.
+        Whether the value is an assumption, neither measured nor published.
 
     Raises
     ------
@@ -45,15 +45,16 @@ class Measured:
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
-            raise InputError(f"a measured value must be a finite number, not {self.value}")
+            raise InputError("value", value=self.value, expected="a finite number")
         if not (math.isfinite(self.standard_uncertainty) and self.standard_uncertainty >= 0):
-            raise InputError(f"a standard uncertainty must be finite and not negative, not {self.standard_uncertainty}")
+            expected = "a finite number, 0 or above"
+            raise InputError("standard_uncertainty", value=self.standard_uncertainty, expected=expected)
 
     def __float__(self) -> float:
         return self.value
 
     @property
     def interval_95(self) -> tuple[float, float]:
-        """The 95 % interval, lower and upper end."""
+        """Lower and upper end of the 95 % interval."""
         half = COVERAGE_95 * self.standard_uncertainty
         return self.value - half, self.value + half

@@ -1,4 +1,4 @@
-"""Parts of a frame with a name: where a chart's patches lie."""
+"""Named parts of a frame, such as the patches of a chart."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from photosite.errors import InputError
 
 Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]
-"""Four (row, col) in pixels, one after the other round the shape; they run over borders: pixel i covers i to i + 1."""
+"""Four (row, col) in order around the shape, in pixels: pixel i covers i to i + 1."""
 
 ROUNDING_PX = 1e-6
-"""Corners may lie this far outside a frame: computed ones that were meant to lie on its border."""
+"""Tolerance for computed corners on the border of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A rectangle, rows r0 to r1 and columns c0 to c1, the second of each excluded.
+    """A rectangle of rows r0 to r1 and columns c0 to c1, r1 and c1 excluded.
 
     Raises
     ------
@@ -40,10 +40,9 @@ class Region:
 
     def __post_init__(self) -> None:
         if not (0 <= self.r0 < self.r1 and 0 <= self.c0 < self.c1):
-            raise InputError(
-                f"region '{self.name}' is empty or begins below 0: rows {self.r0} to {self.r1}, "
-                f"columns {self.c0} to {self.c1}"
-            )
+            corners = (self.r0, self.r1, self.c0, self.c1)
+            expected = "0 <= r0 < r1 and 0 <= c0 < c1"
+            raise InputError("r0, r1, c0, c1", where=f"region '{self.name}'", value=corners, expected=expected)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -51,25 +50,25 @@ class Region:
         return self.r1 - self.r0, self.c1 - self.c0
 
     def inside(self) -> NDArray[np.bool_]:
-        """(rows, cols) of the rectangle: all of it."""
+        """Return the pixels inside: (rows, cols), all true."""
         return np.ones(self.shape, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
 class Quadrilateral:
-    """Four corners and what lies between them: a square patch seen from the side, say.
+    """A quadrilateral, such as a square patch in perspective.
 
     Parameters
     ----------
     name
-        What it is called.
+        Its name.
     corners
-        One after the other round the shape, either way; it must be convex.
+        In order around the shape, in either direction. The shape must be convex.
 
     Raises
     ------
     InputError
-        If a corner is not finite or lies below 0, or the corners are not those of a convex quadrilateral in order.
+        If a corner is not finite or below 0, or the corners in this order do not form a convex shape.
 
     Examples
     --------
@@ -84,15 +83,15 @@ class Quadrilateral:
     def __post_init__(self) -> None:
         points = np.asarray(self.corners, dtype=np.float64)
         if points.shape != (4, 2) or not np.isfinite(points).all():
-            raise InputError(f"patch '{self.name}' needs four corners (row, col) of finite numbers")
+            raise self._error("four (row, col) of finite numbers")
         if points.min() < -ROUNDING_PX:
-            raise InputError(f"patch '{self.name}' begins outside the frame, at {_listed(self.corners)}")
+            raise self._error("0 or above")
         turns = turning(self.corners)
         if not (turns.min() > 0 or turns.max() < 0):
-            raise InputError(
-                f"the corners of patch '{self.name}', {_listed(self.corners)}, do not go round a convex shape; "
-                "give them one after the other round it"
-            )
+            raise self._error("a convex shape, in order around it")
+
+    def _error(self, expected: str) -> InputError:
+        return InputError("corners", where=f"patch '{self.name}'", value=self.corners, expected=expected)
 
     @property
     def r0(self) -> int:
@@ -115,30 +114,26 @@ class Quadrilateral:
         return math.ceil(max(col for _, col in self.corners))
 
     def inside(self) -> NDArray[np.bool_]:
-        """(r1 - r0, c1 - c0): the pixels that lie wholly within the four sides."""
+        """Return the pixels that are completely inside, (r1 - r0, c1 - c0)."""
         row = np.arange(self.r0, self.r1)[:, None] + 0.5
         col = np.arange(self.c0, self.c1)[None, :] + 0.5
-        way = np.sign(turning(self.corners)[0])
+        direction = np.sign(turning(self.corners)[0])
         within = np.ones((row.size, col.size), dtype=np.bool_)
         for (r0, c0), (r1, c1) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             down, along = r1 - r0, c1 - c0
-            # Cross product of the side and the way to the pixel's middle; its corners differ by at most the rest.
-            away = way * (down * (col - c0) - along * (row - r0))
-            within &= away >= 0.5 * (abs(down) + abs(along)) - 1e-9
+            # Cross product of side and vector to the pixel's centre; its corners differ by at most half the sum.
+            distance = direction * (down * (col - c0) - along * (row - r0))
+            within &= distance >= 0.5 * (abs(down) + abs(along)) - 1e-9
         return within
 
 
 Patch = Region | Quadrilateral
-"""What `photosite.metrics.patches` reads."""
+"""A patch whose mean `photosite.metrics.patches` computes."""
 
 
 def turning(corners: Corners) -> NDArray[np.float64]:
-    """(4,): cross product of the two sides at each corner; all of one sign where the shape is convex."""
+    """Return the cross product of the two sides at each corner, (4,): all of one sign if the shape is convex."""
     points = np.asarray(corners, dtype=np.float64)
     side = np.roll(points, -1, axis=0) - points
     after = np.roll(side, -1, axis=0)
     return np.asarray(side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0])
-
-
-def _listed(corners: Corners) -> str:
-    return " ".join(f"{row:g},{col:g}" for row, col in corners)

@@ -32,9 +32,11 @@ from photosite.calibration.spectral.bands import Band, Passband, Photodiode, Spe
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
-from photosite.frames.frame_set import FrameSource, Kind
+from photosite.frames.frame_file import FrameFile, SetProperties
+from photosite.frames.frame_set import FrameSource
+from photosite.frames.frame_settings import FrameSettings, Kind
+from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.protocol import matching_files, stated_bits, stated_cfa
-from photosite.frames.listing import Expected, FileEntry, frame_set_of_files
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.exposure import parse_exposure
 from photosite.values.measured import Measured
@@ -237,12 +239,12 @@ def _opened(top: ProtocolEntry, listed: Sequence[tuple[ProtocolEntry, str]]) -> 
     paths = {id(entry): entry.files() for entry, _ in listed}
     kinds: dict[str, Kind] = {"dark": "dark", "light": "light"}
     files = [
-        FileEntry(path, kinds[kind], entry.exposure_s(), listed_in=top.file, line=entry.line)
+        FrameFile(path, FrameSettings(kinds[kind], entry.exposure_s()), top.file, entry.line)
         for entry, kind in listed
         for path in paths[id(entry)]
     ]
-    expected = Expected(stated_bits(top.file, top.data), stated_cfa(top.file, top.data))
-    frames = frame_set_of_files(files, str(top.file), expected)
+    properties = SetProperties(stated_bits(top.file, top.data), stated_cfa(top.file, top.data))
+    frames = frame_set_from_files(files, str(top.file), properties)
     if len(frames.gain_settings) > 1:
         raise top.error("gain settings of the frames", value=frames.gain_settings, expected="all the same")
     by_name = {source.name: source for group in frames.groups for source in group.frames}

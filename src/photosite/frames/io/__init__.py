@@ -1,1 +1,1 @@
-"""Raw frame files, one module a format."""
+"""Frames on disk: one file for each format, for protocols and for noise profiles."""

@@ -1,8 +1,8 @@
-"""Frames in the camera makers' own formats (NEF, CR2, CR3, ARW, RAF, ...), decoded by LibRaw through rawpy.
+"""Frames in camera makers' raw formats (NEF, CR2, CR3, ARW, RAF, ...), decoded by LibRaw through rawpy.
 
-The frame is the visible area; borders are left out, and their level is kept beside it (`photosite.frames.levels`).
-LibRaw knows the levels as whole numbers. Exposure and ISO are those of Exif or TIFF/EP where the format is built like
-TIFF (NEF, CR2, ARW, ...), and LibRaw's own for the others.
+The frame is the visible area; the level of the borders is kept in the metadata (`photosite.frames.black_level`). LibRaw
+gives levels as whole numbers. Exposure and ISO come from Exif or TIFF/EP if the format is based on TIFF (NEF, CR2,
+ARW, ...), otherwise from LibRaw.
 """
 
 from __future__ import annotations
@@ -17,43 +17,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.frames.io.header import FrameHeader
+from photosite.frames.black_level import MASKED_BORDER, masked_border_level
+from photosite.frames.io.frame_header import FrameHeader
+from photosite.frames.io.tiff import camera_settings, exposure_of
 from photosite.frames.io.tiff_directory import Directory, read_directories
-from photosite.frames.levels import BORDER, border_level
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names
 
-_ENDINGS = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
-SUFFIXES = frozenset(f".{ending}" for ending in _ENDINGS.split())
+_SUFFIXES = "3fr arw cr2 cr3 crw dcr erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
+SUFFIXES = frozenset(f".{suffix}" for suffix in _SUFFIXES.split())
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """LibRaw's view of a file; whatever LibRaw raises inside becomes a FileError.
+def open_libraw(path: Path) -> Iterator[Any]:
+    """Open a file with LibRaw; errors of LibRaw become a FileError.
 
     Raises
     ------
     FileError
-        If LibRaw cannot open or decode the file, or finds several numbers a pixel in it.
+        If LibRaw cannot open or decode the file, or it has several numbers per pixel.
     """
     import rawpy
 
     try:
         with rawpy.imread(str(path)) as decoder:
             if decoder.raw_type != rawpy.RawType.Flat:
-                raise FileError(path, "holds several numbers a pixel; a raw frame has one")
+                raise FileError(path, "the file has several numbers per pixel; a raw frame has one")
             yield decoder
     except rawpy.LibRawError as error:
-        raise FileError(path, f"cannot be decoded: {_reason(error)}; is it truncated?") from None
+        problem = f"the file cannot be decoded: {_reason(error)}"
+        raise FileError(path, problem, hint="It may be truncated") from None
 
 
 def _reason(error: Exception) -> str:
-    """LibRaw's own words, which come as bytes, or rawpy's."""
+    """Return the message of LibRaw, which is bytes, or of rawpy."""
     return error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else str(error)
 
 
 def read_camera_raw_header(path: Path) -> FrameHeader:
-    """What a camera's raw file says of its frame without decoding it: size, exposure, ISO."""
+    """Read the header of a camera's raw file without decoding it: size, exposure, ISO."""
     import rawpy
 
     try:
@@ -61,43 +63,43 @@ def read_camera_raw_header(path: Path) -> FrameHeader:
             rows, cols = decoder.sizes.height, decoder.sizes.width
             shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
     except rawpy.LibRawError as error:
-        raise FileError(path, f"is not a raw file that LibRaw can open: {_reason(error)}") from None
+        raise FileError(path, f"LibRaw cannot open the file: {_reason(error)}") from None
     tags = _tags(path)
     metadata = MappingProxyType(_metadata(tags, iso))
     return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata)
 
 
 def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
-    """The visible area of a camera's raw file.
+    """Read the visible area of a camera's raw file.
 
     Parameters
     ----------
     path
         The file.
     bits
-        Bits of the converter; what it takes to hold the white level where not given.
+        Bit depth of the converter; default: the bits that the white level needs.
     cfa
-        What the colour filter array should be, to have it checked.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be decoded, or is not what was expected.
+        The expected colour filter array.
 
     Returns
     -------
     RawFrame, tuple of str
-        The frame, and what its reader should know.
+        The frame, and notes for warnings.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be decoded, or has another colour filter array.
     """
-    with opened(path) as decoder:
-        dn = decoder.raw_image_visible.copy()  # the view dies with the decoder
+    with open_libraw(path) as decoder:
+        dn = decoder.raw_image_visible.copy()  # the view is invalid once the decoder is closed
         colours = _tile(decoder)
         names = decoder.color_desc.decode("ascii")
         levels = [int(level) for level in decoder.black_level_per_channel]
         white = int(decoder.white_level)
         matrix = np.asarray(decoder.rgb_xyz_matrix, dtype=np.float64)
         shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
-        border_dn = border_level(_border(decoder))
+        border_dn = masked_border_level(_border(decoder))
     tile = MONOCHROME if colours is None else tuple(tuple(names[c] for c in row) for row in colours)
     tags = _tags(path)
     used = [0] if colours is None else sorted({int(c) for c in colours.ravel()})
@@ -112,13 +114,13 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         white_level_dn=float(white),
         exposure_s=_exposure_s(tags, shutter_s),
         color_matrix=_color_matrix(matrix, names, used, tile),
-        metadata=MappingProxyType(_metadata(tags, iso) | ({} if border_dn is None else {BORDER: border_dn})),
+        metadata=MappingProxyType(_metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn})),
     )
-    return header.frame(path, dn, bits, cfa), notes
+    return header.to_frame(path, dn, bits, cfa), notes
 
 
 def _tile(decoder: Any) -> NDArray[np.intp] | None:
-    """LibRaw's colour numbers over the repeating tile at the visible area's corner, or None without a mosaic."""
+    """Return LibRaw's colour numbers of the tile at the visible area's corner, or None without a mosaic."""
     if decoder.num_colors == 1 or decoder.raw_pattern is None:
         return None
     rows, cols = decoder.raw_pattern.shape
@@ -127,18 +129,18 @@ def _tile(decoder: Any) -> NDArray[np.intp] | None:
 
 
 def _black_level(levels: list[int], colours: NDArray[np.intp] | None) -> tuple[float, tuple[str, ...]]:
-    """The mean black level over the tile, and a note where it is a mean of different ones."""
+    """Return the mean black level over the tile, and a note if the levels differ."""
     if colours is None:
         return float(levels[0]), ()
     of_tile = np.array(levels)[colours]
     mean, low, high = float(of_tile.mean()), int(of_tile.min()), int(of_tile.max())
     if low == high:
         return mean, ()
-    return mean, (f"black levels differ between the channels, {low} to {high} DN; their mean, {mean:g} DN, is taken",)
+    return mean, (f"black levels differ between channels, {low} to {high} DN; their mean, {mean:g} DN, is used",)
 
 
 def _color_matrix(matrix: NDArray[np.float64], names: str, used: list[int], cfa: Cfa) -> NDArray[np.float64] | None:
-    """XYZ to camera from LibRaw's table of cameras; the second green of a Bayer mosaic has no row of its own."""
+    """Return XYZ to camera from LibRaw's camera table; the second green of a Bayer mosaic has no row."""
     first: dict[str, int] = {}
     for number in used:
         first.setdefault(names[number], number)
@@ -148,7 +150,7 @@ def _color_matrix(matrix: NDArray[np.float64], names: str, used: list[int], cfa:
 
 
 def _tags(path: Path) -> Directory:
-    """The first directory of a raw file built like TIFF; an empty one for other formats."""
+    """Return the first directory of a raw file based on TIFF; an empty one for other formats."""
     try:
         return read_directories(path, strict=False)[0]
     except FileError:
@@ -156,22 +158,18 @@ def _tags(path: Path) -> Directory:
 
 
 def _exposure_s(tags: Directory, shutter_s: float) -> float | None:
-    """Exif's ratio where there is one, else LibRaw's single-precision number, else None."""
-    from photosite.frames.io.tiff import exposure_of
-
+    """Return Exif's ratio, else LibRaw's single-precision number, else None."""
     return exposure_of(tags) or (shutter_s if shutter_s > 0 else None)
 
 
 def _metadata(tags: Directory, iso: float) -> dict[str, Any]:
-    """What the tags say, and LibRaw's ISO where they say none; LibRaw has 0 for one it does not know."""
-    from photosite.frames.io.tiff import camera_settings
-
+    """Return the tags' metadata, and LibRaw's ISO if the tags have none; LibRaw gives 0 if it is unknown."""
     found = ({"iso": iso} if iso > 0 else {}) | camera_settings(tags)
     return found if "model" not in found else found | {"camera": found["model"]}
 
 
 def _border(decoder: Any) -> list[NDArray[np.uint16]]:
-    """The strips above and left of the visible area, edge on: (lines, pixels). Those after it are often unused."""
+    """Return the strips above and left of the visible area, (lines, pixels); the other sides are often unused."""
     raw, sizes = decoder.raw_image, decoder.sizes
     top, left = sizes.top_margin, sizes.left_margin
     bottom, right = top + sizes.height, left + sizes.width

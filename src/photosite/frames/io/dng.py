@@ -1,52 +1,80 @@
-"""Frames in Adobe DNG 1.4, written so that LibRaw reads the same pixels, levels, mosaic and colour.
+"""Frames in Adobe DNG 1.4: written for LibRaw, and read from any DNG of one sample per pixel.
 
-One directory, uncompressed 16-bit. A mosaic is CFA, a chip of one channel is LinearRaw of one sample. The levels,
-exposure, colour matrix and noise profile are in DNG's own tags; what these cannot say, or say only as a ratio of
-32-bit integers, is in ImageDescription (`photosite.frames.io.header`).
+Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
+exposure, colour matrix and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
+integers, is also in ImageDescription (`photosite.frames.io.description`). AsShotNeutral is written if the metadata have
+"as_shot_neutral"; otherwise readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
+nothing smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
+"photosite", and the camera's name is in Model.
 
-White balance (AsShotNeutral) is written where the frame's metadata say "as_shot_neutral"; else readers choose it.
-
-LibRaw takes BlackLevel as a whole number, cutting off the fraction that the file has, and opens nothing under 22
-pixels on a side. It looks cameras up by maker and model and puts its own white level and matrix for known ones beside
-the file's: Make is therefore "photosite", and the camera's name is in Model.
+Reading. Levels, mosaic and matrix come from the tags; LibRaw, which rounds black levels and moves odd margins, only
+decodes the pixels. The frame is the active area. The mean of the masked areas (optical black) is the black level if the
+file states none.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import InputError, PhotositeWarning
-from photosite.frames.io.header import describe
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.frames.black_level import MASKED_BORDER, masked_border_note
+from photosite.frames.io.camera_raw import open_libraw
+from photosite.frames.io.description import describe_frame, parse_description
+from photosite.frames.io.frame_header import FrameHeader
+from photosite.frames.io.tiff import (
+    BITS,
+    COMPRESSION,
+    DESCRIPTION,
+    LENGTH,
+    PHOTOMETRIC,
+    SAMPLES,
+    WIDTH,
+    camera_settings,
+    checked_size,
+    exposure_of,
+    read_tiff_pixels,
+)
+from photosite.frames.io.tiff_directory import SUB_IFDS, Directory, read_directories
 from photosite.frames.raw_frame import RawFrame
-from photosite.values.cfa import NAMED
+from photosite.values.cfa import MONOCHROME, NAMED, Cfa, channel_names, tile_text
 
-LINEAR_RAW = 34892
-DNG_VERSION, UNIQUE_CAMERA_MODEL = 50706, 50708
-CFA_REPEAT_DIM, CFA_PATTERN, CFA_PLANE_COLOR = 33421, 33422, 50710
-BLACK_LEVEL, WHITE_LEVEL, ACTIVE_AREA = 50714, 50717, 50829
-COLOR_MATRIX_1, ILLUMINANT_1, NOISE_PROFILE = 50721, 50778, 51041
-MAKE, MODEL, ORIENTATION, ISO = 271, 272, 274, 34855
-AS_SHOT_NEUTRAL = 50728
+CFA, LINEAR_RAW = 32803, 34892
+NEW_SUBFILE_TYPE, MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, ISO = 254, 271, 272, 274, 33434, 34855
+CFA_REPEAT_DIM, CFA_PATTERN = 33421, 33422
+DNG_VERSION, DNG_BACKWARD_VERSION, UNIQUE_CAMERA_MODEL = 50706, 50707, 50708
+CFA_PLANE_COLOR, CFA_LAYOUT = 50710, 50711
+BLACK_LEVEL, BLACK_LEVEL_DELTA_H, BLACK_LEVEL_DELTA_V, WHITE_LEVEL = 50714, 50715, 50716, 50717
+DEFAULT_CROP_ORIGIN, DEFAULT_CROP_SIZE = 50719, 50720
+COLOR_MATRIX_1, COLOR_MATRIX_2, CALIBRATION_1, CALIBRATION_2 = 50721, 50722, 50723, 50724
+ANALOG_BALANCE, AS_SHOT_NEUTRAL, ILLUMINANT_1, ILLUMINANT_2 = 50727, 50728, 50778, 50779
+ACTIVE_AREA, MASKED_AREAS, NOISE_PROFILE = 50829, 50830, 51041
 D65 = 21
 
 NEUTRAL_NAME = "as_shot_neutral"
-"""Of the metadata: what a gray surface reads in R, G and B above black, the largest 1, such as "1,0.9,0.4"."""
+"""Metadata name of a gray surface's R, G and B above black, the largest 1, such as "1,0.9,0.4"."""
 
 PLANES = ("R", "G", "B")
 """The colours in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
 
 LIBRAW_SMALLEST = 22
 
+_COLOURS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
+"""TIFF/EP CFAPattern, and white as DNG adds it."""
+
 _BAYER = {NAMED[name] for name in ("rggb", "bggr", "gbrg", "grbg")}
 _D65_WHITE_XYZ = (0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290)  # CIE 15, 2 degree observer
 
 Tag = tuple[int, str, int, Any, bool]
+Area = tuple[int, int, int, int]
+"""First row and column, and the ones after the last."""
 
 
 def write_dng(frame: RawFrame, path: Path) -> None:
@@ -66,23 +94,22 @@ def write_dng(frame: RawFrame, path: Path) -> None:
 
     tags = [*_common_tags(frame), *_colour_tags(frame)]
     if min(frame.shape) < LIBRAW_SMALLEST:
-        warnings.warn(
-            f"LibRaw and what is built on it open no DNG under {LIBRAW_SMALLEST} x {LIBRAW_SMALLEST} pixels; "
-            f"this one is {frame.shape[0]} x {frame.shape[1]}",
-            PhotositeWarning,
-            stacklevel=3,
+        problem = (
+            f"the frame has {frame.shape[0]} x {frame.shape[1]} pixels; LibRaw and programs based on it open no DNG "
+            f"smaller than {LIBRAW_SMALLEST} x {LIBRAW_SMALLEST}"
         )
+        warnings.warn(PhotositeWarning(problem), stacklevel=3)
     tifffile.imwrite(
         path,
         frame.dn,
         photometric="cfa" if frame.is_mosaic else "minisblack",
-        description=describe(frame),
+        description=describe_frame(frame),
         metadata=None,
         software="photosite",
         extratags=tags,
     )
     if not frame.is_mosaic:
-        # tifffile holds LinearRaw to three samples; DNG has it with one for monochrome chips.
+        # tifffile requires three samples for LinearRaw; in DNG monochrome sensors have one.
         with tifffile.TiffFile(path, mode="r+") as file:
             file.pages.first.tags["PhotometricInterpretation"].overwrite(LINEAR_RAW)
 
@@ -90,28 +117,29 @@ def write_dng(frame: RawFrame, path: Path) -> None:
 def _common_tags(frame: RawFrame) -> list[Tag]:
     rows, cols = frame.shape
     if frame.white_level_dn != int(frame.white_level_dn):
-        raise InputError(f"DNG keeps white levels as whole numbers, not {frame.white_level_dn}; save as .tif or .png")
-    camera = _ascii(str(frame.metadata.get("camera", "unnamed camera")))
+        hint = "Save as .tif or .png"
+        raise InputError("white_level_dn", value=frame.white_level_dn, expected="a whole number in DNG", hint=hint)
+    camera = str(frame.metadata.get("camera", "unnamed camera")).encode("ascii", "replace").decode("ascii")
     tags: list[Tag] = [
         (DNG_VERSION, "B", 4, bytes((1, 4, 0, 0)), True),
-        (50707, "B", 4, bytes((1, 1, 0, 0)), True),  # DNGBackwardVersion
+        (DNG_BACKWARD_VERSION, "B", 4, bytes((1, 1, 0, 0)), True),
         (UNIQUE_CAMERA_MODEL, "s", 0, f"photosite {camera}", True),
         (MAKE, "s", 0, "photosite", True),
         (MODEL, "s", 0, camera, True),
         (ORIENTATION, "H", 1, 1, True),
-        (BLACK_LEVEL, "2I", 1, ratio(frame.black_level_dn, "black level"), True),
+        (BLACK_LEVEL, "2I", 1, _ratio(frame.black_level_dn, "black_level_dn"), True),
         (WHITE_LEVEL, "I", 1, int(frame.white_level_dn), True),
         (ACTIVE_AREA, "I", 4, (0, 0, rows, cols), True),
-        (50719, "I", 2, (0, 0), True),  # DefaultCropOrigin
-        (50720, "I", 2, (cols, rows), True),  # DefaultCropSize
+        (DEFAULT_CROP_ORIGIN, "I", 2, (0, 0), True),
+        (DEFAULT_CROP_SIZE, "I", 2, (cols, rows), True),
     ]
     if frame.exposure_s is not None:
-        tags.append((33434, "2I", 1, ratio(frame.exposure_s, "exposure"), True))
+        tags.append((EXPOSURE_TIME, "2I", 1, _ratio(frame.exposure_s, "exposure_s"), True))
     iso = frame.metadata.get("iso")
     if isinstance(iso, int | float) and iso == int(iso) and 0 < iso < 65536:
         tags.append((ISO, "H", 1, int(iso), True))
     if frame.noise_profile is not None:
-        profile = _by_plane(frame, frame.noise_profile, 2, "noise profile")
+        profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))
     return tags
 
@@ -120,67 +148,285 @@ def _colour_tags(frame: RawFrame) -> list[Tag]:
     if not frame.is_mosaic:
         return []
     if frame.cfa not in _BAYER:
-        raise InputError(
-            f"DNG is written for the Bayer mosaics rggb, bggr, gbrg, grbg and for one channel, not {frame.cfa}; "
-            "save as .tif or .png"
-        )
+        expected = "rggb, bggr, gbrg, grbg or monochrome in DNG"
+        raise InputError("cfa", value=tile_text(frame.cfa), expected=expected, hint="Save as .tif or .png")
     pattern = bytes(PLANES.index(name) for row in frame.cfa for name in row)
     tags: list[Tag] = [
         (CFA_REPEAT_DIM, "H", 2, (2, 2), True),
         (CFA_PATTERN, "B", 4, pattern, True),
         (CFA_PLANE_COLOR, "B", 3, bytes((0, 1, 2)), True),
-        (50711, "H", 1, 1, True),  # CFALayout: rectangular
+        (CFA_LAYOUT, "H", 1, 1, True),  # rectangular
     ]
     if frame.color_matrix is None:
         return tags
-    matrix = _by_plane(frame, frame.color_matrix, 3, "colour matrix")
+    matrix = _by_plane(frame, frame.color_matrix, 3, "color_matrix")
     white = matrix @ np.array(_D65_WHITE_XYZ)
     if white.min() <= 0:
-        raise InputError(f"the colour matrix turns the white of D65 into {white.tolist()}; all must be above 0")
+        expected = "one that gives positive camera values for the white of D65"
+        raise InputError("color_matrix", value=matrix.tolist(), expected=expected)
+    ratios = sum((_ratio(x, "color_matrix", signed=True) for x in matrix.ravel()), ())
     return [
         *tags,
-        (COLOR_MATRIX_1, "2i", 9, sum((ratio(x, "colour matrix", signed=True) for x in matrix.ravel()), ()), True),
+        (COLOR_MATRIX_1, "2i", 9, ratios, True),
         (ILLUMINANT_1, "H", 1, D65, True),
         *_neutral_tags(frame),
     ]
 
 
 def _neutral_tags(frame: RawFrame) -> list[Tag]:
-    """AsShotNeutral where the metadata say what gray reads; a frame does not tell the light it was taken in."""
-    said = frame.metadata.get(NEUTRAL_NAME)
-    if said is None:
+    """Return AsShotNeutral if the metadata have it; a frame does not show the light it was taken in."""
+    stated = frame.metadata.get(NEUTRAL_NAME)
+    if stated is None:
         return []
     try:
-        neutral = [float(part) for part in str(said).split(",")]
+        neutral = [float(part) for part in str(stated).split(",")]
     except ValueError:
         neutral = []
     if len(neutral) != 3 or not all(0 < part <= 1 for part in neutral):
-        raise InputError(f"{NEUTRAL_NAME} is three numbers above 0 up to 1, for R, G and B, not {said!r}")
-    return [(AS_SHOT_NEUTRAL, "2I", 3, sum((ratio(x, "neutral") for x in neutral), ()), True)]
+        expected = "three numbers above 0 and at most 1, for R, G and B"
+        raise InputError(NEUTRAL_NAME, where="metadata", value=stated, expected=expected)
+    return [(AS_SHOT_NEUTRAL, "2I", 3, sum((_ratio(x, NEUTRAL_NAME) for x in neutral), ()), True)]
 
 
 def _by_plane(frame: RawFrame, rows: NDArray[np.float64], cols: int, what: str) -> NDArray[np.float64]:
-    """Rows in the order of `frame.channels` put into the order of the planes."""
+    """Reorder rows from the order of `frame.channels` to that of the planes."""
     table = np.asarray(rows, dtype=np.float64)
-    if table.shape != (len(frame.channels), cols):
-        raise InputError(
-            f"the {what} of {len(frame.channels)} channels is ({len(frame.channels)}, {cols}), not {table.shape}"
-        )
+    expected = (len(frame.channels), cols)
+    if table.shape != expected:
+        raise InputError(what, value=table.shape, expected=f"of shape {expected}")
     if not frame.is_mosaic:
         return table
     return table[[frame.channels.index(name) for name in PLANES if name in frame.channels]]
 
 
-def ratio(value: float, what: str, *, signed: bool = False) -> tuple[int, int]:
-    """The nearest ratio of two 32-bit integers."""
+def _ratio(value: float, what: str, *, signed: bool = False) -> tuple[int, int]:
+    """Return the nearest ratio of two 32-bit integers."""
     highest = (1 << 31) - 1 if signed else (1 << 32) - 1
     if not abs(value) <= highest:
-        raise InputError(f"DNG cannot hold a {what} of {value}")
+        raise InputError(what, value=value, expected=f"at most {highest} in DNG")
     ratio = Fraction(float(value)).limit_denominator(int(highest / max(1.0, abs(value))))
     if value != 0 and ratio == 0:
-        raise InputError(f"DNG cannot hold a {what} of {value}: it is too small")
+        raise InputError(what, value=value, expected="0 or a ratio of two 32-bit integers in DNG")
     return ratio.numerator, ratio.denominator
 
 
-def _ascii(text: str) -> str:
-    return text.encode("ascii", "replace").decode("ascii")
+def read_dng_header(path: Path) -> FrameHeader:
+    """Read the header of a DNG's frame.
+
+    Raises
+    ------
+    FileError
+        If the file is truncated or damaged, holds no frame of one sample per pixel, or was written by photosite and
+        edited.
+    """
+    directories = read_directories(path)
+    top, raw = directories[0], _raw_directory(path, directories)
+    text = top.text(DESCRIPTION) or ""
+    if (own := parse_description(path, text, *_size(raw), 16)) is not None:
+        checked_size(path, raw)
+        _check_unedited(path, own, top)
+        return own
+    try:
+        return _header_from_tags(path, top, raw)
+    except (ValueError, OverflowError) as error:  # inconsistent counts, invalid values
+        raise FileError(path, f"the file is damaged: its tags contradict each other ({error})") from None
+
+
+def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader:
+    first_row, first_col, end_row, end_col = _active_area(path, raw)
+    white = raw.number(WHITE_LEVEL) or (1 << int(raw.number(BITS) or 16)) - 1
+    cfa = _cfa(path, raw)
+    black_level_dn, notes = _black_level(raw)
+    return FrameHeader(
+        end_row - first_row,
+        end_col - first_col,
+        None,
+        bits=int(white).bit_length(),
+        cfa=cfa,
+        black_level_dn=black_level_dn,
+        white_level_dn=float(white),
+        exposure_s=exposure_of(top),
+        color_matrix=_color_matrix(top, raw, cfa),
+        noise_profile=_noise_profile(top, raw, cfa),
+        metadata=MappingProxyType(_metadata(top)),
+        notes=notes,
+        masked_border=bool(raw.numbers(MASKED_AREAS)),
+    )
+
+
+def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
+    """Read the active area of a DNG.
+
+    Parameters
+    ----------
+    path
+        The file.
+    bits, cfa
+        The expected bit depth and colour filter array.
+
+    Returns
+    -------
+    RawFrame, tuple of str
+        The frame, and notes for warnings.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be decoded, or contradicts what is expected.
+    """
+    header = read_dng_header(path)
+    dn, border_dn = _decode(path)
+    if border_dn is None:
+        return header.to_frame(path, dn, bits, cfa), header.notes
+    header = replace(
+        header,
+        black_level_dn=border_dn if header.black_level_dn is None else header.black_level_dn,
+        metadata=MappingProxyType({**header.metadata, MASKED_BORDER: border_dn}),
+    )
+    frame = header.to_frame(path, dn, bits, cfa)
+    return frame, header.notes + masked_border_note(frame)
+
+
+def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
+    """Return the active area's digital numbers, and the mean of the masked areas if there are any."""
+    directories = read_directories(path)
+    top, raw = directories[0], _raw_directory(path, directories)
+    if raw is top and raw.number(COMPRESSION) in (None, 1) and raw.number(BITS) == 16:
+        pixels = read_tiff_pixels(path)
+    else:
+        with open_libraw(path) as decoder:
+            pixels = decoder.raw_image.copy()
+    if pixels.shape != _size(raw):
+        raise FileError(path, f"the decoded size is {pixels.shape}, that of the tags {_size(raw)}")
+    first_row, first_col, end_row, end_col = _active_area(path, raw)
+    masked = [pixels[t:b, left:r].ravel() for t, left, b, r in _masked_areas(path, raw)]
+    border_dn = float(np.concatenate(masked).mean()) if masked else None
+    return np.ascontiguousarray(pixels[first_row:end_row, first_col:end_col]), border_dn
+
+
+def _size(raw: Directory) -> tuple[int, int]:
+    return int(raw.number(LENGTH) or 0), int(raw.number(WIDTH) or 0)
+
+
+def _active_area(path: Path, raw: Directory) -> Area:
+    rows, cols = _size(raw)
+    match raw.numbers(ACTIVE_AREA) or (0, 0, rows, cols):
+        case (top, left, bottom, right) if 0 <= top < bottom <= rows and 0 <= left < right <= cols:
+            return int(top), int(left), int(bottom), int(right)
+        case area:
+            raise FileError(path, f"the file is damaged: active area {area} in {rows} x {cols} pixels")
+
+
+def _masked_areas(path: Path, raw: Directory) -> list[Area]:
+    rows, cols = _size(raw)
+    edges = [int(edge) for edge in raw.numbers(MASKED_AREAS) or ()]
+    areas = list(zip(edges[::4], edges[1::4], edges[2::4], edges[3::4], strict=False))
+    if len(edges) % 4 or not all(0 <= t < b <= rows and 0 <= left < r <= cols for t, left, b, r in areas):
+        raise FileError(path, f"the file is damaged: masked areas {tuple(edges)} in {rows} x {cols} pixels")
+    return areas
+
+
+def _raw_directory(path: Path, directories: list[Directory]) -> Directory:
+    """Return the largest full-resolution directory; previews are marked by NewSubfileType."""
+    every = [child for page in directories for child in (page, *page.children.get(SUB_IFDS, ()))]
+    raws = [p for p in every if p.number(PHOTOMETRIC) in (CFA, LINEAR_RAW) and not p.number(NEW_SUBFILE_TYPE)]
+    if not raws:
+        raise FileError(path, "the DNG has no raw image")
+    raw: Directory = max(raws, key=lambda page: (page.number(WIDTH) or 0) * (page.number(LENGTH) or 0))
+    if (samples := raw.number(SAMPLES) or 1) != 1:
+        raise FileError(path, f"the DNG is developed, with {samples} samples per pixel; a raw frame has one")
+    return raw
+
+
+def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:
+    """Check that tags and description of a frame from photosite agree; if not, the file was edited."""
+    black, exposure_s = own.black_level_dn or 0.0, own.exposure_s
+    pairs: list[tuple[str, Any, Any]] = [
+        ("black level", _rounded(black), top.number(BLACK_LEVEL)),
+        ("white level", int(own.white_level_dn or 0), top.number(WHITE_LEVEL)),
+        ("exposure", None if exposure_s is None else _rounded(exposure_s), exposure_of(top)),
+    ]
+    if own.cfa is not None and len(channel_names(own.cfa)) > 1:
+        pairs.append(("colour filter array", own.cfa, _cfa(path, top)))
+    for what, in_description, in_tags in pairs:
+        if in_description != in_tags:
+            problem = f"the file was edited: its tags state {what} {in_tags}, its description {in_description}"
+            raise FileError(path, problem, hint="Remove ImageDescription to use the tags")
+
+
+def _rounded(value: float) -> float:
+    numerator, denominator = _ratio(value, "value")
+    return numerator / denominator
+
+
+def _cfa(path: Path, raw: Directory) -> Cfa:
+    if raw.number(PHOTOMETRIC) == LINEAR_RAW:
+        return MONOCHROME
+    size, pattern = raw.numbers(CFA_REPEAT_DIM), raw.numbers(CFA_PATTERN)
+    if size is None or pattern is None or len(size) != 2 or len(pattern) != size[0] * size[1]:
+        raise FileError(path, "the file is damaged: a mosaic without its colour filter array")
+    if (layout := raw.number(CFA_LAYOUT) or 1) != 1:
+        raise FileError(path, "CFALayout", value=layout, expected="1, a rectangular mosaic")
+    names = [_COLOURS.get(int(code), f"C{code}") for code in pattern]
+    return tuple(tuple(names[row * size[1] : (row + 1) * size[1]]) for row in range(size[0]))
+
+
+def _black_level(raw: Directory) -> tuple[float | None, tuple[str, ...]]:
+    """Return the mean black level, with a note if levels differ; None if masked areas are to give it.
+
+    DNG 1.4: without the tag the level is 0, and masked areas serve to measure it.
+    """
+    if raw.numbers(BLACK_LEVEL) is None and raw.numbers(MASKED_AREAS):
+        return None, ()
+    levels = raw.numbers(BLACK_LEVEL) or (0.0,)
+    along_row, along_col = raw.numbers(BLACK_LEVEL_DELTA_H) or (0.0,), raw.numbers(BLACK_LEVEL_DELTA_V) or (0.0,)
+    mean = float(np.mean(levels) + np.mean(along_row) + np.mean(along_col))
+    if all(len(set(part)) == 1 for part in (levels, along_row, along_col)):
+        return mean, ()
+    spread = f"{min(levels):g} to {max(levels):g} DN within the tile"
+    return mean, (f"black levels differ between pixels, {spread}; their mean, {mean:g} DN, is used",)
+
+
+def _color_matrix(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    """Return the ColorMatrix of D65, with CameraCalibration and AnalogBalance (DNG 1.4, chapter 6)."""
+    for matrix_tag, light_tag, calibration_tag in (
+        (COLOR_MATRIX_1, ILLUMINANT_1, CALIBRATION_1),
+        (COLOR_MATRIX_2, ILLUMINANT_2, CALIBRATION_2),
+    ):
+        values, light = top.numbers(matrix_tag), top.number(light_tag)
+        if values is None or light != D65:
+            continue
+        planes = len(values) // 3
+        matrix = np.reshape(values, (planes, 3))
+        if (calibration := top.numbers(calibration_tag)) is not None:
+            matrix = np.reshape(calibration, (planes, planes)) @ matrix
+        if (balance := top.numbers(ANALOG_BALANCE)) is not None:
+            matrix = np.diag(balance) @ matrix
+        return _by_channel(matrix, raw, cfa)
+    return None
+
+
+def _noise_profile(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    values = raw.numbers(NOISE_PROFILE) or top.numbers(NOISE_PROFILE)
+    if values is None:
+        return None
+    profile = np.reshape(values, (-1, 2))
+    if len(profile) == 1:
+        return np.repeat(profile, len(channel_names(cfa)), axis=0)
+    return _by_channel(profile, raw, cfa)
+
+
+def _by_channel(table: NDArray[np.float64], raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
+    """Reorder rows from the order of CFAPlaneColor to that of the tile's channels."""
+    planes = [_COLOURS.get(int(code)) for code in raw.numbers(CFA_PLANE_COLOR) or (0, 1, 2)]
+    if cfa == MONOCHROME:
+        planes = ["M"]
+    channels = channel_names(cfa)
+    if len(planes) != len(table) or not set(channels) <= set(planes):
+        return None
+    return np.asarray(table[[planes.index(name) for name in channels]], dtype=np.float64)
+
+
+def _metadata(top: Directory) -> dict[str, Any]:
+    camera = top.text(UNIQUE_CAMERA_MODEL)
+    return camera_settings(top) if camera is None else {"camera": camera, **camera_settings(top)}

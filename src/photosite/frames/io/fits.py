@@ -1,9 +1,9 @@
-"""Frames in FITS (version 4.0), read by astropy, which is asked for only here: `pip install 'photosite[fits]'`.
+"""Frames in FITS (version 4.0), read by astropy: `pip install 'photosite[fits]'`.
 
-Every image unit of 8 or 16 bits is a frame, or a stack where it has three axes. Numbers above 32767 are stored as FITS
-has them, less BZERO = 32768. Read are EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees Celsius),
-IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF. Rows are in the
-order in which they are stored.
+Every image unit of 8 or 16 bits is a frame, or a stack if it has three axes. Unsigned 16-bit numbers are stored minus
+BZERO = 32768, as FITS requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP (degrees
+Celsius), IMAGETYP (words as in file names: "Dark Frame", "Flat Field"), BAYERPAT with XBAYROFF and YBAYROFF. Rows are
+in the order in which they are stored.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.frames.io.header import FrameHeader, Place
-from photosite.frames.names import kinds_named
+from photosite.frames.file_names import kinds_in_name
+from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.values.cfa import Cfa, cfa_from, shifted
 
 SIGNATURE = b"SIMPLE  ="
@@ -32,96 +32,99 @@ _UNSIGNED_ZERO = 32768
 
 
 def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """What a FITS file says of its frames, unit after unit.
+    """Read the headers of all frames in a FITS file.
 
     Raises
     ------
     FileError
-        If it is truncated, holds no images of 8 or 16 bits, a keyword says what cannot be, or astropy is not there.
+        If the file is truncated, holds no images of 8 or 16 bits, has an invalid keyword, or astropy is not installed.
     """
     found: list[tuple[int, tuple[int, ...], FrameHeader]] = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # astropy's: what matters of them is an error below
-        with _opened(path) as units:
+        warnings.simplefilter("ignore")  # astropy's; the relevant ones are errors below
+        with _open_fits(path) as units:
             size = path.stat().st_size
             for number, unit in enumerate(units):
                 place = unit.fileinfo()
                 if (end := place["datLoc"] + place["datSpan"]) > size:
-                    raise FileError(path, f"is truncated: unit {number} ends at byte {end}, the file at {size}")
+                    problem = f"the file is truncated: unit {number} ends at byte {end}, the file at {size}"
+                    raise FileError(path, problem)
                 if unit.is_image and unit.header.get("NAXIS"):
-                    shape = _checked_shape(path, number, unit.header)
+                    shape = _shape(path, number, unit.header)
                     found.append((number, shape, _header(path, shape, _Keywords(path, unit.header, units[0].header))))
     if not found:
-        raise FileError(path, "is FITS without an image")
-    alone = len(found) == 1 and len(found[0][1]) == 2
+        raise FileError(path, "the FITS file holds no image")
+    single = len(found) == 1 and len(found[0][1]) == 2
     return tuple(
-        replace(header, place=Place("" if alone else f"[{number}, {index}]", number, index))
+        replace(header, location=FrameLocation("" if single else f"[{number}, {index}]", number, index))
         for number, shape, header in found
         for index in range(shape[0] if len(shape) == 3 else 1)
     )
 
 
-def read_fits_pixels(path: Path, place: Place) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of one frame.
+def read_fits_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
+    """Read the (rows, cols) digital numbers of one frame.
 
     Raises
     ------
     FileError
         If they cannot be read, or some are below 0.
     """
-    with _opened(path) as units:
-        unit = units[place.part]
-        zero = int(unit.header.get("BZERO", 0))  # before the data are asked for, which may change the header
-        stored = np.asarray(unit.section[place.index] if unit.header["NAXIS"] == 3 else unit.data)
+    with _open_fits(path) as units:
+        unit = units[location.part]
+        zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
+        stored = np.asarray(unit.section[location.index] if unit.header["NAXIS"] == 3 else unit.data)
         dn = stored.astype(np.int32) + zero
     if dn.min() < 0:
-        raise FileError(path, f"holds {int(dn.min())}; the numbers of a raw frame are 0 or above")
+        raise FileError(path, "dn", value=int(dn.min()), expected="0 or above")
     return np.ascontiguousarray(dn, dtype=np.uint16)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_fits(path: Path) -> Iterator[Any]:
     try:
         from astropy.io import fits
     except ImportError:
-        raise FileError(path, "is FITS, read with astropy, which is missing: pip install 'photosite[fits]'") from None
+        raise FileError(path, "FITS needs astropy, which is missing", hint="pip install 'photosite[fits]'") from None
     try:
         with fits.open(path, mode="readonly", memmap=False, do_not_scale_image_data=True) as units:
             yield units
     except FileError:
         raise
-    # astropy hands on what it stumbles over: OSError, ValueError, TypeError, KeyError, VerifyError ...
+    # Damaged files make astropy raise OSError, ValueError, TypeError, KeyError, VerifyError ...
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be read as FITS ({reason}); is it truncated?") from None
+        raise FileError(path, f"the file cannot be read as FITS ({reason})", hint="It may be truncated") from None
 
 
-def _checked_shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
-    """(rows, cols) or (frames, rows, cols) of an image unit that can hold raw frames."""
+def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
+    """Return (rows, cols) or (frames, rows, cols) of an image unit that can hold raw frames."""
+    where = f"unit {number}"
     axes, bits = int(header["NAXIS"]), header.get("BITPIX")
     shape = tuple(int(header[f"NAXIS{axis}"]) for axis in range(axes, 0, -1))
     if axes not in (2, 3) or min(shape) < 1:
-        raise FileError(path, f"unit {number} is {shape}; a frame is (rows, cols), a stack (frames, rows, cols)")
+        raise FileError(path, "shape", where=where, value=shape, expected="(rows, cols) or (frames, rows, cols)")
     if axes == 3 and shape[0] in (3, 4):
-        planes = f"unit {number} has {shape[0]} planes, as a picture in colour has"
-        raise FileError(path, f"{planes}; write {shape[0]} raw frames as a unit each")
+        problem = f"{shape[0]} planes are those of a colour picture"
+        raise FileError(path, problem, where=where, hint=f"Write {shape[0]} raw frames as one unit each")
     zero, scale = header.get("BZERO", 0), header.get("BSCALE", 1)
     if bits not in (8, 16) or scale != 1 or zero not in ((0,) if bits == 8 else (0, _UNSIGNED_ZERO)):
-        kind = f"BITPIX {bits}, BZERO {zero}, BSCALE {scale}"
-        raise FileError(path, f"unit {number} has {kind}; raw frames are 8 or 16 bits with BZERO 0 or {_UNSIGNED_ZERO}")
+        found = f"BITPIX {bits}, BZERO {zero}, BSCALE {scale}"
+        expected = f"8 or 16 bits with BZERO 0 or {_UNSIGNED_ZERO} and BSCALE 1"
+        raise FileError(path, "pixels", where=where, value=found, expected=expected)
     return shape
 
 
 @dataclass(frozen=True)
 class _Keywords:
-    """A unit's keywords, and the first unit's for what it lacks."""
+    """The keywords of a unit, completed by those of the first unit."""
 
     path: Path
     own: Any
     first: Any
 
     def get(self, *names: str) -> Any:
-        """The first of these that is there, or None."""
+        """Return the first keyword that exists, or None."""
         for header in (self.own, self.first):
             for name in names:
                 if (value := header.get(name)) is not None:
@@ -129,23 +132,21 @@ class _Keywords:
         return None
 
     def number(self, *names: str) -> float | None:
-        """As `get`, a number."""
         value = self.get(*names)
         if value is None:
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise FileError(self.path, f"says {names[0]} = {str(value)!r}, which is no number")
+            raise FileError(self.path, names[0], value=str(value), expected="a finite number")
         return float(value)
 
     def text(self, name: str) -> str | None:
-        """As `get`, in words."""
         value = self.get(name)
         return value.strip() or None if isinstance(value, str) else None
 
 
 def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHeader:
     image_type = keywords.text("IMAGETYP")
-    kinds = kinds_named(image_type or "")
+    kinds = kinds_in_name(image_type or "")
     metadata = {
         "gain_setting": keywords.number("ISO", "ISOSPEED", "GAIN"),
         "temperature_c": keywords.number("CCD-TEMP"),
@@ -170,5 +171,5 @@ def _cfa(path: Path, keywords: _Keywords) -> Cfa | None:
     try:
         tile = cfa_from(pattern)
     except InputError as error:
-        raise FileError(path, f"says BAYERPAT = '{pattern}': {error}") from None
+        raise error.within("BAYERPAT").in_file(path) from None
     return shifted(tile, int(keywords.number("YBAYROFF") or 0), int(keywords.number("XBAYROFF") or 0))

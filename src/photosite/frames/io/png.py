@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError
 from photosite.files.png import SIGNATURE, PngFile, PngHeader
-from photosite.frames.io.header import FrameHeader, describe, described
+from photosite.frames.io.description import describe_frame, parse_description
+from photosite.frames.io.frame_header import FrameHeader
 from photosite.frames.raw_frame import RawFrame
 
 _KEYWORD = b"photosite\0"
@@ -24,7 +25,7 @@ def write_png(frame: RawFrame, path: Path) -> None:
     from PIL.PngImagePlugin import PngInfo
 
     text = PngInfo()
-    text.add_text("photosite", describe(frame))
+    text.add_text("photosite", describe_frame(frame))
     # Noise does not compress: level 1 is as small as level 9 to a few percent and many times faster.
     Image.fromarray(np.ascontiguousarray(frame.dn)).save(path, format="PNG", pnginfo=text, compress_level=1)
 
@@ -66,7 +67,7 @@ def read_png_header(path: Path) -> FrameHeader:
         raise FileError(path, f"has pixels of {found.bits} bits; a raw frame has 8 or 16 bits a pixel")
     found.check_density(path, data_bytes)
     rows, cols, bits = found.rows, found.cols, found.bits
-    return described(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits)
+    return parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits)
 
 
 def read_png_pixels(path: Path) -> NDArray[np.uint16]:

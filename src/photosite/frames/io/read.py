@@ -1,4 +1,4 @@
-"""Frames read: which format a file is in, told by its content, then by its name."""
+"""Reading frames: the format is detected by content, then by suffix."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, PhotositeWarning
 from photosite.files import png as png_file
 from photosite.frames.io import camera_raw, fits, hdf5, png
 from photosite.frames.io.camera_raw import read_camera_raw, read_camera_raw_header
-from photosite.frames.io.dng import DNG_VERSION
-from photosite.frames.io.dng_read import read_dng, read_dng_header
-from photosite.frames.io.header import FrameHeader, Place
+from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header
+from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.frames.io.tiff import read_tiff_headers, read_tiff_pixels
 from photosite.frames.io.tiff_directory import read_directories
-from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import RawFrame, check_bits
 from photosite.values.cfa import Cfa, cfa_from
 
 Format = Literal["dng", "tiff", "png", "hdf5", "fits", "camera raw"]
 
 SUFFIXES = frozenset({".dng", ".tif", ".tiff", ".png"}) | hdf5.SUFFIXES | fits.SUFFIXES | camera_raw.SUFFIXES
-"""Endings of names that are taken for frames."""
+"""Suffixes of files that are taken for frames."""
 
 FORMATS = "DNG, camera raw, TIFF, PNG, HDF5 or FITS"
 
@@ -41,33 +40,33 @@ def read_raw(
     cfa: str | Sequence[Sequence[str]] | None = None,
     index: int | None = None,
 ) -> RawFrame:
-    """One raw frame from DNG, camera raw, TIFF, PNG, HDF5 or FITS.
+    """Read one raw frame from DNG, camera raw, TIFF, PNG, HDF5 or FITS.
 
     Parameters
     ----------
     path
         The file.
     bits
-        Bits of the converter, for files that do not say: TIFF and PNG of other origin are taken to have as many as
-        they store, 8 or 16, and camera raw as many as its white level needs.
+        Bit depth of the converter, for files that do not state it. Default: the 8 or 16 bits that TIFF and PNG store;
+        as many bits as the white level of camera raw needs.
     cfa
-        The colour filter array (`"rggb"` or its tile), for files that do not say: they are taken as monochrome.
+        Colour filter array (`"rggb"` or its tile), for files that do not state it. Default: monochrome.
     index
-        Which frame of a file that holds several (pages of TIFF, stacks of HDF5 and FITS), counted from 0.
+        Index of the frame in a file of several (pages of TIFF, stacks of HDF5 and FITS), counted from 0.
 
     Raises
     ------
     InputError
-        If bits or cfa cannot be.
+        If bits or cfa are invalid.
     FileError
-        If the file is missing, truncated, of another kind, contradicts bits or cfa, or holds several frames and
-        `index` is not one of theirs.
+        If the file is missing, truncated, of another format or contradicts bits or cfa, or if it holds several frames
+        and `index` is missing or out of range.
 
     Warns
     -----
     PhotositeWarning
-        If the file has different black levels for different pixels: a raw frame has one, their mean. If its masked
-        border reads otherwise than the black level it states.
+        If the file states different black levels for different pixels (their mean is used), or its masked border
+        contradicts the stated black level.
 
     Examples
     --------
@@ -79,64 +78,65 @@ def read_raw(
     >>> frame.bits, frame.shape, frame.channels
     (12, (2, 3), ('R', 'G', 'B'))
     """
-    if bits is not None and not 1 <= bits <= 16:
-        raise InputError(f"a raw frame has 1 to 16 bits, not {bits}")
+    check_bits(bits)
     file = Path(path)
-    if index is None:
-        frame, notes = read_frame(file, bits, None if cfa is None else cfa_from(cfa))
-    else:
-        places = [header.place for header in read_headers(file)]
-        if not 0 <= index < len(places):
-            raise FileError(path, f"holds {len(places)} frames, counted from 0; there is no frame {index}")
-        frame, notes = read_frame(file, bits, None if cfa is None else cfa_from(cfa), places[index])
+    location = None
+    if index is not None:
+        headers = read_headers(file)
+        if not 0 <= index < len(headers):
+            raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
+        location = headers[index].location
+    frame, notes = read_frame(file, bits, None if cfa is None else cfa_from(cfa), location)
     for note in notes:
-        warnings.warn(f"{path}: {note}", PhotositeWarning, stacklevel=2)
+        warnings.warn(PhotositeWarning(note, where=str(path)), stacklevel=2)
     return frame
 
 
 def read_frame(
-    path: Path, bits: int | None = None, cfa: Cfa | None = None, place: Place | None = None
+    path: Path, bits: int | None = None, cfa: Cfa | None = None, location: FrameLocation | None = None
 ) -> tuple[RawFrame, tuple[str, ...]]:
-    """One raw frame as `read_raw` reads it, and what its reader should know, for the caller to warn of.
+    """Read one raw frame, as `read_raw` does, and return the notes for warnings with it.
 
     Raises
     ------
     FileError
         As `read_raw`.
     """
-    kind = format_of(path)
+    kind = detect_format(path)
     if kind == "camera raw":
         return read_camera_raw(path, bits, cfa)
     if kind == "dng":
         return read_dng(path, bits, cfa)
     headers = _headers(path, kind)
-    if place is not None:
-        headers = tuple(header for header in headers if header.place == place)
+    if location is not None:
+        headers = tuple(header for header in headers if header.location == location)
     if len(headers) != 1:
-        raise FileError(path, f"holds {len(headers)} frames; say which by its index, or open them all with open_frames")
-    return headers[0].frame(path, _pixels(path, kind, headers[0].place), bits, cfa), headers[0].notes
+        problem = f"the file holds {len(headers)} frames"
+        raise FileError(path, problem, hint="Pass {index}, or open the file with open_frames", arguments={"index": 0})
+    header = headers[0]
+    return header.to_frame(path, _pixels(path, kind, header.location), bits, cfa), header.notes
 
 
-def read_pixels(path: Path, place: Place) -> NDArray[np.uint16]:
-    """The (rows, cols) digital numbers of one frame of a file that holds several; its header is not read again.
+def read_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
+    """Read the (rows, cols) digital numbers of one frame of a file of several, without its header.
 
     Raises
     ------
     FileError
         If they cannot be read.
     """
-    return _pixels(path, format_of(path), place)
+    return _pixels(path, detect_format(path), location)
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """What a file says of its frames, without their pixels; one header a frame.
+    """Read the headers of all frames in a file, without pixels.
 
     Raises
     ------
     FileError
-        If the file is missing, truncated or of another kind.
+        If the file is missing, truncated or of another format.
     """
-    return _headers(path, format_of(path))
+    return _headers(path, detect_format(path))
 
 
 def _headers(path: Path, kind: Format) -> tuple[FrameHeader, ...]:
@@ -154,25 +154,25 @@ def _headers(path: Path, kind: Format) -> tuple[FrameHeader, ...]:
     return (read_camera_raw_header(path),)
 
 
-def _pixels(path: Path, kind: Format, place: Place | None) -> NDArray[np.uint16]:
-    if kind == "hdf5" and place is not None:
-        return hdf5.read_hdf5_pixels(path, place)
-    if kind == "fits" and place is not None:
-        return fits.read_fits_pixels(path, place)
+def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> NDArray[np.uint16]:
+    if kind == "hdf5" and location is not None:
+        return hdf5.read_hdf5_pixels(path, location)
+    if kind == "fits" and location is not None:
+        return fits.read_fits_pixels(path, location)
     if kind == "tiff":
-        return read_tiff_pixels(path, place)
+        return read_tiff_pixels(path, location)
     if kind == "png":
         return png.read_png_pixels(path)
-    raise FileError(path, f"is now {kind}; it was of another format when it was opened")
+    raise FileError(path, f"the file is now {kind}; it had another format when it was opened")
 
 
-def format_of(path: Path) -> Format:
-    """The format of a file.
+def detect_format(path: Path) -> Format:
+    """Return the format of a file.
 
     Raises
     ------
     FileError
-        If the file is missing, empty, a folder, or in none of the formats.
+        If the file is missing, empty, a folder, or in no supported format.
     """
     try:
         with path.open("rb") as file:
@@ -180,11 +180,11 @@ def format_of(path: Path) -> Format:
     except FileNotFoundError:
         raise FileError(path, "there is no such file") from None
     except IsADirectoryError:
-        raise FileError(path, "is a folder; read_raw reads one frame, open_frames a folder") from None
+        raise FileError(path, "the path is a folder", hint="read_raw reads one frame, open_frames a folder") from None
     except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
     if not head:
-        raise FileError(path, "is empty")
+        raise FileError(path, "the file is empty")
     suffix = path.suffix.lower()
     if head.startswith(png_file.SIGNATURE):
         return "png"
@@ -199,9 +199,9 @@ def format_of(path: Path) -> Format:
             return "camera raw"
         return "dng" if DNG_VERSION in read_directories(path)[0].tags else "tiff"
     if head.startswith(b"\xff\xd8\xff"):
-        raise FileError(path, f"is a JPEG: a developed picture; a raw frame is {FORMATS}")
+        raise FileError(path, "the file is a JPEG, a developed picture", hint=f"A raw frame is {FORMATS}")
     if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png_file.SIGNATURE, hdf5.SIGNATURE, fits.SIGNATURE)):
-        raise FileError(path, f"is truncated: {len(head)} bytes")
+        raise FileError(path, f"the file is truncated: {len(head)} bytes")
     if suffix in camera_raw.SUFFIXES:
         return "camera raw"
-    raise FileError(path, f"is not a frame: a raw frame is {FORMATS}")
+    raise FileError(path, "the file is not a frame", hint=f"A raw frame is {FORMATS}")

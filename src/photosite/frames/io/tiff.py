@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.frames.io.header import FrameHeader, Place, describe, described
+from photosite.frames.io.description import describe_frame, parse_description
+from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.frames.io.tiff_directory import Directory, read_directories, read_directory
 from photosite.frames.raw_frame import RawFrame
 
@@ -37,7 +38,7 @@ def write_tiff(frame: RawFrame, path: Path) -> None:
     import tifffile
 
     tifffile.imwrite(
-        path, frame.dn, photometric="minisblack", description=describe(frame), metadata=None, software="photosite"
+        path, frame.dn, photometric="minisblack", description=describe_frame(frame), metadata=None, software="photosite"
     )
 
 
@@ -60,14 +61,14 @@ def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
         return (first,)
     headers = [first, *(_header(path, page, first) for page in pages[1:])]
     return tuple(
-        replace(header, place=Place(f"[{number}]", page.offset))
+        replace(header, location=FrameLocation(f"[{number}]", page.offset))
         for number, (page, header) in enumerate(zip(pages, headers, strict=True))
     )
 
 
 def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHeader:
     rows, cols, stored_bits = checked_size(path, page)
-    if (own := described(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
+    if (own := parse_description(path, page.text(DESCRIPTION) or "", rows, cols, stored_bits)) is not None:
         return own
     exposure_s, metadata = exposure_of(page), camera_settings(page)
     if first is None:
@@ -159,15 +160,15 @@ def _segments(page: Directory, rows: int, cols: int) -> int:
     return -(-rows // high) * -(-cols // wide)
 
 
-def read_tiff_pixels(path: Path, place: Place | None = None) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of a TIFF file's page; of the first without a place.
+def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> NDArray[np.uint16]:
+    """The (rows, cols) numbers of a TIFF file's page; of the first without a location.
 
     Raises
     ------
     FileError
         If they cannot be decoded.
     """
-    page = read_directories(path)[0] if place is None else read_directory(path, int(place.part))
+    page = read_directories(path)[0] if location is None else read_directory(path, int(location.part))
     rows, cols, bits = checked_size(path, page)
     if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
         return _stored_pixels(path, page, (rows, cols), bits)

@@ -1,10 +1,9 @@
-"""Frames written: which format a name asks for."""
+"""Writing frames: the format follows the suffix."""
 
 from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_path
@@ -12,9 +11,7 @@ from photosite.frames.io.dng import write_dng
 from photosite.frames.io.hdf5 import write_hdf5
 from photosite.frames.io.png import write_png
 from photosite.frames.io.tiff import write_tiff
-
-if TYPE_CHECKING:
-    from photosite.frames.raw_frame import RawFrame
+from photosite.frames.raw_frame import RawFrame
 
 _WRITERS = {
     ".dng": write_dng,
@@ -27,27 +24,26 @@ _WRITERS = {
 
 
 def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
-    """Write a raw frame, whole or not at all; the format follows the name.
+    """Write a raw frame; an existing file is replaced only when the new one is complete.
 
     Parameters
     ----------
     frame
         The frame.
     path
-        A name that ends in .dng, .tif, .tiff, .png, .h5 or .hdf5.
+        A name with the suffix .dng, .tif, .tiff, .png, .h5 or .hdf5.
 
     Raises
     ------
     InputError
-        If the name ends otherwise, or the format cannot hold the frame.
+        If the suffix is another, or the format cannot hold the frame.
     FileError
-        If the file cannot be written. A file of that name stays as it was.
+        If the file cannot be written.
 
     Examples
     --------
     >>> import tempfile
     >>> import numpy as np
-    >>> from photosite.frames.raw_frame import RawFrame
     >>> from photosite.frames.io.read import read_raw
     >>> frame = RawFrame(np.full((24, 32), 64, np.uint16), bits=12, exposure_s=1 / 8000)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -55,9 +51,9 @@ def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
     ...     read_raw(f"{folder}/dark.dng").exposure_s
     0.000125
     """
-    wanted = Path(path)
-    writer = _WRITERS.get(wanted.suffix.lower())
+    target = Path(path)
+    writer = _WRITERS.get(target.suffix.lower())
     if writer is None:
-        raise InputError(f"a raw frame is saved as {', '.join(_WRITERS)}, not as '{wanted.name}'")
-    with atomic_path(wanted) as temporary:
+        raise InputError("path", value=target.name, expected=f"a name with the suffix {', '.join(_WRITERS)}")
+    with atomic_path(target) as temporary:
         writer(frame, temporary)

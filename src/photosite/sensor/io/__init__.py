@@ -1,1 +1,1 @@
-"""Sensor files and the maps beside them."""
+"""Sensor files and the maps of measured chips on disk."""

@@ -1,4 +1,4 @@
-"""The maps beside a sensor file: HDF5 out and in, named and hashed."""
+"""The maps beside a sensor file: HDF5, identified by name and SHA-256."""
 
 from __future__ import annotations
 
@@ -18,21 +18,27 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
 from photosite.sensor.measured_chip import MAP_UNITS, Blinking, DefectKind, Defects, MeasuredChip
-from photosite.sensor.model import Maps
+from photosite.sensor.model import Maps, Sensor
 
 FORMAT = 1
 SUFFIX = ".maps.h5"
 MOST_PIXELS = 1 << 28
-"""Of a map that is read at all: eight maps of it are 8 GiB."""
+"""Largest map that is read; eight maps of this size are 8 GiB."""
 
 _NUMBERS = ("black_level_dn", "reference_exposure_s", "row_noise_dn", "column_noise_dn")
 _LISTS: dict[str, type[Defects] | type[Blinking]] = {"defects": Defects, "blinking": Blinking}
+_COLUMN_TYPES: dict[str, type[np.generic]] = {
+    "row": np.int64,
+    "col": np.int64,
+    "kind": np.uint8,
+    **dict.fromkeys(("value", "deviation", "amplitude_dn", "high_fraction", "noise_dn"), np.float64),
+}
 
 
 def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
-    """Write the maps of a chip to an HDF5 file, whole or not at all.
+    """Write the maps of a chip to an HDF5 file.
 
-    The file holds a dataset for each map, with its unit; groups `defects` and `blinking` with a dataset per column; and
+    The file has a dataset with a unit for each map, the groups `defects` and `blinking` with a dataset per column, and
     the chip's numbers as attributes.
 
     Raises
@@ -62,7 +68,7 @@ def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
 
 
 def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
-    """The maps as a sensor file at this path names them: copied beside it unless they lie there already.
+    """Copy maps beside a sensor file, unless they are there already, and return them as the sensor file names them.
 
     Raises
     ------
@@ -80,7 +86,7 @@ def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
 
 
 def maps_path(sensor_path: str | PathLike[str]) -> Path:
-    """Where the maps of a sensor file lie.
+    """Return the path of a sensor file's maps.
 
     Examples
     --------
@@ -91,18 +97,20 @@ def maps_path(sensor_path: str | PathLike[str]) -> Path:
     return path.with_name(path.name.removesuffix(path.suffix).removesuffix(".sensor") + SUFFIX)
 
 
-def load_maps(maps: Maps) -> MeasuredChip:
-    """The measured chip of a sensor file's maps; read once, and kept for the frames that follow.
+def load_measured_chip(sensor: Sensor) -> MeasuredChip | None:
+    """Return the measured chip of a sensor's maps, or None if its fixed pattern is drawn from the serial number.
+
+    The file is read once and cached.
 
     Raises
     ------
     FileError
-        If the file is missing, is not the one that the sensor file hashed, or does not hold a chip's maps.
+        If the maps are missing, invalid, or not the file that the sensor file names.
     """
-    return _load(maps.file, maps.sha256)
+    return None if sensor.maps is None else _load(sensor.maps.file, sensor.maps.sha256)
 
 
-# A chip of 10 megapixels is 280 MB: two are kept.
+# A chip of 10 megapixels is 280 MB: two are cached.
 @lru_cache(maxsize=2)
 def _load(file: str, sha256: str) -> MeasuredChip:
     _check_digest(Maps(file=file, sha256=sha256))
@@ -110,12 +118,12 @@ def _load(file: str, sha256: str) -> MeasuredChip:
 
 
 def read_maps(path: str | PathLike[str]) -> MeasuredChip:
-    """The chip in a file of maps.
+    """Read the chip in a file of maps.
 
     Raises
     ------
     FileError
-        If the file is missing or does not hold a chip's maps.
+        If the file is missing or not a valid file of maps.
     """
     import h5py
 
@@ -125,13 +133,14 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
     except FileNotFoundError:
         raise FileError(path, "there is no such file of maps") from None
     except InputError as error:
-        raise FileError(path, f"does not hold a chip's maps: {error}") from None
+        raise error.in_file(path) from None
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError) as error:
-        raise FileError(path, f"cannot be read as HDF5 maps: {' '.join(str(error).split())[:200]}") from None
+        reason = " ".join(str(error).split())[:200]
+        raise FileError(path, f"the file cannot be read as HDF5 maps: {reason}") from None
 
 
 def file_sha256(path: str | PathLike[str]) -> str:
-    """SHA-256 of a file's bytes."""
+    """Return the SHA-256 of a file's bytes."""
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -140,54 +149,45 @@ def _check_digest(maps: Maps) -> None:
     try:
         digest = file_sha256(maps.file)
     except FileNotFoundError:
-        raise FileError(maps.file, "there is no such file of maps; keep it where the sensor file names it") from None
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        raise FileError(maps.file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        hint = "Keep it where the sensor file names it"
+        raise FileError(maps.file, "there is no such file of maps", hint=hint) from None
+    except (OSError, ValueError) as error:  # ValueError: an invalid name
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(maps.file, f"the file cannot be read: {reason}") from None
     if digest != maps.sha256:
-        raise FileError(
-            maps.file,
-            f"is not the file of maps that the sensor file means: its SHA-256 begins {digest[:12]}, expected "
-            f"{maps.sha256[:12]}; put the right file there, or calibrate again",
-        )
+        expected = f"{maps.sha256[:12]}..., the file that the sensor file names"
+        hint = "Restore that file, or calibrate again"
+        raise FileError(maps.file, "sha256", value=f"{digest[:12]}...", expected=expected, hint=hint)
 
 
 def _chip(path: str | PathLike[str], file: Any) -> MeasuredChip:
     version = file.attrs.get("photosite_maps")
     if version != FORMAT:
-        raise FileError(path, f"holds no maps: expected the attribute photosite_maps = {FORMAT}, got {version!r:.60}")
+        raise FileError(path, "photosite_maps", value=version, expected=f"{FORMAT}, the version of the format")
     arguments: dict[str, Any] = {name: _number(path, file, name) for name in _NUMBERS}
     freedom = _number(path, file, "read_noise_freedom")
     if freedom < 1:
-        raise FileError(path, f"read_noise_freedom is 1 or more, not {freedom:g}")
+        raise FileError(path, "read_noise_freedom", value=freedom, expected="1 or above")
     arguments["read_noise_freedom"] = int(freedom)
     gain = _number(path, file, "system_gain_dn_per_e") if "system_gain_dn_per_e" in file.attrs else None
     for name in MAP_UNITS:
         arguments[name] = _values(path, file, name, 2, np.float32) if name in file else None
     for name in ("offset_dn", "offset_uncertainty_dn", "read_noise_dn"):
         if arguments[name] is None:
-            raise FileError(path, f"lacks the map {name}")
+            raise FileError(path, f"the map {name} is missing")
     for name, kind in _LISTS.items():
-        columns = [_values(path, file, f"{name}/{entry.name}", 1, _TYPES[entry.name]) for entry in fields(kind)]
+        columns = [_values(path, file, f"{name}/{entry.name}", 1, _COLUMN_TYPES[entry.name]) for entry in fields(kind)]
         if len({len(column) for column in columns}) > 1:
             raise FileError(path, f"the columns of {name} differ in length")
         arguments[name] = kind(*columns)
     return MeasuredChip(system_gain_dn_per_e=gain, **arguments)
 
 
-_TYPES: dict[str, type[np.generic]] = {
-    "row": np.int64,
-    "col": np.int64,
-    "kind": np.uint8,
-    **dict.fromkeys(("value", "deviation", "amplitude_dn", "high_fraction", "noise_dn"), np.float64),
-}
-
-
 def _number(path: str | PathLike[str], file: Any, name: str) -> float:
     value = file.attrs.get(name)
-    if value is None or np.ndim(value) != 0 or not np.issubdtype(np.asarray(value).dtype, np.number):
-        raise FileError(path, f"the attribute {name} is a number, not {value!r:.60}")
-    if not math.isfinite(value):
-        raise FileError(path, f"the attribute {name} is finite, not {value}")
+    number = value is not None and np.ndim(value) == 0 and np.issubdtype(np.asarray(value).dtype, np.number)
+    if not (number and math.isfinite(value)):
+        raise FileError(path, name, value=value, expected="a finite number")
     return float(value)
 
 
@@ -196,9 +196,9 @@ def _values(path: str | PathLike[str], file: Any, name: str, dimensions: int, ki
 
     found = file.get(name)
     if not isinstance(found, h5py.Dataset) or found.ndim != dimensions or not np.issubdtype(found.dtype, np.number):
-        raise FileError(path, f"{name} is a dataset of numbers with {dimensions} dimension(s), and is not here")
+        raise FileError(path, name, expected=f"a dataset of numbers with {dimensions} dimension(s)")
     if found.size > MOST_PIXELS:
-        raise FileError(path, f"{name} is {found.shape}: more than {MOST_PIXELS} numbers are not read")
+        raise FileError(path, f"{name}.shape", value=found.shape, expected=f"at most {MOST_PIXELS} numbers")
     values = np.asarray(found[()]).astype(kind, copy=False)
     values.flags.writeable = False
     return values

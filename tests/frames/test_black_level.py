@@ -1,22 +1,17 @@
-"""Masked borders: kept out of the frame, read for their level, compared with what is stated."""
+"""Masked borders: excluded from the frame, their level compared with the stated black level."""
 
 from __future__ import annotations
 
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-
 import numpy as np
 import pytest
+from dng_builder import LONG, SHORT, hand_made_dng
+from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
+from photosite.frames.black_level import masked_border_level
 from photosite.frames.io.camera_raw import _border
 from photosite.frames.io.read import read_headers, read_raw
-from photosite.frames.levels import border_level
 from photosite.frames.open import open_frames
-
-_spec = spec_from_file_location("hand_made", Path(__file__).with_name("test_dng_read.py"))
-hand_made = module_from_spec(_spec)
-_spec.loader.exec_module(hand_made)
 
 MASKED_AREAS, BLACK_LEVEL, REPEAT = 50830, 50714, 50713
 
@@ -27,14 +22,14 @@ def masked_dng(path, *, black, border=70, masked=(0, 0, 60, 6, 0, 6, 4, 70)):
     dn[:4, 6:] = border
     raw = {
         REPEAT: None,
-        BLACK_LEVEL: None if black is None else (hand_made.SHORT, [black]),
-        MASKED_AREAS: (hand_made.LONG, list(masked)),
+        BLACK_LEVEL: None if black is None else (SHORT, [black]),
+        MASKED_AREAS: (LONG, list(masked)),
     }
-    path.write_bytes(hand_made.hand_made_dng(dn, area=[4, 6, 60, 70], raw=raw))
+    path.write_bytes(hand_made_dng(dn, area=[4, 6, 60, 70], raw=raw))
     return dn[4:, 6:]
 
 
-def test_a_border_is_left_out_and_its_level_kept(tmp_path):
+def test_the_border_is_excluded_and_its_level_kept(tmp_path):
     dn = masked_dng(tmp_path / "dark.dng", black=70)
     frame = read_raw(tmp_path / "dark.dng")
     assert np.array_equal(frame.dn, dn)
@@ -49,9 +44,9 @@ def test_the_border_is_the_black_level_where_none_is_stated(tmp_path):
     assert open_frames(tmp_path).black_level_dn == 73.0
 
 
-def test_a_border_far_from_the_stated_black_level_is_told(tmp_path):
+def test_a_border_that_contradicts_the_black_level_gives_a_warning(tmp_path):
     masked_dng(tmp_path / "dark.dng", black=64, border=75)
-    line = "masked border reads 75.00 DN on average, where a black level of 64 DN is stated"
+    line = "the masked border has a mean of 75.00 DN, but the stated black level is 64 DN"
     with pytest.warns(PhotositeWarning, match=line):
         assert read_raw(tmp_path / "dark.dng").black_level_dn == 64.0
     with pytest.warns(PhotositeWarning, match=line):
@@ -61,14 +56,14 @@ def test_a_border_far_from_the_stated_black_level_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("masked", [(0, 0, 60), (0, 0, 61, 6), (4, 6, 4, 8)])
-def test_masked_areas_that_cannot_be(tmp_path, masked):
+def test_invalid_masked_areas(tmp_path, masked):
     masked_dng(tmp_path / "dark.dng", black=70, masked=masked)
-    with pytest.raises(FileError, match="is damaged: masked areas"):
+    with raises(FileError, "the file is damaged: masked areas"):
         read_raw(tmp_path / "dark.dng")
 
 
 class Decoder:
-    """As much of LibRaw as the border needs: 3 lines above and 4 columns left of a frame of 10 x 12."""
+    """The part of LibRaw's interface that the border needs: 3 lines above and 4 columns left of 10 x 12 pixels."""
 
     raw_image = np.pad(np.full((10, 12), 900, np.uint16), ((3, 2), (4, 1)), constant_values=66)
 
@@ -79,5 +74,5 @@ class Decoder:
 def test_the_border_of_camera_raw_is_beside_the_visible_area():
     strips = _border(Decoder)
     assert [strip.shape for strip in strips] == [(3, 12), (4, 10)]
-    assert border_level(strips) == 66.0
-    assert border_level([]) is None
+    assert masked_border_level(strips) == 66.0
+    assert masked_border_level([]) is None

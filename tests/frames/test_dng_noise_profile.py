@@ -1,4 +1,4 @@
-"""NoiseProfile tags in DNG files: photosite's own and others', both byte orders, and what stays as it was."""
+"""NoiseProfile tags in DNG files of photosite and of other programs, in both byte orders."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import rawpy
 
 import photosite as ps
 from photosite.errors import FileError
-from photosite.frames.io.dng_profile import read_dng_profile, write_dng_profile
+from photosite.frames.io.dng_noise_profile import read_dng_profile, write_dng_profile
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.noise_profile import NoiseProfile
 from photosite.values.measured import Measured
@@ -86,7 +86,7 @@ def test_own_frames(tmp_path):
 def test_other_programs_frames(tmp_path, order, sub):
     source = foreign(tmp_path / "shot.dng", order, sub)
     before = source.read_bytes()
-    with pytest.raises(FileError, match="no NoiseProfile"):
+    with pytest.raises(FileError, match="no NoiseProfile tag"):
         read_dng_profile(source)
     write_dng_profile(PROFILE, source, tmp_path / "with.dng")
     found = read_dng_profile(tmp_path / "with.dng")
@@ -94,11 +94,11 @@ def test_other_programs_frames(tmp_path, order, sub):
     assert [o.value for o in found.offset] == [1e-7, 2e-7, 3e-7]
     assert (found.black_level_dn, found.white_level_dn) == (95, 4095)
     np.testing.assert_array_equal(ps.read_raw(tmp_path / "with.dng").dn, frame().dn)
-    with rawpy.imread(str(tmp_path / "with.dng")) as decoded:  # LibRaw, too, finds its way
+    with rawpy.imread(str(tmp_path / "with.dng")) as decoded:  # LibRaw reads it, too
         np.testing.assert_array_equal(decoded.raw_image, frame().dn)
     assert source.read_bytes() == before
 
-    # Written again, in place: the tag is replaced, not doubled.
+    # Written again, in place: the tag is replaced, not duplicated.
     write_dng_profile(
         NoiseProfile(("M",), (Measured(5e-4),), (Measured(1e-6),)), tmp_path / "with.dng", tmp_path / "with.dng"
     )
@@ -115,7 +115,7 @@ def test_monochrome_and_other_levels(tmp_path):
     assert found.dark_noise_dn.value == pytest.approx(wide.dark_noise_dn.value / 4, rel=1e-12)
 
 
-def test_a_truncated_file_is_one_error(tmp_path):
+def test_truncated_files(tmp_path):
     source = foreign(tmp_path / "shot.dng")
     source.write_bytes(source.read_bytes()[:-20])
     with pytest.raises(FileError, match="truncated"):
@@ -123,8 +123,8 @@ def test_a_truncated_file_is_one_error(tmp_path):
     assert not (tmp_path / "with.dng").exists()
 
 
-def test_damaged_directories_are_one_error(tmp_path):
-    """500 files with bytes of their directories changed: an error line or a file that reads back, nothing else."""
+def test_damaged_directories(tmp_path):
+    """500 files with changed bytes in their directories: a FileError, or a file that can be read back."""
     rng = np.random.default_rng(8)
     content = foreign(tmp_path / "shot.dng", sub=True).read_bytes()
     start = 8 + 2 * 32 * 48

@@ -1,17 +1,19 @@
-"""What names say, and what they do not."""
+"""Settings in the names of files and folders."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from raising import raises
 
 from photosite.errors import FileError
-from photosite.frames.names import NamedSettings, kinds_named, settings_in_names
+from photosite.frames.file_names import kinds_in_name, settings_from_names
+from photosite.frames.frame_settings import FrameSettings
 
 
-def said(*names):
-    return settings_in_names(Path("frame.tif"), names)
+def settings(*names):
+    return settings_from_names(Path("frame.tif"), names)
 
 
 @pytest.mark.parametrize(
@@ -40,14 +42,14 @@ def said(*names):
     ],
 )
 def test_exposures(name, exposure_s):
-    assert said(name).exposure_s == exposure_s
+    assert settings(name).exposure_s == exposure_s
 
 
 @pytest.mark.parametrize("name", ["flat_10ms_20ms", "run-1-30s"])
-def test_exposures_that_are_two(name):
-    """run-1-30s: 1/30 s, or run 1 at 30 s?"""
-    with pytest.raises(FileError, match=f"two exposure times in its name, '{name}'; rename it"):
-        said(name)
+def test_ambiguous_exposures(name):
+    """run-1-30s can be 1/30 s, or run 1 at 30 s."""
+    with raises(FileError, f"the name '{name}' states two exposure times"):
+        settings(name)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +66,7 @@ def test_exposures_that_are_two(name):
     ],
 )
 def test_gains(name, gain):
-    assert said(name).gain_setting == gain
+    assert settings(name).gain_setting == gain
 
 
 @pytest.mark.parametrize(
@@ -72,8 +74,8 @@ def test_gains(name, gain):
     [("dark_-10C_1", -10.0), ("dark_21.5degC", 21.5), ("temp20c", 20.0), ("dark-10C", None), ("abc", None)],
 )
 def test_temperatures(name, celsius):
-    """A hyphen after a word may be a minus or not: it is read as neither."""
-    assert said(name).temperature_c == celsius
+    """A hyphen after a word can be a minus or not, so the number is ignored."""
+    assert settings(name).temperature_c == celsius
 
 
 @pytest.mark.parametrize(
@@ -90,10 +92,10 @@ def test_temperatures(name, celsius):
     ],
 )
 def test_kinds(name, kinds):
-    assert kinds_named(name) == kinds
+    assert kinds_in_name(name) == kinds
 
 
-def test_the_nearest_name_is_heard_first():
-    assert said("10ms", "flat_20ms", "dark_iso100") == NamedSettings("light", 0.01, 100.0, None)
-    with pytest.raises(FileError, match="both dark and light in its name, 'dark_flat'"):
-        said("10ms", "dark_flat")
+def test_the_first_name_that_states_a_setting_decides():
+    assert settings("10ms", "flat_20ms", "dark_iso100") == FrameSettings("light", 0.01, gain_setting=100.0)
+    with raises(FileError, "the name 'dark_flat' states both dark and light"):
+        settings("10ms", "dark_flat")

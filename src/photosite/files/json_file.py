@@ -1,0 +1,59 @@
+"""JSON objects on disk: read with an error in one line, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from photosite.errors import FileError
+from photosite.files.atomic import atomic_path
+
+
+def read_json_object(path: Path) -> Mapping[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is not JSON, or holds no object; with the line where known.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileError(path, "there is no such file") from None
+    except OSError as error:
+        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
+    # A plain ValueError is a whole number of thousands of digits.
+    except (ValueError, RecursionError) as error:
+        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
+        raise FileError(path, f"the file is not JSON ({type(error).__name__})", line) from None
+    if not isinstance(data, dict):
+        raise FileError(path, "the JSON file holds no object")
+    return data
+
+
+def write_json_object(content: Mapping[str, Any], path: str | PathLike[str]) -> None:
+    """Write an object as JSON.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def finite_number(value: Any, name: str) -> float:
+    """Return a number from JSON as a float; raise ValueError if it is not a finite number."""
+    try:
+        number = math.nan if isinstance(value, bool | str) else float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"'{name}' must be a finite number, got {str(value)[:40]}")
+    return number

@@ -1,0 +1,321 @@
+"""From listed files to a frame set: complete the settings, check that the frames agree, and group them."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.frames.black_level import masked_border_note
+from photosite.frames.classification import classify_by_level
+from photosite.frames.file_names import settings_from_names
+from photosite.frames.frame_file import FrameFile, SetProperties
+from photosite.frames.frame_set import FrameSet, FrameSource, group_frames
+from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.io.frame_header import FrameHeader, FrameLocation
+from photosite.frames.io.read import read_frame, read_headers, read_pixels
+from photosite.sensor.model import Sensor
+from photosite.values.cfa import MONOCHROME, Cfa, tile_text
+
+Value = TypeVar("Value", bound=object)
+
+EXPOSURE_HINT = (
+    "Write a protocol.yaml: 'photosite_protocol: 1', then 'frames:' with "
+    "'- {kind: dark, exposure: 1/100, files: dark*.png}' and so on"
+)
+
+STEADY_TEMPERATURE_C = 2.0
+"""Range of temperatures in a set above which a warning is given: dark current then changes by a fifth."""
+
+_SAME_EXPOSURE = 1.2
+"""Ratio of listed to stated exposure up to which they count as the same."""
+
+
+@dataclass(frozen=True)
+class _OpenedFrame:
+    """A frame whose header was read; `file.settings` are complete except for the kind."""
+
+    file: FrameFile
+    header: FrameHeader
+
+
+def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: SetProperties) -> FrameSet:
+    """Return the frame set of listed files.
+
+    Headers are read here; pixels only of one frame whose properties the header does not state, and for classification.
+
+    Parameters
+    ----------
+    files
+        The listed files.
+    source
+        What was opened, for messages and the frame set.
+    properties
+        Properties that the listing or the caller states.
+
+    Raises
+    ------
+    FileError
+        If files are missing, listed twice or truncated, if an exposure is unknown, or if frames differ in size, bits or
+        mosaic from each other or from `properties`.
+    """
+    _check_existing(files)
+    _check_unique(files)
+    frames = [opened for file in files for opened in _open(file)]
+    frames, border_warnings = _complete_headers(frames)
+    _warn_of_header_notes(frames)
+    shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
+    bits = _bits(frames, properties)
+    cfas = [f.header.resolve_cfa(f.file.path, properties.cfa) for f in frames]
+    cfa = _common("colour filter array", frames, cfas, None)
+    if properties.sensor is not None:
+        cfa = properties.sensor.array.cfa if cfa is None else cfa
+        _check_sensor(source, properties.sensor, bits, cfa)
+    sources = [_source(f.file, bits, cfa, shape) for f in frames]
+    settings, level_warning = classify_by_level(
+        list(zip(sources, (f.file.settings for f in frames), strict=True)), bits
+    )
+    try:
+        groups = group_frames(zip(sources, settings, strict=True))
+    except InputError as error:
+        raise error.in_file(source) from None
+    found = (level_warning, *_exposure_warnings(frames), *_temperature_warnings(settings), *border_warnings)
+    notes = []
+    for warning in found:
+        if warning is not None:
+            notes.append(str(warning))
+            warning.where = source
+            warnings.warn(warning, stacklevel=3)
+    stated_black = _shared([f.header.black_level_dn for f in frames])
+    return FrameSet(
+        groups,
+        *shape,
+        bits,
+        cfa or MONOCHROME,
+        source,
+        properties.sensor,
+        stated_black if properties.black_level_dn is None else properties.black_level_dn,
+        (*notes, *_bits_notes(frames, properties)),
+        _shared([f.header.white_level_dn for f in frames]),
+    )
+
+
+def _check_existing(files: Sequence[FrameFile]) -> None:
+    # os.path returns False for names that are invalid; pathlib raises.
+    missing = [file for file in files if not os.path.isfile(file.path)]
+    if not missing:
+        return
+    first = missing[0]
+    folder = first.path.parent
+    hint = None
+    if not os.path.isdir(folder):
+        problem = f"there is no folder {folder}"
+    elif os.path.isdir(first.path):
+        problem = "the path is a folder, not a frame"
+    else:
+        problem = "there is no such file"
+        names = [p.name for p in folder.iterdir()]
+        similar = [name for name in names if name.lower() == first.path.name.lower()]
+        similar = similar or difflib.get_close_matches(first.path.name, names, n=1, cutoff=0.8)
+        hint = f"There is a file '{similar[0]}'" if similar else None
+    if len(missing) > 1:
+        problem += f", and {len(missing) - 1} more of {len(files)} are missing"
+    raise first.error(problem, hint=hint)
+
+
+def _check_unique(files: Sequence[FrameFile]) -> None:
+    """Reject repeated files: a frame counted twice makes noise look smaller than it is."""
+    seen: dict[Path, FrameFile] = {}
+    for file in files:
+        before = seen.setdefault(file.path.resolve(), file)
+        if before is not file:
+            place = f"line {before.line}" if before.line is not None else str(before.path)
+            raise file.error(f"the frame is listed twice, first at {place}", hint="Remove one: it would hide noise")
+
+
+def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
+    """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
+    for header in read_headers(file.path):
+        frame = replace(file, location=header.location)
+        from_header = header.settings
+        from_names = FrameSettings()
+        if file.names:
+            part = header.location.part if header.location else ""
+            parts = part.split("/")[::-1] if isinstance(part, str) else []
+            from_names = settings_from_names(Path(frame.name), (*parts, *file.names))
+        else:
+            from_header = replace(from_header, photons_per_pixel=None)
+        settings = file.settings.or_else(from_header).or_else(from_names)
+        if settings.exposure_s is None:
+            sources = "file and name do" if file.names else "file does"
+            raise frame.error(f"the {sources} not state the exposure time", hint=EXPOSURE_HINT)
+        try:
+            settings = settings.validated()
+        except InputError as error:
+            raise frame.error(error.what, value=error.value, expected=error.expected) from None
+        yield _OpenedFrame(replace(frame, settings=settings), header)
+
+
+def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], list[PhotositeWarning]]:
+    """Add what only decoding shows: bits and mosaic of camera raw, black level of a masked border.
+
+    One frame, the first dark one if there is one, is decoded for all. When the other frames are read, their bits and
+    mosaic are checked.
+    """
+    unknown = [n for n, f in enumerate(frames) if f.header.stored_bits is None and f.header.bits is None]
+    masked = [n for n, f in enumerate(frames) if f.header.masked_border]
+    if not unknown and not masked:
+        return frames, []
+    one = next((n for n in unknown or masked if frames[n].file.settings.kind == "dark"), (unknown or masked)[0])
+    decoded, notes = read_frame(frames[one].file.path)
+    complete = list(frames)
+    for n in unknown:
+        header = replace(
+            frames[n].header,
+            bits=decoded.bits,
+            cfa=decoded.cfa,
+            black_level_dn=decoded.black_level_dn,
+            white_level_dn=decoded.white_level_dn,
+            notes=notes,
+        )
+        complete[n] = replace(frames[n], header=header)
+    for n in masked:
+        if frames[n].header.black_level_dn is None:
+            header = replace(frames[n].header, black_level_dn=decoded.black_level_dn)
+            complete[n] = replace(frames[n], header=header)
+    # Pixels outside the visible area of camera raw need not be masked; in a dark frame that does not matter.
+    compare = not unknown or frames[one].file.settings.kind == "dark"
+    border = masked_border_note(decoded) if compare else ()
+    return complete, [PhotositeWarning(f"{frames[one].file.name}: {note}") for note in border]
+
+
+def _warn_of_header_notes(frames: Sequence[_OpenedFrame]) -> None:
+    noted = [frame for frame in frames if frame.header.notes]
+    if noted:
+        others = f" (and {len(noted) - 1} more frames)" if len(noted) > 1 else ""
+        problem = f"{'; '.join(noted[0].header.notes)}{others}"
+        warnings.warn(PhotositeWarning(problem, where=noted[0].file.name), stacklevel=4)
+
+
+def _common(what: str, frames: Sequence[_OpenedFrame], values: Sequence[Value], stated: Value | None) -> Value:
+    """Return the value that all frames share."""
+    for frame, value in zip(frames, values, strict=True):
+        if stated is not None and value != stated:
+            raise frame.file.error(f"the {what} is {_text(value)}, but {_text(stated)} is stated for the set")
+        if value != values[0]:
+            first = f"{frames[0].file.name} has {_text(values[0])}"
+            raise frame.file.error(f"the {what} is {_text(value)}, but {first}", hint="Frames of a set must agree")
+    return values[0]
+
+
+def _text(value: Any) -> str:
+    match value:
+        case None:
+            return "not stated"
+        case (int(), int()):
+            return f"{value[0]} x {value[1]}"
+        case (tuple(), *_):
+            return tile_text(value)
+    return str(value)
+
+
+def _bits(frames: Sequence[_OpenedFrame], properties: SetProperties) -> int:
+    stated = properties.bits
+    if stated is None and properties.sensor is not None and all(f.header.bits is None for f in frames):
+        stated = properties.sensor.readout.bits
+    return _common("bit depth", frames, [f.header.resolve_bits(f.file.path, stated) for f in frames], None)
+
+
+def _bits_notes(frames: Sequence[_OpenedFrame], properties: SetProperties) -> tuple[str, ...]:
+    """Return a note if the bit depth is assumed and larger than that of most converters."""
+    assumed = [f.header.stored_bits for f in frames if f.header.bits is None]
+    if not assumed or assumed[0] is None or assumed[0] <= 8:
+        return ()
+    if properties.bits is not None or properties.sensor is not None:
+        return ()
+    return (
+        f"the bit depth is not stated; the {assumed[0]} bits that the files store are assumed, with saturation at "
+        f"{(1 << assumed[0]) - 1} DN. If the converter has fewer bits, state them: saturation depends on them",
+    )
+
+
+def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
+    if sensor.readout.bits != bits:
+        raise FileError(source, f"the frames have {bits} bits, but the sensor '{sensor.name}' {sensor.readout.bits}")
+    if sensor.array.cfa != cfa:
+        theirs = f"the sensor '{sensor.name}' {tile_text(sensor.array.cfa)}"
+        raise FileError(source, f"the frames have the colour filter array {tile_text(cfa)}, but {theirs}")
+
+
+def _source(file: FrameFile, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> FrameSource:
+    if file.location is None:
+        read = partial(_read, file.path, bits, cfa, shape)
+    else:
+        read = partial(_read_location, file.path, file.location, bits, shape)
+    return FrameSource(file.name, read, thread_safe=True)
+
+
+def _read(path: Path, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    frame, _ = read_frame(path, bits, cfa)
+    return _checked_shape(str(path), frame.dn, shape)
+
+
+def _read_location(path: Path, location: FrameLocation, bits: int, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    name = f"{path}{location.label}"
+    dn = _checked_shape(name, read_pixels(path, location), shape)
+    if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
+        raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
+    return dn
+
+
+def _checked_shape(name: str, dn: NDArray[np.uint16], shape: tuple[int, int]) -> NDArray[np.uint16]:
+    if dn.shape != shape:
+        raise FileError(name, f"the frame was {shape} when the frame set was opened and is now {dn.shape}")
+    return dn
+
+
+def _shared(values: Sequence[float | None]) -> float | None:
+    """Return the value that all frames state, or None."""
+    return values[0] if len(set(values)) == 1 else None
+
+
+def _exposure_warnings(frames: Sequence[_OpenedFrame]) -> list[PhotositeWarning]:
+    """Return a warning if listed exposures differ from those that the files state."""
+    different = [
+        frame
+        for frame in frames
+        if frame.header.exposure_s
+        and frame.file.settings.exposure_s
+        and not 1 / _SAME_EXPOSURE < frame.file.settings.exposure_s / frame.header.exposure_s < _SAME_EXPOSURE
+    ]
+    if not different:
+        return []
+    first = different[0]
+    return [
+        PhotositeWarning(
+            f"{len(different)} files state another exposure time than the one listed ({first.file.name}: "
+            f"{first.header.exposure_s:g} s, listed {first.file.settings.exposure_s:g} s); the listed one is used",
+            hint="Check its unit",
+        )
+    ]
+
+
+def _temperature_warnings(settings: Sequence[FrameSettings]) -> list[PhotositeWarning]:
+    stated = [s.temperature_c for s in settings if s.temperature_c is not None]
+    if not stated or max(stated) - min(stated) <= STEADY_TEMPERATURE_C:
+        return []
+    return [
+        PhotositeWarning(
+            f"the sensor's temperature varied from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
+            "doubles about every 7, so its estimate holds for a mean temperature"
+        )
+    ]

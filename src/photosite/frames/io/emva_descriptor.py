@@ -1,0 +1,255 @@
+"""EMVA 1288 descriptor files: the list of the frames of a measurement.
+
+A text file with one command per line: `v version`, `n bits width height`, `b exposure_ns photons` and `d exposure_ns`
+begin a series of light and dark frames, `i path` names a frame of the series, `#` starts a comment. Paths are relative
+to the descriptor and use backslashes. The format is that of the EMVA 1288 reference data and implementation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path, PureWindowsPath
+from typing import Literal
+
+from photosite.errors import FileError, InputError
+from photosite.files.atomic import atomic_folder
+from photosite.frames.frame_file import FrameFile
+from photosite.frames.frame_set import FrameSet, gain_settings_text
+from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.raw_frame import RawFrame
+
+DESCRIPTOR_NAME = "EMVA1288_Data.txt"
+
+EMVA_FRAMES_LOSS = (
+    "not in a descriptor: colour filter array, black level, gain setting, temperature and the sensor file"
+)
+
+_NS_PER_S = 1e9
+_FORMS = {
+    "v": "v version",
+    "n": "n bits width height",
+    "b": "b exposure_ns photons",
+    "d": "d exposure_ns",
+    "i": "i path",
+}
+
+
+@dataclass
+class Descriptor:
+    """The content of an EMVA 1288 descriptor.
+
+    Parameters
+    ----------
+    version
+        Release of the standard, or None.
+    bits, rows, cols
+        Bit depth and size of every frame.
+    files
+        The frames, in the descriptor's order.
+    """
+
+    version: str | None = None
+    bits: int = 0
+    rows: int = 0
+    cols: int = 0
+    files: list[FrameFile] = field(default_factory=list)
+
+
+def looks_like_descriptor(path: Path) -> bool:
+    """Return whether the file's first command is a descriptor's `v` or `n`."""
+    try:
+        with path.open("rb") as file:
+            for line in file.read(65536).removeprefix(b"\xef\xbb\xbf").splitlines():
+                words = line.split()
+                if words and not words[0].startswith(b"#"):
+                    return words[0].lower() in (b"v", b"n")
+    except OSError:
+        return False
+    return False
+
+
+def read_descriptor(path: Path) -> Descriptor:
+    """Read an EMVA 1288 descriptor. It is not checked that its frames exist.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or a line is invalid; with the line.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")  # mostly an author's name in a comment
+    parser = _Parser(path)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if (command := line.strip()) and not command.startswith("#"):
+            parser.read_line(number, command)
+    parser.close_series()
+    descriptor = parser.descriptor
+    if not descriptor.bits:
+        raise FileError(path, "the line 'n bits width height' is missing")
+    if not descriptor.files:
+        raise FileError(path, "there are no frames", hint="Write 'b' and 'd' lines with 'i path' lines after them")
+    return descriptor
+
+
+class _Parser:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.descriptor = Descriptor()
+        self.settings: FrameSettings | None = None
+        self.series_line = 0
+        self.series_frames = 0
+
+    def read_line(self, number: int, text: str) -> None:
+        command, _, rest = text.replace("\t", " ").partition(" ")
+        command, rest = command.lower(), rest.strip()
+        if command not in _FORMS:
+            raise FileError(self.path, "the command", number, value=command, expected=f"one of {', '.join(_FORMS)}")
+        if not rest:
+            raise FileError(self.path, "the line", number, value=text, expected=f"'{_FORMS[command]}'")
+        match command:
+            case "v":
+                self.descriptor.version = rest
+            case "n":
+                self.read_size(number, rest)
+            case "b":
+                exposure_ns, photons = self.numbers(number, "b", rest, 2)
+                self.open_series(number, FrameSettings("light", exposure_ns / _NS_PER_S, photons))
+            case "d":
+                (exposure_ns,) = self.numbers(number, "d", rest, 1)
+                # Division rounds once: 125000 ns is the same number as 1/8000 s.
+                self.open_series(number, FrameSettings("dark", exposure_ns / _NS_PER_S, 0.0))
+            case "i":
+                self.read_frame(number, rest)
+
+    def read_size(self, number: int, rest: str) -> None:
+        if self.descriptor.bits:
+            raise FileError(self.path, "there is a second line 'n bits width height'", number, hint="Remove one")
+        bits, cols, rows = self.numbers(number, "n", rest, 3)
+        if not (bits.is_integer() and cols.is_integer() and rows.is_integer()) or rows < 1 or cols < 1:
+            expected = "whole numbers above 0"
+            raise FileError(self.path, "bits, width and height", number, value=rest, expected=expected)
+        if not 1 <= bits <= 16:
+            raise FileError(self.path, "bits", number, value=int(bits), expected="1 to 16")
+        self.descriptor.bits, self.descriptor.cols, self.descriptor.rows = int(bits), int(cols), int(rows)
+
+    def open_series(self, number: int, settings: FrameSettings) -> None:
+        self.close_series()
+        try:
+            self.settings = settings.validated()
+        except InputError as error:
+            raise error.in_file(self.path, number) from None
+        self.series_line, self.series_frames = number, 0
+
+    def close_series(self) -> None:
+        if self.settings is not None and self.series_frames == 0:
+            raise FileError(self.path, "the series has no frames", self.series_line, hint="Write 'i path' after it")
+
+    def read_frame(self, number: int, rest: str) -> None:
+        if self.settings is None:
+            raise FileError(self.path, "the frame comes before any 'b' or 'd' line", number)
+        relative = Path(rest) if rest.startswith("/") else Path(*PureWindowsPath(rest).parts)
+        self.descriptor.files.append(FrameFile(self.path.parent / relative, self.settings, self.path, number))
+        self.series_frames += 1
+
+    def numbers(self, number: int, command: str, rest: str, count: int) -> list[float]:
+        try:
+            # Some cameras' tools write decimal commas.
+            values = [float(word.replace(",", ".")) for word in rest.split()]
+        except ValueError:
+            values = []
+        if len(values) != count or not all(map(math.isfinite, values)):
+            raise FileError(self.path, "the line", number, value=f"{command} {rest}", expected=f"'{_FORMS[command]}'")
+        return values
+
+
+def write_descriptor(
+    frames: FrameSet,
+    folder: str | PathLike[str],
+    *,
+    suffix: Literal[".png", ".tif"] = ".png",
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write a measurement as an EMVA 1288 descriptor with 16-bit frames.
+
+    Parameters
+    ----------
+    frames
+        The measurement, with one gain setting; its light frames must state their photons per pixel.
+    folder
+        A folder that does not exist or is empty; it receives EMVA1288_Data.txt and images/.
+    suffix
+        Format of the frames.
+    progress
+        Called with (frames written, frames to write).
+
+    Returns
+    -------
+    Path
+        The descriptor.
+
+    Raises
+    ------
+    InputError
+        If a light group does not state its photons, or there are several gain settings.
+    FileError
+        If the folder cannot be written, or a frame cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from photosite.frames.frame_set import frame_set_from_arrays
+    >>> dark = np.full((2, 3), 64, np.uint16)
+    >>> frames = frame_set_from_arrays([("dark", 0.1, dark, 0.0), ("light", 0.1, 2 * dark, 500.0)], bits=12)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     print(write_descriptor(frames, f"{place}/set").read_text())
+    v 4.0
+    n 12 3 2
+    d 100000000.0
+    i images\\d0_0000.png
+    b 100000000.0 500.0
+    i images\\b1_0000.png
+    """
+    if len(frames.gain_settings) > 1:
+        raise InputError(
+            f"the frames have several gain settings ({gain_settings_text(frames)}), a descriptor has one",
+            hint="Choose one, with frames.at_gain(...) or {gain_setting}",
+            arguments={"gain_setting": frames.gain_settings[-1]},
+        )
+    for group in frames.of_kind("light"):
+        if group.photons_per_pixel is None:
+            problem = f"the light frames at {group.exposure_s:g} s do not state their photons per pixel"
+            raise InputError(problem, hint="Write photons_per_pixel in the protocol")
+    lines = ["v 4.0", f"n {frames.bits} {frames.cols} {frames.rows}"]
+    done = 0
+    with atomic_folder(folder) as place:
+        (place / "images").mkdir()
+        for number, group in enumerate(frames.groups):
+            command = "d" if group.kind == "dark" else "b"
+            photons = "" if group.kind == "dark" else f" {group.photons_per_pixel!r}"
+            lines.append(f"{command} {_nanoseconds(group.exposure_s)!r}{photons}")
+            for index, dn in enumerate(group):
+                name = f"{command}{number}_{index:04d}{suffix}"
+                frame = RawFrame(dn, bits=frames.bits, cfa=frames.cfa, exposure_s=group.exposure_s)
+                frame.save(place / "images" / name)
+                lines.append(f"i images\\{name}")
+                done += 1
+                if progress is not None:
+                    progress(done, frames.frame_count)
+        (place / DESCRIPTOR_NAME).write_text("\n".join(lines) + "\n", encoding="ascii")
+    return Path(folder) / DESCRIPTOR_NAME
+
+
+def _nanoseconds(exposure_s: float) -> float:
+    """Return nanoseconds that are read back as the same seconds, if such a number exists."""
+    exact = exposure_s * _NS_PER_S
+    return next((ns for ns in (round(exact, 3), exact) if ns / _NS_PER_S == exposure_s), exact)
