@@ -262,15 +262,15 @@ def test_a_fresh_process_gives_the_same_frame() -> None:
 
 @pytest.mark.parametrize("exposure_s", [0.0, -1.0, math.nan, math.inf])
 def test_exposures_that_cannot_be(exposure_s: float) -> None:
-    with pytest.raises(InputError, match="exposure time must be above 0"):
+    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
         CAMERA.capture(CHART, exposure_s)
 
 
 @pytest.mark.parametrize("exposure_s", ["1/3", True, None])
 def test_exposures_that_are_no_numbers(exposure_s: object) -> None:
-    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
         CAMERA.capture(CHART, exposure_s)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="exposure_s is a number of seconds"):
+    with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
         next(CAMERA.stream(CHART, exposure_s))  # type: ignore[arg-type]
 
 

@@ -251,7 +251,7 @@ class TestSceneRequest:
 
     def test_lights_that_are_none(self) -> None:
         chart = ps.charts.macbeth()
-        with pytest.raises(InputError, match="an illuminant is a name, a temperature in K or a Spectrum, not None"):
+        with pytest.raises(InputError, match="illuminant must be a name, a temperature in K or a Spectrum, got None"):
             chart.with_illuminant(None)  # type: ignore[arg-type]
         with pytest.raises(InputError, match=r"a light is \(illuminant, luminance in cd/m2, spread or None\)"):
             mixed(chart, [("A", 10)])  # type: ignore[list-item]

@@ -1,4 +1,4 @@
-"""`photosite develop`: a picture of a raw frame."""
+"""`photosite develop`: develop a raw frame into a picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.cli.output import print_json
 
 
 def white_balance_of(text: str) -> str | list[float]:
-    """A name, or three gains such as 2.1,1,1.4."""
+    """Parse a name, or three gains such as 2.1,1,1.4."""
     if "," not in text:
         return text
     try:
@@ -22,7 +22,7 @@ def white_balance_of(text: str) -> str | list[float]:
 
 
 def brightness_of(text: str) -> str | float:
-    """auto, or a factor."""
+    """Parse auto, or a factor above 0."""
     return text if text == "auto" else options.above()(text)
 
 
@@ -34,18 +34,20 @@ def brightness_of(text: str) -> str | float:
     type=white_balance_of,
     metavar="BALANCE",
     default="gray-world",
-    help="gray-world, none, or gains of R, G and B: 2.1,1,1.4.",
+    help="gray-world, none, or gains for R, G and B: 2.1,1,1.4. Default: gray-world.",
 )
 @click.option(
     "--brightness",
     type=brightness_of,
     metavar="FACTOR",
     default="auto",
-    help="auto, or a factor on the linear picture.",
+    help="auto, or a factor for the linear picture. Default: auto.",
 )
-@click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits a channel of the picture.")
-@click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@click.option(
+    "--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture. Default: 8."
+)
+@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth of the converter, for files that do not state it.")
+@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not state it.")
 @options.json_option
 def command(
     raw: Path,
@@ -57,9 +59,9 @@ def command(
     cfa: str | None,
     as_json: bool,
 ) -> None:
-    """Make a picture (PNG, sRGB) of a raw frame: DNG, camera raw, TIFF or PNG.
+    """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG, sRGB).
 
-    Bilinear demosaic, white balance, the colour matrix that the file brings, sRGB display.
+    Steps: bilinear demosaic, white balance, the file's colour matrix, sRGB encoding.
 
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
     """
@@ -73,4 +75,4 @@ def command(
     if as_json:
         print_json({"path": str(output), "rows": frame.shape[0], "cols": frame.shape[1], "depth": int(depth)})
     else:
-        click.echo(f"wrote {output}: {frame.shape[0]} x {frame.shape[1]} pixels, {depth} bits a channel")
+        click.echo(f"wrote {output}: {frame.shape[0]} x {frame.shape[1]} pixels, {depth} bits per channel")

@@ -1,4 +1,4 @@
-"""`photosite import`: noise profiles of other programs, as numbers and as sensor files."""
+"""`photosite import`: show noise profiles of other programs, and convert them to sensor files."""
 
 from __future__ import annotations
 
@@ -17,10 +17,17 @@ if TYPE_CHECKING:
 
 @click.command("import", cls=Command)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--model", help="The camera, of a file that holds several.")
-@click.option("--mono", is_flag=True, help="darktable: the camera has no colour filters (photosite's own say).")
-@click.option("--gain-setting", type=float, metavar="ISO", help="The setting, of a file that holds several.")
-@click.option("--sensor", "sensor_name", metavar="NAME|FILE", help="What the profile does not tell, for -o.")
+@click.option("--model", help="Camera, for files that hold several.")
+@click.option(
+    "--mono", is_flag=True, help="For darktable: the camera has no colour filters. Files from photosite state it."
+)
+@click.option("--gain-setting", type=float, metavar="ISO", help="Gain setting, for files that hold several.")
+@click.option(
+    "--sensor",
+    "sensor_name",
+    metavar="NAME|FILE",
+    help="Sensor for all properties that the profile does not hold. Required for -o.",
+)
 @click.option(
     "-o", "--output", type=options.output_file(".yaml", ".yml"), metavar="FILE", help="Sensor file to write (YAML)."
 )
@@ -36,9 +43,8 @@ def command(
 ) -> None:
     """Read a noise profile: darktable's JSON, a libcamera tuning file (JSON), or a DNG file's NoiseProfile.
 
-    With -o and --sensor, writes a sensor file: gain and dark noise are the profile's, all of the noise in the dark as
-    read noise and none as DSNU; geometry, volts, spectra, well, PRNU and dark current stay those of --sensor. Frames
-    can be simulated from it.
+    With -o and --sensor, writes a sensor file for simulation. Gain and dark noise are the profile's, with all dark
+    noise as read noise and DSNU 0. Geometry, volts, spectra, well, PRNU and dark current are those of --sensor.
 
     Example: photosite import noiseprofiles.json --model "X-1" --gain-setting 400 --sensor nikon-d200 -o x1.sensor.yaml
     """
@@ -46,7 +52,7 @@ def command(
     from photosite.sensor.noise_profile import profile_at_setting
 
     if (output is None) != (sensor_name is None):
-        raise click.UsageError("-o and --sensor go together: a profile is a part of a sensor, and --sensor is the rest")
+        raise click.UsageError("-o and --sensor are required together: --sensor has what the profile does not hold")
     profiles = _read(file, model, mono)
     if output is not None and sensor_name is not None:
         profile_at_setting(profiles, gain_setting).sensor(load_sensor(sensor_name)).save(output)

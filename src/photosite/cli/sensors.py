@@ -1,4 +1,4 @@
-"""`photosite sensors`: what presets there are, what a sensor file says, and whether it can be."""
+"""`photosite sensors`: list presets; show, check and export sensor files."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 @json_option
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:
-    """List the presets, or look at sensor files.
+    """List the presets, or show, check and export sensor files.
 
-    Without a subcommand, lists the presets with a line each. A sensor is named by its preset or by the path of its
-    file, here as in every other command.
+    Without a subcommand, lists the presets. In all commands, a sensor is the name of a preset or the path of a sensor
+    file.
 
     Example: photosite sensors show nikon-d200
     """
@@ -34,7 +34,7 @@ def command(ctx: click.Context, as_json: bool) -> None:
 @command.command("list")
 @json_option
 def list_(as_json: bool) -> None:
-    """List the presets with a line each, as without a subcommand.
+    """List the presets, one per line.
 
     Example: photosite sensors list --json
     """
@@ -81,7 +81,7 @@ def _row(name: str, sensor: Sensor) -> tuple[str, ...]:
 @click.argument("name", metavar="NAME|FILE")
 @json_option
 def show(name: str, as_json: bool) -> None:
-    """Print a sensor's file, with the source of every value.
+    """Print a sensor file, with the source of every value.
 
     Example: photosite sensors show vendor-2.2um --json
     """
@@ -109,7 +109,7 @@ def schema() -> None:
 @click.argument("file", type=click.Path(path_type=Path))
 @json_option
 def check(file: Path, as_json: bool) -> None:
-    """Check a sensor file: exit status 0 if it describes a sensor, 2 with the line and the reason if not.
+    """Check a sensor file: exit status 0 if it is valid, otherwise 2 with the line and the reason.
 
     Example: photosite sensors check mine.sensor.yaml
     """
@@ -120,11 +120,11 @@ def check(file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file), "name": sensor.name, "assumed": assumed})
     else:
-        click.echo(f"{file}: describes {sensor.name}; assumed values: {', '.join(assumed) or 'none'}")
+        click.echo(f"{file}: valid sensor file of {sensor.name}; assumed values: {', '.join(assumed) or 'none'}")
 
 
 def _assumed(node: Any, path: str = "") -> list[str]:
-    """Dotted names of the values that are marked as assumptions."""
+    """Return the dotted names of values that are marked as assumptions."""
     if not isinstance(node, dict):
         return []
     own = [path] if node.get("assumed") is True else []
@@ -135,7 +135,7 @@ def _assumed(node: Any, path: str = "") -> list[str]:
 @click.argument("name", metavar="NAME|FILE")
 @click.argument("file", type=click.Path(path_type=Path))
 def export(name: str, file: Path) -> None:
-    """Write a sensor to a file of one's own, to be changed there; an existing file is never overwritten.
+    """Write a sensor to a new file for editing. Existing files are not overwritten.
 
     Example: photosite sensors export nikon-d200 mine.sensor.yaml
     """
@@ -143,6 +143,6 @@ def export(name: str, file: Path) -> None:
     from photosite.sensor.io.sensor_file import load_sensor
 
     if file.exists():
-        raise FileError(file, "exists already; choose another name")
+        raise FileError(file, "the file exists already", hint="Choose another name")
     load_sensor(name).save(file)
     click.echo(f"wrote {file}")

@@ -98,7 +98,7 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     """
     grid = wavelength_grid(wavelength_nm)
     if isinstance(name, Spectrum):
-        return _interpolated(name, grid, "the illuminant's spectrum")
+        return _interpolated(name, grid, "spectrum")
     if not isinstance(name, str):
         if isinstance(name, bool) or not isinstance(name, Real):
             raise InputError("illuminant", value=name, expected="a name, a temperature in K or a Spectrum")

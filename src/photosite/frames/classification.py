@@ -23,7 +23,8 @@ _LEAST_SPREAD_DN = 12**-0.5
 _NORMAL_MAD = 1.4826
 """Ratio of standard deviation to median absolute deviation of a normal distribution."""
 
-_HINT = "Pass patterns for dark and light frames, rename the files, or write a protocol.yaml"
+_HINT = "Pass {dark} and {light}, name the files after their kind, or write a protocol.yaml"
+_ARGUMENTS = {"dark": "dark*", "light": "flat*"}
 
 
 def classify_by_level(
@@ -55,7 +56,7 @@ def classify_by_level(
         reference, spread = _level_and_spread(frames[dark][0])
         if reference > DARKEST_SHARE * (1 << bits):
             problem = f"the darkest frame has a mean of {reference:.1f} DN, too high for a dark frame"
-            raise FileError(frames[dark][0].name, problem, hint=_HINT)
+            raise FileError(frames[dark][0].name, problem, hint=_HINT, arguments=_ARGUMENTS)
         for n in unknown:
             kind = _kind(frames[n][0].name, levels[n] - reference, spread, reference)
             complete[n] = replace(complete[n], kind=kind)
@@ -78,7 +79,7 @@ def _kind(name: str, above: float, spread: float, reference: float) -> Kind:
         f"the frame can be dark or light: its mean is {above:.2f} DN above that of the darkest frame, "
         f"{reference:.2f} DN, with a pixel spread of {spread:.2f} DN"
     )
-    raise FileError(name, problem, hint=_HINT)
+    raise FileError(name, problem, hint=_HINT, arguments=_ARGUMENTS)
 
 
 def _warning(settings: Sequence[FrameSettings], levels: dict[int, float]) -> PhotositeWarning | None:
@@ -91,5 +92,6 @@ def _warning(settings: Sequence[FrameSettings], levels: dict[int, float]) -> Pho
             parts.append(f"{len(own)} {kind} (mean {min(own):.1f} to {max(own):.1f} DN)")
     return PhotositeWarning(
         f"neither files nor names state the kind, so frames were classified by level: {' and '.join(parts)}",
-        hint="If this is wrong, pass patterns for dark and light frames or write a protocol",
+        hint="If this is wrong, pass {dark} and {light} or write a protocol.yaml",
+        arguments=_ARGUMENTS,
     )
