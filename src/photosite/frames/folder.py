@@ -45,7 +45,7 @@ def frame_files_in_folder(folder: Path, patterns: KindPatterns) -> list[FrameFil
         If there are no frames, or a pattern matches none.
     """
     images = [p for p in _files(folder) if p.suffix.lower() in SUFFIXES]
-    names = {image: (image.stem,) for image in images} or {
+    names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images} or {
         image: (image.stem, image.parent.name) for image in _images_in_subfolders(folder)
     }
     for pattern in (pattern for texts in patterns.values() for pattern in texts):

@@ -72,13 +72,10 @@ class FrameSettings:
         numbers = {}
         for name, (lowest, condition) in _CONDITIONS.items():
             value = getattr(self, name)
-            valid = value is None or (
-                isinstance(value, Real)
-                and not isinstance(value, bool)
-                and lowest <= value < math.inf
-                and not (value == lowest and name in _ABOVE_LOWEST)
-            )
-            if not valid:
+            if value is None:
+                continue
+            number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+            if not lowest <= number < math.inf or (number == lowest and name in _ABOVE_LOWEST):
                 raise InputError(name, value=value, expected=condition)
-            numbers[name] = None if value is None else float(value)
+            numbers[name] = number
         return FrameSettings(self.kind, **numbers)

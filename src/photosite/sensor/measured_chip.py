@@ -189,8 +189,8 @@ class MeasuredChip:
         for what, listed in (("defects", self.defects), ("blinking", self.blinking)):
             for name, places, size in (("row", listed.row, self.shape[0]), ("col", listed.col, self.shape[1])):
                 if len(places) and not (places.min() >= 0 and places.max() < size):
-                    found = (int(places.min()), int(places.max()))
-                    raise InputError(name, where=what, value=found, expected=f"from 0 to {size - 1}")
+                    ends = (int(places.min()), int(places.max()))
+                    raise InputError(name, where=what, value=ends, expected=f"from 0 to {size - 1}")
 
     @property
     def shape(self) -> tuple[int, int]:
