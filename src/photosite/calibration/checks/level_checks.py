@@ -18,8 +18,8 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.errors import CalibrationError
+from photosite.frames.black_level import levels_disagree
 from photosite.frames.frame_set import FrameSet
-from photosite.frames.levels import far_apart
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing
 
@@ -356,13 +356,13 @@ def _stated_levels(frames: FrameSet, dark: GroupStatistics, lights: Sequence[Gro
     white = frames.white_level_dn or float((1 << frames.bits) - 1)
     warnings = []
     stated, found = frames.black_level_dn, pooled_level(dark.levels).mean
-    if stated is not None and far_apart(stated, found, white):
+    if stated is not None and levels_disagree(stated, found, white):
         warnings.append(
             f"the black level is stated as {stated:g} DN, but the {dark.label} have a mean of {found:.2f} DN; correct "
             f"it before developing these frames"
         )
     if frames.white_level_dn is not None and lights:
         brightest, label = max((level.mean, entry.label) for entry in lights for level in entry.levels)
-        if brightest > white and far_apart(white, brightest, 2 * white):
+        if brightest > white and levels_disagree(white, brightest, 2 * white):
             warnings.append(f"the white level is stated as {white:g} DN, but {label} have a mean of {brightest:.1f} DN")
     return warnings
