@@ -57,7 +57,7 @@ def _stack(folder: Path, frames: dict[tuple[str, float], list[RawFrame]]) -> Pat
 def test_exposure(refused: Any, tmp_path: Path, exposure: str) -> None:
     message = refused("simulate", *SMALL, f"--exposure={exposure}", "-o", tmp_path / "shot.dng")
     assert "--exposure" in message
-    assert "an exposure time" in message
+    assert "a number of seconds above 0" in message
 
 
 @pytest.mark.parametrize("command", ["simulate", "shoot", "demo"])
@@ -87,7 +87,7 @@ def test_misspelt_field_names_line_and_meaning(refused: Any, tmp_path: Path) -> 
         ("--f-number", "-8", "above 0"),
         ("--focal-length", "nan", "above 0"),
         ("--distance", "0.01", "focal length"),
-        ("--black-level", "4096", "black_level_dn"),
+        ("--black-level", "4096", "--black-level must be below"),
         ("--rows", "0", "--rows"),
         ("--seed", "18446744073709551616", "--seed"),
     ],

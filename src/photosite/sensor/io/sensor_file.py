@@ -59,8 +59,8 @@ def load_sensor(name_or_path: str | PathLike[str]) -> Sensor:
         return _sensor_from(read_yaml(path, "a sensor file"), path)
     names = preset_names()
     if text not in names:
-        expected = f"a preset ({', '.join(names)}) or a file with the suffix .yaml"
-        raise InputError("sensor", value=text, expected=expected)
+        expected = "a preset or a file with the suffix .yaml"
+        raise InputError("sensor", value=text, expected=expected, hint=f"Presets are {', '.join(names)}")
     return _load_preset(text)
 
 
