@@ -236,10 +236,8 @@ def test_clipped_darks_are_calibrated_without_maps() -> None:
     assert with_maps.chip is None
     assert with_maps.temporal is None
     assert "clipped dark values" in with_maps.no_maps_reason
-    assert with_maps.warnings == (
-        *without.warnings,
-        f"the chip was not measured, there are no maps: {with_maps.no_maps_reason}",
-    )
+    assert with_maps.warnings[:-1] == without.warnings
+    assert with_maps.no_maps_reason in with_maps.warnings[-1]
     assert with_maps.no_maps_reason in temporal_blocks(with_maps)[0].text
     assert without.no_maps_reason is None
 
