@@ -11,13 +11,13 @@ from photosite.calibration.checks.result_screening import Implausible, implausib
 from photosite.calibration.dark import DarkResult
 from photosite.calibration.fixed_pattern import FixedPattern
 from photosite.calibration.light import LightResult
-from photosite.calibration.measurements import NO_PHOTONS, Measurements, pool_channels
+from photosite.calibration.measurements import Measurements, pool_channels
 from photosite.calibration.parameter_estimates import LEAST_DARK_VARIANCE, estimate_parameters
 from photosite.calibration.photon_transfer.channel import Channel, curvature_warnings
 from photosite.calibration.photon_transfer.curves import channel_curves, linear_range
 from photosite.calibration.photon_transfer.general_model import general_model
 from photosite.calibration.photon_transfer.linearity import channel_linearity
-from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_response
+from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
@@ -43,15 +43,7 @@ def assemble(
     patterns: Sequence[FixedPattern],
     sensor: Sensor | None,
 ) -> Calibration:
-    """Return the calibration.
-
-    Parameters
-    ----------
-    reduction, dark, light, patterns
-        Results of the stages before.
-    sensor
-        The sensor as known before the measurement; None if unknown.
-    """
+    """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
     measured = _measure_channels(dark, channels, patterns)
     together = _measure_together(dark, names, measured, light.gain)
@@ -114,33 +106,12 @@ def _measure_channels(
 
 
 def _with_light(m: Measurements, channel: Channel, pattern: FixedPattern) -> Measurements:
-    responsivity = _responsivity(channel)
+    responsivity = channel.responsivity()
     if channel.curvature is not None and isinstance(responsivity, Uncertain):
         responsivity = channel.curvature.widen(responsivity, channel.curvature.responsivity)
+    variances = {name: value for name, value in vars(pattern).items() if name != "spatial"}
     responsivity = screen_responsivity(responsivity, channel.gain)
-    photons_known = channel.levels.abscissa == "photons_per_pixel"
-    return replace(
-        m,
-        response_variance=pattern.response_variance,
-        gain=channel.gain,
-        saturation_dn=channel.saturation.level_dn,
-        saturation_method=channel.saturation.level_method,
-        saturation_photons=channel.saturation.x if photons_known else NO_PHOTONS,
-        responsivity=responsivity,
-        saturation_responsivity=responsivity,
-        dsnu1288=pattern.dsnu1288,
-        dsnu1288_filtered=pattern.dsnu1288_filtered,
-        prnu1288=pattern.prnu1288,
-        prnu1288_unfiltered=pattern.prnu1288_unfiltered,
-        linearity=(channel_linearity(channel),),
-    )
-
-
-def _responsivity(channel: Channel) -> Value:
-    if channel.levels.abscissa != "photons_per_pixel":
-        return NO_PHOTONS
-    fit = fit_response(channel.levels, channel.used)
-    return Missing("no light level lies in the linear range") if fit is None else fit.uncertain[0]
+    return m.with_channel(channel, responsivity, **variances, linearity=(channel_linearity(channel),))
 
 
 def _measure_together(

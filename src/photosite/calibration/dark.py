@@ -77,13 +77,6 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
 
     Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
     at 0, for its zeros.
-
-    Raises
-    ------
-    CalibrationError
-        If the darks are so clipped that too little is left.
-    FileError
-        If a frame cannot be read again.
     """
     as_read, reference = reduction.darks, reduction.reference
     clipped = correct_clipped_darks(reader, as_read, reference) if are_clipped(as_read) else None
@@ -125,17 +118,7 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:
-    """Return what the dark lines and the reference level of one channel show.
-
-    Parameters
-    ----------
-    lines
-        Dark signal and dark variance against exposure.
-    level
-        Reference level: many frames.
-    label
-        Its group's name in messages.
-    """
+    """Return what the dark lines and the reference level of one channel show."""
     black, slope = lines.mean.line
     slope = screen_dark_slope(slope, lines.mean.exposure_s)
     noise_slope = screen_dark_slope(lines.variance.line[1], lines.variance.exposure_s, of_variance=True)

@@ -135,22 +135,7 @@ class _DarkPattern:
 def measure_fixed_pattern(
     reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, outliers: OutlierThresholds | None
 ) -> tuple[FixedPattern, ...]:
-    """Measure each channel's fixed pattern.
-
-    Parameters
-    ----------
-    reduction, dark, light
-        Results of the stages before.
-    reader
-        Reads mean frames of the linear range, and a few frames for row and column noise, again.
-    outliers
-        Thresholds of the pixels listed as candidates for the defect list.
-
-    Raises
-    ------
-    FileError
-        If a frame cannot be read again.
-    """
+    """Measure each channel's fixed pattern."""
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     patterns = _dark_patterns(reduction, dark, half, reader)

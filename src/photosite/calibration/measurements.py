@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
+from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.parts import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
 from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 
 NO_LIGHT = Missing("no light frames")
-NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +83,19 @@ class Measurements:
         notes = dict.fromkeys(self.from_channels[name] for name in names if name in self.from_channels)
         return "; ".join((text, *notes))
 
+    def with_channel(self, channel: Channel, responsivity: Value, **others: Any) -> Measurements:
+        """Return the measurements with gain, saturation and responsivity of a channel, and with other changes."""
+        return replace(
+            self,
+            gain=channel.gain,
+            saturation_dn=channel.saturation.level_dn,
+            saturation_method=channel.saturation.level_method,
+            saturation_photons=channel.saturation.x if channel.levels.photons_known else NO_PHOTONS,
+            responsivity=responsivity,
+            saturation_responsivity=responsivity,
+            **others,
+        )
+
     def without_dark_shot_noise(self, exposure_s: float) -> Measurements:
         """Return the measurements with the shot noise of the dark current, K (dark slope) t, taken off the read noise.
 
@@ -146,18 +160,10 @@ def pool_channels(
 ) -> Measurements:
     """Return all channels as one, weighted by their pixels.
 
-    A channel that lacks a measurement is left out of its mean, and `from_channels` names the others. A measurement
-    that no channel has is missing for the reason of the channel with the most measurements.
-
-    Parameters
-    ----------
-    names, channels
-        Each channel's name and measurements.
-    dark
-        Dark measurements of all pixels together. Black level, dark slope, read variance and dark variance come from
-        them, because channels share the drift of the black level.
-    gain
-        Fitted to all channels together.
+    A channel that lacks a measurement is left out of its mean, and `from_channels` names the others. A measurement that
+    no channel has is missing for the reason of the channel with the most measurements. Black level, dark slope, read
+    variance and dark variance come from `dark`, all pixels together, because channels share the drift of the black
+    level.
     """
     fullest = max(channels, key=_count_measured)
     changed: dict[str, object] = {"gain": gain, "pixels": sum(entry.pixels for entry in channels)}

@@ -28,15 +28,7 @@ LEAST_DARK_VARIANCE = 0.24
 
 
 def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
-    """Return all parameters with their uncertainties, in every unit that is known.
-
-    Parameters
-    ----------
-    m
-        Measurements of one channel, or of all together.
-    mv_per_dn
-        Millivolts at the pixel per digital number.
-    """
+    """Return all parameters with their uncertainties, in every unit that is known."""
     per_e = derive(lambda k: 1.0 / k, m.gain)
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
     return Parameters(

@@ -10,7 +10,7 @@ import numpy as np
 
 from photosite.calibration.dark import measure_dark_level
 from photosite.calibration.fixed_pattern import plan_slopes
-from photosite.calibration.measurements import NO_LIGHT, NO_PHOTONS, Measurements, pool_channels
+from photosite.calibration.measurements import NO_LIGHT, Measurements, pool_channels
 from photosite.calibration.parameter_estimates import estimate_parameters
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Channel
@@ -18,7 +18,6 @@ from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import (
     find_saturation,
     fit_gain,
-    fit_response,
     gain_value,
     light_levels,
     linear_levels,
@@ -209,20 +208,8 @@ def _measured(
     if slopes is not None:
         measured = replace(measured, dark_slope_variance=slopes.variance)
     if channel is not None:
-        metered = channel.levels.abscissa == "photons_per_pixel"
-        response = fit_response(channel.levels, channel.used) if metered else None
-        missing = Missing("no light level lies in the linear range") if metered else NO_PHOTONS
-        responsivity: Value = missing if response is None else response.uncertain[0]
-        measured = replace(
-            measured,
-            response_variance=_response_variance(sensor, channel, lights, slopes),
-            gain=channel.gain,
-            saturation_dn=channel.saturation.level_dn,
-            saturation_method=channel.saturation.level_method,
-            saturation_photons=channel.saturation.x if metered else NO_PHOTONS,
-            responsivity=responsivity,
-            saturation_responsivity=responsivity,
-        )
+        response_variance = _response_variance(sensor, channel, lights, slopes)
+        measured = measured.with_channel(channel, channel.responsivity(), response_variance=response_variance)
     return measured.without_dark_shot_noise(reference.group.exposure_s).for_sensor()
 
 

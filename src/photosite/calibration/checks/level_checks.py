@@ -48,13 +48,10 @@ _FACTORS = {1e3: "a thousand", 1e6: "a million", 1e9: "a thousand million", 60.0
 
 
 def check_levels(reduction: Reduction) -> None:
-    """Raise an error where the levels cannot support a calibration.
+    """Raise a CalibrationError where the levels cannot support a calibration.
 
-    Raises
-    ------
-    CalibrationError
-        If darks are black or saturated all over, without noise or copies of each other; if no flat is brighter than
-        the darks; if the numbers have another bit depth than stated.
+    Reasons are darks that are black, saturated or without noise, flats not brighter than the darks, and
+    numbers of another bit depth than stated.
     """
     _check_step(reduction)
     _check_darks(reduction)
@@ -64,13 +61,7 @@ def check_levels(reduction: Reduction) -> None:
 
 
 def check_channels(reduction: Reduction, channels: Sequence[Channel]) -> None:
-    """Raise an error where the linear range of the channels contradicts what is stated of the frames.
-
-    Raises
-    ------
-    CalibrationError
-        If one dark group was lit, or the signals are not proportional to the stated light.
-    """
+    """Raise a CalibrationError for a lit dark group, and for signals not proportional to the stated light."""
     if channels:
         _check_unlit(reduction, max(float(channel.levels.signal.max()) for channel in channels))
         _check_proportion(reduction, channels)
@@ -209,7 +200,7 @@ def _check_proportion(reduction: Reduction, channels: Sequence[Channel]) -> None
         found = _Proportion.of(levels.x[take], signal, uncertainty)
         if not found.beyond.any():
             continue
-        by_photons = levels.abscissa == "photons_per_pixel"
+        by_photons = levels.photons_known
         worst = int(np.argmax(np.abs(np.log(found.ratio)) * found.beyond))
         level = f"{found.x[worst]:g} photons" if by_photons else f"{format_exposure(float(found.x[worst]))} s"
         cause, hint = _likely_cause(found, levels.exposure_s[take], signal, uncertainty, by_photons)
@@ -256,17 +247,7 @@ def _likely_cause(
 
 
 def level_warnings(reduction: Reduction, darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -> list[str]:
-    """Return warnings about levels that do not prevent a calibration.
-
-    Parameters
-    ----------
-    reduction
-        The reduced frame set.
-    darks
-        Its dark groups, corrected for clipping.
-    channels
-        The analysed channels; empty without light frames.
-    """
+    """Return warnings about levels that do not prevent a calibration."""
     return [
         *_fast_shutter(reduction.frames),
         *_light_leak(darks, channels),

@@ -90,11 +90,6 @@ def screen_variance_slope(slope: Value, of_mean: Value) -> Value:
 
     A camera with black level clamping shows its dark current in the variance only (EMVA 1288 R4.0, dark current); the
     variance then grows beyond chance. Otherwise it is no more credible than the level.
-
-    Parameters
-    ----------
-    slope, of_mean
-        Slope of the variance, DN^2/s, and of the level, DN/s, both from `screen_dark_slope`.
     """
     if isinstance(slope, Missing) or not isinstance(of_mean, Implausible):
         return slope
@@ -104,13 +99,7 @@ def screen_variance_slope(slope: Value, of_mean: Value) -> Value:
 
 
 def screen_responsivity(responsivity: Value, gain: Value) -> Value:
-    """Return the responsivity, or why it is withheld where the quantum efficiency would exceed 100 %.
-
-    Parameters
-    ----------
-    responsivity, gain
-        DN/photon and DN/e-.
-    """
+    """Return the responsivity, or why it is withheld where the quantum efficiency would exceed 100 %."""
     if isinstance(responsivity, Missing) or isinstance(gain, Missing):
         return responsivity
     efficiency = responsivity / gain

@@ -102,17 +102,7 @@ class ClippedCounts:
 def count_clipped(
     frames: Iterable[NDArray[np.unsignedinteger]], shape: tuple[int, int], tile: NDArray[np.int64]
 ) -> tuple[ClippedCounts, ...]:
-    """Return the counts per channel of dark frames, in one pass and in memory independent of their number.
-
-    Parameters
-    ----------
-    frames
-        The frames, (rows, cols) each.
-    shape
-        (rows, cols) of the frames.
-    tile
-        The repeating tile of channel indices.
-    """
+    """Return the counts per channel of dark frames, in one pass and in memory independent of their number."""
     numbers, zeros = FrameSums(shape, tile), np.zeros(shape, np.uint16)
     left = iter(frames)
     while batch := list(islice(left, _TOGETHER)):

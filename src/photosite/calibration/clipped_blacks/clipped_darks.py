@@ -111,15 +111,7 @@ class ClippedDarks:
 
 
 def correct_clipped_darks(reader: FrameReader, darks: Sequence[GroupStatistics], reference: int) -> ClippedDarks:
-    """Read the reference group again for its zeros, fit it, and correct the levels of all groups.
-
-    Raises
-    ------
-    CalibrationError
-        If too little is above zero.
-    FileError
-        If a frame cannot be read again.
-    """
+    """Read the reference group again for its zeros, fit it, and correct the levels of all groups."""
     names = channel_names(reader.frames.cfa)
     of_group = {id(source) for source in darks[reference].group.frames}
     sources = [entry.source for entry in reader.used_frames if id(entry.source) in of_group]

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
-from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation
+from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation, fit_response
 from photosite.calibration.photon_transfer.response_curvature import ResponseCurvature
 from photosite.values.uncertain import Missing, Value
+
+NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,13 @@ class Channel:
     used: NDArray[np.bool_]
     gain: Value
     curvature: ResponseCurvature | None = None
+
+    def responsivity(self) -> Value:
+        """Return the responsivity in DN/photon, or the reason why it is missing."""
+        if not self.levels.photons_known:
+            return NO_PHOTONS
+        fit = fit_response(self.levels, self.used)
+        return Missing("no light level lies in the linear range") if fit is None else fit.uncertain[0]
 
 
 def curvature_warnings(names: Sequence[str], channels: Sequence[Channel]) -> list[str]:

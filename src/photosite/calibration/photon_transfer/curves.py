@@ -55,17 +55,7 @@ class Curve:
         points: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
         fit: Fit | None,
     ) -> Curve:
-        """Return the curve of a fit with two parameters, or with the slope alone through the origin.
-
-        Parameters
-        ----------
-        title, x_label, y_label
-            Labels of a plot, units included.
-        points
-            x, y, y_uncertainty and used.
-        fit
-            None where no line could be fitted.
-        """
+        """Return the curve of a fit with two parameters, or with the slope alone through the origin."""
         if fit is None:
             return cls(title, x_label, y_label, *points)
         intercept, covariance = 0.0, np.zeros((2, 2))
@@ -132,7 +122,7 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
     if channel is None:
         return curves
     levels, used = channel.levels, channel.used
-    axis = "photons per pixel" if levels.abscissa == "photons_per_pixel" else "exposure (s)"
+    axis = "photons per pixel" if levels.photons_known else "exposure (s)"
     uncertainty = np.sqrt(np.diag(levels.signal_covariance))
     curves["response"] = Curve.of_fit(
         "Response", axis, "signal (DN)", (levels.x, levels.signal, uncertainty, used), fit_response(levels, used)

@@ -72,11 +72,8 @@ class GeneralModel:
 def general_model(channel: Channel) -> GeneralModel | Missing:
     """Return the general model of a channel, or the reason why it is missing.
 
-    Parameters
-    ----------
-    channel
-        The channel. Levels with one frame have no noise, but shape the curve. Of several groups at one amount of light,
-        the one with the smallest uncertainty is used.
+    Levels with one frame have no noise, but shape the curve. Of several groups at one amount of light, the one with the
+    smallest uncertainty is used.
     """
     levels, dark = channel.levels, channel.dark.variance
     place = _best_levels(levels.x, np.diag(levels.signal_covariance))

@@ -78,13 +78,7 @@ class Linearity:
 
 
 def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Estimate]:
-    """Return the linearity errors as parameters, of one channel or of several together.
-
-    Parameters
-    ----------
-    channels
-        One or more. Of several, the errors are means over the channels, and the extremes those of all.
-    """
+    """Return the linearity errors as parameters: means over the channels, and the extremes of all channels."""
     known = [entry for entry in channels if isinstance(entry, Linearity)]
     suffix = f"; over {len(known)} of {len(channels)} channels" if len(channels) > 1 else ""
     relative = f"of least relative squares, relative to it (EMVA 1288 R4.0, equations 61 and 62){suffix}"
@@ -112,11 +106,8 @@ def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Es
 def channel_linearity(channel: Channel) -> Linearity | Missing:
     """Return the linearity of a channel, or the reason why it is missing.
 
-    Parameters
-    ----------
-    channel
-        The channel. Without known photons the abscissa is the exposure time, and the light is taken as constant (the
-        standard's method I).
+    Without known photons the abscissa is the exposure time, and the light is taken as constant (the standard's method
+    I).
     """
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None or saturation.index is None:

@@ -74,6 +74,11 @@ class LightLevels:
     group: NDArray[np.intp]
 
     @property
+    def photons_known(self) -> bool:
+        """Whether the abscissa is photons per pixel."""
+        return self.abscissa == "photons_per_pixel"
+
+    @property
     def repeated(self) -> NDArray[np.bool_]:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)

@@ -56,15 +56,7 @@ class ResponseCurvature:
 
 
 def find_curvature(levels: LightLevels, used: NDArray[np.bool_], source: Source) -> ResponseCurvature | None:
-    """Return the curvature of a channel's response; None where it is straight within the noise.
-
-    Parameters
-    ----------
-    levels, used
-        Light levels, and whether each is in the linear range.
-    source
-        Source of uncertainty shared by all channels.
-    """
+    """Return the curvature of a channel's response; None where it is straight within the noise."""
     take = used & (levels.x > 0.0)
     if take.sum() < LEAST_LEVELS:
         return None

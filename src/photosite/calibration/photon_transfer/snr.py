@@ -128,7 +128,7 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
         that of the largest noise, where clipping removes the noise.
     """
     levels, gain, dark = channel.levels, channel.gain, channel.dark.variance
-    photons = levels.abscissa == "photons_per_pixel"
+    photons = levels.photons_known
     fit = fit_response(levels, channel.used)
     if isinstance(gain, Missing):
         return gain

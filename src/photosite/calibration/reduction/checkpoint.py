@@ -92,13 +92,7 @@ class Checkpoint:
         return time.monotonic() - self._saved_s > SAVE_EVERY_S
 
     def save(self, group: FrameGroup, sums: FrameSums, progress: GroupProgress) -> None:
-        """Save a group's sums, completely or not at all.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
+        """Save a group's sums, completely or not at all."""
         import h5py
 
         note = {name: value for name, value in vars(progress).items() if name != "samples"}
@@ -111,13 +105,7 @@ class Checkpoint:
         self._saved_s = time.monotonic()
 
     def load(self, group: FrameGroup, sums: FrameSums) -> GroupProgress | None:
-        """Restore a group's sums; return None if none were saved.
-
-        Raises
-        ------
-        FileError
-            If the file is damaged, or belongs to other frames.
-        """
+        """Restore a group's sums; return None if none were saved."""
         path = self._files[id(group)]
         if (found := self._progress(group)) is None:
             return None
@@ -140,13 +128,7 @@ class Checkpoint:
         return found
 
     def frames_read(self, group: FrameGroup) -> int:
-        """Return the number of frames of a group that need not be read again.
-
-        Raises
-        ------
-        FileError
-            As `load`.
-        """
+        """Return the number of frames of a group that need not be read again."""
         found = self._progress(group)
         return found.read if found else 0
 

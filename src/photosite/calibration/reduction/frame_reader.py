@@ -116,13 +116,6 @@ class FrameReader:
         """Return the exact sums of a group's frames, valid until the next group is requested.
 
         In the first pass, groups must be requested in the order of the set, dark groups first.
-
-        Raises
-        ------
-        FileError
-            If a frame cannot be read, or has another size or range than the set.
-        CalibrationError
-            If frames of the group differ so much that some are broken, and there is no majority.
         """
         if self._sums is None:
             self._sums = FrameSums((self.frames.rows, self.frames.cols), self.tile, white=self.white)
@@ -162,13 +155,7 @@ class FrameReader:
         return id(group) in self._means
 
     def mean(self, group: FrameGroup) -> MeanFrame:
-        """Return a group's mean frame and release it if it was kept, or compute it from its frames again.
-
-        Raises
-        ------
-        FileError
-            As `sums`.
-        """
+        """Return a group's mean frame and release it if it was kept, or compute it from its frames again."""
         if (mean := self._means.pop(id(group), None)) is not None:
             self._kept_bytes -= mean.sum.nbytes
             return mean

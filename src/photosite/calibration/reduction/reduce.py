@@ -62,13 +62,6 @@ def reduce_frames(reader: FrameReader) -> Reduction:
     """Read every frame once and return the statistics of each group.
 
     Mean frames of light groups that may be needed again are kept within `KEPT_BYTES`.
-
-    Raises
-    ------
-    CalibrationError
-        If frames of one group differ so much that broken ones cannot be identified.
-    FileError
-        If a frame cannot be read, or has another size or range than the set.
     """
     planned = reader.frames.of_kind("dark")
     slopes, coefficients = None, dark_slope_coefficients(planned)
