@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from photosite.calibration.dark import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.photon_transfer.channel import Channel
-from photosite.calibration.photon_transfer.photon_transfer import (
-    GainFit,
-    find_saturation,
-    fit_gain,
-    gain_value,
-    light_levels,
-    linear_levels,
-)
+from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
 from photosite.calibration.photon_transfer.response_curvature import find_curvature, gain_with_curvature
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.values.uncertain import Source, Uncertain, Value
@@ -51,11 +44,8 @@ def measure_light_frames(reduction: Reduction, dark: DarkResult) -> LightResult:
 
 
 def _measure_channel(index: int, reduction: Reduction, dark: DarkResult, shared: Source) -> Channel:
-    levels = light_levels(reduction.lights, index, dark.lines[index])
-    saturation = find_saturation(levels, (1 << reduction.frames.bits) - 1)
-    used = linear_levels(levels, saturation)
-    gain = gain_value(fit_gain([levels], [used]))
-    curvature = find_curvature(levels, used, shared)
+    channel = Channel.of(index, reduction.lights, dark.lines[index], (1 << reduction.frames.bits) - 1)
+    curvature, gain = find_curvature(channel.levels, channel.used, shared), channel.gain
     if curvature is not None and isinstance(gain, Uncertain):
         gain = curvature.widen(gain, curvature.gain)
-    return Channel(index, dark.lines[index], levels, saturation, used, gain, curvature)
+    return replace(channel, gain=gain, curvature=curvature)

@@ -16,11 +16,8 @@ from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
 from photosite.calibration.photon_transfer.photon_transfer import (
-    find_saturation,
     fit_gain,
     gain_value,
-    light_levels,
-    linear_levels,
 )
 from photosite.calibration.reduction.groups import (
     CLIPPED_DARK_SHARE,
@@ -115,7 +112,8 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     exposures = [entry.group.exposure_s for entry in darks]
     reference = darks[reference_dark(darks)]
     lines = [DarkLines.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
-    channels = [_channel(sensor, k, lines[k], lights) for k in range(len(names))] if lights else []
+    white = int(sensor.white_level_dn)
+    channels = [Channel.of(k, lights, lines[k], white) for k in range(len(names))] if lights else []
     gain = gain_value(fit_gain([c.levels for c in channels], [c.used for c in channels])) if lights else NO_LIGHT
     measured = [
         _measured(sensor, lines[k], darks, reference, channels[k] if channels else None, lights, k)
@@ -175,13 +173,6 @@ def _check_darks(darks: Sequence[GroupStatistics]) -> None:
                 f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
                 hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",
             )
-
-
-def _channel(sensor: Sensor, index: int, dark: DarkLines, lights: Sequence[GroupStatistics]) -> Channel:
-    levels = light_levels(lights, index, dark)
-    saturation = find_saturation(levels, int(sensor.white_level_dn))
-    used = linear_levels(levels, saturation)
-    return Channel(index, dark, levels, saturation, used, gain_value(fit_gain([levels], [used])))
 
 
 def _measured(

@@ -9,8 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
-from photosite.calibration.photon_transfer.photon_transfer import LightLevels, Saturation, fit_response
+from photosite.calibration.photon_transfer.photon_transfer import (
+    LightLevels,
+    Saturation,
+    find_saturation,
+    fit_gain,
+    fit_response,
+    gain_value,
+    light_levels,
+    linear_levels,
+)
 from photosite.calibration.photon_transfer.response_curvature import ResponseCurvature
+from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.values.uncertain import Missing, Value
 
 NO_PHOTONS = Missing("the photons per pixel are not known; give them in a descriptor or a protocol")
@@ -45,6 +55,14 @@ class Channel:
     used: NDArray[np.bool_]
     gain: Value
     curvature: ResponseCurvature | None = None
+
+    @classmethod
+    def of(cls, index: int, lights: Sequence[GroupStatistics], dark: DarkLines, white: int) -> Channel:
+        """Analyse the light levels of a channel; `white` is the full scale of the converter, DN."""
+        levels = light_levels(lights, index, dark)
+        saturation = find_saturation(levels, white)
+        used = linear_levels(levels, saturation)
+        return cls(index, dark, levels, saturation, used, gain_value(fit_gain([levels], [used])))
 
     def responsivity(self) -> Value:
         """Return the responsivity in DN/photon, or the reason why it is missing."""
