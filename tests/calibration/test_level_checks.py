@@ -75,7 +75,7 @@ def test_flats_that_end_at_the_full_scale_of_a_smaller_converter():
     levels = (50.0, 100.0, 150.0, 200.0, 300.0, 3000.0)
     frames = measurement(bits=8, black=20.0, levels=levels)
     error = error_of(frames)
-    assert "255 DN in every pixel, the full scale of a 8-bit converter" in error.what
+    assert "255 DN in every pixel, the full scale of 8 bits" in error.what
     assert error.hint == "Correct the bits"
     assert calibrated(frames, bits=8).saturation_dn.value == 255.0
 
@@ -86,7 +86,7 @@ def test_some_pixels_that_respond_less_do_not_hide_the_full_scale(low):
     frames = [
         (kind, t, np.where(np.arange(dn.size).reshape(dn.shape) < low, dn // 2 + 32, dn)) for kind, t, dn in frames
     ]
-    assert "the full scale of a 10-bit converter" in error_of(frames, bits=16).what
+    assert "the full scale of 10 bits" in error_of(frames, bits=16).what
     assert calibrated(frames, bits=10).saturation_dn.value == pytest.approx(1023.0, abs=6.0)
 
 

@@ -81,8 +81,8 @@ def _check_step(reduction: Reduction) -> None:
         return
     shift = step.bit_length() - 1
     raise CalibrationError(
-        f"all numbers add up to multiples of {step}: they are those of a {frames.bits - shift}-bit converter shifted "
-        f"by {shift} bits, not of {frames.bits} bits",
+        f"all numbers add up to multiples of {step}: they have {frames.bits - shift} bits shifted by {shift} bits, not "
+        f"{frames.bits} bits",
         where=f"{frames.source}: {group.label}",
         hint=f"Divide them by {step} and state {frames.bits - shift} bits",
     )
@@ -144,7 +144,7 @@ def _check_full_scale(reduction: Reduction) -> None:
             pixels = "every pixel" if share == 1.0 else f"{100 * share:.3g} % of the pixels"
             raise CalibrationError(
                 f"the brightest flats{_of_channel(reduction, name, ' of channel {}')} have {top} DN in {pixels}, the "
-                f"full scale of a {top.bit_length()}-bit converter, but {frames.bits} bits are stated or assumed",
+                f"full scale of {top.bit_length()} bits, but {frames.bits} bits are stated or assumed",
                 where=frames.source,
                 hint="Correct the bits",
             )
