@@ -101,7 +101,12 @@ CONDITIONS = {  # pixels, frames, black level, DSNU, read noise
 }
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
+SLOW = {"no fixed pattern", "hardly clipped"}
+
+
+@pytest.mark.parametrize(
+    "condition", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CONDITIONS]
+)
 def test_intervals_cover_the_truth(condition):
     pixels, frames, black, dsnu, read = CONDITIONS[condition]
     pulls = []
