@@ -16,7 +16,7 @@ from photosite.validation.set_up import SetUp
 
 SENSOR = ps.load_sensor("nikon-d200")
 CAMERA = ps.Camera(ps.DiffractionLimited(8, 50), SENSOR)
-SET_UP = SetUp.of_chart(CAMERA, ps.charts.macbeth("A", 40), 1 / 3)
+SET_UP = SetUp.from_chart(CAMERA, ps.charts.macbeth("A", 40), 1 / 3)
 SHAPE = (264, 392)
 
 
@@ -48,7 +48,7 @@ def test_isetcams_electrons(photosite: Any, isetcam_results: Path) -> None:
 def test_the_case_and_the_rule_that_agrees_are_said_at_the_top(photosite: Any, isetcam_results: Path) -> None:
     file = isetcam_results
     first = photosite("compare", file).out.splitlines()[:3]
-    assert first[1:] == ["  case: d200", "  by the rectangle rule they agree: --integration rectangle"]
+    assert first[1:] == ["  case: d200", "  they agree with the rectangle rule: --integration rectangle"]
     other = photosite("compare", file, "--integration", "rectangle", "--json").json
     assert (other["case"], other["hint"]) == ("d200", None)
 
@@ -75,7 +75,7 @@ def test_a_mosaic_of_mean_electrons(photosite: Any, tmp_path: Path) -> None:
     found = {}
     for f_number in (1, 8):
         camera = replace(CAMERA, optics=ps.DiffractionLimited(f_number, 50))
-        set_up = SetUp.of_chart(camera, ps.charts.macbeth("A", 40), 1 / 3 * (f_number / 8) ** 2)
+        set_up = SetUp.from_chart(camera, ps.charts.macbeth("A", 40), 1 / 3 * (f_number / 8) ** 2)
         csv = write_csv(tmp_path / "patches.csv", set_up)
         savemat(tmp_path / "mosaic.mat", {"electrons": set_up.mean_electrons(SHAPE)})
         told = photosite("compare", tmp_path / "mosaic.mat", csv, "--unit", "e", "--tolerance", 0.3, "--json").json

@@ -11,14 +11,13 @@ from photosite.report.html import Details, Images, Notice, Page, Table, render_p
 from photosite.report.validation import validation_page, write_validation_report
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import in_perspective
-from photosite.validation.frames_result import FrameValidation, Told
+from photosite.validation.frame_validation import CaptureConditions, FrameValidation, validate_frames
 from photosite.validation.lamp import Lamp
-from photosite.validation.real_frames import validate_frames
 
 CORNERS = ((10.0, 22.0), (4.0, 214.0), (144.0, 206.0), (132.0, 12.0))
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
 SENSOR = ps.load_sensor("nikon-d200").with_(black_level_dn=64, rows=150, cols=224)
-TOLD = Told(SENSOR, LENS, Lamp.named("A"), luminance_cd_m2=40.0)
+CONDITIONS = CaptureConditions(SENSOR, LENS, Lamp.from_name("A"), luminance_cd_m2=40.0)
 
 
 def shots(frames: int) -> list[ps.RawFrame]:
@@ -28,13 +27,13 @@ def shots(frames: int) -> list[ps.RawFrame]:
 
 @pytest.fixture(scope="module")
 def right() -> FrameValidation:
-    return validate_frames(shots(2), TOLD, CORNERS, fit="fill_factor")
+    return validate_frames(shots(2), CONDITIONS, CORNERS, fit="fill_factor")
 
 
 @pytest.fixture(scope="module")
 def wrong() -> FrameValidation:
-    told = replace(TOLD, sensor=SENSOR.with_(cfa="bggr"), exposure_s=0.3)
-    return validate_frames(shots(1), told, CORNERS)
+    conditions = replace(CONDITIONS, sensor=SENSOR.with_(cfa="bggr"), exposure_s=0.3)
+    return validate_frames(shots(1), conditions, CORNERS)
 
 
 def blocks(page: Page, title: str) -> tuple[object, ...]:
@@ -60,12 +59,12 @@ def test_the_verdict_is_said_with_its_tests(right: FrameValidation, wrong: Frame
 
 
 def test_what_was_told_and_fitted_stands_there(right: FrameValidation) -> None:
-    (table, _) = blocks(validation_page(right), "What the simulation was told")
+    (table, _) = blocks(validation_page(right), "Conditions of the simulation")
     assert isinstance(table, Table)
-    told = dict(table.rows)
-    assert told["Exposure"] == "1/3 s; the frames say 1/3 s"
-    assert told["Mean luminance of the patches"] == "40 cd/m²"
-    assert told["Fill factor"] == f"{right.fit.value:.4g} (fitted)"
+    conditions = dict(table.rows)
+    assert conditions["Exposure"] == "1/3 s; the frames say 1/3 s"
+    assert conditions["Mean luminance of the patches"] == "40 cd/m²"
+    assert conditions["Fill factor"] == f"{right.fit.value:.4g} (fitted)"
     numbers = blocks(validation_page(right), "Numbers")
     assert [type(block) for block in numbers] == [Table, Table, Details]
     assert [row[0] for row in numbers[1].rows] == ["all", "R", "G", "B"]
@@ -115,7 +114,7 @@ def test_a_monochrome_camera_has_no_colours() -> None:
     mono = SENSOR.with_(cfa=[["M"]], channels={"M": green})
     camera = ps.Camera(LENS, mono.with_(serial="measured"))
     scene = in_perspective(macbeth(), CORNERS, (150, 224))
-    result = validate_frames([camera.capture(scene, 1 / 3, seed=1)], replace(TOLD, sensor=mono), CORNERS)
+    result = validate_frames([camera.capture(scene, 1 / 3, seed=1)], replace(CONDITIONS, sensor=mono), CORNERS)
     assert result.agrees
     page = validation_page(result)
     assert blocks(page, "Colours") == ()

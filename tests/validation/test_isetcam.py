@@ -12,9 +12,9 @@ import pytest
 
 import photosite as ps
 from photosite.scene.scene import Scene
-from photosite.validation.compare import PatchComparison, compare_values
-from photosite.validation.compare_tools import compare
+from photosite.validation.patch_values import PatchComparison, compare_values
 from photosite.validation.set_up import SetUp, read_set_up
+from photosite.validation.tool_comparison import compare
 
 DOCS = Path(__file__).parents[2] / "docs" / "isetcam.md"
 
@@ -78,7 +78,7 @@ def test_the_chart_and_its_lamp(isetcam_results: Path, case: dict[str, SetUp]) -
     assert theirs is not None
     told = case["rectangle"]
     chart = ps.charts.macbeth("A", 40, wavelength_nm=told.wavelength_nm, rule="rectangle")
-    result = compare_values(theirs, SetUp.of_chart(told.camera, chart, told.exposure_s).patch_values("e"))
+    result = compare_values(theirs, SetUp.from_chart(told.camera, chart, told.exposure_s).patch_values("e"))
     assert not result.agrees
     assert rows()["chart and lamp: ISETCam's own files, not Ohta's ColorChecker under CIE A"] == span(result)
 

@@ -8,7 +8,7 @@ from photosite.color.spectrum import Spectrum
 from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth, macbeth_reflectance
-from photosite.validation.lamp import Lamp, lamp_from, read_lamp
+from photosite.validation.lamp import Lamp, load_lamp, read_lamp
 
 
 def write(folder, quantity, wavelength_nm, values, name="lamp.csv"):
@@ -50,7 +50,7 @@ def test_a_smooth_lamp_in_a_file_is_the_lamp_by_name(tmp_path):
         lamp = read_lamp(write(tmp_path, "relative_energy", grid, illuminant("A", grid)))
         assert lamp.chart_luminance_cd_m2 is None
         named, filed = (
-            macbeth(light.light, 40, wavelength_nm=light.wavelength_nm) for light in (Lamp.named("A"), lamp)
+            macbeth(light.light, 40, wavelength_nm=light.wavelength_nm) for light in (Lamp.from_name("A"), lamp)
         )
         np.testing.assert_allclose(filed.basis, named.basis, rtol=1e-6)
 
@@ -76,13 +76,13 @@ def test_a_file_that_ends_early_is_used_as_far_as_it_goes(tmp_path):
 
 
 def test_files_and_names(tmp_path):
-    assert lamp_from("D65").name == "D65"
+    assert load_lamp("D65").name == "D65"
     file = write(tmp_path, "relative_energy", [380, 780], [1, 1], "meter.txt")
-    assert lamp_from(file).name == "meter.txt"
+    assert load_lamp(file).name == "meter.txt"
     with pytest.raises(FileError, match="no such file"):
-        lamp_from(tmp_path / "missing.csv")
+        load_lamp(tmp_path / "missing.csv")
     with pytest.raises(InputError, match="did you mean 'D65'"):
-        lamp_from("D66")
+        load_lamp("D66")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`photosite compare`: another simulator's patches or mosaics against photosite's, or against a second file."""
+"""`photosite compare`: patches or mosaics of another simulator against photosite or a second file."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from photosite.cli.output import print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
-    from photosite.validation.compare import PatchComparison
-    from photosite.validation.other_tool import Content
+    from photosite.validation.patch_values import PatchComparison
     from photosite.validation.result import Validation
     from photosite.validation.set_up import SetUp
+    from photosite.validation.tool_files import Content
 
 _OF_OPTIONS = (
     "sensor_name",
@@ -28,7 +28,7 @@ _OF_OPTIONS = (
     "focal_length_mm",
     "exposure_s",
 )
-"""Parameters that a set-up's file says itself."""
+"""Options that a set-up file replaces."""
 
 
 @click.command("compare", cls=Command)
@@ -36,30 +36,37 @@ _OF_OPTIONS = (
 @click.argument("reference", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--tolerance",
+    "tolerance_percent",
     type=options.above(or_equal=True),
     default=0.1,
     metavar="PERCENT",
-    help="Relative difference let pass; of noise, too, where raw frames are compared.",
+    help="Relative tolerance of means, and of the noise of raw frames, in percent.",
 )
-@click.option("--level", type=options.above(), default=0.05, help="Share of false alarms allowed where there is noise.")
+@click.option("--level", type=options.above(), default=0.05, help="False-alarm rate where there is noise.")
 @click.option(
     "--unit",
     type=click.Choice(["e", "dn"]),
-    help="Electrons, or DN above black; of MATLAB files, and of raw files if not DN.",
+    help="Unit of MATLAB files and raw files: electrons, or DN above black. Raw files are in DN by default.",
 )
-@click.option("--variable", metavar="NAME", help="Array in a MATLAB file, with dots for fields: sensor.data.volts.")
-@click.option("--bits", type=click.IntRange(1, 16), help="Bits of mosaics that do not say; else the sensor's.")
-@click.option("--cfa", help="Colour filter array (rggb, ...) of mosaics that do not say; else the sensor's.")
-@options.black_level_option("Black level of mosaics that do not say; else the sensor's.")
+@click.option("--variable", metavar="NAME", help="Array of a MATLAB file, with dots for fields: sensor.data.volts.")
 @click.option(
-    "--set-up", "set_up_file", type=click.Path(path_type=Path), metavar="FILE", help="The set-up as JSON; see the docs."
+    "--bits", type=click.IntRange(1, 16), help="Bit depth of mosaics without it. Default: that of the sensor."
 )
-@click.option("--case", metavar="NAME", help="Case of a JSON file with several.")
+@click.option("--cfa", help="Colour filter array (rggb, ...) of mosaics without it. Default: that of the sensor.")
+@options.black_level_option("Black level in DN of mosaics without it. Default: that of the sensor.")
+@click.option(
+    "--set-up",
+    "set_up_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Set-up as a JSON file (docs/isetcam.md).",
+)
+@click.option("--case", metavar="NAME", help="Case of a JSON file with several cases.")
 @click.option(
     "--integration",
     type=click.Choice(["trapezoid", "rectangle"]),
     default="trapezoid",
-    help="Rule of photosite's integrals over wavelength.",
+    help="Rule of the integrals over wavelength.",
 )
 @options.sensor_option()
 @options.illuminant_option("A")
@@ -69,10 +76,15 @@ _OF_OPTIONS = (
     type=options.above(),
     default=40.0,
     metavar="CD/M2",
-    help="Mean luminance of the patches.",
+    help="Mean luminance of the patches, in cd/m2.",
 )
 @click.option(
-    "--distance", "distance_m", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m."
+    "--distance",
+    "distance_m",
+    type=options.above(),
+    default=1.2,
+    metavar="M",
+    help="Distance from lens to chart, in m.",
 )
 @options.lens_options
 @click.option(
@@ -81,47 +93,53 @@ _OF_OPTIONS = (
     type=options.exposure_time,
     default="1/3",
     metavar="SECONDS",
-    help="Exposure time in s; 1/3 is read as such.",
+    help="Exposure time in s, such as 0.01 or 1/3.",
 )
 @options.seed_option()
 @options.json_option
 @click.pass_context
-def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json: bool, **told: Any) -> None:
-    """Compare another simulator's ColorChecker with photosite's of the same set-up, or with a second file.
+def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json: bool, **settings: Any) -> None:
+    """Compare another simulator's ColorChecker with photosite's simulation of the same set-up, or with a second file.
 
-    OTHER is what the tool made: patch values as CSV (patch,R_e,G_e,B_e in electrons; R_dn,... in DN above black) or as
-    a MATLAB matrix; a mosaic that the chart fills as a MATLAB matrix, TIFF, or any raw frame or folder of frames; or a
-    JSON file with set-up and patch electrons. REFERENCE is the same of another tool; without it, photosite simulates
-    the set-up: that of the JSON file, of --set-up, or of the options.
+    OTHER is the output of the tool: patch values as CSV (patch,R_e,G_e,B_e in electrons; R_dn,... in DN above black) or
+    as a MATLAB matrix; a mosaic filled by the chart as a MATLAB matrix, TIFF, raw frame or folder of frames; or a JSON
+    file with set-up and patch electrons. REFERENCE is the output of another tool. Without it, photosite simulates the
+    set-up of the JSON file, of --set-up, or of the options.
 
-    Exit status 0 whatever the verdict; the verdict is the first line, and "agrees" in the JSON object.
+    The exit status is 0 for either verdict. The verdict is the first line, and "agrees" in the JSON object.
 
     Example: photosite compare patches.csv --sensor mine.sensor.yaml --illuminant D65 --exposure 1/30 --tolerance 0.5
 
     Example: photosite compare isetcam.mat --unit dn --variable sensor.data.dv
     """
-    from photosite.validation.compare_tools import compare
+    from photosite.validation.tool_comparison import compare
 
     say_if_compiling()
-    set_up = _set_up(ctx, other, told, needed=reference is None)
-    values = _content(other, told, set_up)
-    base = set_up if reference is None else _content(reference, told, set_up)
+    set_up = _set_up(ctx, other, settings, needed=reference is None)
+    values = _content(other, settings, set_up)
+    base = set_up if reference is None else _content(reference, settings, set_up)
     if base is None:
-        raise click.UsageError("there is nothing to compare with; give a REFERENCE or a set-up", ctx)
-    result = compare(values, base, tolerance_percent=told["tolerance"], level=told["level"], seed=told["seed"])
+        raise click.UsageError("nothing to compare with; pass REFERENCE or a set-up", ctx)
+    result = compare(
+        values, base, tolerance_percent=settings["tolerance_percent"], level=settings["level"], seed=settings["seed"]
+    )
     case, hint = None, None
-    file = told["set_up_file"] or (other if other.suffix.lower() == ".json" else None)
+    file = settings["set_up_file"] or (other if other.suffix.lower() == ".json" else None)
     if file is not None and set_up is not None:
         from photosite.validation.set_up import case_of, read_set_up
 
-        case = case_of(file, told["case"])
-        if not result.agrees and told["integration"] == "trapezoid":
+        case = case_of(file, settings["case"])
+        if not result.agrees and settings["integration"] == "trapezoid":
             by_rectangle = read_set_up(file, case, integration="rectangle")[0]
             again = compare(
-                values, by_rectangle, tolerance_percent=told["tolerance"], level=told["level"], seed=told["seed"]
+                values,
+                by_rectangle,
+                tolerance_percent=settings["tolerance_percent"],
+                level=settings["level"],
+                seed=settings["seed"],
             )
             if again.agrees:
-                hint = "by the rectangle rule they agree: --integration rectangle"
+                hint = "they agree with the rectangle rule: --integration rectangle"
     named = [str(other), "photosite" if reference is None else str(reference)]
     if as_json:
         print_json({"compared": named, "case": case, "hint": hint} | result.to_dict())
@@ -129,73 +147,77 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
         _show(named, result, [line for line in (case and f"case: {case}", hint) if line])
 
 
-def _set_up(ctx: click.Context, other: Path, told: dict[str, Any], *, needed: bool) -> SetUp | None:
-    """The set-up by file or by options; None where neither is needed."""
+def _set_up(ctx: click.Context, other: Path, settings: dict[str, Any], *, needed: bool) -> SetUp | None:
+    """Return the set-up from a file or from options; None where none is needed."""
     from photosite.validation.set_up import read_set_up
 
-    file: Path | None = told["set_up_file"]
+    file: Path | None = settings["set_up_file"]
     if file is None and other.suffix.lower() == ".json":
         file = other
     given = [name for name in _OF_OPTIONS if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE]
     if file is not None and needed:
         if given:
             option = OptionSpelling(ctx.command).name(given[0])
-            raise click.UsageError(f"{option} belongs to a set-up by options, and {file} gives the set-up", ctx)
-        return read_set_up(file, told["case"], integration=told["integration"])[0]
-    return _of_options(told) if needed else None
+            raise click.UsageError(f"{option} does not apply, because {file} contains the set-up", ctx)
+        return read_set_up(file, settings["case"], integration=settings["integration"])[0]
+    return _of_options(settings) if needed else None
 
 
-def _of_options(told: dict[str, Any]) -> SetUp:
+def _of_options(settings: dict[str, Any]) -> SetUp:
     from photosite.camera.camera import Camera
     from photosite.scene.charts import macbeth
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.validation.lamp import lamp_from
+    from photosite.validation.lamp import load_lamp
     from photosite.validation.set_up import SetUp
 
-    lamp = lamp_from(told["illuminant"])
-    rule = told["integration"]
+    lamp = load_lamp(settings["illuminant"])
+    rule = settings["integration"]
     chart = macbeth(
         lamp.light,
-        told["mean_luminance_cd_m2"],
+        settings["mean_luminance_cd_m2"],
         wavelength_nm=lamp.wavelength_nm,
-        distance_m=told["distance_m"],
+        distance_m=settings["distance_m"],
         rule=rule,
     )
-    camera = Camera(options.lens(told["f_number"], told["focal_length_mm"]), load_sensor(told["sensor_name"]), rule)
-    return SetUp.of_chart(camera, chart, told["exposure_s"])
+    camera = Camera(
+        options.lens(settings["f_number"], settings["focal_length_mm"]), load_sensor(settings["sensor_name"]), rule
+    )
+    return SetUp.from_chart(camera, chart, settings["exposure_s"])
 
 
-def _content(path: Path, told: dict[str, Any], set_up: SetUp | None) -> Content:
+def _content(path: Path, settings: dict[str, Any], set_up: SetUp | None) -> Content:
     from photosite.errors import FileError
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.validation.other_tool import read_other
     from photosite.validation.set_up import read_set_up
+    from photosite.validation.tool_files import read_tool_file
 
     if path.suffix.lower() == ".json":
-        values = read_set_up(path, told["case"])[1]
+        values = read_set_up(path, settings["case"])[1]
         if values is None:
-            raise FileError(path, "the case has no result to compare; give the tool's values as CSV, with --set-up")
+            raise FileError(
+                path, "the case has no result to compare", hint="Pass the tool's values as CSV with --set-up"
+            )
         return values
-    sensor = load_sensor(told["sensor_name"]) if set_up is None else set_up.camera.sensor
-    return read_other(path, _reading(told, sensor))
+    sensor = load_sensor(settings["sensor_name"]) if set_up is None else set_up.camera.sensor
+    return read_tool_file(path, _read_options(settings, sensor))
 
 
-def _reading(told: dict[str, Any], sensor: Sensor) -> Any:
-    from photosite.validation.other_tool import Reading
+def _read_options(settings: dict[str, Any], sensor: Sensor) -> Any:
+    from photosite.validation.tool_files import ReadOptions
     from photosite.values.cfa import cfa_from
 
-    black_dn = told["black_level_dn"]
-    return Reading(
-        cfa=sensor.array.cfa if told["cfa"] is None else cfa_from(told["cfa"]),
-        bits=told["bits"] or sensor.readout.bits,
+    black_dn = settings["black_level_dn"]
+    return ReadOptions(
+        cfa=sensor.array.cfa if settings["cfa"] is None else cfa_from(settings["cfa"]),
+        bits=settings["bits"] or sensor.readout.bits,
         black_level_dn=sensor.readout.black_level_dn.value if black_dn is None else black_dn,
-        unit=told["unit"],
-        variable=told["variable"],
+        unit=settings["unit"],
+        variable=settings["variable"],
     )
 
 
 def _show(named: list[str], result: PatchComparison | Validation, before: list[str]) -> None:
-    from photosite.validation.compare import UNITS
+    from photosite.validation.patch_values import UNITS
     from photosite.validation.result import Validation
 
     verdict = "agree" if result.agrees else "differ"

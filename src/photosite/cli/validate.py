@@ -1,4 +1,4 @@
-"""`photosite validate`: measured raw frames against simulated ones, or against what a sensor file makes of them."""
+"""`photosite validate`: measured raw frames against simulated frames or against a simulation from a sensor file."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 
 @click.command("validate", cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="MEASURED SIMULATED | FILES")
-@click.option("--chart", default="macbeth", help="Chart that fills the frames; with two paths only.")
-@click.option("--level", type=options.above(), default=0.05, help="Share of false alarms allowed to the verdict.")
+@click.option("--chart", default="macbeth", help="Chart that fills the frames; only with two paths.")
+@click.option("--level", type=options.above(), default=0.05, help="False-alarm rate of the verdict.")
 @click.option(
     "--tolerance",
+    "tolerance_percent",
     type=options.above(or_equal=True),
     default=0.0,
     metavar="PERCENT",
-    help="Difference of means and noise let pass; with 0 any that the noise resolves counts.",
+    help="Relative tolerance of means and noise, in percent; with 0, every difference beyond the noise counts.",
 )
-@click.option("--bits", type=click.IntRange(1, 16), help="Bits of the converter, for files that do not say.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not say.")
+@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth, for files without it.")
+@click.option("--cfa", help="Colour filter array (rggb, ...), for files without it.")
 @only_with_measured
 @options.json_option
 @click.pass_context
@@ -39,23 +40,22 @@ def command(
     paths: tuple[Path, ...],
     chart: str,
     level: float,
-    tolerance: float,
+    tolerance_percent: float,
     bits: int | None,
     cfa: str | None,
     as_json: bool,
     measured: tuple[Path, ...],
     **camera: object,
 ) -> None:
-    """Compare raw frames of a chart with simulated ones: patch means, noise and colours, and a verdict.
+    """Compare raw frames of a chart with simulated frames: patch means, noise, colours, and a verdict.
 
-    With two paths, MEASURED and SIMULATED: raw files, or folders of raw files of one scene and setting, in which the
-    chart fills the frame.
+    Two paths, MEASURED and SIMULATED, are raw files or folders of raw files of one scene and setting. The chart fills
+    the frame.
 
-    With --measured: raw frames of a real camera (further FILES may follow, of one scene and setting) against frames
-    that are simulated from a sensor file, the lamp, the lens and the exposure. The chart is where --corners say, or
-    is looked for.
+    --measured compares raw frames of a real camera (further FILES of the same scene and setting may follow) with frames
+    simulated from a sensor file, lamp, lens and exposure time. The chart is at --corners, or found by --detect.
 
-    Exit status 0 whatever the verdict; the verdict is the first line, and "agrees" in the JSON object.
+    The exit status is 0 for either verdict. The verdict is the first line, and "agrees" in the JSON object.
 
     Example: photosite validate shot.dng simulated.dng --tolerance 1
 
@@ -68,18 +68,19 @@ def command(
     given = [name for name in (*camera, "measured") if _is_given(ctx, name)]
     if measured:
         if _is_given(ctx, "chart"):
-            raise click.UsageError("--chart belongs to two paths; with --measured the chart is --scene", ctx)
+            raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
         frames = _measured((*measured, *paths), bits, cfa)
-        validate_measured(ctx, frames, level, tolerance, as_json, camera)
+        validate_measured(ctx, frames, level, tolerance_percent, as_json, camera)
         return
     if given:
         option = "--" + {"scene_name": "scene", "sensor_name": "sensor"}.get(given[0], given[0]).replace("_", "-")
-        raise click.UsageError(f"{option} belongs to --measured; two paths are compared as they are", ctx)
+        raise click.UsageError(f"{option} applies to --measured only", ctx)
     if len(paths) != 2:
         raise click.UsageError(
-            f"expected two paths, MEASURED and SIMULATED, not {len(paths)}; or --measured FILES and --sensor FILE", ctx
+            f"expected two paths, MEASURED and SIMULATED, or --measured FILES and --sensor FILE; got {len(paths)} paths",
+            ctx,
         )
-    _compare_two(paths[0], paths[1], chart, level, tolerance, bits, cfa, as_json)
+    _compare_two(paths[0], paths[1], chart, level, tolerance_percent, bits, cfa, as_json)
 
 
 def _is_given(ctx: click.Context, name: str) -> bool:
@@ -91,7 +92,7 @@ def _compare_two(
     simulated: Path,
     chart: str,
     level: float,
-    tolerance: float,
+    tolerance_percent: float,
     bits: int | None,
     cfa: str | None,
     as_json: bool,
@@ -105,7 +106,7 @@ def _compare_two(
         simulated_raw,
         chart=chart,
         level=level,
-        tolerance_percent=tolerance,
+        tolerance_percent=tolerance_percent,
     )
     if as_json:
         print_json(result.to_dict())
@@ -115,7 +116,7 @@ def _compare_two(
 
 
 def _measured(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
-    """The frames of files and folders, refused by their files' names where two are identical."""
+    """Return the frames of files and folders; identical frames are an error that names their files."""
     from photosite.validation.repeats import check_repeats
 
     files = [file for path in paths for file in _files(path)]
@@ -138,5 +139,5 @@ def _files(path: Path) -> list[Path]:
         return [path]
     files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
     if not files:
-        raise FileError(path, "holds no raw frames (DNG, camera raw, TIFF, PNG)")
+        raise FileError(path, "has no raw frames (DNG, camera raw, TIFF, PNG)")
     return files

@@ -1,4 +1,4 @@
-"""`photosite validate --measured`: raw frames of a real camera against a simulation of it."""
+"""`photosite validate --measured`: raw frames of a real camera against its simulation."""
 
 from __future__ import annotations
 
@@ -14,79 +14,83 @@ from photosite.cli.output import print_json, say, say_if_compiling, table
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
-    from photosite.validation.frames_result import FrameValidation
+    from photosite.validation.frame_validation import FrameValidation
     from photosite.validation.result import Validation
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _corner(text: str) -> tuple[float, float]:
-    """A corner, row,col."""
+    """Return a corner from the text row,col."""
     try:
         row, col = (float(part) for part in text.split(","))
     except ValueError:
-        raise click.BadParameter(f"expected row,col in pixels, as in 412,388, not '{text}'") from None
+        raise click.BadParameter(f"must be row,col in pixels, such as 412,388, got '{text}'") from None
     return row, col
 
 
 def only_with_measured(function: F) -> F:
-    """The options of a camera and its scene, which two paths have no use for."""
+    """Add the options of a camera and its scene, which apply with --measured only."""
     for option in (
         options.seed_option(),
         click.option(
             "--report",
             type=options.output_file(".html", ".pdf"),
             metavar="FILE",
-            help="Report to write: one self-contained HTML page, or a PDF, by the file's ending.",
+            help="Report to write, .html or .pdf.",
         ),
         click.option(
             "--fit",
             type=click.Choice(["fill_factor", "light"]),
-            help="What the patch means determine: the fill factor, or the level of the light. Either takes up whatever "
-            "scales all patches alike.",
+            help="Parameter to fit to the patch means: the fill factor or the light level.",
         ),
-        click.option(
-            "--detect", is_flag=True, help="Look for the chart; the outlines in the report show what was found."
-        ),
+        click.option("--detect", is_flag=True, help="Find the chart; the report shows its outlines."),
         click.option(
             "--corners",
             nargs=4,
             type=_corner,
             metavar="R,C R,C R,C R,C",
-            help="Outer corners of the dark skin, bluish green, black and white patch, in pixels (row,col).",
+            help="Outer corners of the dark skin, bluish green, black and white patches, row,col in pixels.",
         ),
-        options.black_level_option("Black level of the frames in DN, for files that do not say."),
+        options.black_level_option("Black level of the frames in DN, for files without it."),
         click.option(
             "--exposure",
             "exposure_s",
             type=options.exposure_time,
             metavar="SECONDS",
-            help="Exposure time in s, instead of the files'; 1/3 is read as such.",
+            help="Exposure time in s, such as 0.01 or 1/3; overrides that of the files.",
         ),
         options.lens_options,
         click.option(
-            "--distance", "distance_m", type=options.above(), default=1.2, metavar="M", help="From lens to chart, in m."
+            "--distance",
+            "distance_m",
+            type=options.above(),
+            default=1.2,
+            metavar="M",
+            help="Distance from lens to chart, in m.",
         ),
         click.option(
             "--luminance",
             "luminance_cd_m2",
             type=options.above(),
             metavar="CD/M2",
-            help="Mean luminance of the patches; a lamp's file with absolute values says it, too.",
+            help="Mean luminance of the patches, in cd/m2; overrides that of a lamp file.",
         ),
         click.option(
             "--illuminant",
             metavar="FILE|NAME",
-            help="Lamp: CSV of a spectroradiometer (the heading says the unit), CIE illuminant, or blackbody (3200K).",
+            help="Lamp: CSV file of a spectroradiometer, CIE illuminant (A, D65, ...) or blackbody (3200K).",
         ),
-        click.option("--scene", "scene_name", type=click.Choice(["macbeth"]), default="macbeth", help="The chart."),
+        click.option(
+            "--scene", "scene_name", type=click.Choice(["macbeth"]), default="macbeth", help="Chart in the frames."
+        ),
         options.sensor_option(default=None),
         click.option(
             "--measured",
             multiple=True,
             type=click.Path(path_type=Path),
             metavar="FILES",
-            help="Raw frames, or folders of them; several are one stack: averaged, and repeats that tell noise.",
+            help="Raw frames or folders of raw frames; several are one stack.",
         ),
     ):
         function = option(function)
@@ -97,104 +101,103 @@ def validate_measured(
     ctx: click.Context,
     frames: Sequence[RawFrame],
     level: float,
-    tolerance: float,
+    tolerance_percent: float,
     as_json: bool,
     camera: Mapping[str, Any],
 ) -> None:
-    """Simulate what was measured, compare, and say what came out.
+    """Simulate the measured frames, compare, and print the result.
 
     Parameters
     ----------
     ctx
-        The command's.
+        Context of the command.
     frames
         The measured frames.
-    level, tolerance, as_json
-        Of the command.
+    level, tolerance_percent, as_json
+        Options of the command.
     camera
-        The options of `only_with_measured` by name.
+        Options of `only_with_measured` by name.
 
     Raises
     ------
     click.UsageError
-        If an option that is needed is missing, or two contradict each other.
+        If a required option is missing, or two options contradict each other.
     PhotositeError
-        If a file cannot be read, or frames and options do not go together.
+        If a file cannot be read, or frames and options do not match.
     """
     for name, option in (("sensor_name", "--sensor"), ("illuminant", "--illuminant")):
         if camera[name] is None:
-            raise click.UsageError(f"--measured needs {option} as well", ctx)
+            raise click.UsageError(f"--measured requires {option}", ctx)
     if (camera["corners"] is None) != camera["detect"]:
-        raise click.UsageError("where is the chart? give --corners (four of row,col) or --detect, one of the two", ctx)
+        raise click.UsageError("--measured requires either --corners (four times row,col) or --detect", ctx)
     say_if_compiling()
-    result = _validated(frames, level, tolerance, camera)
+    result = _validated(frames, level, tolerance_percent, camera)
     if camera["report"] is not None:
         from photosite.report.validation import write_validation_report
 
         write_validation_report(result, camera["report"])
         say(f"wrote {camera['report']}")
-    taken = _taken_as_usual(ctx)
+    notes_before = _defaults_used(ctx)
     if as_json:
         found = result.to_dict()
-        print_json(found | {"notes": [*taken, *found["notes"]]})
+        print_json(found | {"notes": [*notes_before, *found["notes"]]})
         return
-    _show(result, taken)
+    _show(result, notes_before)
 
 
 def _validated(
-    frames: Sequence[RawFrame], level: float, tolerance: float, camera: Mapping[str, Any]
+    frames: Sequence[RawFrame], level: float, tolerance_percent: float, camera: Mapping[str, Any]
 ) -> FrameValidation:
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.validation.find_chart import find_chart
-    from photosite.validation.frames_result import Told
-    from photosite.validation.lamp import lamp_from
-    from photosite.validation.real_frames import validate_frames
+    from photosite.validation.frame_validation import CaptureConditions, validate_frames
+    from photosite.validation.lamp import load_lamp
 
-    told = Told(
+    conditions = CaptureConditions(
         sensor=load_sensor(camera["sensor_name"]),
         optics=options.lens(camera["f_number"], camera["focal_length_mm"]),
-        lamp=lamp_from(camera["illuminant"]),
+        lamp=load_lamp(camera["illuminant"]),
         exposure_s=camera["exposure_s"],
         luminance_cd_m2=camera["luminance_cd_m2"],
         distance_m=camera["distance_m"],
     )
     if camera["black_level_dn"] is not None:
         frames = [replace(frame, black_level_dn=camera["black_level_dn"]) for frame in frames]
-    # By the sensor file's filters: a file may not say, and the comparison reads the frames by them.
-    seen = replace(frames[0], cfa=told.sensor.array.cfa)
+    # The comparison reads the frames with the sensor file's CFA.
+    seen = replace(frames[0], cfa=conditions.sensor.array.cfa)
     corners = find_chart(seen) if camera["detect"] else camera["corners"]
     return validate_frames(
         frames,
-        told,
+        conditions,
         corners,
         fit=camera["fit"],
         level=level,
-        tolerance_percent=tolerance,
+        tolerance_percent=tolerance_percent,
         seed=camera["seed"],
     )
 
 
-def _taken_as_usual(ctx: click.Context) -> list[str]:
-    """What was not said of the camera's place and lens, and bears on the level."""
+def _defaults_used(ctx: click.Context) -> list[str]:
+    """Return a note of the defaults that influence the light level."""
     named = {"f_number": "f/{:g}", "focal_length_mm": "{:g} mm focal length", "distance_m": "{:g} m to the chart"}
-    usual = [
+    defaults = [
         text.format(ctx.params[name])
         for name, text in named.items()
         if ctx.get_parameter_source(name) is click.core.ParameterSource.DEFAULT
     ]
-    return [f"not given, and taken as usual: {', '.join(usual)}"] if usual else []
+    return [f"defaults used: {', '.join(defaults)}"] if defaults else []
 
 
-def _show(result: FrameValidation, taken: Sequence[str]) -> None:
+def _show(result: FrameValidation, notes_before: Sequence[str]) -> None:
     click.echo("measured and simulated " + ("agree" if result.agrees else "differ"))
-    fitted = () if result.fit_in_words is None else (result.fit_in_words,)
+    fitted = () if result.fit_summary is None else (result.fit_summary,)
     corners = "chart's corners: " + " ".join(f"{row:.1f},{col:.1f}" for row, col in result.corners)
-    notes = (*result.notes, *taken, *result.validation.notes)
+    notes = (*result.notes, *notes_before, *result.validation.notes)
     show((*fitted, *result.reasons, corners, *notes), result.validation)
 
 
 def show(lines: Sequence[str], result: Validation) -> None:
-    """Print what stands under the verdict: reasons and notes, patch means, colour differences."""
+    """Print reasons and notes, patch means and colour differences."""
     for line in lines:
         click.echo(f"  {line}")
     channels = result.measured.channels

@@ -35,7 +35,7 @@ from photosite.report.pictures import WIDEST, develop_alike, jpeg_bytes, shrink
 from photosite.report.write import write_report
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.fill_factor import FillFactorFit
-from photosite.validation.frames_result import FrameValidation
+from photosite.validation.frame_validation import FrameValidation
 from photosite.validation.regression import Estimate, Regression
 from photosite.values.cfa import tile_text
 from photosite.values.exposure import format_exposure
@@ -80,11 +80,11 @@ def validation_page(result: FrameValidation) -> Page:
     frames, simulated = result.frames
     lead = (
         f"{_counted(frames).capitalize()} of a ColorChecker against {_counted(simulated)} that the simulator made from "
-        f"the sensor file “{result.told.sensor.name}”: compared on the raw mosaic, before any processing."
+        f"the sensor file “{result.conditions.sensor.name}”: compared on the raw mosaic, before any processing."
     )
     sections = (
         Section("Verdict", _verdict_blocks(result)),
-        Section("What the simulation was told", _told_blocks(result)),
+        Section("Conditions of the simulation", _told_blocks(result)),
         Section("Pictures", _picture_blocks(result)),
         Section("Patches", _patch_blocks(result)),
         Section("Colours", _color_blocks(result)),
@@ -118,8 +118,8 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     rows = tuple(_test_row(name, test, share) for name, test in named)
     caption = f"The tests behind the verdict; each says “differ” below p = {share:.3g}"
     blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, columns, rows)]
-    if result.fit_in_words is not None:
-        blocks.append(Paragraph(sentence(result.fit_in_words)))
+    if result.fit_summary is not None:
+        blocks.append(Paragraph(sentence(result.fit_summary)))
     if not result.agrees or found.tolerance_percent:  # else they say what the table says
         blocks.append(Listing(tuple(sentence(line) for line in result.reasons)))
     notes = (*result.notes, *found.notes)
@@ -140,25 +140,30 @@ def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
 
 
 def _told_blocks(result: FrameValidation) -> tuple[Block, ...]:
-    told, frame = result.told, result.measured
+    conditions, frame = result.conditions, result.measured
     rows: list[tuple[str, str]] = [
-        ("Sensor file", f"{told.sensor.name}, colour filter array {tile_text(told.sensor.array.cfa)}"),
+        ("Sensor file", f"{conditions.sensor.name}, colour filter array {tile_text(conditions.sensor.array.cfa)}"),
         ("Frames", f"{frame.shape[0]} × {frame.shape[1]} pixels, {frame.bits} bits, black {frame.black_level_dn:g} DN"),
-        ("Illuminant", told.lamp.name),
+        ("Illuminant", conditions.lamp.name),
     ]
-    if told.luminance_cd_m2 is not None:
+    if conditions.luminance_cd_m2 is not None:
         fitted = " (fitted)" if result.fitted == "light" else ""
-        rows.append(("Mean luminance of the patches", f"{told.luminance_cd_m2:.4g} cd/m²{fitted}"))
-    if told.exposure_s is not None:
+        rows.append(("Mean luminance of the patches", f"{conditions.luminance_cd_m2:.4g} cd/m²{fitted}"))
+    if conditions.exposure_s is not None:
         said = "" if frame.exposure_s is None else f"; the frames say {format_exposure(frame.exposure_s)} s"
-        rows.append(("Exposure", f"{format_exposure(told.exposure_s)} s{said}"))
-    if isinstance(told.optics, DiffractionLimited):
-        rows.append(("Lens", f"f/{told.optics.f_number:g}, {told.optics.focal_length_mm:g} mm, limited by diffraction"))
+        rows.append(("Exposure", f"{format_exposure(conditions.exposure_s)} s{said}"))
+    if isinstance(conditions.optics, DiffractionLimited):
+        rows.append(
+            (
+                "Lens",
+                f"f/{conditions.optics.f_number:g}, {conditions.optics.focal_length_mm:g} mm, limited by diffraction",
+            )
+        )
     if result.fitted == "fill_factor" and result.fit is not None:
         rows.append(("Fill factor", f"{result.fit.value:.4g} (fitted)"))
     else:
-        rows.append(("Fill factor", f"{told.sensor.pixel.fill_factor.value:.4g}"))
-    rows.append(("Distance to the chart", f"{told.distance_m:g} m"))
+        rows.append(("Fill factor", f"{conditions.sensor.pixel.fill_factor.value:.4g}"))
+    rows.append(("Distance to the chart", f"{conditions.distance_m:g} m"))
     rows.append(
         ("Corners of the field of patches", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners))
     )

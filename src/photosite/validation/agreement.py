@@ -1,4 +1,4 @@
-"""Whether two cameras' patches differ by more than their noise lets them."""
+"""Chi-square tests of whether the patches of two cameras differ by more than their noise."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ class ChiSquare:
     statistic
         The sum.
     degrees_of_freedom
-        How many differences went in, less the parameters fitted to them: what the sum is on average where the two
-        cameras are alike.
+        The number of differences less the number of fitted parameters; the expected sum for two equal cameras.
     p_value
-        How often a sum as large or larger comes about where they are.
+        The probability of a sum this large or larger for two equal cameras.
     """
 
     statistic: float
@@ -34,7 +33,7 @@ class ChiSquare:
 
     @property
     def p_text(self) -> str:
-        """The p-value in words, for no sum is known to more.
+        """The p-value as text, to two digits.
 
         Examples
         --------
@@ -47,22 +46,21 @@ class ChiSquare:
 def chi_square_of_means(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0, fitted: int = 0
 ) -> ChiSquare:
-    """Do the patch means differ by more than their standard errors?
+    """Test whether patch means differ by more than their standard errors.
 
-    A difference is divided by the standard errors of both means. These are estimates, so the quotient is
-    Student's t, of Welch's degrees of freedom nu; its square is multiplied by (nu - 2) / nu to have the mean
-    of 1 that chi-square asks for.
+    A difference divided by the estimated standard errors of both means follows Student's t with Welch's degrees of
+    freedom nu. Its square is multiplied by (nu - 2) / nu, so that its mean is 1 as for chi-square.
 
     Parameters
     ----------
     measured, simulated
         Statistics of the same patches.
     used
-        (patches, channels), true where they count.
+        (patches, channels), true where a value is compared.
     tolerance
-        Relative difference that is let pass: only what exceeds it counts.
+        Relative tolerance; only the excess over it counts.
     fitted
-        Parameters of the simulation that were fitted to these means: each takes a degree of freedom.
+        Number of parameters of the simulation that were fitted to these means; each takes a degree of freedom.
 
     Returns
     -------
@@ -71,18 +69,18 @@ def chi_square_of_means(
     Raises
     ------
     InputError
-        If a patch has too few pixels for nu to exceed 2.
+        If a patch has so few pixels that nu is 2 or less.
 
     Notes
     -----
-    B. L. Welch, Biometrika 34, 1947. Two frames of one chip share their fixed pattern; the standard errors
-    take the patterns as different, so for one and the same chip the p-value is too large, never too small.
+    B. L. Welch, Biometrika 34, 1947. The standard errors assume two different fixed patterns. For two frames of the same
+    chip the p-value is too large, never too small.
     """
     error_m, error_s = measured.standard_error_dn[used] ** 2, simulated.standard_error_dn[used] ** 2
     pixels_m, pixels_s = measured.pixels[used], simulated.pixels[used]
     freedom = (error_m + error_s) ** 2 / (error_m**2 / (pixels_m - 1) + error_s**2 / (pixels_s - 1))
     if (freedom <= 2).any():
-        raise InputError("patches hold too few pixels to be compared; widen the regions to 4 pixels of each channel")
+        raise InputError("patches hold too few pixels to compare", hint="Widen the regions to 4 pixels of each channel")
     difference = np.abs(measured.mean_dn[used] - simulated.mean_dn[used])
     beyond = np.maximum(difference - tolerance * np.abs(simulated.mean_dn[used]), 0.0)
     return _sum_of(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom, fitted)
@@ -91,14 +89,14 @@ def chi_square_of_means(
 def chi_square_of_noise(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
 ) -> ChiSquare:
-    """Do the variances over the pixels of a frame differ by more than their standard errors?
+    """Test whether the variances over the pixels of a frame differ by more than their standard errors.
 
     Parameters
     ----------
     measured, simulated, used
         As for `chi_square_of_means`.
     tolerance
-        Relative difference of standard deviations that is let pass.
+        Relative tolerance of standard deviations.
 
     Returns
     -------
@@ -107,13 +105,12 @@ def chi_square_of_noise(
     Raises
     ------
     InputError
-        If patches have so few pixels that their noise differs without an error to measure it by.
+        If patches have too few pixels for a standard error of their noise.
 
     Notes
     -----
-    The standard errors come from the scatter over pixels, so no distribution is assumed, nor how much of the noise is
-    fixed pattern, which the frames of a stack share. As for the means, the two chips' patterns are taken as different:
-    for one and the same chip the p-value is too large. A patch without noise in both counts as alike.
+    The standard errors come from the scatter over pixels. Neither a distribution nor a share of fixed pattern is assumed.
+    The fixed patterns are assumed to differ, as for the means. A patch without noise in both frames counts as equal.
     """
     return _of_variances(
         (measured.spatial_noise_dn[used], measured.spatial_variance_error_dn2[used]),
@@ -125,9 +122,9 @@ def chi_square_of_noise(
 def chi_square_of_temporal_noise(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
 ) -> ChiSquare | None:
-    """Do the variances of pixels from frame to frame differ by more than their standard errors?
+    """Test whether the variances of pixels from frame to frame differ by more than their standard errors.
 
-    Unlike the noise over pixels, this one does not see unevenness of the light.
+    Unlike the noise over pixels, this noise does not contain unevenness of the light.
 
     Parameters
     ----------
@@ -137,7 +134,7 @@ def chi_square_of_temporal_noise(
     Returns
     -------
     ChiSquare or None
-        None unless both have two frames or more.
+        None unless both have at least two frames.
 
     Raises
     ------
@@ -146,7 +143,7 @@ def chi_square_of_temporal_noise(
 
     Notes
     -----
-    The standard errors come from the scatter of the pixels' variances, so no distribution is assumed.
+    The standard errors come from the scatter of the pixels' variances; no distribution is assumed.
     """
     sides = []
     for found in (measured, simulated):
@@ -157,7 +154,7 @@ def chi_square_of_temporal_noise(
 
 
 _NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Standard deviations, and standard errors of their squares."""
+"""Standard deviations and the standard errors of their squares."""
 
 
 def _of_variances(measured: _NoiseWithError, simulated: _NoiseWithError, tolerance: float) -> ChiSquare:
@@ -166,10 +163,24 @@ def _of_variances(measured: _NoiseWithError, simulated: _NoiseWithError, toleran
     allowed = ((1.0 + tolerance) ** 2 - 1.0) * noise_s**2
     beyond = np.maximum(np.abs(noise_m**2 - noise_s**2) - allowed, 0.0)
     if ((error == 0) & (beyond > 0)).any():
-        raise InputError("patches hold too few pixels for their noise to be compared; widen the regions")
+        raise InputError("patches hold too few pixels to compare their noise", hint="Widen the regions")
     squares = np.zeros_like(beyond)
     np.divide(beyond, error, out=squares, where=error > 0)
     return _sum_of(squares**2)
+
+
+def check_verdict_settings(level: float, tolerance_percent: float) -> None:
+    """Check the false-alarm rate and the tolerance of a verdict.
+
+    Raises
+    ------
+    InputError
+        If `level` is not between 0 and 1, or `tolerance_percent` is negative or not finite.
+    """
+    if not 0 < level < 1:
+        raise InputError("level", value=level, expected="a false-alarm rate between 0 and 1")
+    if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
+        raise InputError("tolerance_percent", value=tolerance_percent, expected="0 or more")
 
 
 def _sum_of(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
@@ -177,5 +188,9 @@ def _sum_of(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
 
     total, freedom = float(squares.sum()), int(squares.size) - fitted
     if freedom < 1:
-        raise InputError(f"{squares.size} patch means cannot test a simulation with {fitted} fitted parameters")
+        raise InputError(
+            "patches",
+            value=squares.size,
+            expected=f"more patch means than the {fitted} fitted parameters",
+        )
     return ChiSquare(total, freedom, float(chi2.sf(total, freedom)))

@@ -1,4 +1,4 @@
-"""The charts that validation knows: where their patches lie and what colour they are."""
+"""Charts that validation supports: the positions and colours of their patches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CHARTS = ("macbeth",)
 
 
 def chart_regions(chart: str, rows: int, cols: int) -> tuple[Region, ...]:
-    """The patches of a chart that fills the frame.
+    """Return the patches of a chart that fills the frame.
 
     Raises
     ------
@@ -33,20 +33,20 @@ def chart_regions(chart: str, rows: int, cols: int) -> tuple[Region, ...]:
 
 
 def check_chart(chart: str) -> None:
-    """Raise `InputError` for a chart that is not one of `CHARTS`."""
+    """Raise `InputError` unless a chart is one of `CHARTS`."""
     if chart not in CHARTS:
-        raise InputError(f"unknown chart '{chart}'; {did_you_mean(chart, CHARTS)}")
+        raise InputError("chart", value=chart, expected="a supported chart", hint=did_you_mean(chart, CHARTS))
 
 
 def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
-    """Tristimulus values of a chart's patches under D65, Y = 1 for the perfect white.
+    """Return tristimulus values of a chart's patches under D65, with Y = 1 for the perfect white.
 
     Parameters
     ----------
     chart
         "macbeth".
     names
-        Which patches, in which order.
+        Names of the patches, in the order of the result.
 
     Returns
     -------
@@ -70,7 +70,13 @@ def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
 
     check_chart(chart)
     if unknown := [name for name in names if name not in MACBETH_NAMES]:
-        raise InputError(f"chart '{chart}' has no patch '{unknown[0]}'; {did_you_mean(unknown[0], MACBETH_NAMES)}")
+        raise InputError(
+            "names",
+            where=f"chart '{chart}'",
+            value=unknown[0],
+            expected="names of its patches",
+            hint=did_you_mean(unknown[0], MACBETH_NAMES),
+        )
     grid = np.arange(380.0, 781.0, 5.0)
     light = photons_from_energy(illuminant("D65", grid), grid)
     chosen = macbeth_reflectance(grid)[[MACBETH_NAMES.index(name) for name in names]]

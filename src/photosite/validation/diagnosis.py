@@ -1,4 +1,4 @@
-"""What may be wrong where measured and simulated patches differ: what explains the difference, in words and numbers."""
+"""Likely causes of a difference between measured and simulated patches."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from photosite.validation.result import Validation
 from photosite.values.region import Corners
 
 _BETTER = 0.5
-"""Another reading of the frames explains them where its patches scatter by less than this part of what they did."""
+"""Another orientation or CFA explains the frames if it lowers the scatter of patches to less than this fraction."""
 
 _SMALL = 0.02
-"""Relative: what of scatter or of difference between channels is put down to an uneven light or the chart."""
+"""Relative scatter or difference between channels that uneven light or the chart itself may cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How measured patches follow simulated ones, channel by channel.
+    """The ratio of measured to simulated patches by channel.
 
     Parameters
     ----------
     ratio
-        Measured over simulated, by channel: of the sums over the patches.
+        Measured over simulated by channel, of the sums over the patches.
     scatter
-        Root mean square over patches and channels of what a patch's ratio differs from its channel's, relative.
+        Relative root-mean-square deviation of a patch's ratio from that of its channel.
     """
 
     ratio: Mapping[str, float]
@@ -37,12 +37,12 @@ class Scale:
 
 
 def scale_of(measured: PatchStatistics, simulated: PatchStatistics, used: Selection) -> Scale | None:
-    """The ratio of each channel and the scatter of patches about it; None where nothing is above black.
+    """Return the ratio of each channel and the scatter of patches; None where no patch is above black.
 
     Parameters
     ----------
     measured, simulated
-        The same patches and channels.
+        Statistics of the same patches and channels.
     used
         (patches, channels).
     """
@@ -60,7 +60,7 @@ def scale_of(measured: PatchStatistics, simulated: PatchStatistics, used: Select
 
 
 def corner_orders(corners: Corners) -> dict[str, Corners]:
-    """A chart's corners in the seven other orders that go round it, by what the chart was if that order is right."""
+    """Return a chart's corners in the seven other orientations, by the name of the orientation."""
     a, b, c, d = corners
     return {
         "turned by 180 degrees": (c, d, a, b),
@@ -76,28 +76,28 @@ def corner_orders(corners: Corners) -> dict[str, Corners]:
 def diagnose(
     validation: Validation, others: Mapping[str, PatchStatistics], fitted: str | None = None
 ) -> tuple[str, ...]:
-    """Why measured and simulated patches differ, as far as their numbers tell.
+    """Name likely causes of a difference between measured and simulated patches.
 
     Parameters
     ----------
     validation
         The comparison.
     others
-        The measured frames read in other ways, by what would have to be the case: corners in another order, another
-        colour filter array.
+        Statistics of the measured frames under other assumptions, by assumption: another orientation of the chart, another
+        CFA.
     fitted
-        What the simulation was fitted in. It took up whatever scales all patches alike, so none of that is named.
+        The fitted parameter. It absorbs every common scale of the patches, so common scales are not named.
 
     Returns
     -------
     tuple of str
-        None where the patch means agree.
+        Empty where the patch means agree.
     """
     if validation.means.p_value >= validation.level / len(validation.tests):
         return ()
     found = scale_of(validation.measured, validation.simulated, validation.used)
     if found is None:
-        return ("the measured patches are not above black: check the black level and that light reached the chart",)
+        return ("the measured patches are not above black: check the black level and the light",)
     better = _better(validation, others, found.scatter)
     if better is not None:
         return (better,)
@@ -105,7 +105,7 @@ def diagnose(
 
 
 def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatter: float) -> str | None:
-    """The other reading that fits best, if it is much better."""
+    """Return the assumption that fits best, if it is much better."""
     tried = {
         what: scale.scatter
         for what, seen in others.items()
@@ -117,8 +117,8 @@ def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatt
     if tried[best] > _BETTER * scatter:
         return None
     return (
-        f"{best}: then patches would scatter by {100 * tried[best]:.3g} % about one ratio of each channel, not by "
-        f"{100 * scatter:.3g} %"
+        f"{best}: the scatter of patches about one ratio for each channel would fall from {100 * scatter:.3g} % to "
+        f"{100 * tried[best]:.3g} %"
     )
 
 
@@ -127,23 +127,23 @@ def _of_scale(found: Scale, fitted: str | None) -> tuple[str, ...]:
     middle = float(np.exp(np.log(ratios).mean()))
     apart = float(ratios.max() / ratios.min() - 1.0)
     listed = ", ".join(f"{channel} {ratio:.4f}" for channel, ratio in found.ratio.items())
-    about = f"about {'them' if len(ratios) > 1 else 'it'} patches scatter by {100 * found.scatter:.3g} %"
+    about = f"the scatter of patches is {100 * found.scatter:.3g} %"
     lines = [f"measured over simulated is {listed}; {about}"]
     if found.scatter > max(_SMALL, apart):
         lines.append(
-            "patches differ one from another, not by a common ratio: another chart, misplaced corners, light "
-            "that is uneven, stray light, or spectra (lamp, quantum efficiency) that are not those told"
+            "patches do not share a common ratio: check the chart, its corners, evenness of the light, stray light, "
+            "and the spectra of lamp and quantum efficiency"
         )
     elif apart > _SMALL:
-        lines.append("the channels differ in their ratios: the lamp's spectrum or the quantum efficiencies are others")
+        lines.append("the channels have different ratios: check the lamp's spectrum and the quantum efficiencies")
     elif fitted is not None:
         lines.append(
-            f"what scales all patches alike is fitted ({fitted.replace('_', ' ')}); what is left is small: misplaced "
-            "corners, uneven or stray light, or spectra that are not quite those told"
+            f"the common scale is fitted ({fitted.replace('_', ' ')}) and the rest is small: check corners, uneven and "
+            "stray light, and spectra"
         )
     else:
         lines.append(
-            f"all channels alike, {middle:.4f} of the simulation: level of light, exposure, f-number, fill factor or "
-            "the scale of the quantum efficiencies"
+            f"all channels share the ratio {middle:.4f}: check light level, exposure time, f-number, fill factor and the "
+            "scale of the quantum efficiencies"
         )
     return tuple(lines)

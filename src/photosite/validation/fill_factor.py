@@ -1,4 +1,4 @@
-"""The fill factor as the one free parameter between measured and simulated patch means."""
+"""Fit of the fill factor to measured and simulated patch means."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare, Selection, chi_square_of_means
 
 FEWEST_PATCHES = 3
-"""With fewer, the scatter of patches about the fit says next to nothing about its error."""
+"""Fewer patches give no usable standard error."""
 
 _Masked = np.ma.MaskedArray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelFillFactor:
-    """The fill factor that one channel alone asks for, with its standard error."""
+    """The fill factor fitted to one channel, with its standard error."""
 
     value: float
     standard_error: float
@@ -31,35 +31,35 @@ class ChannelFillFactor:
 
 @dataclass(frozen=True, eq=False)
 class FillFactorFit:
-    """What the patch means say of the fill factor.
+    """The fill factor fitted to patch means.
 
     Parameters
     ----------
     value, standard_error, interval_95
-        Of the fill factor; the interval is Student's t's. What scales all patches alike (the light's level, the
-        exposure, the scale of the quantum efficiency) goes into the value, and the standard error knows nothing
-        of it. A value above 1, which no pixel has, says that one of those is not what the simulation was told.
+        Of the fill factor; the interval is Student's t. Errors that scale all patches alike (light level, exposure time,
+        scale of the quantum efficiency) shift the value and are not part of the standard error. A value above 1 is
+        physically impossible and shows such an error.
     degrees_of_freedom
-        Of the interval: patches less one.
+        Degrees of freedom of the interval: patches less one.
     simulated_with
-        The fill factor that the simulated patches had.
+        The fill factor of the simulation.
     names, channels
         The patches and channels.
     used
-        (patches, channels), false where either camera saturates or the simulated mean is not above black.
+        (patches, channels), false where either camera is saturated or the simulated mean is not above black.
     residuals
-        (patches, channels): measured over fitted, less 1; masked where not used.
+        (patches, channels) measured over fitted, less 1; masked where not used.
     residual_noise
-        (patches, channels): their standard errors from the noise of both frames alone; masked alike.
+        (patches, channels) standard errors of the residuals from the noise of both frames; masked alike.
     patch_scatter
-        Standard deviation from patch to patch, relative, of what the channels of a patch share beyond noise: uneven
-        light, above all. 0 where noise explains the residuals.
+        Relative standard deviation between patches beyond noise, common to the channels of a patch, such as uneven light.
+        0 where noise explains the residuals.
     by_channel
-        The same fit to each channel alone. A fill factor changes all channels alike; where these differ by more than
-        their errors, something else differs too: the lamp's spectrum, or the quantum efficiencies. They share
-        the unevenness of the light, so their differences are known better than they are.
+        The same fit for each channel. A fill factor changes all channels alike, so a difference beyond the standard errors
+        indicates another lamp spectrum or other quantum efficiencies. The channels share the unevenness of the light, so
+        their differences are more precise than the values.
     chi_square
-        Of the residuals under the noise alone, with one degree of freedom less than points.
+        Chi-square of the residuals under noise alone; degrees of freedom are the points less one.
     """
 
     value: float
@@ -77,7 +77,7 @@ class FillFactorFit:
     chi_square: ChiSquare
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists and numbers for JSON; None for points that were left out."""
+        """Return plain lists and numbers for JSON, with None for points that were left out."""
         return {
             "value": self.value,
             "standard_error": self.standard_error,
@@ -97,15 +97,15 @@ class FillFactorFit:
 def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_factor: float) -> FillFactorFit:
     """Fit the fill factor to patch means by weighted least squares.
 
-    Patch means are proportional to the fill factor as long as nothing saturates, so measured = (value / fill_factor)
-    simulated, and no second simulation is needed.
+    Below saturation, patch means are proportional to the fill factor: measured = (value / fill_factor) simulated. No second
+    simulation is needed.
 
     Parameters
     ----------
     measured, simulated
         Statistics of the same patches, in the same order.
     fill_factor
-        What the simulation was done with, above 0 and at most 1.
+        Fill factor of the simulation, above 0 and at most 1.
 
     Returns
     -------
@@ -114,32 +114,30 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     Raises
     ------
     InputError
-        If patches or channels differ, fewer than three patches can be used, or the measured patches are on the whole
-        not above black.
+        If patches or channels differ, fewer than three patches can be used, or the measured patches are not above black
+        on average.
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way and give no error. Here:
+    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way without a standard error. This function
+    differs in three points.
 
-    *Weights are relative.* What real patches differ by is mostly proportional to their signal: light that is uneven
-    over the chart, reflectances that are not the tabulated ones. Plain least squares of the means would hang the fit
-    on the few brightest patches. A patch's ratio, measured over simulated, has the variance of its noise and one more
-    that is the same for all patches and found from their scatter (Mandel and Paule, `calibration.fit.fit_linear`):
-    where noise is small, patches weigh alike; where it dominates, by what they know.
+    *Weights are relative.* Most differences of real patches are proportional to their signal: uneven light, reflectances
+    that differ from the table. Least squares of the means would depend on the few brightest patches. The ratio of a patch
+    has the variance of its noise plus one variance common to all patches, estimated from their scatter (Mandel and
+    Paule).
 
-    *Patches are the unit.* Its three channels see the same light, so a patch's errors come in threes, and taking 72
-    points as independent would make the standard error too small by up to the square root of 3. The channels of a
-    patch are therefore averaged first, by their noise, and the error comes from the scatter of 24 patches under these
-    weights, with Student's t of 23 degrees of freedom (G. Knapp and J. Hartung, Stat. Med. 22 (2003) 2693), also
-    where noise would explain the scatter. `tests/validation/test_fill_factor.py` counts how often the interval holds
-    the truth, and how often one from 72 points does not.
+    *Patches are the unit.* The three channels of a patch see the same light, so 72 points are not independent; treating
+    them as such would make the standard error too small by up to the square root of 3. The channels of a patch are
+    averaged first, weighted by noise. The standard error comes from the scatter of 24 patches, with Student's t of 23
+    degrees of freedom (G. Knapp and J. Hartung, Stat. Med. 22 (2003) 2693). `tests/validation/test_fill_factor.py`
+    measures the coverage of the interval.
 
-    *What it does not cover.* Errors common to all patches, as said at `FillFactorFit.value`. Errors of neighbouring
-    patches that go together (a lamp to one side) make the standard error too large where the light on average
-    over the chart was measured, because they then cancel, and too small where it was measured at one place.
+    *Limits.* Errors common to all patches are not covered (see `FillFactorFit.value`). Correlated errors of neighbouring
+    patches, such as a lamp at one side, make the standard error too large if the average light over the chart was
+    measured, and too small if the light was measured at one place.
 
-    Noise of the simulated means biases a ratio by its relative variance, 1e-4 for a mean known to 1 %; noise-weighting
-    makes it less.
+    Noise of the simulated means biases a ratio by its relative variance, 1e-4 for a mean known to 1 %.
 
     Examples
     --------
@@ -163,14 +161,15 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     lit = np.flatnonzero(used.any(axis=1))
     if lit.size < FEWEST_PATCHES:
         raise InputError(
-            f"a fill factor is fitted to {FEWEST_PATCHES} patches or more, and {lit.size} of {len(used)} are above "
-            "black in the simulation and saturated in neither; expose otherwise"
+            "usable patches",
+            value=lit.size,
+            expected=f"{FEWEST_PATCHES} or more, above black and not saturated",
+            hint="Change the exposure time",
         )
     overall = float(measured.mean_dn[used].sum() / simulated.mean_dn[used].sum())
     if not overall > 0:
         raise InputError(
-            "the measured patches are on the whole not above black, so no fill factor explains them; "
-            "check the black level and that light reached the chart"
+            "the measured patches are not above black on average", hint="Check the black level and the light"
         )
     ratio, variance = _ratios(measured, simulated, used, overall)
     fit = _mean(*_by_patch(ratio[lit], variance[lit], used[lit]))
@@ -196,20 +195,20 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
 
 def _check(measured: PatchStatistics, simulated: PatchStatistics, fill_factor: float) -> None:
     if not 0 < fill_factor <= 1:
-        raise InputError(f"a fill factor is above 0 and at most 1, not {fill_factor}")
+        raise InputError("fill_factor", value=fill_factor, expected="above 0 and at most 1")
     for what in ("names", "channels"):
         one, other = getattr(measured, what), getattr(simulated, what)
         if one != other:
             raise InputError(
-                f"measured and simulated patches differ in their {what}: {', '.join(one)} and {', '.join(other)}; "
-                "take both statistics with the same regions"
+                f"measured and simulated patches have different {what}: {', '.join(one)} and {', '.join(other)}",
+                hint="Compute both statistics with the same regions",
             )
 
 
 def _ratios(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, overall: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(patches, channels): measured over simulated and its variance from noise; 1 and 1 where not used."""
+    """Return measured over simulated and its variance from noise, (patches, channels) each; 1 where not used."""
     signal = np.where(used, simulated.mean_dn, 1.0)
     noise = np.hypot(measured.standard_error_dn, overall * simulated.standard_error_dn)
     return np.where(used, measured.mean_dn / signal, 1.0), np.where(used, (noise / signal) ** 2, 1.0)
@@ -218,7 +217,7 @@ def _ratios(
 def _by_patch(
     ratio: NDArray[np.float64], variance: NDArray[np.float64], used: Selection
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(patches,): the channels' mean, weighted by their noise, and its variance."""
+    """Return the noise-weighted mean over channels and its variance, (patches,) each."""
     weight = np.where(used, 1.0 / variance, 0.0)
     return (weight * ratio).sum(axis=1) / weight.sum(axis=1), 1.0 / weight.sum(axis=1)
 
@@ -228,8 +227,8 @@ def _mean(ratio: NDArray[np.float64], variance: NDArray[np.float64]) -> Fit:
 
 
 def _scale(fit: Fit) -> tuple[float, float]:
-    """The fitted ratio, and its standard error from the weighted scatter about it (Knapp and Hartung)."""
-    # With an extra variance the weighted squares average to 1 already: that is how it was found.
+    """Return the fitted ratio and its standard error from the weighted scatter (Knapp and Hartung)."""
+    # The extra variance is chosen so that the weighted squares average to 1.
     mean_square = 1.0 if fit.extra_variance > 0.0 else fit.chi_square / fit.degrees_of_freedom
     return float(fit.parameters[0]), math.sqrt(float(fit.covariance[0, 0]) * mean_square)
 
@@ -241,7 +240,7 @@ def _by_channel(
     channels: tuple[str, ...],
     fill_factor: float,
 ) -> dict[str, ChannelFillFactor]:
-    """Channels with too few patches are left out."""
+    """Return the fit of each channel that has enough patches."""
     found = {}
     for k, name in enumerate(channels):
         which = used[:, k]
@@ -252,5 +251,5 @@ def _by_channel(
 
 
 def _scaled(found: PatchStatistics, scale: float) -> PatchStatistics:
-    """Means and their errors, as a camera with another fill factor has them."""
+    """Return the statistics of a camera whose fill factor is larger by `scale`."""
     return replace(found, mean_dn=scale * found.mean_dn, standard_error_dn=scale * found.standard_error_dn)

@@ -1,4 +1,4 @@
-"""A ColorChecker found in a raw frame: 24 even patches in four rows of six."""
+"""Detection of a ColorChecker in a raw frame: 24 even patches in four rows of six."""
 
 from __future__ import annotations
 
@@ -19,49 +19,49 @@ from photosite.values.cfa import channel_sites
 from photosite.values.region import Corners
 
 _LONG_SIDE = 480
-"""Of the picture that is searched, in pixels."""
+"""Pixels on the longer side of the reduced picture that is searched."""
 
 _EVEN_SHARES = (0.75, 0.65, 0.55, 0.45, 0.35)
-"""Of the picture, by evenness, that are tried as what lies within patches; the rest is borders."""
+"""Fractions of the picture, by evenness, that are tried as the inside of patches."""
 
 _PARALLELOGRAM = (0.88, 1.06)
 """Area over 12 times the root of the determinant of the second moments: 1 for a parallelogram."""
 
 _MOST_ELONGATED = 3.0
 _SMALLEST = 30
-"""Pixels of a patch in the picture that is searched."""
+"""Pixels of the smallest patch in the reduced picture."""
 
 _ALIKE = 2.2
-"""Patches of one chart differ in area by less than this, in perspective and with worn borders."""
+"""Largest ratio of areas of two patches, in perspective and with damaged borders."""
 
 _MISS = 0.3
-"""How far a patch may lie from where its neighbours expect it, in distances between patches."""
+"""Largest deviation from the position predicted by neighbours, in distances between patches."""
 
 _FEWEST = 17
-"""Of the 24 patches, to be sure of the rest: dark ones on a black border may not stand out."""
+"""Patches needed of the 24; dark patches on a black border may not be found."""
 
 _CORRELATION = 0.5
-"""Least correlation of the patches' brightness with a ColorChecker's."""
+"""Smallest correlation of the patches' brightness with that of a ColorChecker."""
 
 _ROWS, _COLS = 4, 6
+_EXAMPLE_CORNERS = ((412, 388), (420, 3391), (2201, 3377), (2188, 405))
 
 
 @dataclass(frozen=True, eq=False)
 class _Blobs:
-    """Even parts of the picture: (n, 2) middles and (n,) areas, in pixels."""
+    """Even parts of the picture: (n, 2) centres and (n,) areas, in pixels."""
 
     middle: NDArray[np.float64]
     area: NDArray[np.float64]
 
 
 def find_chart(frame: RawFrame) -> Corners:
-    """The corners of a ColorChecker's field of patches in a raw frame.
+    """Find the corners of a ColorChecker's field of patches in a raw frame.
 
-    It looks for even patches, parallelograms of about one size, that lie on a grid, and takes four by six of them; the
-    way up follows from their brightness. It needs a chart that is in focus and takes a third of the frame or more on
-    its longer side, with darker or lighter borders between its patches, seen at less than about 40 degrees, one in
-    the frame, and not mirrored. Where it finds none it says so; where it finds one, look at the outline in the report:
-    corners set by hand are surer.
+    The detector looks for even parallelograms of similar size on a grid of four by six. The orientation follows from
+    their brightness. The frame must show one chart, in focus and not mirrored, tilted by less than about 40 degrees,
+    with borders between its patches, over at least a third of the longer side. Check the outline in the report; corners
+    set by hand are more reliable.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def find_chart(frame: RawFrame) -> Corners:
     Returns
     -------
     tuple
-        Four (row, col): of the dark skin's, the bluish green's, the black and the white patch's outer corner.
+        Four (row, col): the outer corners of the dark skin, bluish green, black and white patches.
 
     Raises
     ------
     InputError
-        If there is no such chart, or its brightness is not a ColorChecker's.
+        If no such chart is found, or its brightness is not that of a ColorChecker.
 
     Examples
     --------
@@ -102,18 +102,25 @@ def find_chart(frame: RawFrame) -> Corners:
             break
     if len(best) < _FEWEST:
         raise InputError(
-            f"no ColorChecker found: at best {len(best)} of its 24 patches stand out as a grid, and {_FEWEST} are "
-            "needed; give its corners (--corners)"
+            f"no ColorChecker found: {len(best)} of its 24 patches were found and {_FEWEST} are needed",
+            hint="Pass {corners}",
+            arguments={"corners": _EXAMPLE_CORNERS},
         )
-    return _upright(frame, best, middles * scale)
+    return _oriented(frame, best, middles * scale)
 
 
 def _picture(frame: RawFrame) -> tuple[NDArray[np.float64], float]:
-    """(channels, rows, cols) of root signals, small, and how many pixels of the frame one of its pixels is."""
+    """Return the reduced picture, (channels, rows, cols) square roots of signals, and its reduction factor."""
     tile = (len(frame.cfa), len(frame.cfa[0]))
     rows, cols = frame.shape[0] // tile[0], frame.shape[1] // tile[1]
     if tile[0] != tile[1] or min(rows, cols) < 1:
-        raise InputError("charts are found in frames with a square tile of filters; give its corners (--corners)")
+        raise InputError(
+            "cfa",
+            value=tile,
+            expected="a square tile for chart detection",
+            hint="Pass {corners}",
+            arguments={"corners": _EXAMPLE_CORNERS},
+        )
     factor = max(1, round(max(rows, cols) / _LONG_SIDE))
     planes = []
     for channel in frame.channels:
@@ -121,17 +128,17 @@ def _picture(frame: RawFrame) -> tuple[NDArray[np.float64], float]:
         signal = np.mean(sites, axis=0) - frame.black_level_dn
         small = signal[: rows // factor * factor, : cols // factor * factor]
         planes.append(small.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3)))
-    # The root evens out shot noise. Below black there is noise only: it has no place in finding borders.
+    # The square root makes shot noise uniform. Values below black are noise only.
     return np.sqrt(np.maximum(np.stack(planes), 0.0)), float(factor * tile[0])
 
 
 def _steepness(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows, cols): the steepest channel's gradient."""
+    """Return the largest gradient of all channels, (rows, cols)."""
     return np.asarray(np.max([ndimage.gaussian_gradient_magnitude(plane, 1.0) for plane in picture], axis=0))
 
 
 def _blobs(even: NDArray[np.bool_]) -> _Blobs:
-    """The even parts that may be patches."""
+    """Return the even parts that may be patches."""
     labels, count = ndimage.label(even)
     middle, area = [], []
     for label, where in enumerate(ndimage.find_objects(labels, count), start=1):
@@ -148,7 +155,7 @@ def _blobs(even: NDArray[np.bool_]) -> _Blobs:
 
 
 def _grids(blobs: _Blobs) -> Iterator[dict[tuple[int, int], int]]:
-    """Four by six places on grids of blobs that are alike, and which blob is at each."""
+    """Yield four-by-six windows of grids of similar blobs: which blob is at which place."""
     for first in range(len(blobs.area)):
         ratio = blobs.area / blobs.area[first]
         alike = np.flatnonzero((ratio < _ALIKE) & (ratio > 1 / _ALIKE))
@@ -160,7 +167,7 @@ def _grids(blobs: _Blobs) -> Iterator[dict[tuple[int, int], int]]:
             for other in near:
                 along, down = blobs.middle[one] - blobs.middle[first], blobs.middle[other] - blobs.middle[first]
                 length, height = np.hypot(*along), np.hypot(*down)
-                # (row, col): clockwise from along to down, as text is read, and not too slanted.
+                # (row, col): clockwise from along to down, and not too slanted.
                 turn = (down[0] * along[1] - down[1] * along[0]) / (length * height)
                 if turn > 0.6 and 0.5 < length / height < 2.0:
                     yield _window(_grown(blobs, alike, first, along, down))
@@ -169,7 +176,7 @@ def _grids(blobs: _Blobs) -> Iterator[dict[tuple[int, int], int]]:
 def _grown(
     blobs: _Blobs, alike: NDArray[np.intp], first: int, along: NDArray[np.float64], down: NDArray[np.float64]
 ) -> dict[tuple[int, int], int]:
-    """From one blob to its neighbours and on: which blob is at which place of the grid."""
+    """Grow a grid from one blob to its neighbours: which blob is at which place."""
     places = {(0, 0): first}
     steps = {(0, 0): (down, along)}
     queue = [(0, 0)]
@@ -188,7 +195,7 @@ def _grown(
                 continue
             places[there] = nearest
             taken.add(nearest)
-            # What was stepped is what to step next: perspective changes it slowly.
+            # Perspective changes the step slowly, so the last step predicts the next.
             new = list(steps[place])
             new[axis] = sign * (blobs.middle[nearest] - here)
             steps[there] = (new[0], new[1])
@@ -197,7 +204,7 @@ def _grown(
 
 
 def _window(places: dict[tuple[int, int], int]) -> dict[tuple[int, int], int]:
-    """The four by six places, rows first and counted from 0, that hold most blobs; the grid may lie on its side."""
+    """Return the four-by-six window with most blobs, in either orientation of the grid."""
     best: dict[tuple[int, int], int] = {}
     turned = {(col, -row): blob for (row, col), blob in places.items()}
     for grid in (places, turned):
@@ -214,8 +221,8 @@ def _window(places: dict[tuple[int, int], int]) -> dict[tuple[int, int], int]:
     return best
 
 
-def _upright(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: NDArray[np.float64]) -> Corners:
-    """The field's corners, the chart the way up that its brightness says."""
+def _oriented(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: NDArray[np.float64]) -> Corners:
+    """Return the corners, with the orientation that matches the patches' brightness."""
     chart = macbeth()
     centres = np.array([((p.r0 + p.r1) / 2, (p.c0 + p.c1) / 2) for p in chart.regions])
     field = np.array(field_corners(chart))
@@ -231,7 +238,8 @@ def _upright(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: NDA
     correlation, corners = max(found)
     if not correlation > _CORRELATION:
         raise InputError(
-            f"a grid of patches was found, but its brightness is not a ColorChecker's (correlation {correlation:.2f}); "
-            "give the chart's corners (--corners)"
+            f"the brightness of the grid found is not that of a ColorChecker (correlation {correlation:.2f})",
+            hint="Pass {corners}",
+            arguments={"corners": _EXAMPLE_CORNERS},
         )
     return corners

@@ -1,4 +1,4 @@
-"""The light that a chart stood in: a name, or what a spectroradiometer measured, in a CSV file."""
+"""The light on a chart: an illuminant by name, or a spectroradiometer's CSV file."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ _RADIANCE_PER_UNIT: dict[str, float | None] = {
     "spectral_radiance_mw_per_sr_m2_nm": 1e-3,
     "relative_energy": None,
 }
-"""What the second column may hold, and what one of it is as radiance of a perfect white, in W/sr/m2/nm.
+"""Quantities of the second column, and the radiance of a perfect white for one unit of each, in W/sr/m2/nm.
 
-A matte white of reflectance 1 in the irradiance E has the radiance E / pi."""
+A Lambertian white in irradiance E has the radiance E / pi."""
 
 QUANTITIES = tuple(_RADIANCE_PER_UNIT)
-"""Names of the second column of a lamp's file."""
+"""Names that the second column of a lamp file may have."""
 
 _WAVELENGTH = "wavelength_nm"
 
 _FINE_NM = 0.25
-"""Step of the sums over a file's spectrum, beside its own entries."""
+"""Step of the integrals over a file's spectrum, in addition to its own wavelengths."""
 
 _SMOOTH = 0.01
-"""RMS of what the simulator's wavelengths miss of a spectrum, in parts of its mean, up to which it is sampled."""
+"""A spectrum is sampled if the RMS interpolation error is at most this fraction of its mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """A light on a chart.
+    """The light on a chart.
 
     Parameters
     ----------
     name
-        Of the illuminant, or of the file.
+        Name of the illuminant or file.
     light
-        What `photosite.scene.charts.macbeth` takes as its illuminant.
+        Illuminant for `photosite.scene.charts.macbeth`.
     wavelength_nm
-        (wavelengths,) that a scene in this light is given at.
+        (wavelengths,) of a scene in this light.
     chart_luminance_cd_m2
-        Mean luminance of a ColorChecker's patches in this light; None where only the shape of the spectrum is known.
+        Mean luminance of a ColorChecker's patches in this light; None if only the shape of the spectrum is known.
     """
 
     name: str
@@ -63,8 +63,8 @@ class Lamp:
     chart_luminance_cd_m2: float | None = None
 
     @classmethod
-    def named(cls, name: str) -> Lamp:
-        """An illuminant by its name, as for `photosite.color.illuminants.illuminant`; its level is not known.
+    def from_name(cls, name: str) -> Lamp:
+        """Return an illuminant by name (`photosite.color.illuminants.illuminant`), with unknown level.
 
         Raises
         ------
@@ -73,44 +73,44 @@ class Lamp:
 
         Examples
         --------
-        >>> Lamp.named("D65").wavelength_nm.size
+        >>> Lamp.from_name("D65").wavelength_nm.size
         41
         """
         illuminant(name, DEFAULT_WAVELENGTH_NM)
         return cls(name, name, DEFAULT_WAVELENGTH_NM)
 
 
-def lamp_from(name_or_path: str | PathLike[str]) -> Lamp:
-    """A lamp by the name of an illuminant, or from a file.
+def load_lamp(name_or_path: str | PathLike[str]) -> Lamp:
+    """Return a lamp from the name of an illuminant or from a file.
 
     Parameters
     ----------
     name_or_path
-        A name that ends in .csv, or of a file that is there, is a file.
+        A name that ends in .csv, or that of an existing file, is a file.
 
     Raises
     ------
     InputError
         If the illuminant is unknown.
     FileError
-        As `read_lamp`.
+        As for `read_lamp`.
     """
     path = Path(name_or_path)
     if path.suffix.lower() == ".csv" or path.is_file():
         return read_lamp(path)
-    return Lamp.named(str(name_or_path))
+    return Lamp.from_name(str(name_or_path))
 
 
 def read_lamp(path: str | PathLike[str]) -> Lamp:
-    """What a spectroradiometer measured at the chart.
+    """Read the spectrum that a spectroradiometer measured at the chart.
 
     Parameters
     ----------
     path
         CSV with the heading `wavelength_nm,` and one of `QUANTITIES`: spectral irradiance on the chart, spectral
-        radiance of a white standard in its place, or relative energy, which leaves the level open. A third column of
-        standard uncertainties is read over. It is used from 380 to 780 nm, where the chart's reflectance is known, at
-        the simulator's wavelengths; lines between these count with their energy.
+        radiance of a white standard at its place, or relative energy, which leaves the level unknown. A third column of
+        standard uncertainties is ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths; spectral
+        lines between these keep their energy.
 
     Returns
     -------
@@ -119,11 +119,11 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     Raises
     ------
     FileError
-        If the file cannot be read, the heading does not say what the columns are, a value is negative, or all are 0.
+        If the file cannot be read, the heading does not name the columns, a value is negative, or all values are 0.
 
     Notes
     -----
-    The white standard's reflectance is taken as 1: divide by what its certificate says.
+    The white standard's reflectance is assumed to be 1; divide by its certified value.
 
     Examples
     --------
@@ -143,36 +143,45 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
         at = int(np.argmin(spectrum.values))
         raise FileError(
             file,
-            f"light is not negative, but {spectrum.values[at]:g} at {spectrum.wavelength_nm[at]:g} nm is; "
-            "where that is the instrument's noise, write 0",
+            f"light at {spectrum.wavelength_nm[at]:g} nm",
+            value=spectrum.values[at],
+            expected="0 or more",
+            hint="Replace negative instrument noise by 0",
         )
-    light = _brought(file, spectrum)
+    light = _resampled(file, spectrum)
     if not light.values.any():
-        raise FileError(file, "there is no light between 380 and 780 nm; check the columns")
+        raise FileError(file, "all values between 380 and 780 nm are 0", hint="Check the columns")
     level = None if per_unit is None else _chart_luminance(light, per_unit)
     return Lamp(file.name, light, light.wavelength_nm, level)
 
 
 def _quantity(file: Path, heading: tuple[str, ...]) -> str:
-    wanted = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
     if len(heading) < 2 or heading[0] != _WAVELENGTH:
-        raise FileError(file, f"does not say what its columns are; its first line must be {wanted}")
+        expected = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
+        raise FileError(file, "heading", value=",".join(heading), expected=expected)
     if heading[1] not in _RADIANCE_PER_UNIT:
-        raise FileError(file, f"unknown quantity '{heading[1]}'; {did_you_mean(heading[1], QUANTITIES)}")
+        raise FileError(
+            file,
+            "heading of the second column",
+            value=heading[1],
+            expected="a known quantity",
+            hint=did_you_mean(heading[1], QUANTITIES),
+        )
     return heading[1]
 
 
-def _brought(file: Path, spectrum: Spectrum) -> Spectrum:
-    """The spectrum at the simulator's wavelengths, as far as the file reaches.
+def _resampled(file: Path, spectrum: Spectrum) -> Spectrum:
+    """Return the spectrum at the simulator's wavelengths within the file's range.
 
-    A smooth one is sampled there. One with lines or noise finer than that is averaged under a triangle about each: a
-    line between two wavelengths is shared by both, with its energy, so that what is linear between the simulator's
-    wavelengths has the integral with the lamp that it should have.
+    A smooth spectrum is sampled. A spectrum with finer lines or noise is averaged under a triangle about each wavelength,
+    so that a line keeps its energy and integrals of the lamp times a piecewise linear function are exact.
     """
     at = spectrum.wavelength_nm
     low, high = max(DEFAULT_WAVELENGTH_NM[0], at[0]), min(DEFAULT_WAVELENGTH_NM[-1], at[-1])
     if not low < high:
-        raise FileError(file, f"holds {at[0]:g} to {at[-1]:g} nm; light from 380 to 780 nm is wanted")
+        raise FileError(
+            file, "wavelengths", value=(float(at[0]), float(at[-1])), expected="partly between 380 and 780 nm"
+        )
     grid = np.union1d(np.clip(DEFAULT_WAVELENGTH_NM, low, high), [low, high])
     fine = np.union1d(np.clip(at, low, high), np.linspace(low, high, 1 + math.ceil((high - low) / _FINE_NM)))
     sampled = Spectrum(grid, spectrum.at(grid))

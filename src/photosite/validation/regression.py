@@ -1,4 +1,4 @@
-"""Straight lines through measured against simulated means."""
+"""Linear regression of measured on simulated means."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Measured on simulated, by two lines.
+    """Regression of measured on simulated, through the origin and with an intercept.
 
     Parameters
     ----------
     points
-        How many points the lines are fitted to.
+        Number of points.
     slope_through_origin
-        Of measured = slope * simulated: the ratio of the two cameras' signals.
+        Slope of measured = slope * simulated, the ratio of the two signals.
     slope, intercept
-        Of measured = slope * simulated + intercept; the intercept has the unit of the points.
+        Parameters of measured = slope * simulated + intercept; the intercept has the unit of the points.
     """
 
     points: int
@@ -41,17 +41,17 @@ class Regression:
 
 
 def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> Regression:
-    """Fit measured against simulated, through the origin and freely, by weighted least squares.
+    """Fit measured against simulated by weighted least squares, through the origin and with an intercept.
 
-    The weights are 1 / variance. The intervals come from the scatter that the points show about the line, not
-    from the variances' size, so they stay true where the two cameras differ by more than noise.
+    The weights are 1 / variance. The intervals come from the scatter of the points about the line, not from the
+    variances, so they also hold where the cameras differ by more than noise.
 
     Parameters
     ----------
     simulated, measured
-        (points,), three or more.
+        (points,) values, three or more.
     variance
-        (points,), of measured - simulated, above 0, up to a common factor.
+        (points,) variances of measured - simulated, above 0, up to a common factor.
 
     Returns
     -------
@@ -60,14 +60,13 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
     Raises
     ------
     InputError
-        If there are fewer than three points, lengths differ, a variance is not above 0, or the simulated
-        values are all the same.
+        If there are fewer than three points, lengths differ, a variance is not above 0, or all simulated values are equal.
 
     Notes
     -----
-    Errors of the simulated values count in the weights as if the slope were 1; their pull on the slope
-    towards 0 is their variance over that of the simulated values (W. A. Fuller, "Measurement Error Models",
-    1987, 1.1), which for patch means is some 1e-6 and not corrected.
+    Errors of the simulated values enter the weights as if the slope were 1. They bias the slope towards 0 by their
+    variance over that of the simulated values (W. A. Fuller, "Measurement Error Models", 1987, 1.1). For patch means
+    that is about 1e-6 and not corrected.
 
     Examples
     --------
@@ -78,13 +77,17 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
     x, y = np.asarray(simulated, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     spread = np.asarray(variance, dtype=np.float64)
     if x.ndim != 1 or not x.shape == y.shape == spread.shape:
-        raise InputError(f"a regression needs three lists of one length, not {x.shape}, {y.shape}, {spread.shape}")
+        raise InputError(
+            "simulated, measured and variance",
+            value=(x.shape, y.shape, spread.shape),
+            expected="lists of one length",
+        )
     if x.size < 3:
-        raise InputError(f"a regression with intervals needs three points or more, not {x.size}")
+        raise InputError("simulated", value=x.size, expected="three points or more")
     if not (np.isfinite(spread).all() and (spread > 0).all()):
-        raise InputError("a regression's variances must be finite and above 0")
+        raise InputError("variance", expected="finite and above 0")
     if np.ptp(x) == 0:
-        raise InputError(f"the simulated values are all {x[0]:g}, so no line has a slope; add other patches")
+        raise InputError("simulated", value=x[0], expected="different values", hint="Add other patches")
     (through_origin,) = _weighted_fit(x[:, None], y, 1 / spread)
     slope, intercept = _weighted_fit(np.column_stack([x, np.ones_like(x)]), y, 1 / spread)
     return Regression(x.size, through_origin, slope, intercept)
@@ -99,7 +102,7 @@ def _weighted_fit(
     solution, *_ = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)
     freedom = y.size - design.shape[1]
     scatter = float(np.sum(weight * (y - design @ solution) ** 2)) / freedom
-    # Columns are scaled before the normal matrix is formed: levels of 10^4 beside a column of ones.
+    # Columns are scaled before the normal matrix is formed, since levels are 1e4 times the column of ones.
     size = np.sqrt(weight @ design**2)
     normal = (design / size).T @ (design / size * weight[:, None])
     errors = np.sqrt(scatter * np.diag(np.linalg.inv(normal))) / size

@@ -1,4 +1,4 @@
-"""Repeated frames must be repeats: two that are the same to the last bit are one frame, given twice."""
+"""Detection of identical frames in a stack."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from photosite.frames.raw_frame import RawFrame
 
 
 def check_repeats(frames: Sequence[RawFrame], names: Sequence[str] | None = None) -> None:
-    """Refuse frames of which two are identical, since a stack's noise comes from how its frames differ.
+    """Reject stacks with identical frames, because a stack's noise is estimated from differences between frames.
 
-    A frame that reads the same number everywhere (all black, all white) has no noise to differ by and passes.
+    Frames with one value everywhere (all black or all white) are accepted.
 
     Parameters
     ----------
     frames
         The measured frames.
     names
-        What to call them; None counts from 1.
+        Names for the error message; None counts from 1.
 
     Raises
     ------
     InputError
-        If two are identical.
+        If two frames are identical.
     """
     seen: dict[tuple[tuple[int, ...], bytes], int] = {}
     for number, frame in enumerate(frames if len(frames) > 1 else ()):
@@ -35,4 +35,4 @@ def check_repeats(frames: Sequence[RawFrame], names: Sequence[str] | None = None
         first = seen.setdefault((frame.dn.shape, sha256(np.ascontiguousarray(frame.dn).data).digest()), number)
         if first != number:
             which = (f"{first + 1} and {number + 1}") if names is None else f"{names[first]} and {names[number]}"
-            raise InputError(f"measured frames {which} are identical in every pixel, so no repeats; give each once")
+            raise InputError(f"measured frames {which} are identical in every pixel", hint="Pass each frame once")

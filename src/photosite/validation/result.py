@@ -1,4 +1,4 @@
-"""What a validation found."""
+"""The result of comparing measured with simulated frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.color import ColorComparison
-from photosite.validation.noise_difference import noise_in_words
+from photosite.validation.noise_diagnosis import describe_noise_difference
 from photosite.validation.regression import Regression
 
 
@@ -24,27 +24,27 @@ class Validation:
     Parameters
     ----------
     level
-        Share of false alarms allowed to the verdict.
+        False-alarm rate of the verdict.
     tolerance_percent
-        Relative difference of means and noise that was let pass.
+        Relative tolerance of means and noise, in percent.
     measured, simulated
-        Statistics of the patches, every array (patches, channels).
+        Statistics of the patches; arrays are (patches, channels).
     used
         (patches, channels), false where either is saturated.
     means, noise, temporal_noise
-        Chi-square of patch means, of the variances over pixels, and of those from frame to frame; the last is None
-        unless both are stacks of frames.
+        Chi-square of patch means, of variances over pixels, and of variances from frame to frame. The last is None unless
+        both sides are stacks of frames.
     regression
-        Measured on simulated means in DN above black, all channels together; None where fewer than three
-        points are left.
+        Regression of measured on simulated means in DN above black, all channels together; None with fewer than three
+        points.
     regression_by_channel
-        The same for each channel.
+        The regression of each channel.
     color
-        Colour differences, or None; `notes` says why.
+        Colour differences, or None with the reason in `notes`.
     exposures_s
-        Of the measured and the simulated frames, where they say.
+        Exposure times of the measured and the simulated frames, where known.
     notes
-        What was left out, and why.
+        What was left out and why.
     """
 
     level: float
@@ -63,12 +63,12 @@ class Validation:
 
     @property
     def tests(self) -> tuple[ChiSquare, ...]:
-        """What the verdict rests on; they share the level evenly."""
+        """The tests of the verdict, which share the false-alarm rate evenly."""
         return tuple(test for test in (self.means, self.noise, self.temporal_noise) if test is not None)
 
     @property
     def agrees(self) -> bool:
-        """Whether none of the tests says that the cameras differ, each at its share of the level."""
+        """Whether no test finds a difference at its share of the false-alarm rate."""
         return min(test.p_value for test in self.tests) >= self.level / len(self.tests)
 
     @property
@@ -79,38 +79,38 @@ class Validation:
 
     @property
     def relative_noise_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
-        """(patches, channels): as `relative_difference`, of the standard deviations over pixels."""
+        """(patches, channels): `relative_difference` of the standard deviations over pixels."""
         made = np.ma.masked_less_equal(self.simulated.spatial_noise_dn, 0.0)
         return (self.measured.spatial_noise_dn - made) / made
 
     @property
     def relative_temporal_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
-        """(patches, channels): as `relative_difference`, of the standard deviations from frame to frame.
+        """(patches, channels): `relative_difference` of the standard deviations from frame to frame.
 
         Raises
         ------
         InputError
-            Unless both are stacks of frames.
+            If either side has only one frame.
         """
         seen, made = self.measured.temporal_noise_dn, self.simulated.temporal_noise_dn
         if seen is None or made is None:
-            raise InputError("noise from frame to frame takes two frames or more on both sides")
+            raise InputError("noise from frame to frame needs at least two frames on both sides")
         simulated = np.ma.masked_less_equal(made, 0.0)
         return np.ma.asarray((seen - simulated) / simulated)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The verdict in words: each test, then by how much and in which way the frames differ if they do.
+        """The reasons for the verdict: each test, then the size and kind of the differences.
 
-        With a tolerance each test says the largest difference, with its patch and channel, and what was let pass.
+        With a tolerance, each test also gives the largest difference and its patch and channel.
         """
         lines = [
-            self._says("patch means", self.means, self.relative_difference),
-            self._says("noise over pixels", self.noise, self.relative_noise_difference),
+            self._describe("patch means", self.means, self.relative_difference),
+            self._describe("noise over pixels", self.noise, self.relative_noise_difference),
         ]
         if self.temporal_noise is not None:
             lines.append(
-                self._says("noise from frame to frame", self.temporal_noise, self.relative_temporal_difference)
+                self._describe("noise from frame to frame", self.temporal_noise, self.relative_temporal_difference)
             )
         if self.agrees:
             return tuple(lines)
@@ -119,7 +119,7 @@ class Validation:
             lines.append(f"the largest difference of means is {largest}")
         for test, temporal in ((self.noise, False), (self.temporal_noise, True)):
             if test is not None and test.p_value < self.level / len(self.tests):
-                lines.extend(noise_in_words(self.measured, self.simulated, self.used, temporal=temporal))
+                lines.extend(describe_noise_difference(self.measured, self.simulated, self.used, temporal=temporal))
         for name, line in self.regression_by_channel.items():
             if line is None:
                 continue
@@ -131,10 +131,10 @@ class Validation:
                 )
         one, other = self.exposures_s
         if one is not None and other is not None and one != other:
-            lines.append(f"the exposures differ: measured {one:g} s, simulated {other:g} s")
+            lines.append(f"the exposure times differ: measured {one:g} s, simulated {other:g} s")
         return tuple(lines)
 
-    def _says(self, what: str, test: ChiSquare, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str:
+    def _describe(self, what: str, test: ChiSquare, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str:
         level = self.level / len(self.tests)
         verdict = "agree" if test.p_value >= level else "differ"
         line = (
@@ -143,11 +143,11 @@ class Validation:
         )
         if not self.tolerance_percent:
             return line
-        largest = self._largest(difference) or "unknown, for the simulated values are 0"
-        return f"{line}; largest difference {largest}, allowed {self.tolerance_percent:g} % and the sampling error"
+        largest = self._largest(difference) or "unknown, because the simulated values are 0"
+        return f"{line}; largest difference {largest}, tolerance {self.tolerance_percent:g} % beyond the sampling error"
 
     def _largest(self, difference: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> str | None:
-        """The largest of the relative differences that were used, in words; None where there is none."""
+        """Return the largest relative difference of the used values as text; None where there are no values."""
         size = np.ma.abs(np.ma.array(difference, mask=~self.used | np.ma.getmaskarray(difference)))
         if not size.count():
             return None
@@ -156,7 +156,7 @@ class Validation:
         return f"{100 * difference[patch, channel]:+.2f} % ({name}, {letter})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings for JSON; None for a number that is not finite or is masked."""
+        """Return plain lists, numbers and strings for JSON, with None for values that are not finite or masked."""
         return {
             "agrees": self.agrees,
             "reasons": list(self.reasons),

@@ -1,4 +1,4 @@
-"""The set-up that another simulator was given, and what photosite makes of it: patches without noise, or a mosaic."""
+"""The set-up of another simulator, and photosite's simulation of it: patches without noise, or a mosaic."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
-from photosite.validation.compare import PatchValues, Unit
+from photosite.validation.patch_values import PatchValues, Unit
 from photosite.values.cfa import channel_sites
 
 _LARGEST_BYTES = 1 << 24
 
 NAMES_DOWN_COLUMNS: tuple[str, ...] = tuple(MACBETH_NAMES[6 * row + col] for col in range(6) for row in range(4))
-"""The ColorChecker's patches in ISETCam's order: down the columns, the fourth is white, the last is black."""
+"""The ColorChecker's patches in ISETCam's order, down the columns: the fourth is white, the last is black."""
 
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A camera, an exposure, and the light of a chart's patches.
+    """A camera, an exposure time and the light of a chart's patches.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ class SetUp:
     exposure_s
         Exposure time.
     names
-        The patches.
+        Patch names.
     radiance
         (patches, wavelengths) photons/s/sr/m2/nm.
     wavelength_nm
         (wavelengths,), increasing.
     distance_m
-        From the lens to the chart.
+        Distance from the lens to the chart.
     chart
-        The chart as a scene that fills the frame; None where only its patches' light is known.
+        The chart as a scene that fills the frame; None if only the light of its patches is known.
     """
 
     camera: Camera
@@ -61,14 +61,14 @@ class SetUp:
     chart: Scene | None = None
 
     @classmethod
-    def of_chart(cls, camera: Camera, chart: Scene, exposure_s: float) -> SetUp:
-        """The set-up of a chart with named regions, `photosite.scene.charts.macbeth` say.
+    def from_chart(cls, camera: Camera, chart: Scene, exposure_s: float) -> SetUp:
+        """Return the set-up of a chart with named regions, such as `photosite.scene.charts.macbeth`.
 
         Examples
         --------
         >>> import photosite as ps
         >>> camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200"))
-        >>> found = SetUp.of_chart(camera, ps.charts.macbeth("A", 40), 1 / 3).patch_values("e")
+        >>> found = SetUp.from_chart(camera, ps.charts.macbeth("A", 40), 1 / 3).patch_values("e")
         >>> found.channels, round(float(found.mean[found.names.index("white")].max()))
         (('R', 'G', 'B'), 30600)
         """
@@ -84,12 +84,13 @@ class SetUp:
         )
 
     def patch_values(self, unit: Unit) -> PatchValues:
-        """Mean of each patch and channel in an even field of the patch's light: no noise, no blur, no dark current.
+        """Return the mean of each patch and channel in an even field of its light, without noise, blur or dark current.
 
         Parameters
         ----------
         unit
-            "e", unclipped; or "dn" above black, where what passes the highest number or the well is marked saturated.
+            "e", not clipped; or "dn" above black, where values above the white level or the well capacity are marked
+            as saturated.
         """
         sensor = self.camera.sensor
         cfa = sensor.array.cfa
@@ -100,35 +101,35 @@ class SetUp:
         mean_e = np.array([[np.mean([tile[site] for site in sites[name]]) for name in sites] for tile in tiles])
         if unit == "e":
             return PatchValues.exact(self.names, sensor.channel_names, "e", mean_e)
-        room_dn = sensor.white_level_dn - sensor.readout.black_level_dn.value
+        range_dn = sensor.white_level_dn - sensor.readout.black_level_dn.value
         mean_dn = mean_e * sensor.system_gain_dn_per_e
         found = PatchValues.exact(self.names, sensor.channel_names, "dn", mean_dn)
-        return replace(found, saturated=(mean_dn >= room_dn) | (mean_e >= sensor.pixel.well_capacity_e.value))
+        return replace(found, saturated=(mean_dn >= range_dn) | (mean_e >= sensor.pixel.well_capacity_e.value))
 
     def frames(self, shape: tuple[int, int], *, seed: int = 0, count: int = 1) -> list[RawFrame]:
-        """Raw frames, with noise, of the chart filling a frame of a shape.
+        """Return raw frames of the chart filling a frame, with noise.
 
         Raises
         ------
         InputError
-            If the set-up has no chart, or as `Camera.capture`.
+            If the set-up has no chart, or as for `Camera.capture`.
         """
-        chart, camera = self._filling(shape)
+        chart, camera = self._camera_for(shape)
         return list(camera.stream(chart, self.exposure_s, count, seed=seed))
 
     def mean_electrons(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """(rows, cols) mean electrons of the chart filling a frame of a shape; raises as `frames`."""
-        chart, camera = self._filling(shape)
+        """Return mean electrons, (rows, cols), of the chart filling a frame; raises as `frames`."""
+        chart, camera = self._camera_for(shape)
         return camera.mean_electrons(chart, self.exposure_s)
 
-    def _filling(self, shape: tuple[int, int]) -> tuple[Scene, Camera]:
+    def _camera_for(self, shape: tuple[int, int]) -> tuple[Scene, Camera]:
         if self.chart is None:
             raise InputError(
-                "a mosaic needs a chart that fills the frame, and this set-up gives the light of patches only; compare "
-                "patch values, or give the set-up by options"
+                "a mosaic needs a chart that fills the frame, and this set-up has the light of patches only",
+                hint="Compare patch values, or describe the set-up by options",
             )
         sensor = self.camera.sensor
-        # A chip of its own: the other tool's fixed pattern is not this one's.
+        # Another serial, because the other tool's chip has another fixed pattern.
         chip = sensor.with_(rows=shape[0], cols=shape[1], serial=f"{sensor.serial}, simulated")
         return self.chart, replace(self.camera, sensor=chip)
 
@@ -136,26 +137,26 @@ class SetUp:
 def read_set_up(
     path: str | PathLike[str], case: str | None = None, *, integration: Rule = "trapezoid"
 ) -> tuple[SetUp, PatchValues | None]:
-    """A set-up, and the patch electrons that a tool made of it, from a JSON file.
+    """Read a set-up, and the patch electrons that a tool computed for it, from a JSON file.
 
     Parameters
     ----------
     path
-        JSON as docs/isetcam.md describes it: `wavelength_nm`, and one object per case.
+        JSON file as described in docs/isetcam.md: `wavelength_nm` and one object for each case.
     case
-        Name of the case; None takes the only one, or the only one with a result.
+        Name of the case; None selects the only case, or the only case with a result.
     integration
         Rule of the integrals over wavelength.
 
     Returns
     -------
     tuple
-        The set-up, and the result's electrons; None where the case has no result.
+        The set-up, and the electrons of the result; None if the case has no result.
 
     Raises
     ------
     FileError
-        If the file cannot be read, or lacks or contradicts something.
+        If the file cannot be read, or an entry is missing or invalid.
     """
     file = Path(path)
     content = _json(file)
@@ -170,13 +171,15 @@ def read_set_up(
         result = _Facts(file, f"{name}.result", facts.content["result"])
         electrons = result.table("patch_electrons_rgb", 2)
         return set_up, PatchValues.exact(set_up.names, ("R", "G", "B"), "e", electrons)
-    except (InputError, ValueError) as error:  # pydantic's is a ValueError too
-        raise FileError(file, f"{name}: {' '.join(str(error).split())}") from None
+    except InputError as error:
+        raise error.within(name).in_file(file) from None
+    except ValueError as error:  # Pydantic's
+        raise FileError(file, " ".join(str(error).split()), where=name) from None
 
 
 @dataclass(frozen=True)
 class _Facts:
-    """An object of the file, whose entries are asked for by name and kind."""
+    """An object of the file, with access to its entries by name and type."""
 
     file: Path
     name: str
@@ -184,17 +187,17 @@ class _Facts:
 
     def __post_init__(self) -> None:
         if not isinstance(self.content, Mapping):
-            raise FileError(self.file, f"{self.name} must be an object")
+            raise FileError(self.file, self.name, expected="an object")
 
     def get(self, key: str) -> Any:
         if key not in self.content:
-            raise FileError(self.file, f"{self.name} lacks '{key}'")
+            raise FileError(self.file, f"'{key}' is missing", where=self.name)
         return self.content[key]
 
     def number(self, key: str) -> float:
         value = self.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise FileError(self.file, f"{self.name}.{key} must be a number, not {value!r:.40}")
+            raise FileError(self.file, key, where=self.name, value=value, expected="a number")
         return float(value)
 
     def table(self, key: str, dimensions: int) -> NDArray[np.float64]:
@@ -204,7 +207,7 @@ class _Facts:
             values = np.empty(())
         if values.ndim != dimensions or not values.size or not np.isfinite(values).all():
             kind = "a list" if dimensions == 1 else "a list of rows of one length"
-            raise FileError(self.file, f"{self.name}.{key} must be {kind} of finite numbers")
+            raise FileError(self.file, key, where=self.name, expected=f"{kind} of finite numbers")
         return values
 
 
@@ -212,16 +215,16 @@ def _json(file: Path) -> dict[str, Any]:
     try:
         content = json.loads(read_small(file, "a set-up", _LARGEST_BYTES).decode("utf-8-sig"))
     except json.JSONDecodeError as error:
-        raise FileError(file, f"is no JSON: {error.msg}", error.lineno) from None
+        raise FileError(file, f"is not valid JSON: {error.msg}", error.lineno) from None
     except (UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise FileError(file, f"is no JSON: {error}") from None
+        raise FileError(file, f"is not valid JSON: {error}") from None
     if not isinstance(content, dict):
-        raise FileError(file, "must be an object with 'wavelength_nm' and a case")
+        raise FileError(file, "content", expected="an object with 'wavelength_nm' and a case")
     return content
 
 
 def case_of(path: str | PathLike[str], case: str | None = None) -> str:
-    """Name of the case that `read_set_up` takes."""
+    """Return the name of the case that `read_set_up` selects."""
     file = Path(path)
     return _chosen(file, _cases(_json(file)), case)
 
@@ -233,15 +236,19 @@ def _cases(content: Mapping[str, Any]) -> dict[str, Any]:
 def _chosen(file: Path, cases: Mapping[str, Any], case: str | None) -> str:
     if case is not None:
         if case not in cases:
-            raise FileError(file, f"has no case '{case}'; {did_you_mean(case, cases)}")
+            raise FileError(file, "case", value=case, expected="in the file", hint=did_you_mean(case, cases))
         return case
     finished = [name for name, part in cases.items() if "result" in part]
     for names in (list(cases), finished):
         if len(names) == 1:
             return names[0]
     if not cases:
-        raise FileError(file, "holds no case: an object with 'patch_photon_radiance' and the camera's set-up")
-    raise FileError(file, f"holds several cases, {', '.join(cases)}; name one (--case)")
+        raise FileError(
+            file, "has no case", hint="A case is an object with 'patch_photon_radiance' and the camera's set-up"
+        )
+    raise FileError(
+        file, f"has several cases: {', '.join(cases)}", hint="Pass {case}", arguments={"case": next(iter(cases))}
+    )
 
 
 def _set_up(facts: _Facts, grid: NDArray[np.float64], integration: Rule) -> SetUp:
@@ -265,7 +272,7 @@ def _names(facts: _Facts, count: int) -> tuple[str, ...]:
     if names is None:
         return NAMES_DOWN_COLUMNS if count == 24 else tuple(f"patch {number}" for number in range(1, count + 1))
     if not isinstance(names, list) or len(names) != count or not all(isinstance(name, str) for name in names):
-        raise FileError(facts.file, f"{facts.name}.patch_names must be {count} names, one per patch")
+        raise FileError(facts.file, "patch_names", where=facts.name, expected=f"{count} names, one for each patch")
     return tuple(names)
 
 
@@ -273,15 +280,19 @@ def _sensor(facts: _Facts, grid: NDArray[np.float64]) -> Sensor:
     efficiency = facts.table("quantum_efficiency_rgb", 2)
     if efficiency.shape != (grid.size, 3):
         raise FileError(
-            facts.file, f"{facts.name}.quantum_efficiency_rgb must be {grid.size} rows of three, one row per wavelength"
+            facts.file,
+            "quantum_efficiency_rgb",
+            where=facts.name,
+            value=efficiency.shape,
+            expected=f"of shape ({grid.size}, 3), one row for each wavelength",
         )
     cfa, bits = str(facts.get("cfa")), str(facts.get("bits")).split()
     if not bits or not bits[0].isdecimal():
-        raise FileError(facts.file, f"{facts.name}.bits must begin with a whole number, as in '12 bit'")
+        raise FileError(facts.file, "bits", where=facts.name, expected="a whole number first, as in '12 bit'")
     gain_v, swing_v = facts.number("conversion_gain_v_per_e"), facts.number("voltage_swing_v")
     pitch_um = facts.number("pixel_m") * 1e6
     if not gain_v > 0:
-        raise FileError(facts.file, f"{facts.name}.conversion_gain_v_per_e must be above 0")
+        raise FileError(facts.file, "conversion_gain_v_per_e", where=facts.name, value=gain_v, expected="above 0")
     return Sensor.model_validate(
         {
             "name": f"{facts.name} of {facts.file.name}",

@@ -1,4 +1,4 @@
-"""Measured frames against simulated ones: patch means, noise, colours, and a verdict."""
+"""Compare measured frames with simulated frames: patch means, noise, colours, and a verdict."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
 from photosite.validation.agreement import (
+    check_verdict_settings,
     chi_square_of_means,
     chi_square_of_noise,
     chi_square_of_temporal_noise,
 )
 from photosite.validation.charts import chart_regions, chart_xyz_d65, check_chart
-from photosite.validation.color import ColorComparison, compare_colors
+from photosite.validation.color import compare_patch_colors
 from photosite.validation.regression import Regression, regress
 from photosite.validation.repeats import check_repeats
 from photosite.validation.result import Validation
@@ -38,28 +39,27 @@ def validate(
 ) -> Validation:
     """Compare measured frames with simulated frames of the same chart, on the raw mosaic.
 
-    The verdict rests on two chi-squares, of patch means and of the noise over pixels, and where both are stacks of
-    frames on a third, of the noise from frame to frame. They share the level evenly: two cameras that are alike are
-    said to differ in at most that share of comparisons. Colour differences are
-    reported, and follow from the means. Patches with a saturated channel are left out of all but the table,
-    channel by channel (of the colours, altogether), and `notes` says which.
+    The verdict is based on two chi-square tests, of patch means and of the noise over pixels. Where both sides are stacks
+    of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Colour
+    differences are reported and have no test of their own. Saturated channels of patches are left out, and patches with a
+    saturated channel have no colour difference; `notes` lists them.
 
     Parameters
     ----------
     measured, simulated
-        A frame each, or several of one scene and setting.
+        One frame, or several of the same scene and settings.
     chart
-        "macbeth", or None for patches of another kind.
+        "macbeth", or None for other patches.
     regions
-        Where the patches lie, named as the chart names them; None for a chart that fills the frame.
+        Regions of the patches, with the chart's patch names; None for a chart that fills the frame.
     reference_xyz
-        (patches, 3), the patches under D65, Y = 1 for the perfect white; None takes the chart's. Without a
-        chart and without these there are no colour differences.
+        (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None uses the chart's. Without a chart and
+        without these there are no colour differences.
     level
-        Share of false alarms allowed to the verdict, 0 to 1.
+        False-alarm rate of the verdict, between 0 and 1.
     tolerance_percent
-        Relative difference of means and of noise that is let pass. With 0 any difference that the noise
-        resolves counts; many pixels resolve a tenth of a percent.
+        Relative tolerance of means and noise, in percent. With 0, every difference beyond the noise counts; many pixels
+        resolve a tenth of a percent.
 
     Returns
     -------
@@ -68,10 +68,9 @@ def validate(
     Raises
     ------
     InputError
-        If the frames are not RawFrames, two measured ones are identical,
-        sizes, tiles or bits differ, the chart or a patch is unknown, there are no
-        regions, a region does not lie in the frame, every patch is saturated, or the level or tolerance cannot
-        be.
+        If the frames are not RawFrames; two measured frames are identical; sizes, CFAs or bit depths differ; the chart or a
+        patch is unknown; regions are missing or outside the frame; every patch is saturated; or the level or tolerance
+        is invalid.
 
     Notes
     -----
@@ -112,35 +111,36 @@ def compare_patches(
     exposures_s: tuple[float | None, float | None] = (None, None),
     fitted: int = 0,
 ) -> Validation:
-    """What `validate` does once the patches are read: compare the statistics of the same patches and channels.
+    """Compare the statistics of the same patches and channels.
 
     Parameters
     ----------
     measured, simulated
-        The patches, in the same order, channels too.
+        Statistics with the same patches and channels in the same order.
     reference_xyz
-        (patches, 3), as for `validate`; None leaves the colour differences out.
+        (patches, 3) as for `validate`; None gives no colour differences.
     level, tolerance_percent
         As for `validate`.
     exposures_s
-        Of the measured and the simulated frames.
+        Exposure times of the measured and the simulated frames.
     fitted
-        Parameters of the simulation that were fitted to the measured patch means.
+        Number of parameters of the simulation that were fitted to the measured patch means.
 
     Raises
     ------
     InputError
-        If every patch is saturated, or the level or tolerance cannot be.
+        If every patch is saturated, or the level or tolerance is invalid.
     """
-    if not 0 < level < 1:
-        raise InputError(f"the level is a share of false alarms between 0 and 1, not {level}")
-    if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
-        raise InputError(f"the tolerance is 0 percent or more, not {tolerance_percent}")
+    check_verdict_settings(level, tolerance_percent)
     used = ~(measured.saturated | simulated.saturated)
     if not used.any():
-        raise InputError("every patch is saturated, so nothing can be compared; expose for less")
+        raise InputError("every patch is saturated", hint="Use a shorter exposure time")
     notes = _saturation_notes(measured, used)
     regression, by_channel = _lines(measured, simulated, used, notes)
+    means = measured.mean_dn, simulated.mean_dn
+    color, no_color = compare_patch_colors(measured.names, measured.channels, means, used, reference_xyz)
+    if no_color is not None:
+        notes.append(no_color)
     tolerance = tolerance_percent / 100
     return Validation(
         level=level,
@@ -153,7 +153,7 @@ def compare_patches(
         temporal_noise=chi_square_of_temporal_noise(measured, simulated, used, tolerance),
         regression=regression,
         regression_by_channel=by_channel,
-        color=_colors(measured, simulated, used, reference_xyz, notes),
+        color=color,
         exposures_s=exposures_s,
         notes=tuple(notes),
     )
@@ -164,11 +164,13 @@ def _first(frames: Frames, what: str) -> RawFrame:
         return frames
     if not isinstance(frames, Sequence) or not all(isinstance(frame, RawFrame) for frame in frames):
         raise InputError(
-            f"validate takes a RawFrame or several as the {what} frames, not {type(frames).__name__}; "
-            f"read_raw and Camera.capture make them"
+            what,
+            value=type(frames).__name__,
+            expected="a RawFrame or several",
+            hint="read_raw and Camera.capture return them",
         )
     if not frames:
-        raise InputError(f"there is no {what} frame; give one or more")
+        raise InputError(what, value=0, expected="one frame or more")
     return frames[0]
 
 
@@ -176,13 +178,13 @@ def _check_same_kind(measured: RawFrame, simulated: RawFrame) -> None:
     facts = (
         ("size", *(f"{rows} x {cols}" for rows, cols in (measured.shape, simulated.shape))),
         ("colour filter array", tile_text(measured.cfa), tile_text(simulated.cfa)),
-        ("bits", str(measured.bits), str(simulated.bits)),
+        ("bit depth", str(measured.bits), str(simulated.bits)),
     )
     for what, one, other in facts:
         if one != other:
             raise InputError(
-                f"measured and simulated frames differ in {what}: measured {one}, simulated {other}; "
-                "simulate the sensor that was measured"
+                f"measured and simulated frames differ in {what}: measured {one}, simulated {other}",
+                hint="Simulate the sensor that was measured",
             )
 
 
@@ -192,7 +194,7 @@ def _patches(chart: str | None, regions: Sequence[Region] | None, frame: RawFram
     if regions is not None:
         return tuple(regions)
     if chart is None:
-        raise InputError("without a chart, give the patches as regions")
+        raise InputError("regions", value=None, expected="given where chart is None")
     return chart_regions(chart, *frame.shape)
 
 
@@ -202,9 +204,9 @@ def _reference(
     if reference_xyz is not None:
         reference = np.asarray(reference_xyz, dtype=np.float64)
         if reference.shape != (len(names), 3):
-            raise InputError(f"reference_xyz must be ({len(names)}, 3), one row per patch, not {reference.shape}")
+            raise InputError("reference_xyz", value=reference.shape, expected=f"of shape ({len(names)}, 3)")
         if not np.isfinite(reference).all():
-            raise InputError("reference_xyz must be finite")
+            raise InputError("reference_xyz", expected="finite")
         return reference
     return None if chart is None else chart_xyz_d65(chart, names)
 
@@ -221,43 +223,16 @@ def _saturation_notes(measured: PatchStatistics, used: NDArray[np.bool_]) -> lis
 def _lines(
     measured: PatchStatistics, simulated: PatchStatistics, used: NDArray[np.bool_], notes: list[str]
 ) -> tuple[Regression | None, dict[str, Regression | None]]:
-    """The line through all points, and one per channel."""
+    """Return the regression of all points and that of each channel."""
     variance = measured.standard_error_dn**2 + simulated.standard_error_dn**2
 
     def line(which: NDArray[np.bool_], what: str) -> Regression | None:
         x = simulated.mean_dn[which]
         if x.size < 3 or np.ptp(x) == 0:
-            notes.append(f"no regression of {what}: it takes three patches that differ")
+            notes.append(f"no regression of {what}: it needs three different patches")
             return None
         return regress(x, measured.mean_dn[which], variance[which])
 
     channels = enumerate(measured.channels)
     columns = {name: used & (np.arange(used.shape[1]) == k) for k, name in channels}
     return line(used, "all channels"), {name: line(which, f"channel {name}") for name, which in columns.items()}
-
-
-def _colors(
-    measured: PatchStatistics,
-    simulated: PatchStatistics,
-    used: NDArray[np.bool_],
-    reference: NDArray[np.float64] | None,
-    notes: list[str],
-) -> ColorComparison | None:
-    if set(measured.channels) != {"R", "G", "B"}:
-        notes.append("no colour differences: the channels are not R, G and B")
-        return None
-    if reference is None:
-        notes.append("no colour differences: the patches' colours are not known")
-        return None
-    order = [measured.channels.index(name) for name in "RGB"]
-    whole = np.asarray(used.all(axis=1), dtype=np.bool_)
-    try:
-        return compare_colors(
-            tuple(measured.names[patch] for patch in np.flatnonzero(whole)),
-            measured.mean_dn[whole][:, order],
-            simulated.mean_dn[whole][:, order],
-            reference[whole],
-        )
-    except InputError as reason:
-        notes.append(f"no colour differences: {reason}")
-        return None

@@ -1,4 +1,4 @@
-"""Another simulator's patches or mosaics against photosite's simulation of the same set-up, or a second file."""
+"""Comparison of another simulator's patches or mosaics with photosite's simulation or a second file."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from photosite.errors import InputError
 from photosite.validation.charts import chart_regions
-from photosite.validation.compare import PatchComparison, PatchValues, compare_values
-from photosite.validation.other_tool import Content, Mosaic
+from photosite.validation.patch_values import PatchComparison, PatchValues, compare_values
 from photosite.validation.result import Validation
 from photosite.validation.set_up import SetUp
+from photosite.validation.tool_files import Content, Mosaic
 from photosite.validation.validate import validate
 from photosite.values.cfa import tile_text
 
 MOST_SIMULATED = 10
-"""Frames are simulated as many as the other tool made, up to this."""
+"""Largest number of frames that are simulated."""
 
 
 def compare(
@@ -26,31 +26,31 @@ def compare(
     level: float = 0.05,
     seed: int = 0,
 ) -> PatchComparison | Validation:
-    """Compare what another simulator made with a reference.
+    """Compare the output of another simulator with a reference.
 
-    Raw frames against raw frames are compared as `photosite.validation.validate.validate` does, noise included. Patch
-    values, and mosaics in electrons, are compared by their means.
+    Raw frames are compared by `photosite.validation.validate.validate`, noise included. Patch values and mosaics in
+    electrons are compared by their means.
 
     Parameters
     ----------
     other
-        Patch values, a mosaic in electrons, or raw frames; `photosite.validation.other_tool.read_other` reads them.
+        Patch values, a mosaic in electrons, or raw frames, from `photosite.validation.tool_files.read_tool_file`.
     reference
-        The same of a second tool; or the set-up, which is then simulated as `other` asks: patches without noise, mean
-        electrons of the chart filling a mosaic, or raw frames with noise.
+        The same of a second tool, or a set-up. A set-up is simulated in the form of `other`: patches without noise, mean
+        electrons of a mosaic, or raw frames with noise.
     chart
-        The chart that fills mosaics.
+        Chart that fills mosaics.
     tolerance_percent
-        Relative difference, of means and of the noise of raw frames, that is let pass.
+        Relative tolerance of means, and of the noise of raw frames, in percent.
     level
-        Share of false alarms allowed to the verdict where there is noise.
+        False-alarm rate of the verdict where there is noise.
     seed
-        Of the noise of simulated raw frames.
+        Seed of the noise of simulated raw frames.
 
     Returns
     -------
     PatchComparison or Validation
-        The latter where both are raw frames; `other` is its `measured`.
+        `Validation` where both are raw frames, with `other` as measured.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def compare(
     --------
     >>> import photosite as ps
     >>> camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200"))
-    >>> set_up = SetUp.of_chart(camera, ps.charts.macbeth("A", 40), 1 / 3)
+    >>> set_up = SetUp.from_chart(camera, ps.charts.macbeth("A", 40), 1 / 3)
     >>> theirs = set_up.patch_values("e")
     >>> brighter = replace(theirs, mean=1.02 * theirs.mean)
     >>> compare(theirs, set_up).agrees, compare(brighter, set_up).agrees
@@ -72,7 +72,7 @@ def compare(
         return validate(other, made, chart, level=level, tolerance_percent=tolerance_percent)
     values, base = _values(other, chart), _values(made, chart)
     if isinstance(reference, SetUp) and isinstance(other, Mosaic):
-        # A mosaic's electrons stop at the well; photosite's mean does not.
+        # Another tool clips a mosaic at the well capacity; photosite's mean is not clipped.
         well_e = reference.camera.sensor.pixel.well_capacity_e.value
         base = replace(base, saturated=base.mean >= well_e)
     return compare_values(values, base, tolerance_percent=tolerance_percent, level=level)
@@ -84,7 +84,7 @@ def _simulated(other: Content, set_up: SetUp, seed: int) -> Content:
     tile = set_up.camera.sensor.array.cfa
     cfa = other.cfa if isinstance(other, Mosaic) else other[0].cfa
     if cfa != tile:
-        raise InputError(f"the mosaic's colour filter array is {tile_text(cfa)}, the set-up's {tile_text(tile)}")
+        raise InputError("cfa", value=tile_text(cfa), expected=f"that of the set-up, {tile_text(tile)}")
     if isinstance(other, Mosaic):
         rows, cols = other.electrons.shape
         return Mosaic(set_up.mean_electrons((rows, cols)).astype(float), tile)
@@ -99,4 +99,4 @@ def _values(content: Content, chart: str) -> PatchValues:
         return content.patch_values(chart_regions(chart, rows, cols))
     from photosite.metrics.patches import patch_statistics
 
-    return PatchValues.of(patch_statistics(content, chart_regions(chart, *content[0].shape)))
+    return PatchValues.from_statistics(patch_statistics(content, chart_regions(chart, *content[0].shape)))

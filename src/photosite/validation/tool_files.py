@@ -1,4 +1,4 @@
-"""What another simulator wrote: patch values in CSV or MATLAB files, mosaics in MATLAB or raw files."""
+"""Files of other simulators: patch values in CSV or MATLAB files, mosaics in MATLAB or raw files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from photosite.files.mat import load_mat
 from photosite.files.small import read_small
 from photosite.frames.io.read import SUFFIXES, read_raw
 from photosite.frames.raw_frame import RawFrame
-from photosite.validation.compare import UNITS, PatchValues, Unit
+from photosite.validation.patch_values import UNITS, PatchValues, Unit
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites
 from photosite.values.region import Patch
@@ -41,19 +41,19 @@ class Mosaic:
     electrons
         (rows, cols).
     cfa
-        The colour filter array's tile.
+        Tile of the colour filter array.
     """
 
     electrons: NDArray[np.float64]
     cfa: Cfa
 
     def patch_values(self, regions: Sequence[Patch]) -> PatchValues:
-        """Mean of each patch and channel, with its standard error from the scatter over the pixels.
+        """Return the mean of each patch and channel, with its standard error from the scatter over pixels.
 
         Raises
         ------
         InputError
-            If a region reaches beyond the mosaic or holds fewer than two pixels of a channel.
+            If a region is not inside the mosaic or has fewer than two pixels of a channel.
 
         Examples
         --------
@@ -70,29 +70,31 @@ class Mosaic:
     def _cell(self, region: Patch, channel: str) -> tuple[float, float]:
         rows, cols = self.electrons.shape
         if region.r1 > rows or region.c1 > cols:
-            raise InputError(f"patch '{region.name}' reaches beyond the mosaic of {rows} x {cols} pixels")
+            raise InputError(f"patch '{region.name}'", expected=f"inside the mosaic of {rows} x {cols} pixels")
         inside = np.zeros((region.r1 - region.r0, region.c1 - region.c0), np.bool_)
         height, width = len(self.cfa), len(self.cfa[0])
         for r, c in channel_sites(self.cfa, channel):
             inside[(r - region.r0) % height :: height, (c - region.c0) % width :: width] = True
         values = self.electrons[region.r0 : region.r1, region.c0 : region.c1][inside & region.inside()]
         if values.size < 2:
-            raise InputError(f"patch '{region.name}' holds {values.size} pixels of channel {channel}; two are needed")
+            raise InputError(
+                f"pixels of channel {channel} in patch '{region.name}'", value=values.size, expected="two or more"
+            )
         return float(values.mean()), float(values.std(ddof=1)) / math.sqrt(values.size)
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a file is read that does not say it itself.
+class ReadOptions:
+    """Properties of files that do not contain them.
 
     Parameters
     ----------
     cfa, bits, black_level_dn
-        Of mosaics that do not say.
+        Of mosaics without this information.
     unit
-        Of MATLAB arrays and raw files: "e" or "dn". None is DN for raw files; a MATLAB array must be told.
+        Unit of MATLAB arrays and raw files, "e" or "dn". None means DN for raw files; MATLAB arrays need a unit.
     variable
-        Of a MATLAB file, with dots for fields: "sensor.data.volts". None takes the only numeric array.
+        Array of a MATLAB file, with dots for fields: "sensor.data.volts". None selects the only numeric array.
     """
 
     cfa: Cfa
@@ -105,44 +107,44 @@ class Reading:
 Content = PatchValues | Mosaic | list[RawFrame]
 
 
-def read_other(path: str | PathLike[str], reading: Reading) -> Content:
-    """Patch values or a mosaic, by the file's ending.
+def read_tool_file(path: str | PathLike[str], options: ReadOptions) -> Content:
+    """Read patch values or a mosaic; the suffix selects the format.
 
     Parameters
     ----------
     path
-        .csv, .mat, or a raw frame or folder of frames that photosite reads (TIFF, DNG, ...).
-    reading
-        What the file may not say.
+        .csv, .mat, a raw frame (TIFF, DNG, ...) or a folder of raw frames.
+    options
+        Properties that the file may not contain.
 
     Raises
     ------
     FileError
-        If the file cannot be read, or says what cannot be.
+        If the file cannot be read or has invalid content.
     """
     file = Path(path)
-    ending = file.suffix.lower()
-    if ending == ".csv":
+    suffix = file.suffix.lower()
+    if suffix == ".csv":
         return read_csv(file)
-    if ending == ".mat":
-        return read_mat(file, reading)
-    return _frames(file, reading)
+    if suffix == ".mat":
+        return read_mat(file, options)
+    return _frames(file, options)
 
 
 def read_csv(path: str | PathLike[str]) -> PatchValues:
-    """Patch values from a CSV file.
+    """Read patch values from a CSV file.
 
     Parameters
     ----------
     path
-        Text in UTF-8. The heading is `patch` and a column per channel, named with its unit: `R_e,G_e,B_e` in electrons
-        or `R_dn,...` in DN above black; `R_standard_error_e` and so on where the values have noise. What follows a # at
-        the beginning of a line is a note.
+        UTF-8 text. The heading is `patch` and one column for each channel, named with its unit: `R_e,G_e,B_e` in electrons
+        or `R_dn,...` in DN above black. `R_standard_error_e` and so on give standard errors. Lines that start with # are
+        comments.
 
     Raises
     ------
     FileError
-        If the file cannot be read or holds something else; with the line.
+        If the file cannot be read or has invalid content, with the line.
 
     Examples
     --------
@@ -157,11 +159,13 @@ def read_csv(path: str | PathLike[str]) -> PatchValues:
     file = Path(path)
     rows = [(number, row) for number, row in _rows(file) if any(row) and not row[0].startswith("#")]
     if not rows:
-        raise FileError(file, "is empty; expected a heading, patch,R_e,G_e,B_e say, and a line per patch")
+        raise FileError(
+            file, "is empty", hint="Write a heading, such as patch,R_e,G_e,B_e, and one line for each patch"
+        )
     (line, heading), body = rows[0], rows[1:]
     columns, unit = _columns(file, heading, line)
     if not body:
-        raise FileError(file, "has a heading and no patches")
+        raise FileError(file, "has a heading but no patches")
     table = np.array([_numbers(file, number, row, len(heading)) for number, row in body])
     channels = tuple(channel for channel, is_error in columns if not is_error)
     mean = table[:, [columns.index((channel, False)) for channel in channels]]
@@ -171,8 +175,8 @@ def read_csv(path: str | PathLike[str]) -> PatchValues:
             error[:, k] = table[:, columns.index((channel, True))]
     try:
         return PatchValues(tuple(row[0] for _, row in body), channels, unit, mean, error, np.zeros_like(mean, np.bool_))
-    except InputError as problem:
-        raise FileError(file, str(problem)) from None
+    except InputError as error:
+        raise error.in_file(file) from None
 
 
 def _rows(file: Path) -> list[tuple[int, list[str]]]:
@@ -181,95 +185,88 @@ def _rows(file: Path) -> list[tuple[int, list[str]]]:
         reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""))
         return [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise FileError(file, f"is no CSV in UTF-8: {error}") from None
+        raise FileError(file, f"is not UTF-8 CSV: {error}") from None
 
 
 def _columns(file: Path, heading: Sequence[str], line: int) -> tuple[list[tuple[str, bool]], Unit]:
-    """(channel, whether its standard error) of each column but the first, and the unit of all."""
+    """Return (channel, is standard error) of each column after the first, and the common unit."""
     if heading[0].lower() != "patch":
-        raise FileError(file, f"the first column must be headed 'patch', not '{heading[0]:.40}'", line)
+        raise FileError(file, "heading of the first column", line, value=heading[0], expected="'patch'")
     columns, units = [], set()
     for name in heading[1:]:
         found = _COLUMN.fullmatch(name)
         if not found:
-            raise FileError(
-                file, f"column '{name:.40}' must be a channel with its unit: R_e for electrons, R_dn for DN", line
-            )
+            expected = "a channel with its unit: R_e for electrons, R_dn for DN"
+            raise FileError(file, "column", line, value=name, expected=expected)
         columns.append((found["channel"], bool(found["error"])))
         units.add(found["unit"])
     if twice := [name for name in dict.fromkeys(heading) if list(heading).count(name) > 1]:
-        raise FileError(file, f"column '{twice[0]}' is there twice", line)
+        raise FileError(file, "columns", line, value=twice[0], expected="without repeats")
     if orphans := [channel for channel, is_error in columns if is_error and (channel, False) not in columns]:
-        raise FileError(file, f"channel {orphans[0]} has a standard error and no values", line)
+        raise FileError(file, f"channel {orphans[0]} has a standard error but no values", line)
     if len(units) != 1:
-        raise FileError(file, "expected columns of one unit, all in _e or all in _dn", line)
+        raise FileError(file, "columns", line, expected="in one unit, all _e or all _dn")
     return columns, "e" if units == {"e"} else "dn"
 
 
 def _numbers(file: Path, line: int, row: Sequence[str], width: int) -> list[float]:
     if len(row) != width or not row[0]:
-        raise FileError(file, f"expected a patch's name and {width - 1} numbers, got {len(row)} cells", line)
+        raise FileError(file, "cells", line, value=len(row), expected=f"a patch name and {width - 1} numbers")
     try:
         values = [float(cell) for cell in row[1:]]
     except ValueError:
         values = [math.nan]
     if not all(map(math.isfinite, values)):
-        raise FileError(
-            file, f"patch '{row[0]:.40}' needs {width - 1} finite numbers, not {','.join(row[1:])!r:.60}", line
-        )
+        expected = f"{width - 1} finite numbers"
+        raise FileError(file, f"patch '{row[0]:.40}'", line, value=",".join(row[1:]), expected=expected)
     return values
 
 
-def read_mat(path: str | PathLike[str], reading: Reading) -> Content:
-    """Patch values or a mosaic from a MATLAB file of version 4 to 7.2.
+def read_mat(path: str | PathLike[str], options: ReadOptions) -> Content:
+    """Read patch values or a mosaic from a MATLAB file of version 4 to 7.2.
 
-    An array of one to four columns is patches by channels; a wider one is a mosaic. Patch names come from the cell
-    array `patch_names` beside it; 24 rows without are the ColorChecker in ISETCam's order, down the columns. Three
-    columns are R, G and B and one is M; for others the cell array `channel_names` says.
+    An array of one to four columns is patches by channels; a wider array is a mosaic. Patch names come from the cell
+    array `patch_names`; without it, 24 rows are the ColorChecker in ISETCam's order, down the columns. Three columns are
+    R, G and B, and one column is M; other numbers need the cell array `channel_names`.
 
     Raises
     ------
     FileError
-        If the file cannot be read, is of version 7.3, the variable is not there or not told, or its values cannot be.
+        If the file cannot be read or is of version 7.3, the variable or unit is missing, or values are invalid.
     """
     file = Path(path)
-    if reading.unit is None:
-        raise FileError(
-            file, "a MATLAB file does not say its unit; tell it (--unit e for electrons, dn for DN above black)"
-        )
-    name, values, beside = _variable(file, reading.variable)
+    if options.unit is None:
+        hint = "Pass {unit} for electrons or 'dn' for DN above black"
+        raise FileError(file, "the unit of a MATLAB file is unknown", hint=hint, arguments={"unit": "e"})
+    name, values, beside = _variable(file, options.variable)
     if values.shape[1] > _MOST_CHANNELS:
-        return _mosaic(file, name, values, reading)
+        return _mosaic(file, name, values, options)
     rows, cols = values.shape
     names = _texts(beside, "patch_names") or (NAMES_DOWN_COLUMNS if rows == len(NAMES_DOWN_COLUMNS) else None)
     channels = _texts(beside, "channel_names") or {1: ("M",), 3: ("R", "G", "B")}.get(cols)
-    for wanted, what, told in ((rows, "patch_names", names), (cols, "channel_names", channels)):
-        if told is None or len(told) != wanted:
-            raise FileError(
-                file, f"'{name}' is {rows} x {cols}; a cell array '{what}' beside it must hold {wanted} names"
-            )
+    for count, what, given in ((rows, "patch_names", names), (cols, "channel_names", channels)):
+        if given is None or len(given) != count:
+            raise FileError(file, f"cell array '{what}'", expected=f"{count} names for '{name}' of {rows} x {cols}")
     try:
-        return PatchValues.exact(names or (), channels or (), reading.unit, values)
-    except InputError as problem:
-        raise FileError(file, f"'{name}': {problem}") from None
+        return PatchValues.exact(names or (), channels or (), options.unit, values)
+    except InputError as error:
+        raise error.within(f"'{name}'").in_file(file) from None
 
 
-def _mosaic(file: Path, name: str, values: NDArray[np.float64], reading: Reading) -> Mosaic | list[RawFrame]:
+def _mosaic(file: Path, name: str, values: NDArray[np.float64], options: ReadOptions) -> Mosaic | list[RawFrame]:
     if not np.isfinite(values).all():
-        raise FileError(file, f"'{name}' holds numbers that are not finite")
-    if reading.unit == "e":
-        return Mosaic(values, reading.cfa)
-    top = 2**reading.bits - 1
+        raise FileError(file, f"'{name}'", expected="finite")
+    if options.unit == "e":
+        return Mosaic(values, options.cfa)
+    top = 2**options.bits - 1
     if (values != np.round(values)).any() or values.min() < 0 or values.max() > top:
-        raise FileError(
-            file, f"'{name}' is no mosaic of {reading.bits} bits: digital numbers are whole and from 0 to {top}"
-        )
+        raise FileError(file, f"'{name}'", expected=f"integers from 0 to {top}, for {options.bits} bits")
     dn = values.astype(np.uint16)
-    return [RawFrame(dn, bits=reading.bits, cfa=reading.cfa, black_level_dn=reading.black_level_dn)]
+    return [RawFrame(dn, bits=options.bits, cfa=options.cfa, black_level_dn=options.black_level_dn)]
 
 
 def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64], dict[str, Any]]:
-    """The array asked for, or the only one there is; its name; and all variables of the file."""
+    """Return the name and values of the selected array, and all variables of the file."""
     content = load_mat(file)
     arrays = {
         name: value
@@ -280,51 +277,62 @@ def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64],
         if len(arrays) != 1:
             listed = ", ".join(f"'{name}'" for name in content) or "none"
             raise FileError(
-                file, f"expected one numeric array, found {len(arrays)}; name it (--variable); there are: {listed}"
+                file,
+                "number of numeric arrays",
+                value=len(arrays),
+                expected=f"1 unless one is selected; variables: {listed}",
+                hint="Pass {variable}",
+                arguments={"variable": next(iter(arrays), "NAME")},
             )
         wanted = next(iter(arrays))
     value: Any = content
     for part in wanted.split("."):
         fields = value if isinstance(value, dict) else {}
         if part not in fields:
-            raise FileError(file, f"has no variable '{wanted}'; {did_you_mean(part, fields)}")
+            raise FileError(file, "variable", value=wanted, expected="in the file", hint=did_you_mean(part, fields))
         value = fields[part]
     if not (isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 2 and value.size):
-        shape = f"of shape {value.shape} and type {value.dtype}" if isinstance(value, np.ndarray) else "something else"
-        raise FileError(
-            file, f"'{wanted}' must be a real matrix, patches by channels or rows by columns; it is {shape}"
-        )
+        found = (value.shape, str(value.dtype)) if isinstance(value, np.ndarray) else type(value).__name__
+        expected = "a real matrix, patches by channels or rows by columns"
+        raise FileError(file, f"'{wanted}'", value=found, expected=expected)
     return wanted, value.astype(np.float64), content
 
 
 def _texts(content: dict[str, Any], name: str) -> tuple[str, ...] | None:
-    """The texts of a cell array, or None where there is none."""
+    """Return the strings of a cell array, or None if it is missing."""
     cells = content.get(name)
     return tuple(map(str, cells)) if isinstance(cells, list) else None
 
 
-def _frames(path: Path, reading: Reading) -> Content:
+def _frames(path: Path, options: ReadOptions) -> Content:
     files = [path]
     if path.is_dir():
         files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith("."))
         if not files:
-            raise FileError(path, "holds no raw frames")
-    frames = [_filtered(read_raw(file), file, reading) for file in files]
-    if reading.unit != "e":
+            raise FileError(path, "has no raw frames")
+    frames = [_with_options(read_raw(file), file, options) for file in files]
+    if options.unit != "e":
         return frames
     if len(frames) > 1:
-        raise FileError(path, f"mosaics in {UNITS['e']} are compared one at a time, not {len(frames)} together")
+        raise FileError(path, f"mosaics in {UNITS['e']}", value=len(frames), expected="one at a time")
     return Mosaic(frames[0].dn.astype(np.float64), frames[0].cfa)
 
 
-def _filtered(frame: RawFrame, file: Path, reading: Reading) -> RawFrame:
-    """The frame; where its file says nothing of filters, with filters, bits and black level as told."""
-    if frame.cfa != MONOCHROME or reading.cfa == MONOCHROME:
+def _with_options(frame: RawFrame, file: Path, options: ReadOptions) -> RawFrame:
+    """Return the frame, with the CFA, bit depth and black level of `options` if its file has no CFA."""
+    if frame.cfa != MONOCHROME or options.cfa == MONOCHROME:
         return frame
-    if reading.unit == "e":
-        return replace(frame, cfa=reading.cfa)
+    if options.unit == "e":
+        return replace(frame, cfa=options.cfa)
     top = int(frame.dn.max())
-    if top > 2**reading.bits - 1:
-        raise FileError(file, f"holds the number {top}, which {reading.bits} bits do not; say how many (--bits)")
-    black_dn = frame.black_level_dn or reading.black_level_dn
-    return RawFrame(frame.dn, reading.bits, reading.cfa, black_dn, exposure_s=frame.exposure_s)
+    if top > 2**options.bits - 1:
+        raise FileError(
+            file,
+            "largest value",
+            value=top,
+            expected=f"at most {2**options.bits - 1}, for {options.bits} bits",
+            hint="Pass {bits}",
+            arguments={"bits": max(16, top.bit_length())},
+        )
+    black_dn = frame.black_level_dn or options.black_level_dn
+    return RawFrame(frame.dn, options.bits, options.cfa, black_dn, exposure_s=frame.exposure_s)

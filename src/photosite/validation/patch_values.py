@@ -1,4 +1,4 @@
-"""Patch values of two simulators side by side: differences, lines through them, and a verdict at a stated tolerance."""
+"""Patch values of another simulator against a reference: differences, regressions and a verdict."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError, did_you_mean
 from photosite.metrics.patches import PatchStatistics
-from photosite.validation.agreement import ChiSquare
+from photosite.validation.agreement import ChiSquare, check_verdict_settings
 from photosite.validation.charts import chart_xyz_d65
-from photosite.validation.color import ColorComparison, compare_colors
+from photosite.validation.color import ColorComparison, compare_patch_colors
 from photosite.validation.regression import Regression, regress
 
 Unit = Literal["e", "dn"]
@@ -22,27 +22,27 @@ UNITS: dict[Unit, str] = {"e": "electrons", "dn": "DN above black"}
 
 @dataclass(frozen=True, eq=False)
 class PatchValues:
-    """What the patches of a chart read, as a tool gives it.
+    """Mean values of a chart's patches, as a tool gives them.
 
     Parameters
     ----------
     names
-        The patches, each once.
+        Patch names, without repeats.
     channels
-        The channels, each once.
+        Channel names, without repeats.
     unit
         "e" for electrons, "dn" for digital numbers above black.
     mean
         (patches, channels).
     standard_error
-        (patches, channels) of `mean`; 0 where it is exact.
+        (patches, channels) standard error of `mean`; 0 where it is exact.
     saturated
-        (patches, channels), where the value cannot be compared.
+        (patches, channels), true where the value cannot be compared.
 
     Raises
     ------
     InputError
-        If names are given twice, shapes do not fit, or a value is not finite or a standard error negative.
+        If a name is repeated, shapes do not match, a value is not finite or a standard error is negative.
 
     Examples
     --------
@@ -60,61 +60,62 @@ class PatchValues:
     def __post_init__(self) -> None:
         for what, listed in (("patch", self.names), ("channel", self.channels)):
             if twice := [name for name in dict.fromkeys(listed) if listed.count(name) > 1]:
-                raise InputError(f"{what} '{twice[0]}' is there twice; give each a name of its own")
+                raise InputError(f"{what} names", value=twice[0], expected="without repeats")
         if self.unit not in UNITS:
-            raise InputError(f"patch values are in 'e' (electrons) or 'dn' (DN above black), not '{self.unit}'")
+            raise InputError("unit", value=self.unit, expected="'e' (electrons) or 'dn' (DN above black)")
         shape = (len(self.names), len(self.channels))
         mean = np.asarray(self.mean, dtype=np.float64)
         error = np.asarray(self.standard_error, dtype=np.float64)
         lost = np.asarray(self.saturated, dtype=np.bool_)
         if not mean.shape == error.shape == lost.shape == shape or 0 in shape:
-            raise InputError(f"expected {shape[0]} patches by {shape[1]} channels, not an array of shape {mean.shape}")
-        for what, wrong in (
-            ("mean is not finite", ~np.isfinite(mean)),
-            ("standard error is not 0 or more", ~(error >= 0)),
+            raise InputError("mean", value=mean.shape, expected=f"of shape {shape}, patches by channels")
+        for what, expected, values, wrong in (
+            ("mean", "finite", mean, ~np.isfinite(mean)),
+            ("standard_error", "0 or more", error, ~(error >= 0)),
         ):
             if wrong.any():
                 patch, channel = np.argwhere(wrong)[0]
-                raise InputError(f"the {what} in patch '{self.names[patch]}', channel {self.channels[channel]}")
+                place = f"patch '{self.names[patch]}', channel {self.channels[channel]}"
+                raise InputError(what, where=place, value=values[patch, channel], expected=expected)
         for name, value in (("mean", mean), ("standard_error", error), ("saturated", lost)):
             object.__setattr__(self, name, value)
 
     @classmethod
     def exact(cls, names: tuple[str, ...], channels: tuple[str, ...], unit: Unit, mean: ArrayLike) -> PatchValues:
-        """Values without noise, none saturated."""
+        """Return values without noise and saturation."""
         values = np.asarray(mean, dtype=np.float64)
         return cls(names, channels, unit, values, np.zeros_like(values), np.zeros_like(values, dtype=np.bool_))
 
     @classmethod
-    def of(cls, found: PatchStatistics) -> PatchValues:
-        """The means of patches of raw frames, in DN above black."""
+    def from_statistics(cls, found: PatchStatistics) -> PatchValues:
+        """Return the means of patches of raw frames, in DN above black."""
         return cls(found.names, found.channels, "dn", found.mean_dn, found.standard_error_dn, found.saturated)
 
 
 @dataclass(frozen=True, eq=False)
 class PatchComparison:
-    """Another tool's patch values against a reference: photosite's own simulation, or a second file.
+    """Patch values of another tool against a reference: photosite's simulation or a second file.
 
     Parameters
     ----------
     level
-        Share of false alarms allowed to the verdict, where values have standard errors.
+        False-alarm rate of the verdict, where values have standard errors.
     tolerance_percent
-        Relative difference that is let pass.
+        Relative tolerance in percent.
     other, reference
-        The values, of the same patches and channels in the same order.
+        The values, with the same patches and channels in the same order.
     used
         (patches, channels), false where either is saturated.
     beyond
-        How many values without a standard error differ by more than the tolerance.
+        Number of values without a standard error that differ by more than the tolerance.
     means
-        Chi-square of what exceeds the tolerance, of those with one; None where none has.
+        Chi-square of the excess over the tolerance, of values with a standard error; None where there are none.
     regression, regression_by_channel
-        Other on reference; None where fewer than three points differ.
+        Regression of other on reference; None with fewer than three distinct points.
     color
         Colour differences, or None; `notes` says why.
     notes
-        What was left out, and why.
+        What was left out and why.
     """
 
     level: float
@@ -131,7 +132,7 @@ class PatchComparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether no exact value is off by more than the tolerance, nor others by more than that and their noise."""
+        """Whether exact values agree within the tolerance, and others within the tolerance and their noise."""
         return self.beyond == 0 and (self.means is None or self.means.p_value >= self.level)
 
     @property
@@ -142,15 +143,15 @@ class PatchComparison:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The verdict in words: the largest difference, the tests, and the lines."""
+        """The reasons for the verdict: the largest difference, the tests and the regressions."""
         allowed = f"allowed {self.tolerance_percent:g} %"
         lines = [f"largest difference {self._largest()}; {allowed}"]
         if self.beyond:
             exact = int((self.used & ~_noisy(self.other, self.reference)).sum())
-            lines.append(f"{self.beyond} of {exact} values without noise differ by more than is allowed")
+            lines.append(f"{self.beyond} of {exact} values without noise differ by more than the tolerance")
         if self.means is not None:
             lines.append(
-                f"beyond what is allowed, chi-square {self.means.statistic:.1f} with {self.means.degrees_of_freedom} "
+                f"beyond the tolerance, chi-square {self.means.statistic:.1f} with {self.means.degrees_of_freedom} "
                 f"values that have noise, {self.means.p_text}, at level {self.level:.3g}"
             )
         if self.regression is not None:
@@ -173,13 +174,13 @@ class PatchComparison:
         difference = self.relative_difference
         size = np.ma.abs(np.ma.array(difference, mask=~self.used | np.ma.getmaskarray(difference)))
         if not size.count():
-            return "unknown, for the reference is nowhere above 0"
+            return "unknown, because the reference is nowhere above 0"
         patch, channel = np.unravel_index(int(size.argmax()), size.shape)
         percent = 100 * float(difference[patch, channel])
         return f"{percent:+.3g} % ({self.other.names[patch]}, {self.other.channels[channel]})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings for JSON; None for a number that is masked."""
+        """Return plain lists, numbers and strings for JSON, with None for masked values."""
         lines = self.regression_by_channel.items()
         return {
             "agrees": self.agrees,
@@ -210,31 +211,31 @@ def compare_values(
 ) -> PatchComparison:
     """Compare another tool's patch values with a reference.
 
-    Values without noise agree where they differ by no more than the tolerance. Of those with standard errors, only
-    what exceeds the tolerance counts, in units of the error, and their chi-square decides.
+    Values without noise agree where they differ by no more than the tolerance. For values with standard errors, the
+    excess over the tolerance in units of the standard error gives a chi-square.
 
     Parameters
     ----------
     other
-        The tool's.
+        Values of the tool.
     reference
-        Photosite's simulation of the same set-up, or another file's. Patches and channels are found by their names.
+        Values of photosite's simulation or of another file. Patches and channels are matched by name.
     tolerance_percent
-        Relative difference that is let pass.
+        Relative tolerance in percent.
     level
-        Share of false alarms allowed where values have standard errors.
+        False-alarm rate where values have standard errors.
 
     Raises
     ------
     InputError
-        If units differ, a patch or channel is not known to the reference, nothing is left to compare, or the level
-        or tolerance cannot be.
+        If units differ, the reference lacks a patch or channel, every patch is saturated, or the level or tolerance is
+        invalid.
 
     Notes
     -----
-    The lines' weights are those of the standard errors, or of shot noise where there are none. Their intervals come
-    from the scatter, as in `photosite.validation.regression`. Standard errors are taken as known: those of mosaics rest
-    on many pixels.
+    Regressions are weighted by the standard errors, or as for shot noise where there are none. Their intervals come from
+    the scatter (`photosite.validation.regression`). Standard errors are treated as known: those of mosaics come from
+    many pixels.
 
     Examples
     --------
@@ -245,22 +246,22 @@ def compare_values(
     >>> result.agrees, result.reasons[0], round(result.regression.slope.value, 9)
     (False, 'largest difference +1 % (white, M); allowed 0.1 %', 1.01)
     """
-    if not 0 < level < 1:
-        raise InputError(f"the level is a share of false alarms between 0 and 1, not {level}")
-    if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
-        raise InputError(f"the tolerance is 0 percent or more, not {tolerance_percent}")
+    check_verdict_settings(level, tolerance_percent)
     notes: list[str] = []
     other, reference = _matched(other, reference, notes)
     used = ~(other.saturated | reference.saturated)
     if not used.any():
-        raise InputError("every patch is saturated, so nothing can be compared; expose for less")
+        raise InputError("every patch is saturated", hint="Use a shorter exposure time")
     if not used.all():
         lost = [f"{other.names[p]} ({other.channels[c]})" for p, c in np.argwhere(~used)]
         notes.append(f"left out as saturated: {', '.join(lost)}")
     excess = np.abs(other.mean - reference.mean) - tolerance_percent / 100 * np.abs(reference.mean)
-    # Rounding of the last bit is no difference: 3030 and 1.01 x 3000 agree within 1 %.
+    # Differences in the last bit are rounding: 3030 and 1.01 x 3000 agree within 1 %.
     excess = np.where(excess > 1e-12 * np.abs(reference.mean), excess, 0.0)
     noisy = _noisy(other, reference)
+    color, no_color = _compare_colors(other, reference, used)
+    if no_color is not None:
+        notes.append(no_color)
     return PatchComparison(
         level=level,
         tolerance_percent=tolerance_percent,
@@ -274,7 +275,7 @@ def compare_values(
             name: _line(other, reference, used & (np.arange(used.shape[1]) == k), f"channel {name}", notes)
             for k, name in enumerate(other.channels)
         },
-        color=_colors(other, reference, used, notes),
+        color=color,
         notes=tuple(notes),
     )
 
@@ -284,21 +285,19 @@ def _noisy(other: PatchValues, reference: PatchValues) -> NDArray[np.bool_]:
 
 
 def _matched(other: PatchValues, reference: PatchValues, notes: list[str]) -> tuple[PatchValues, PatchValues]:
-    """Both with the patches and channels they share, in the reference's order."""
+    """Return both with their common patches and channels, in the order of the reference."""
     if other.unit != reference.unit:
-        raise InputError(
-            f"the values are in {UNITS[other.unit]}, the reference in {UNITS[reference.unit]}; give both in one unit"
-        )
+        raise InputError("unit", value=UNITS[other.unit], expected=f"that of the reference, {UNITS[reference.unit]}")
     shared = {}
     for what, mine, theirs in (
         ("patch", other.names, reference.names),
         ("channel", other.channels, reference.channels),
     ):
         if unknown := [name for name in mine if name not in theirs]:
-            raise InputError(f"the reference has no {what} '{unknown[0]}'; {did_you_mean(unknown[0], theirs)}")
+            raise InputError(f"the reference has no {what} '{unknown[0]}'", hint=did_you_mean(unknown[0], theirs))
         if absent := [name for name in theirs if name not in mine]:
             several = {"patch": "patches"}.get(what, f"{what}s")
-            notes.append(f"not compared, for the values lack them: {several} {', '.join(absent)}")
+            notes.append(f"not compared, because the values lack them: {several} {', '.join(absent)}")
         shared[what] = [name for name in theirs if name in mine]
     patches, channels = shared["patch"], shared["channel"]
     return _selected(other, patches, channels), _selected(reference, patches, channels)
@@ -332,23 +331,16 @@ def _line(
     else:
         variance, which = reference.mean, which & (reference.mean > 0)
     if which.sum() < 3 or np.ptp(reference.mean[which]) == 0:
-        notes.append(f"no regression of {what}: it takes three patches above 0 that differ")
+        notes.append(f"no regression of {what}: it needs three different patches above 0")
         return None
     return regress(reference.mean[which], other.mean[which], variance[which])
 
 
-def _colors(
-    other: PatchValues, reference: PatchValues, used: NDArray[np.bool_], notes: list[str]
-) -> ColorComparison | None:
-    if set(other.channels) != {"R", "G", "B"}:
-        notes.append("no colour differences: the channels are not R, G and B")
-        return None
-    order = [other.channels.index(name) for name in "RGB"]
-    whole = np.asarray(used.all(axis=1), dtype=np.bool_)
-    names = tuple(name for name, ok in zip(other.names, whole.tolist(), strict=True) if ok)
+def _compare_colors(
+    other: PatchValues, reference: PatchValues, used: NDArray[np.bool_]
+) -> tuple[ColorComparison | None, str | None]:
     try:
-        true = chart_xyz_d65("macbeth", names)
-        return compare_colors(names, other.mean[whole][:, order], reference.mean[whole][:, order], true)
-    except InputError as reason:
-        notes.append(f"no colour differences: {reason}")
-        return None
+        true = chart_xyz_d65("macbeth", other.names)
+    except InputError:
+        true = None
+    return compare_patch_colors(other.names, other.channels, (other.mean, reference.mean), used, true)

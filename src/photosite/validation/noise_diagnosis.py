@@ -1,4 +1,4 @@
-"""By how much the noise of measured and simulated patches differs, and what that makes suspect."""
+"""How the noise of measured and simulated patches differs, and what may be the cause."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from numpy.typing import NDArray
 from photosite.metrics.patches import PatchStatistics
 
 _APART = 3.0
-"""Standard errors by which the dark and the bright patches' differences must be apart to be told apart."""
+"""Standard errors between the differences of dark and of bright patches above which they count as different."""
 
 
-def noise_in_words(
+def describe_noise_difference(
     measured: PatchStatistics, simulated: PatchStatistics, used: NDArray[np.bool_], *, temporal: bool
 ) -> tuple[str, ...]:
-    """The ratio of each channel, the largest difference, and the suspects.
+    """Describe the ratio of each channel, the largest difference, and likely causes.
 
-    A channel's ratio is the median over its patches, with the interval that holds the median in 95 % or more of
-    cases whatever the distribution (order statistics). The darkest and the brightest third of all patches and channels
-    then tell the suspects: their relative differences of variance, averaged by their standard errors.
+    A channel's ratio is the median over its patches, with a distribution-free interval of at least 95 % (order
+    statistics). Likely causes follow from the relative differences of variance in the darkest and the brightest third
+    of all patches and channels, averaged with weights from their standard errors.
 
     Parameters
     ----------
     measured, simulated
-        The same patches and channels.
+        Statistics of the same patches and channels.
     used
         (patches, channels).
     temporal
-        Whether it is the noise from frame to frame, else that over pixels.
+        True for noise from frame to frame, False for noise over pixels.
 
     Returns
     -------
     tuple of str
-        None where no patch of the simulation has noise.
+        Lines of text; empty where no patch of the simulation has noise.
     """
     (seen, error_m), (made, error_s) = _noise(measured, temporal), _noise(simulated, temporal)
     which = used & (made > 0)
@@ -55,12 +55,12 @@ def noise_in_words(
     known = which & (error > 0)
     if known.sum() >= 6:
         away, size = (seen**2 - made**2)[known] / made[known] ** 2, error[known] / made[known] ** 2
-        lines.append(f"{what}: {_suspects(simulated.mean_dn[known], away, size, temporal)}")
+        lines.append(f"{what}: {_likely_causes(simulated.mean_dn[known], away, size, temporal)}")
     return tuple(lines)
 
 
 def _noise(found: PatchStatistics, temporal: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Standard deviations, and standard errors of their squares."""
+    """Return standard deviations and the standard errors of their squares."""
     if temporal and found.temporal_noise_dn is not None and found.temporal_variance_error_dn2 is not None:
         return found.temporal_noise_dn, found.temporal_variance_error_dn2
     return found.spatial_noise_dn, found.spatial_variance_error_dn2
@@ -71,24 +71,26 @@ def _median(values: NDArray[np.float64]) -> str:
 
     ordered = np.sort(values)
     text = f"{np.median(ordered):.4f}"
-    rank = int(binom.ppf(0.025, ordered.size, 0.5))  # the interval leaves out this many less one on either side
+    rank = int(binom.ppf(0.025, ordered.size, 0.5))  # the interval leaves out rank - 1 values on either side
     if rank < 1:
-        return text  # five patches or fewer bound no median at 95 %
+        return text  # five patches or fewer give no 95 % interval
     return f"{text} ({ordered[rank - 1]:.4f} to {ordered[-rank]:.4f})"
 
 
-def _suspects(level: NDArray[np.float64], away: NDArray[np.float64], error: NDArray[np.float64], temporal: bool) -> str:
+def _likely_causes(
+    level: NDArray[np.float64], away: NDArray[np.float64], error: NDArray[np.float64], temporal: bool
+) -> str:
     order = np.argsort(level, kind="stable")
     third = level.size // 3
     (dark, dark_error), (bright, bright_error) = (_mean(away[i], error[i]) for i in (order[:third], order[-third:]))
     numbers = f"(variance {100 * dark:+.1f} % in the darkest third, {100 * bright:+.1f} % in the brightest)"
     if abs(abs(dark) - abs(bright)) < _APART * np.hypot(dark_error, bright_error):
-        return f"dark and bright patches differ alike {numbers}: the gain, or several at once"
+        return f"dark and bright patches differ alike {numbers}: check the gain, or several parameters"
     if abs(dark) > abs(bright):
-        others = "" if temporal else " or the pattern of the dark signal"
-        return f"dark patches differ most {numbers}: read noise{others}"
-    others = " or light that flickers" if temporal else ", PRNU or uneven light"
-    return f"bright patches differ most {numbers}: the gain{others}"
+        others = "" if temporal else " and DSNU"
+        return f"dark patches differ most {numbers}: check read noise{others}"
+    others = " and flicker of the light" if temporal else ", PRNU and evenness of the light"
+    return f"bright patches differ most {numbers}: check the gain{others}"
 
 
 def _mean(values: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, float]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photosite.errors import InputError
-from photosite.validation.compare import PatchValues, compare_values
+from photosite.validation.patch_values import PatchValues, compare_values
 
 NAMES = tuple(f"patch {i}" for i in range(24))
 LEVELS = np.outer(np.geomspace(200.0, 20000.0, 24), [1.0, 0.7, 0.3]) * (1 + 0.2 * np.sin(np.arange(72))).reshape(24, 3)

@@ -7,8 +7,8 @@ from scipy.io import savemat
 
 from photosite.errors import FileError
 from photosite.scene.charts import MACBETH_NAMES
-from photosite.validation.compare import PatchValues
-from photosite.validation.other_tool import Mosaic, Reading, read_csv, read_mat, read_other
+from photosite.validation.patch_values import PatchValues
+from photosite.validation.tool_files import Mosaic, Reading, read_csv, read_mat, read_tool_file
 from photosite.values.cfa import cfa_from
 from photosite.values.region import Region
 
@@ -134,13 +134,13 @@ def test_version_7_3_is_named(tmp_path):
 def test_plain_tiff_is_read_as_the_sensor_says(tmp_path):
     dn = np.random.default_rng(3).integers(0, 4096, (12, 18)).astype(np.uint16)
     tifffile.imwrite(tmp_path / "a.tif", dn)
-    (frame,) = read_other(tmp_path / "a.tif", NUMBERS)
+    (frame,) = read_tool_file(tmp_path / "a.tif", NUMBERS)
     assert (frame.cfa, frame.bits, frame.black_level_dn) == (RGGB, 12, 64.0)
-    mosaic = read_other(tmp_path / "a.tif", ELECTRONS)
+    mosaic = read_tool_file(tmp_path / "a.tif", ELECTRONS)
     assert (mosaic.electrons == dn).all()
     tifffile.imwrite(tmp_path / "a.tif", dn + np.uint16(10000))
     with pytest.raises(FileError, match="which 12 bits do not"):
-        read_other(tmp_path / "a.tif", NUMBERS)
+        read_tool_file(tmp_path / "a.tif", NUMBERS)
 
 
 def test_a_mosaics_patches_against_the_plain_way():

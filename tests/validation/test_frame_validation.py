@@ -1,4 +1,4 @@
-"""Frames of a virtual camera against simulations told the truth and told otherwise.
+"""Frames of a virtual camera against simulations conditions the truth and conditions otherwise.
 
 The measured chip is never the simulated one: another serial, so another fixed pattern, and other noise.
 """
@@ -16,16 +16,15 @@ from photosite.errors import InputError
 from photosite.scene.charts import MACBETH_NAMES, macbeth
 from photosite.scene.perspective import in_perspective
 from photosite.validation.fill_factor import fit_fill_factor
-from photosite.validation.frames_result import Told
+from photosite.validation.frame_validation import CaptureConditions, validate_frames
 from photosite.validation.lamp import Lamp
-from photosite.validation.real_frames import validate_frames
 from photosite.values.cfa import NAMED
 
 SHAPE = (150, 224)
 CORNERS = ((10.0, 22.0), (4.0, 214.0), (144.0, 206.0), (132.0, 12.0))
 LENS = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
 SENSOR = ps.load_sensor("nikon-d200").with_(black_level_dn=64)
-TOLD = Told(SENSOR, LENS, Lamp.named("A"), luminance_cd_m2=40.0)
+CONDITIONS = CaptureConditions(SENSOR, LENS, Lamp.from_name("A"), luminance_cd_m2=40.0)
 
 
 @lru_cache
@@ -54,7 +53,7 @@ def shots(seed, frames=1, *, exposure_s=1 / 3, illuminant="A", luminance=40.0, u
 def test_the_camera_told_agrees_at_the_stated_level(fit, frames):
     # 40 chips at level 0.05: 2 false alarms on average; 8 and more come by chance once in 1100, 6 and more
     # once in 72. And the p-values of the means are evenly spread (Kolmogorov-Smirnov at 0.001).
-    results = [validate_frames(shots(seed, frames), TOLD, CORNERS, fit=fit, seed=seed) for seed in range(40)]
+    results = [validate_frames(shots(seed, frames), CONDITIONS, CORNERS, fit=fit, seed=seed) for seed in range(40)]
     assert sum(not result.agrees for result in results) <= 7
     assert kstest([result.validation.means.p_value for result in results], "uniform").pvalue > 1e-3
     if fit is not None:
@@ -65,19 +64,19 @@ def test_the_camera_told_agrees_at_the_stated_level(fit, frames):
 
 
 WRONG = {
-    "exposure": (replace(TOLD, exposure_s=0.32), CORNERS, 1 / 3 / 0.32),
-    "level of light": (replace(TOLD, luminance_cd_m2=41.0), CORNERS, 40 / 41),
-    "f-number": (replace(TOLD, optics=ps.DiffractionLimited(f_number=7.1, focal_length_mm=50)), CORNERS, None),
-    "fill factor": (replace(TOLD, sensor=SENSOR.with_(fill_factor=0.88)), CORNERS, 0.9 / 0.88),
-    "gain": (replace(TOLD, sensor=SENSOR.with_(conversion_gain_uv_per_e=31.0)), CORNERS, 30 / 31),
+    "exposure": (replace(CONDITIONS, exposure_s=0.32), CORNERS, 1 / 3 / 0.32),
+    "level of light": (replace(CONDITIONS, luminance_cd_m2=41.0), CORNERS, 40 / 41),
+    "f-number": (replace(CONDITIONS, optics=ps.DiffractionLimited(f_number=7.1, focal_length_mm=50)), CORNERS, None),
+    "fill factor": (replace(CONDITIONS, sensor=SENSOR.with_(fill_factor=0.88)), CORNERS, 0.9 / 0.88),
+    "gain": (replace(CONDITIONS, sensor=SENSOR.with_(conversion_gain_uv_per_e=31.0)), CORNERS, 30 / 31),
 }
 
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_scales_all_patches_is_told_with_its_size(wrong):
-    told, corners, ratio = WRONG[wrong]
+    conditions, corners, ratio = WRONG[wrong]
     for seed in (50, 51):
-        result = validate_frames(shots(seed), told, corners, seed=seed)
+        result = validate_frames(shots(seed), conditions, corners, seed=seed)
         assert not result.agrees
         slope = result.validation.regression.slope_through_origin
         if ratio is not None:  # 2e-3 is four standard errors of the ratio of patches of this size
@@ -88,9 +87,9 @@ def test_what_scales_all_patches_is_told_with_its_size(wrong):
 
 def test_a_wrong_lamp_is_told():
     for name, fit in (("3000K", "fill_factor"), ("FL4", "light")):  # no level of light makes up for a spectrum
-        result = validate_frames(shots(60), replace(TOLD, lamp=Lamp.named(name)), CORNERS, fit=fit)
+        result = validate_frames(shots(60), replace(CONDITIONS, lamp=Lamp.from_name(name)), CORNERS, fit=fit)
         assert not result.validation.agrees, name
-    result = validate_frames(shots(60), replace(TOLD, lamp=Lamp.named("D65")), CORNERS)
+    result = validate_frames(shots(60), replace(CONDITIONS, lamp=Lamp.from_name("D65")), CORNERS)
     ratios = {name: line.slope_through_origin.value for name, line in result.validation.regression_by_channel.items()}
     assert ratios["R"] > 1.3
     assert ratios["B"] < 0.5
@@ -98,11 +97,11 @@ def test_a_wrong_lamp_is_told():
 
 
 def test_a_wrong_sensor_is_told():
-    result = validate_frames(shots(61), replace(TOLD, sensor=ps.load_sensor("vendor-2.2um")), CORNERS)
+    result = validate_frames(shots(61), replace(CONDITIONS, sensor=ps.load_sensor("vendor-2.2um")), CORNERS)
     assert not result.agrees
     assert any("converters differ: the frames have 12 bits, the sensor file 10" in line for line in result.reasons)
     assert any("channel G: measured is" in line for line in result.reasons)
-    noisy = validate_frames(shots(62), replace(TOLD, sensor=SENSOR.with_(prnu_percent=1.7)), CORNERS)
+    noisy = validate_frames(shots(62), replace(CONDITIONS, sensor=SENSOR.with_(prnu_percent=1.7)), CORNERS)
     assert not noisy.agrees
     assert noisy.validation.noise.p_value < 1e-3 < noisy.validation.means.p_value
     assert noisy.diagnosis == ()
@@ -110,12 +109,12 @@ def test_a_wrong_sensor_is_told():
 
 def test_frame_to_frame_noise_is_told_apart_from_the_fixed_pattern():
     # Read noise and DSNU exchanged: the same spread over pixels, not the same from frame to frame.
-    told = replace(TOLD, sensor=SENSOR.with_(read_noise_mv=1.8, dsnu_mv=0.52))
-    result = validate_frames(shots(63, frames=4, read_noise_mv=0.52, dsnu_mv=1.8), told, CORNERS)
+    conditions = replace(CONDITIONS, sensor=SENSOR.with_(read_noise_mv=1.8, dsnu_mv=0.52))
+    result = validate_frames(shots(63, frames=4, read_noise_mv=0.52, dsnu_mv=1.8), conditions, CORNERS)
     assert result.validation.temporal_noise.p_value < 1e-6
     assert result.validation.noise.p_value > 1e-2
     assert "noise from frame to frame differ" in "; ".join(result.reasons)
-    right = validate_frames(shots(63, frames=4), TOLD, CORNERS)
+    right = validate_frames(shots(63, frames=4), CONDITIONS, CORNERS)
     assert right.agrees
     assert len(right.validation.tests) == 3
 
@@ -123,18 +122,18 @@ def test_frame_to_frame_noise_is_told_apart_from_the_fixed_pattern():
 @pytest.mark.parametrize("order", ["bggr", "gbrg", "grbg"])
 def test_another_order_of_the_filters_is_told_and_named(order):
     frames = shots(64)
-    told = replace(TOLD, sensor=SENSOR.with_(cfa=order))
-    result = validate_frames(frames, told, CORNERS)
+    conditions = replace(CONDITIONS, sensor=SENSOR.with_(cfa=order))
+    result = validate_frames(frames, conditions, CORNERS)
     assert not result.agrees
     assert result.contradictions[0].startswith("the colour filter arrays differ: the frames' files say RG/GB")
     assert result.diagnosis[0].startswith("the colour filter array is RG/GB: then patches would scatter by")
     # Files that do not say: nothing contradicts, and the numbers say it.
     bare = [replace(frame, cfa=NAMED["mono"]) for frame in frames]
-    unsaid = validate_frames(bare, told, CORNERS)
+    unsaid = validate_frames(bare, conditions, CORNERS)
     assert unsaid.contradictions == ()
     assert not unsaid.agrees
     assert unsaid.diagnosis == result.diagnosis
-    assert validate_frames(bare, TOLD, CORNERS).agrees
+    assert validate_frames(bare, CONDITIONS, CORNERS).agrees
 
 
 @pytest.mark.parametrize(
@@ -148,16 +147,16 @@ def test_another_order_of_the_filters_is_told_and_named(order):
 )
 def test_a_chart_the_wrong_way_up_is_told_and_named(turn, said):
     corners = tuple(CORNERS[i] for i in turn)
-    result = validate_frames(shots(65), TOLD, corners)
+    result = validate_frames(shots(65), CONDITIONS, corners)
     assert not result.agrees
     assert result.diagnosis[0].startswith(f"the chart is {said}: then patches would scatter by")
 
 
 def test_corners_half_a_patch_off_do_not_agree():
     shifted = tuple((row, col + 4.0) for row, col in CORNERS)
-    assert validate_frames(shots(66), TOLD, shifted).agrees  # the middles of patches are still patches
+    assert validate_frames(shots(66), CONDITIONS, shifted).agrees  # the middles of patches are still patches
     beside = tuple((row, col + 9.0) for row, col in CORNERS)
-    result = validate_frames(shots(66), TOLD, beside)
+    result = validate_frames(shots(66), CONDITIONS, beside)
     assert not result.agrees
     assert any("misplaced corners" in line for line in result.diagnosis)
 
@@ -165,46 +164,46 @@ def test_corners_half_a_patch_off_do_not_agree():
 def test_uneven_light_differs_unless_it_is_let_pass():
     # 3 % from left to right: patches differ by up to 1.5 %.
     frames = shots(67, uneven=0.03)
-    assert not validate_frames(frames, TOLD, CORNERS).agrees
-    assert validate_frames(frames, TOLD, CORNERS, tolerance_percent=2).agrees
+    assert not validate_frames(frames, CONDITIONS, CORNERS).agrees
+    assert validate_frames(frames, CONDITIONS, CORNERS, tolerance_percent=2).agrees
 
 
 def test_the_fitted_fill_factor_is_the_hidden_one():
-    result = validate_frames(shots(68, frames=3, fill_factor=0.83), TOLD, CORNERS, fit="fill_factor")
+    result = validate_frames(shots(68, frames=3, fill_factor=0.83), CONDITIONS, CORNERS, fit="fill_factor")
     assert result.agrees
     # One in 2000 is farther out than 3.5 standard errors.
     assert abs(result.fit.value - 0.83) < 3.5 * result.fit.standard_error < 3e-3
     assert result.fit.simulated_with == 0.9
     # The error to two digits, and the value to the error's last.
-    assert f"fitted: fill factor {result.fit.value:.5f} ± {result.fit.standard_error:.5f} " in result.fit_in_words
+    assert f"fitted: fill factor {result.fit.value:.5f} ± {result.fit.standard_error:.5f} " in result.fit_summary
     assert 9.5e-5 < result.fit.standard_error < 9.5e-4
     again = fit_fill_factor(result.validation.measured, result.validation.simulated, result.fit.value)
     assert again.value == pytest.approx(result.fit.value, rel=1e-3)  # what was simulated in the end is the fit
 
 
 def test_a_fill_factor_above_one_contradicts():
-    told = replace(TOLD, exposure_s=0.25)
-    result = validate_frames(shots(69), told, CORNERS, fit="fill_factor")
+    conditions = replace(CONDITIONS, exposure_s=0.25)
+    result = validate_frames(shots(69), conditions, CORNERS, fit="fill_factor")
     assert result.validation.agrees  # the patches do, at 1.2
     assert not result.agrees
     assert "is above 1, which no pixel has" in result.contradictions[0]
 
 
 def test_the_level_of_light_fitted():
-    told = replace(TOLD, luminance_cd_m2=None)
-    result = validate_frames(shots(70), told, CORNERS, fit="light")
+    conditions = replace(CONDITIONS, luminance_cd_m2=None)
+    result = validate_frames(shots(70), conditions, CORNERS, fit="light")
     assert result.agrees
-    assert result.told.luminance_cd_m2 == pytest.approx(40, rel=2e-3)
-    assert "mean luminance of the patches" in result.fit_in_words
-    assert "cd/m2" in result.fit_in_words
+    assert result.conditions.luminance_cd_m2 == pytest.approx(40, rel=2e-3)
+    assert "mean luminance of the patches" in result.fit_summary
+    assert "cd/m2" in result.fit_summary
     with pytest.raises(InputError, match="the level of light is not known: 'A' names a spectrum only"):
-        validate_frames(shots(70), told, CORNERS)
+        validate_frames(shots(70), conditions, CORNERS)
 
 
 def test_the_simulated_chip_is_another_than_any():
     # Measured by a chip of the sensor file's own serial, whose fixed pattern a simulation could have by accident.
     own = ps.Camera(LENS, SENSOR.with_(rows=SHAPE[0], cols=SHAPE[1]))
-    result = validate_frames([own.expose(light() / np.float32(3), 1 / 3, seed=5)], TOLD, CORNERS)
+    result = validate_frames([own.expose(light() / np.float32(3), 1 / 3, seed=5)], CONDITIONS, CORNERS)
     assert result.simulated.metadata["serial"] != own.sensor.serial
     # The same pattern in both would bring the sum to half of its degrees of freedom or less.
     assert result.validation.means.p_value < 0.999
@@ -212,15 +211,15 @@ def test_the_simulated_chip_is_another_than_any():
 
 def test_notes_say_what_was_assumed():
     small = SENSOR.with_(rows=SHAPE[0], cols=SHAPE[1])
-    assert validate_frames(shots(71), replace(TOLD, sensor=small), CORNERS).notes == ()
-    notes = " ".join(validate_frames(shots(71), TOLD, CORNERS).notes)
+    assert validate_frames(shots(71), replace(CONDITIONS, sensor=small), CORNERS).notes == ()
+    notes = " ".join(validate_frames(shots(71), CONDITIONS, CORNERS).notes)
     assert "the frames have 150 x 224 pixels and the sensor file 2592 x 3872" in notes
-    other = replace(TOLD, sensor=small.with_(black_level_dn=0))
+    other = replace(CONDITIONS, sensor=small.with_(black_level_dn=0))
     assert "black level is 64 DN, the sensor file's 0 DN" in validate_frames(shots(71), other, CORNERS).notes[0]
 
 
 def test_the_dictionary_is_strict_json():
-    result = validate_frames(shots(72, frames=2), TOLD, CORNERS, fit="fill_factor")
+    result = validate_frames(shots(72, frames=2), CONDITIONS, CORNERS, fit="fill_factor")
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["agrees"] is result.agrees
     assert data["patches"] == list(MACBETH_NAMES)
@@ -236,11 +235,11 @@ def test_the_dictionary_is_strict_json():
         ({"fit": "read_noise"}, "one of fill_factor, light can be fitted, not 'read_noise'"),
         ({"corners": ((10, 22), (4, 230), (144, 206), (132, 12))}, "corner 4,230 lies outside the frame of 150 x 224"),
         ({"corners": ((10, 22), (144, 206), (4, 214), (132, 12))}, "do not go round a convex shape"),
-        ({"told": replace(TOLD, exposure_s=0.0)}, "above 0 s"),
+        ({"conditions": replace(CONDITIONS, exposure_s=0.0)}, "above 0 s"),
     ],
 )
 def test_calls_that_cannot_be(change, message):
-    arguments = {"measured": shots(73), "told": TOLD, "corners": CORNERS} | change
+    arguments = {"measured": shots(73), "conditions": CONDITIONS, "corners": CORNERS} | change
     with pytest.raises(InputError, match=message):
         validate_frames(**arguments)
 
@@ -248,5 +247,5 @@ def test_calls_that_cannot_be(change, message):
 def test_frames_that_do_not_say_their_exposure():
     frames = [replace(frame, exposure_s=None) for frame in shots(74)]
     with pytest.raises(InputError, match="do not say their exposure time"):
-        validate_frames(frames, TOLD, CORNERS)
-    assert validate_frames(frames, replace(TOLD, exposure_s=1 / 3), CORNERS).agrees
+        validate_frames(frames, CONDITIONS, CORNERS)
+    assert validate_frames(frames, replace(CONDITIONS, exposure_s=1 / 3), CORNERS).agrees
