@@ -45,7 +45,7 @@ def test_isetcams_electrons(photosite: Any, isetcam_results: Path) -> None:
     assert other_rule["beyond"] == 72
 
 
-def test_the_case_and_the_rule_that_agrees_are_said_at_the_top(photosite: Any, isetcam_results: Path) -> None:
+def test_the_case_and_the_rule_that_agrees_come_first(photosite: Any, isetcam_results: Path) -> None:
     file = isetcam_results
     first = photosite("compare", file).out.splitlines()[:3]
     assert first[1:] == ["  case: d200", "  they agree with the rectangle rule: --integration rectangle"]
@@ -62,8 +62,8 @@ def test_patches_as_csv(photosite: Any, patches: Path) -> None:
         ("--sensor", "vendor-2.2um"),
         ("--f-number", 7.9),
     ):
-        told = photosite("compare", patches, *wrong, "--json")
-        assert not told.json["agrees"], wrong
+        done = photosite("compare", patches, *wrong, "--json")
+        assert not done.json["agrees"], wrong
     quarter = photosite("compare", patches, "--exposure", "1/4", "--json").json
     slope = quarter["regression"]["slope"]
     assert slope["value"] == pytest.approx(4 / 3, rel=1e-5)
@@ -78,18 +78,18 @@ def test_a_mosaic_of_mean_electrons(photosite: Any, tmp_path: Path) -> None:
         set_up = SetUp.from_chart(camera, ps.charts.macbeth("A", 40), 1 / 3 * (f_number / 8) ** 2)
         csv = write_csv(tmp_path / "patches.csv", set_up)
         savemat(tmp_path / "mosaic.mat", {"electrons": set_up.mean_electrons(SHAPE)})
-        told = photosite("compare", tmp_path / "mosaic.mat", csv, "--unit", "e", "--tolerance", 0.3, "--json").json
-        found[f_number] = np.abs(told["relative_difference"]).max()
-        assert told["agrees"] == (f_number == 1)
+        done = photosite("compare", tmp_path / "mosaic.mat", csv, "--unit", "e", "--tolerance", 0.3, "--json").json
+        found[f_number] = np.abs(done["relative_difference"]).max()
+        assert done["agrees"] == (f_number == 1)
     assert found[8] / found[1] == pytest.approx(8, rel=0.15)
 
 
 def test_noisy_electrons_agree_within_their_noise(photosite: Any, tmp_path: Path) -> None:
     electrons = np.random.default_rng(5).poisson(SET_UP.mean_electrons(SHAPE)).astype(float)
     savemat(tmp_path / "shot.mat", {"electrons": electrons})
-    told = photosite("compare", tmp_path / "shot.mat", "--unit", "e", "--tolerance", 0, "--json").json
-    assert told["means"]["degrees_of_freedom"] == 72
-    assert told["agrees"]
+    done = photosite("compare", tmp_path / "shot.mat", "--unit", "e", "--tolerance", 0, "--json").json
+    assert done["means"]["degrees_of_freedom"] == 72
+    assert done["agrees"]
     brighter = photosite("compare", tmp_path / "shot.mat", "--unit", "e", "--luminance", 40.4, "--json").json
     assert not brighter["agrees"]
 
@@ -97,9 +97,9 @@ def test_noisy_electrons_agree_within_their_noise(photosite: Any, tmp_path: Path
 def test_plain_tiffs_are_validated(photosite: Any, tmp_path: Path) -> None:
     (frame,) = SET_UP.frames(SHAPE, seed=3)
     tifffile.imwrite(tmp_path / "shot.tif", frame.dn)
-    told = photosite("compare", tmp_path / "shot.tif", "--seed", 4, "--json").json
-    assert told["agrees"]
-    assert told["noise"]["degrees_of_freedom"] == 72
+    done = photosite("compare", tmp_path / "shot.tif", "--seed", 4, "--json").json
+    assert done["agrees"]
+    assert done["noise"]["degrees_of_freedom"] == 72
     turned = photosite("compare", tmp_path / "shot.tif", "--cfa", "rggb", "--exposure", "0.32", "--json").json
     assert not turned["agrees"]
 
@@ -107,20 +107,20 @@ def test_plain_tiffs_are_validated(photosite: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["none.csv"], "there is no such file"),
-        (["patches.csv", "--case", "d200", "--set-up", "none.json"], "there is no such file"),
-        (["patches.csv", "--set-up", "empty.json"], "holds no case"),
-        (["patches.csv", "--set-up", "wrong.json"], "is no JSON"),
-        (["patches.csv", "--set-up", "thin.json"], "lacks 'f_number'"),
-        (["patches.csv", "--set-up", "thin.json", "--f-number", "4"], "--f-number belongs to a set-up by options"),
-        (["thin.json"], "lacks 'f_number'"),
-        (["a.mat"], "does not say its unit"),
-        (["a.mat", "--unit", "e", "--cfa", "gbrg"], "the mosaic's colour filter array is GB/RG, the set-up's RG/GB"),
-        (["patches.csv", "a.mat", "--unit", "dn"], "no mosaic of 12 bits"),
+        (["none.csv"], "no such file"),
+        (["patches.csv", "--case", "d200", "--set-up", "none.json"], "no such file"),
+        (["patches.csv", "--set-up", "empty.json"], "has no case"),
+        (["patches.csv", "--set-up", "wrong.json"], "is not valid JSON"),
+        (["patches.csv", "--set-up", "thin.json"], "'f_number' is missing"),
+        (["patches.csv", "--set-up", "thin.json", "--f-number", "4"], "--f-number does not apply"),
+        (["thin.json"], "'f_number' is missing"),
+        (["a.mat"], "--unit e"),
+        (["a.mat", "--unit", "e", "--cfa", "gbrg"], "--cfa must be that of the set-up, RG/GB"),
+        (["patches.csv", "a.mat", "--unit", "dn"], "for 12 bits"),
         (["patches.csv", "--illuminant", "Q"], "illuminant"),
     ],
 )
-def test_calls_that_cannot_be(
+def test_invalid_calls(
     photosite: Any, patches: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
 ) -> None:
     monkeypatch.chdir(patches.parent)

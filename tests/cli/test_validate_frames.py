@@ -20,7 +20,7 @@ def camera(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two frames of a chart by one chip, the sensor file, and the lamp's spectrum with its level."""
     folder = tmp_path_factory.mktemp("camera")
     sensor = ps.load_sensor("nikon-d200").with_(black_level_dn=64, rows=264, cols=392)
-    sensor.save(folder / "told.sensor.yaml")
+    sensor.save(folder / "assumed.sensor.yaml")
     sensor.with_(serial="measured").save(folder / "measured.sensor.yaml")
     for seed in (1, 2):
         shot = ["--sensor", str(folder / "measured.sensor.yaml"), "--seed", str(seed)]
@@ -39,13 +39,13 @@ def camera(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def told(camera: Path, *more: str) -> list[str]:
-    return ["--sensor", str(camera / "told.sensor.yaml"), *more]
+def camera_options(camera: Path, *more: str) -> list[str]:
+    return ["--sensor", str(camera / "assumed.sensor.yaml"), *more]
 
 
 def test_the_right_camera_agrees_and_the_report_is_written(photosite: Any, camera: Path, tmp_path: Path) -> None:
     frames = ("--measured", camera / "shot1.dng", camera / "shot2.dng")
-    options = told(camera, "--illuminant", str(camera / "lamp.csv"), "--corners", *CORNERS, "--f-number", "8")
+    options = camera_options(camera, "--illuminant", str(camera / "lamp.csv"), "--corners", *CORNERS, "--f-number", "8")
     done = photosite("validate", *frames, *options, "--report", tmp_path / "report.html", "--json")
     assert (done.status, done.err) == (0, f"wrote {tmp_path / 'report.html'}\n")
     assert done.json["agrees"] is True
@@ -57,9 +57,9 @@ def test_the_right_camera_agrees_and_the_report_is_written(photosite: Any, camer
     assert text.startswith("measured and simulated agree\n  patch means agree: chi-square ")
 
 
-def test_a_folder_and_a_chart_that_is_looked_for(photosite: Any, camera: Path, tmp_path: Path) -> None:
+def test_a_folder_and_a_detected_chart(photosite: Any, camera: Path, tmp_path: Path) -> None:
     (tmp_path / "shot.dng").write_bytes((camera / "shot1.dng").read_bytes())
-    options = told(camera, "--illuminant", "A", "--luminance", "40", "--detect")
+    options = camera_options(camera, "--illuminant", "A", "--luminance", "40", "--detect")
     done = photosite("validate", "--measured", tmp_path, *options, "--fit", "fill_factor", "--json")
     assert done.json["agrees"] is True
     assert done.json["fit"]["value"] == pytest.approx(0.9, rel=2e-3)
@@ -68,13 +68,13 @@ def test_a_folder_and_a_chart_that_is_looked_for(photosite: Any, camera: Path, t
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "reason"),
     [
-        (("--illuminant", "D65", "--luminance", "40", "--corners", *CORNERS), "the channels differ in their ratios"),
-        (("--illuminant", "A", "--luminance", "44", "--corners", *CORNERS), "all channels alike, 0.90"),
+        (("--illuminant", "D65", "--luminance", "40", "--corners", *CORNERS), "the channels have different ratios"),
+        (("--illuminant", "A", "--luminance", "44", "--corners", *CORNERS), "all channels share the ratio 0.90"),
         (
             ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--exposure", "1/4"),
-            "the exposures differ: measured 0.333333 s, simulated 0.25 s",
+            "the exposure times differ: measured 0.333333 s, simulated 0.25 s",
         ),
         (
             ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS[2:], *CORNERS[:2]),
@@ -82,7 +82,7 @@ def test_a_folder_and_a_chart_that_is_looked_for(photosite: Any, camera: Path, t
         ),
         (
             ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--f-number", "5.6"),
-            "all channels alike, 0.49",
+            "all channels share the ratio 0.49",
         ),
         (
             ("--illuminant", "A", "--luminance", "40", "--corners", *CORNERS, "--black-level", "60"),
@@ -90,34 +90,34 @@ def test_a_folder_and_a_chart_that_is_looked_for(photosite: Any, camera: Path, t
         ),
     ],
 )
-def test_what_is_wrong_is_said(photosite: Any, camera: Path, options: tuple[str, ...], said: str) -> None:
-    done = photosite("validate", "--measured", camera / "shot1.dng", *told(camera), *options)
+def test_wrong_conditions_are_reported(photosite: Any, camera: Path, options: tuple[str, ...], reason: str) -> None:
+    done = photosite("validate", "--measured", camera / "shot1.dng", *camera_options(camera), *options)
     assert done.status == 0
     assert done.out.startswith("measured and simulated differ\n")
-    assert said in done.out
+    assert reason in done.out
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("a.dng", "b.dng", "--f-number", "8"), "--f-number belongs to --measured"),
-        (("a.dng", "b.dng", "--sensor", "nikon-d200"), "--sensor belongs to --measured"),
-        (("a.dng",), "expected two paths, MEASURED and SIMULATED, not 1"),
-        (("--measured", "SHOT", "--chart", "macbeth", "--sensor", "nikon-d200"), "--chart belongs to two paths"),
-        (("--measured", "SHOT", "--illuminant", "A"), "--measured needs --sensor as well"),
-        (("--measured", "SHOT", "--sensor", "nikon-d200"), "--measured needs --illuminant as well"),
-        (("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A"), "give --corners (four of row,col)"),
+        (("a.dng", "b.dng", "--f-number", "8"), "--f-number applies to --measured"),
+        (("a.dng", "b.dng", "--sensor", "nikon-d200"), "--sensor applies to --measured"),
+        (("a.dng",), "got 1 paths"),
+        (("--measured", "SHOT", "--chart", "macbeth", "--sensor", "nikon-d200"), "--chart applies to two paths"),
+        (("--measured", "SHOT", "--illuminant", "A"), "--measured requires --sensor"),
+        (("--measured", "SHOT", "--sensor", "nikon-d200"), "--measured requires --illuminant"),
+        (("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A"), "--corners (four times row,col)"),
         (
             ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--detect", "--corners", *CORNERS),
-            "give --corners (four of row,col) or --detect, one of the two",
+            "either --corners (four times row,col) or --detect",
         ),
         (
             ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--corners", *CORNERS),
-            "the level of light is not known: 'A' names a spectrum only",
+            "--luminance 40",
         ),
         (
             ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--corners", "8;8", *CORNERS[1:]),
-            "expected row,col in pixels, as in 412,388, not '8;8'",
+            "must be row,col in pixels",
         ),
         (("--measured", "none.dng", "--sensor", "nikon-d200", "--illuminant", "A", "--detect"), "no such file"),
     ],

@@ -65,7 +65,7 @@ def stack(seed, frames, temporal=6.0, pattern=4.0):
 
 @pytest.mark.parametrize("pattern", [0.0, 4.0, 12.0])
 @pytest.mark.parametrize("frames", [1, 3, 5])
-def test_noise_is_told_at_the_stated_level_for_any_number_of_frames(frames, pattern):
+def test_noise_test_has_the_stated_false_alarm_rate_for_any_number_of_frames(frames, pattern):
     from scipy.stats import kstest
 
     one, other = stack(11, frames, pattern=pattern), stack(12, frames, pattern=pattern)

@@ -58,7 +58,7 @@ def test_whatever_the_light_and_the_sensor(camera):
     assert np.abs(np.array(find_chart(shoot(view, **camera))) - np.array(view)).max() < 3.0
 
 
-def test_frames_without_a_chart_are_told():
+def test_frames_without_a_chart_are_rejected():
     rng = np.random.default_rng(4)
     noise = RawFrame(rng.poisson(400.0, SHAPE).astype(np.uint16), 12)
     boxes = np.full(SHAPE, 100.0)
@@ -69,9 +69,9 @@ def test_frames_without_a_chart_are_told():
     few = boxes.copy()
     few[150:] = 100.0
     two_rows = RawFrame(rng.poisson(few).astype(np.uint16), 12)
-    with pytest.raises(InputError, match="no ColorChecker found: at best"):
+    with pytest.raises(InputError, match="no ColorChecker found"):
         find_chart(noise)
-    with pytest.raises(InputError, match="its brightness is not a ColorChecker's"):
+    with pytest.raises(InputError, match="not that of a ColorChecker"):
         find_chart(gray)
-    with pytest.raises(InputError, match=r"no ColorChecker found: at best \d+ of its 24 patches"):
+    with pytest.raises(InputError, match=r"no ColorChecker found: \d+ of its 24 patches"):
         find_chart(two_rows)

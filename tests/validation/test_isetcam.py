@@ -49,7 +49,7 @@ def test_the_same_inputs_by_the_rectangle_rule(isetcam_results: Path, case: dict
     assert f"{percent.min():+.4f} to {percent.max():+.4f} %" == "-0.0004 to +0.0002 %"
 
 
-def test_the_patches_are_in_the_order_that_is_said(case: dict[str, SetUp]) -> None:
+def test_the_patches_are_in_the_stated_order(case: dict[str, SetUp]) -> None:
     """The neutrals, by name, grow darker; under another order they would not."""
     values = case["rectangle"].patch_values("e")
     neutrals = ["white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black"]
@@ -76,19 +76,19 @@ def test_the_trapezoidal_rule(isetcam_results: Path, case: dict[str, SetUp]) -> 
 def test_the_chart_and_its_lamp(isetcam_results: Path, case: dict[str, SetUp]) -> None:
     theirs = read_set_up(isetcam_results, "d200")[1]
     assert theirs is not None
-    told = case["rectangle"]
-    chart = ps.charts.macbeth("A", 40, wavelength_nm=told.wavelength_nm, rule="rectangle")
-    result = compare_values(theirs, SetUp.from_chart(told.camera, chart, told.exposure_s).patch_values("e"))
+    set_up = case["rectangle"]
+    chart = ps.charts.macbeth("A", 40, wavelength_nm=set_up.wavelength_nm, rule="rectangle")
+    result = compare_values(theirs, SetUp.from_chart(set_up.camera, chart, set_up.exposure_s).patch_values("e"))
     assert not result.agrees
     assert rows()["chart and lamp: ISETCam's own files, not Ohta's ColorChecker under CIE A"] == span(result)
 
 
 def test_constants_of_light(isetcam_results: Path, case: dict[str, SetUp]) -> None:
     facts = json.loads((isetcam_results).read_text())
-    told = facts["d200"]["result"]["patch_luminance_cd_m2"]
+    published = facts["d200"]["result"]["patch_luminance_cd_m2"]
     grid, light = facts["wavelength_nm"], facts["d200"]["patch_photon_radiance"]
     ours = [Scene.uniform(row, grid).mean_luminance_cd_m2("rectangle") for row in light]
-    ratio = np.array(told) / ours - 1
+    ratio = np.array(published) / ours - 1
     assert rows()["luminance, by the rectangle rule"] == f"{100 * ratio.min():+.4f} to {100 * ratio.max():+.4f} %"
     assert ratio.mean() == pytest.approx(6.626176e-34 / 6.62607015e-34 - 1, abs=2e-6)
     lens = case["rectangle"].camera.optics

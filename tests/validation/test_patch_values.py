@@ -87,24 +87,26 @@ def test_saturated_values_are_left_out_and_named():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "what"),
     [
-        ({"unit": "dn"}, "in DN above black, the reference in electrons"),
+        ({"unit": "dn"}, "unit"),
         ({"names": ("white", *NAMES[1:])}, "the reference has no patch 'white'"),
         ({"channels": ("R", "G", "X")}, "the reference has no channel 'X'"),
-        ({"names": (NAMES[1], *NAMES[1:])}, "patch 'patch 1' is there twice"),
-        ({"unit": "mV"}, "not 'mV'"),
-        ({"mean": LEVELS * np.nan}, "the mean is not finite in patch 'patch 0', channel R"),
-        ({"mean": LEVELS[:5]}, "expected 24 patches by 3 channels"),
+        ({"names": (NAMES[1], *NAMES[1:])}, "patch names"),
+        ({"unit": "mV"}, "unit"),
+        ({"mean": LEVELS * np.nan}, "mean"),
+        ({"mean": LEVELS[:5]}, "mean"),
     ],
 )
-def test_values_that_cannot_be_compared(change, message):
+def test_values_that_cannot_be_compared(change, what):
     facts = {"names": NAMES, "channels": ("R", "G", "B"), "unit": "e", "mean": LEVELS} | change
-    with pytest.raises(InputError, match=message.replace("(", r"\(")):
+    with pytest.raises(InputError) as caught:
         compare_values(PatchValues.exact(**facts), exact(LEVELS))
+    assert caught.value.what == what
 
 
 @pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"tolerance_percent": -1.0}])
-def test_levels_and_tolerances_that_cannot_be(wrong):
-    with pytest.raises(InputError, match=r"the level is|the tolerance is"):
+def test_invalid_levels_and_tolerances(wrong):
+    with pytest.raises(InputError) as caught:
         compare_values(exact(LEVELS), exact(LEVELS), **wrong)
+    assert {caught.value.what: caught.value.value} == wrong

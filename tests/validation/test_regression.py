@@ -59,12 +59,16 @@ def test_intervals_cover_the_truth_in_95_percent():
         assert 916 <= hits <= 984, name
 
 
-def test_points_that_have_no_line():
-    with pytest.raises(InputError, match="three points"):
-        regress([1, 2], [1, 2], [1, 1])
-    with pytest.raises(InputError, match="all 5"):
-        regress([5, 5, 5], [1, 2, 3], [1, 1, 1])
-    with pytest.raises(InputError, match="above 0"):
-        regress([1, 2, 3], [1, 2, 3], [1, 0, 1])
-    with pytest.raises(InputError, match="one length"):
-        regress([1, 2, 3], [1, 2], [1, 1, 1])
+@pytest.mark.parametrize(
+    ("simulated", "measured", "variance", "what"),
+    [
+        ([1, 2], [1, 2], [1, 1], "simulated"),
+        ([5, 5, 5], [1, 2, 3], [1, 1, 1], "simulated"),
+        ([1, 2, 3], [1, 2, 3], [1, 0, 1], "variance"),
+        ([1, 2, 3], [1, 2], [1, 1, 1], "simulated, measured and variance"),
+    ],
+)
+def test_points_without_a_regression(simulated, measured, variance, what):
+    with pytest.raises(InputError) as caught:
+        regress(simulated, measured, variance)
+    assert caught.value.what == what

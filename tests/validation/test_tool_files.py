@@ -8,13 +8,13 @@ from scipy.io import savemat
 from photosite.errors import FileError
 from photosite.scene.charts import MACBETH_NAMES
 from photosite.validation.patch_values import PatchValues
-from photosite.validation.tool_files import Mosaic, Reading, read_csv, read_mat, read_tool_file
+from photosite.validation.tool_files import Mosaic, ReadOptions, read_csv, read_mat, read_tool_file
 from photosite.values.cfa import cfa_from
 from photosite.values.region import Region
 
 RGGB = cfa_from("rggb")
-ELECTRONS = Reading(RGGB, 12, unit="e")
-NUMBERS = Reading(RGGB, 12, 64.0, unit="dn")
+ELECTRONS = ReadOptions(RGGB, 12, unit="e")
+NUMBERS = ReadOptions(RGGB, 12, 64.0, unit="dn")
 VALUES = np.arange(72.0).reshape(24, 3) + 1
 
 
@@ -32,20 +32,20 @@ def test_csv_with_standard_errors_notes_and_another_order(tmp_path):
     ("text", "message"),
     [
         ("", "is empty"),
-        ("patch,R_e\n", "has a heading and no patches"),
-        ("name,R_e\nwhite,1\n", ":1: the first column must be headed 'patch', not 'name'"),
-        ("patch,R\nwhite,1\n", "column 'R' must be a channel with its unit"),
-        ("patch,R_e,G_dn\nwhite,1,2\n", "columns of one unit"),
-        ("patch,R_e,R_e\nwhite,1,2\n", "column 'R_e' is there twice"),
-        ("patch,R_e,G_standard_error_e\nwhite,1,2\n", "channel G has a standard error and no values"),
-        ("patch,R_e\nwhite,1\nblack,x\n", ":3: patch 'black' needs 1 finite numbers"),
+        ("patch,R_e\n", "has a heading but no patches"),
+        ("name,R_e\nwhite,1\n", ":1: heading of the first column must be"),
+        ("patch,R\nwhite,1\n", "column must be a channel with its unit"),
+        ("patch,R_e,G_dn\nwhite,1,2\n", "in one unit"),
+        ("patch,R_e,R_e\nwhite,1,2\n", "columns must be without repeats"),
+        ("patch,R_e,G_standard_error_e\nwhite,1,2\n", "channel G has a standard error but no values"),
+        ("patch,R_e\nwhite,1\nblack,x\n", ":3: patch 'black' must be 1 finite numbers"),
         ("patch,R_e\nwhite,nan\n", "finite"),
         ("patch,R_e\nwhite,1,2\n", "got 3 cells"),
-        ("patch,R_e\nwhite,1\nwhite,2\n", "patch 'white' is there twice"),
-        ("patch,R_e,R_standard_error_e\nwhite,1,-1\n", "standard error is not 0 or more"),
+        ("patch,R_e\nwhite,1\nwhite,2\n", "patch names must be without repeats"),
+        ("patch,R_e,R_standard_error_e\nwhite,1,-1\n", "standard_error must be 0 or more"),
     ],
 )
-def test_csv_that_cannot_be(tmp_path, text, message):
+def test_invalid_csv_files(tmp_path, text, message):
     file = tmp_path / "other.csv"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -76,40 +76,40 @@ def test_mat_mosaic_in_a_structure(tmp_path):
     """As ISETCam's sensor holds its data."""
     volts = np.random.default_rng(1).random((20, 30))
     savemat(tmp_path / "a.mat", {"sensor": {"name": "D200", "data": {"volts": volts, "dv": np.round(4000 * volts)}}})
-    found = read_mat(tmp_path / "a.mat", Reading(RGGB, 12, unit="e", variable="sensor.data.volts"))
+    found = read_mat(tmp_path / "a.mat", ReadOptions(RGGB, 12, unit="e", variable="sensor.data.volts"))
     assert isinstance(found, Mosaic)
     assert (found.electrons == volts).all()
-    (frame,) = read_mat(tmp_path / "a.mat", Reading(RGGB, 12, 64.0, unit="dn", variable="sensor.data.dv"))
+    (frame,) = read_mat(tmp_path / "a.mat", ReadOptions(RGGB, 12, 64.0, unit="dn", variable="sensor.data.dv"))
     assert (frame.dn == np.round(4000 * volts)).all()
     assert (frame.cfa, frame.bits, frame.black_level_dn) == (RGGB, 12, 64.0)
 
 
 @pytest.mark.parametrize(
-    ("content", "reading", "message"),
+    ("content", "options", "message"),
     [
-        ({"a": VALUES}, Reading(RGGB, 12), "does not say its unit"),
-        ({"a": VALUES, "b": VALUES}, ELECTRONS, "found 2; name it"),
-        ({"a": VALUES}, Reading(RGGB, 12, unit="e", variable="aa"), "did you mean 'a'?"),
-        ({"a": "text"}, ELECTRONS, "found 0"),
-        ({"a": VALUES[:5]}, ELECTRONS, "cell array 'patch_names' beside it must hold 5 names"),
-        ({"a": VALUES[:, :2]}, ELECTRONS, "cell array 'channel_names' beside it must hold 2 names"),
-        ({"a": VALUES * np.nan}, ELECTRONS, "not finite"),
-        ({"a": np.full((8, 8), 0.5)}, NUMBERS, "no mosaic of 12 bits"),
-        ({"a": np.full((8, 8), 4096.0)}, NUMBERS, "no mosaic of 12 bits"),
-        ({"a": np.full((8, 8), np.inf)}, ELECTRONS, "not finite"),
+        ({"a": VALUES}, ReadOptions(RGGB, 12), "unit of a MATLAB file is unknown"),
+        ({"a": VALUES, "b": VALUES}, ELECTRONS, "number of numeric arrays"),
+        ({"a": VALUES}, ReadOptions(RGGB, 12, unit="e", variable="aa"), "did you mean 'a'?"),
+        ({"a": "text"}, ELECTRONS, "number of numeric arrays"),
+        ({"a": VALUES[:5]}, ELECTRONS, "cell array 'patch_names'"),
+        ({"a": VALUES[:, :2]}, ELECTRONS, "cell array 'channel_names'"),
+        ({"a": VALUES * np.nan}, ELECTRONS, "finite"),
+        ({"a": np.full((8, 8), 0.5)}, NUMBERS, "for 12 bits"),
+        ({"a": np.full((8, 8), 4096.0)}, NUMBERS, "for 12 bits"),
+        ({"a": np.full((8, 8), np.inf)}, ELECTRONS, "finite"),
         ({"a": np.zeros((2, 8, 8))}, ELECTRONS, "must be a real matrix"),
-        ({"a": {"b": 1.0}}, Reading(RGGB, 12, unit="e", variable="a.c"), "has no variable 'a.c'"),
-        ({"a": {"b": 1.0}}, Reading(RGGB, 12, unit="e", variable="a"), "must be a real matrix"),
+        ({"a": {"b": 1.0}}, ReadOptions(RGGB, 12, unit="e", variable="a.c"), "variable"),
+        ({"a": {"b": 1.0}}, ReadOptions(RGGB, 12, unit="e", variable="a"), "must be a real matrix"),
     ],
 )
-def test_mat_that_cannot_be(tmp_path, content, reading, message):
+def test_invalid_mat_files(tmp_path, content, options, message):
     savemat(tmp_path / "a.mat", content)
     with pytest.raises(FileError) as caught:
-        read_mat(tmp_path / "a.mat", reading)
+        read_mat(tmp_path / "a.mat", options)
     assert message in str(caught.value)
 
 
-def test_mat_files_that_are_none(tmp_path):
+def test_damaged_mat_files(tmp_path):
     savemat(tmp_path / "a.mat", {"a": VALUES}, do_compression=True)
     whole = (tmp_path / "a.mat").read_bytes()
     rng = np.random.default_rng(2)
@@ -139,7 +139,7 @@ def test_plain_tiff_is_read_as_the_sensor_says(tmp_path):
     mosaic = read_tool_file(tmp_path / "a.tif", ELECTRONS)
     assert (mosaic.electrons == dn).all()
     tifffile.imwrite(tmp_path / "a.tif", dn + np.uint16(10000))
-    with pytest.raises(FileError, match="which 12 bits do not"):
+    with pytest.raises(FileError, match="for 12 bits"):
         read_tool_file(tmp_path / "a.tif", NUMBERS)
 
 

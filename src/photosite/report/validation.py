@@ -84,7 +84,7 @@ def validation_page(result: FrameValidation) -> Page:
     )
     sections = (
         Section("Verdict", _verdict_blocks(result)),
-        Section("Conditions of the simulation", _told_blocks(result)),
+        Section("Conditions of the simulation", _conditions_blocks(result)),
         Section("Pictures", _picture_blocks(result)),
         Section("Patches", _patch_blocks(result)),
         Section("Colours", _color_blocks(result)),
@@ -139,7 +139,7 @@ def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
     )
 
 
-def _told_blocks(result: FrameValidation) -> tuple[Block, ...]:
+def _conditions_blocks(result: FrameValidation) -> tuple[Block, ...]:
     conditions, frame = result.conditions, result.measured
     rows: list[tuple[str, str]] = [
         ("Sensor file", f"{conditions.sensor.name}, colour filter array {tile_text(conditions.sensor.array.cfa)}"),
@@ -150,8 +150,8 @@ def _told_blocks(result: FrameValidation) -> tuple[Block, ...]:
         fitted = " (fitted)" if result.fitted == "light" else ""
         rows.append(("Mean luminance of the patches", f"{conditions.luminance_cd_m2:.4g} cd/m²{fitted}"))
     if conditions.exposure_s is not None:
-        said = "" if frame.exposure_s is None else f"; the frames say {format_exposure(frame.exposure_s)} s"
-        rows.append(("Exposure", f"{format_exposure(conditions.exposure_s)} s{said}"))
+        stated = "" if frame.exposure_s is None else f"; the frames state {format_exposure(frame.exposure_s)} s"
+        rows.append(("Exposure", f"{format_exposure(conditions.exposure_s)} s{stated}"))
     if isinstance(conditions.optics, DiffractionLimited):
         rows.append(
             (

@@ -73,8 +73,8 @@ def chi_square_of_means(
 
     Notes
     -----
-    B. L. Welch, Biometrika 34, 1947. The standard errors assume two different fixed patterns. For two frames of the same
-    chip the p-value is too large, never too small.
+    B. L. Welch, Biometrika 34, 1947. The standard errors assume two different fixed patterns. For two frames of the
+    same chip the p-value is too large, never too small.
     """
     error_m, error_s = measured.standard_error_dn[used] ** 2, simulated.standard_error_dn[used] ** 2
     pixels_m, pixels_s = measured.pixels[used], simulated.pixels[used]
@@ -109,8 +109,9 @@ def chi_square_of_noise(
 
     Notes
     -----
-    The standard errors come from the scatter over pixels. Neither a distribution nor a share of fixed pattern is assumed.
-    The fixed patterns are assumed to differ, as for the means. A patch without noise in both frames counts as equal.
+    The standard errors come from the scatter over pixels. Neither a distribution nor a share of fixed pattern is
+    assumed. The fixed patterns are assumed to differ, as for the means. A patch without noise in both frames counts as
+    equal.
     """
     return _of_variances(
         (measured.spatial_noise_dn[used], measured.spatial_variance_error_dn2[used]),

@@ -83,8 +83,8 @@ def diagnose(
     validation
         The comparison.
     others
-        Statistics of the measured frames under other assumptions, by assumption: another orientation of the chart, another
-        CFA.
+        Statistics of the measured frames under other assumptions, by assumption: another orientation of the chart,
+        another CFA.
     fitted
         The fitted parameter. It absorbs every common scale of the patches, so common scales are not named.
 
@@ -143,7 +143,7 @@ def _of_scale(found: Scale, fitted: str | None) -> tuple[str, ...]:
         )
     else:
         lines.append(
-            f"all channels share the ratio {middle:.4f}: check light level, exposure time, f-number, fill factor and the "
-            "scale of the quantum efficiencies"
+            f"all channels share the ratio {middle:.4f}: check light level, exposure time, f-number, fill factor and "
+            "the scale of the quantum efficiencies"
         )
     return tuple(lines)

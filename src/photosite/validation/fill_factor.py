@@ -36,9 +36,9 @@ class FillFactorFit:
     Parameters
     ----------
     value, standard_error, interval_95
-        Of the fill factor; the interval is Student's t. Errors that scale all patches alike (light level, exposure time,
-        scale of the quantum efficiency) shift the value and are not part of the standard error. A value above 1 is
-        physically impossible and shows such an error.
+        Of the fill factor; the interval is Student's t. Errors that scale all patches alike (light level, exposure
+        time, scale of the quantum efficiency) shift the value and are not part of the standard error. A value above 1
+        is physically impossible and shows such an error.
     degrees_of_freedom
         Degrees of freedom of the interval: patches less one.
     simulated_with
@@ -52,12 +52,12 @@ class FillFactorFit:
     residual_noise
         (patches, channels) standard errors of the residuals from the noise of both frames; masked alike.
     patch_scatter
-        Relative standard deviation between patches beyond noise, common to the channels of a patch, such as uneven light.
-        0 where noise explains the residuals.
+        Relative standard deviation between patches beyond noise, common to the channels of a patch, such as uneven
+        light. 0 where noise explains the residuals.
     by_channel
-        The same fit for each channel. A fill factor changes all channels alike, so a difference beyond the standard errors
-        indicates another lamp spectrum or other quantum efficiencies. The channels share the unevenness of the light, so
-        their differences are more precise than the values.
+        The same fit for each channel. A fill factor changes all channels alike, so a difference beyond the standard
+        errors indicates another lamp spectrum or other quantum efficiencies. The channels share the unevenness of the
+        light, so their differences are more precise than the values.
     chi_square
         Chi-square of the residuals under noise alone; degrees of freedom are the points less one.
     """
@@ -97,8 +97,8 @@ class FillFactorFit:
 def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_factor: float) -> FillFactorFit:
     """Fit the fill factor to patch means by weighted least squares.
 
-    Below saturation, patch means are proportional to the fill factor: measured = (value / fill_factor) simulated. No second
-    simulation is needed.
+    Below saturation, patch means are proportional to the fill factor: measured = (value / fill_factor) simulated. No
+    second simulation is needed.
 
     Parameters
     ----------
@@ -119,13 +119,13 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way without a standard error. This function
-    differs in three points.
+    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way without a standard error. This
+    function differs in three points.
 
-    *Weights are relative.* Most differences of real patches are proportional to their signal: uneven light, reflectances
-    that differ from the table. Least squares of the means would depend on the few brightest patches. The ratio of a patch
-    has the variance of its noise plus one variance common to all patches, estimated from their scatter (Mandel and
-    Paule).
+    *Weights are relative.* Most differences of real patches are proportional to their signal: uneven light,
+    reflectances that differ from the table. Least squares of the means would depend on the few brightest patches. The
+    ratio of a patch has the variance of its noise plus one variance common to all patches, estimated from their scatter
+    (Mandel and Paule).
 
     *Patches are the unit.* The three channels of a patch see the same light, so 72 points are not independent; treating
     them as such would make the standard error too small by up to the square root of 3. The channels of a patch are
@@ -133,9 +133,9 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     degrees of freedom (G. Knapp and J. Hartung, Stat. Med. 22 (2003) 2693). `tests/validation/test_fill_factor.py`
     measures the coverage of the interval.
 
-    *Limits.* Errors common to all patches are not covered (see `FillFactorFit.value`). Correlated errors of neighbouring
-    patches, such as a lamp at one side, make the standard error too large if the average light over the chart was
-    measured, and too small if the light was measured at one place.
+    *Limits.* Errors common to all patches are not covered (see `FillFactorFit.value`). Correlated errors of
+    neighbouring patches, such as a lamp at one side, make the standard error too large if the average light over the
+    chart was measured, and too small if the light was measured at one place.
 
     Noise of the simulated means biases a ratio by its relative variance, 1e-4 for a mean known to 1 %.
 

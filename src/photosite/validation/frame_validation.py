@@ -135,7 +135,7 @@ class FrameValidation:
         return f"fitted: {what} {value} ± {known}{unit} (95 % interval {low_end} to {high_end})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain lists, numbers and strings for JSON: those of `Validation.to_dict` and the fields of this class."""
+        """Return plain lists, numbers and strings for JSON."""
         conditions = self.conditions
         return self.validation.to_dict() | {
             "agrees": self.agrees,
@@ -357,13 +357,13 @@ def _contradictions(frame: RawFrame, sensor: Sensor, fill_factor: FillFactorFit 
     found = []
     if frame.cfa not in (MONOCHROME, sensor.array.cfa):
         found.append(
-            f"the colour filter arrays differ: {tile_text(frame.cfa)} in the frames' files, {tile_text(sensor.array.cfa)} in "
-            "the sensor file, which is used"
+            f"the colour filter arrays differ: {tile_text(frame.cfa)} in the frames' files, "
+            f"{tile_text(sensor.array.cfa)} in the sensor file, which is used"
         )
     if frame.bits != sensor.readout.bits:
         found.append(
-            f"the bit depths differ: {frame.bits} bits in the frames, {sensor.readout.bits} in the sensor file; digital "
-            "numbers are compared without scaling"
+            f"the bit depths differ: {frame.bits} bits in the frames, {sensor.readout.bits} in the sensor file; "
+            "digital numbers are compared without scaling"
         )
     if fill_factor is not None and fill_factor.value > 1.0:
         found.append(

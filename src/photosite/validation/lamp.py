@@ -109,8 +109,8 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     path
         CSV with the heading `wavelength_nm,` and one of `QUANTITIES`: spectral irradiance on the chart, spectral
         radiance of a white standard at its place, or relative energy, which leaves the level unknown. A third column of
-        standard uncertainties is ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths; spectral
-        lines between these keep their energy.
+        standard uncertainties is ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths;
+        spectral lines between these keep their energy.
 
     Returns
     -------
@@ -173,8 +173,8 @@ def _quantity(file: Path, heading: tuple[str, ...]) -> str:
 def _resampled(file: Path, spectrum: Spectrum) -> Spectrum:
     """Return the spectrum at the simulator's wavelengths within the file's range.
 
-    A smooth spectrum is sampled. A spectrum with finer lines or noise is averaged under a triangle about each wavelength,
-    so that a line keeps its energy and integrals of the lamp times a piecewise linear function are exact.
+    A smooth spectrum is sampled. A spectrum with finer lines or noise is averaged under a triangle about each
+    wavelength, so that a line keeps its energy and integrals of the lamp times a piecewise linear function are exact.
     """
     at = spectrum.wavelength_nm
     low, high = max(DEFAULT_WAVELENGTH_NM[0], at[0]), min(DEFAULT_WAVELENGTH_NM[-1], at[-1])

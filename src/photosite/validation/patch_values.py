@@ -233,9 +233,9 @@ def compare_values(
 
     Notes
     -----
-    Regressions are weighted by the standard errors, or as for shot noise where there are none. Their intervals come from
-    the scatter (`photosite.validation.regression`). Standard errors are treated as known: those of mosaics come from
-    many pixels.
+    Regressions are weighted by the standard errors, or as for shot noise where there are none. Their intervals come
+    from the scatter (`photosite.validation.regression`). Standard errors are treated as known: those of mosaics come
+    from many pixels.
 
     Examples
     --------

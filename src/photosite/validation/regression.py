@@ -60,7 +60,8 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
     Raises
     ------
     InputError
-        If there are fewer than three points, lengths differ, a variance is not above 0, or all simulated values are equal.
+        If there are fewer than three points, lengths differ, a variance is not above 0, or all simulated values are
+        equal.
 
     Notes
     -----

@@ -32,8 +32,8 @@ class Validation:
     used
         (patches, channels), false where either is saturated.
     means, noise, temporal_noise
-        Chi-square of patch means, of variances over pixels, and of variances from frame to frame. The last is None unless
-        both sides are stacks of frames.
+        Chi-square of patch means, of variances over pixels, and of variances from frame to frame. The last is None
+        unless both sides are stacks of frames.
     regression
         Regression of measured on simulated means in DN above black, all channels together; None with fewer than three
         points.

@@ -36,8 +36,8 @@ def compare(
     other
         Patch values, a mosaic in electrons, or raw frames, from `photosite.validation.tool_files.read_tool_file`.
     reference
-        The same of a second tool, or a set-up. A set-up is simulated in the form of `other`: patches without noise, mean
-        electrons of a mosaic, or raw frames with noise.
+        The same of a second tool, or a set-up. A set-up is simulated in the form of `other`: patches without noise,
+        mean electrons of a mosaic, or raw frames with noise.
     chart
         Chart that fills mosaics.
     tolerance_percent

@@ -137,9 +137,9 @@ def read_csv(path: str | PathLike[str]) -> PatchValues:
     Parameters
     ----------
     path
-        UTF-8 text. The heading is `patch` and one column for each channel, named with its unit: `R_e,G_e,B_e` in electrons
-        or `R_dn,...` in DN above black. `R_standard_error_e` and so on give standard errors. Lines that start with # are
-        comments.
+        UTF-8 text. The heading is `patch` and one column for each channel, named with its unit: `R_e,G_e,B_e` in
+        electrons or `R_dn,...` in DN above black. `R_standard_error_e` and so on give standard errors. Lines that start
+        with # are comments.
 
     Raises
     ------
@@ -226,8 +226,8 @@ def read_mat(path: str | PathLike[str], options: ReadOptions) -> Content:
     """Read patch values or a mosaic from a MATLAB file of version 4 to 7.2.
 
     An array of one to four columns is patches by channels; a wider array is a mosaic. Patch names come from the cell
-    array `patch_names`; without it, 24 rows are the ColorChecker in ISETCam's order, down the columns. Three columns are
-    R, G and B, and one column is M; other numbers need the cell array `channel_names`.
+    array `patch_names`; without it, 24 rows are the ColorChecker in ISETCam's order, down the columns. Three columns
+    are R, G and B, and one column is M; other numbers need the cell array `channel_names`.
 
     Raises
     ------

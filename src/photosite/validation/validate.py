@@ -39,10 +39,10 @@ def validate(
 ) -> Validation:
     """Compare measured frames with simulated frames of the same chart, on the raw mosaic.
 
-    The verdict is based on two chi-square tests, of patch means and of the noise over pixels. Where both sides are stacks
-    of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Colour
-    differences are reported and have no test of their own. Saturated channels of patches are left out, and patches with a
-    saturated channel have no colour difference; `notes` lists them.
+    The verdict is based on two chi-square tests, of patch means and of the noise over pixels. Where both sides are
+    stacks of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Colour
+    differences are reported and have no test of their own. Saturated channels of patches are left out, and patches with
+    a saturated channel have no colour difference; `notes` lists them.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def validate(
     regions
         Regions of the patches, with the chart's patch names; None for a chart that fills the frame.
     reference_xyz
-        (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None uses the chart's. Without a chart and
-        without these there are no colour differences.
+        (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None uses the chart's. Without a chart
+        and without these there are no colour differences.
     level
         False-alarm rate of the verdict, between 0 and 1.
     tolerance_percent
@@ -68,9 +68,9 @@ def validate(
     Raises
     ------
     InputError
-        If the frames are not RawFrames; two measured frames are identical; sizes, CFAs or bit depths differ; the chart or a
-        patch is unknown; regions are missing or outside the frame; every patch is saturated; or the level or tolerance
-        is invalid.
+        If the frames are not RawFrames; two measured frames are identical; sizes, CFAs or bit depths differ; the chart
+        or a patch is unknown; regions are missing or outside the frame; every patch is saturated; or the level or
+        tolerance is invalid.
 
     Notes
     -----
