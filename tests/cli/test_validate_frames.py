@@ -51,7 +51,7 @@ def test_the_right_camera_agrees_and_the_report_is_written(photosite: Any, camer
     assert done.json["agrees"] is True
     assert done.json["frames"] == [2, 2]
     assert done.json["luminance_cd_m2"] == pytest.approx(40, rel=1e-6)
-    assert done.json["notes"] == ["not given, and taken as usual: 50 mm focal length, 1.2 m to the chart"]
+    assert done.json["notes"] == ["defaults used: 50 mm focal length, 1.2 m to the chart"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count("data:image/") == 5
     text = photosite("validate", *frames, *options).out
     assert text.startswith("measured and simulated agree\n  patch means agree: chi-square ")

@@ -56,9 +56,8 @@ def test_another_orientation_is_named_only_where_it_explains_much():
     assert line.startswith("the chart is turned: ")
     assert "from 272 %" in line
     noise = np.random.default_rng(2).normal(1, 0.04, (24, 3))
-    assert reasons(LEVELS * noise, {"nearly as bad": patches(LEVELS * (1 + 0.8 * (noise - 1)))})[0].startswith(
-        "measured"
-    )
+    nearly = {"nearly as bad": patches(LEVELS * (1 + 0.8 * (noise - 1)))}
+    assert reasons(LEVELS * noise, nearly)[0].startswith("measured")
 
 
 def test_the_other_orders_of_corners_are_the_seven_other_symmetries_of_a_rectangle():
@@ -74,11 +73,11 @@ def test_the_other_orders_of_corners_are_the_seven_other_symmetries_of_a_rectang
 
 def test_what_was_fitted_is_not_named():
     result = compare_patches(patches(1.01 * LEVELS), patches(LEVELS))
-    assert "level of light" in diagnose(result, {})[-1]
+    assert "light level" in diagnose(result, {})[-1]
     (_, line) = diagnose(result, {}, "light")
     assert line.startswith("what scales all patches alike is fitted (light)")
     assert "misplaced corners" in line
-    assert "level of light" not in line
+    assert "light level" not in line
 
 
 def test_a_ratio_that_may_be_one_is_left_out():

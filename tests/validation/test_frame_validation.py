@@ -1,4 +1,4 @@
-"""Frames of a virtual camera against simulations conditions the truth and conditions otherwise.
+"""Frames of a virtual camera against simulations with true and with wrong conditions.
 
 The measured chip is never the simulated one: another serial, so another fixed pattern, and other noise.
 """
@@ -52,7 +52,7 @@ def shots(seed, frames=1, *, exposure_s=1 / 3, illuminant="A", luminance=40.0, u
 @pytest.mark.parametrize(
     ("chips", "most_misses"),
     [
-        # At a false-alarm rate of 0.05, 5 or more of 12 chips disagree by chance once in 5500, 8 or more of 40 once in 1100.
+        # At a false-alarm rate of 0.05, 5 of 12 chips disagree by chance once in 5500, 8 of 40 once in 1100.
         (12, 4),
         pytest.param(40, 7, marks=pytest.mark.slow),
     ],

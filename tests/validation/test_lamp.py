@@ -94,7 +94,7 @@ def test_files_and_names(tmp_path):
         ("wavelength_nm,relative_energy\n380,1\n500,-0.1\n780,1\n", "light at 500 nm"),
         ("wavelength_nm,relative_energy\n380,0\n780,0\n", "all values between 380 and 780 nm are 0"),
         ("wavelength_nm,relative_energy\n800,1\n900,1\n", "wavelengths"),
-        ("wavelength_nm,relative_energy\n", "holds no spectrum"),
+        ("wavelength_nm,relative_energy\n", "the file holds no spectrum"),
     ],
 )
 def test_invalid_files(tmp_path, text, what):

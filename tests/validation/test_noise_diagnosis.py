@@ -20,7 +20,7 @@ def patches(seed, read=6.0, prnu=0.01, noise=1.0, frames=3):
     return patch_statistics([RawFrame(dn, 14, black_level_dn=100) for dn in shots], PATCHES)
 
 
-def noise_reasons(**changes):
+def noise_lines(**changes):
     result = compare_patches(patches(1, **changes), patches(2))
     assert not result.agrees
     return [line for line in result.reasons if line.startswith("noise") and "chi-square" not in line]
@@ -35,12 +35,12 @@ def noise_reasons(**changes):
     ],
 )
 def test_the_cause_is_what_was_changed(changes, cause):
-    assert any(line.startswith("noise over pixels: " + cause) for line in noise_reasons(**changes))
+    assert any(line.startswith("noise over pixels: " + cause) for line in noise_lines(**changes))
 
 
 def test_the_ratio_and_the_largest_difference_are_reported():
     line = next(
-        line for line in noise_reasons(noise=1.2) if line.startswith("noise over pixels, measured over simulated: ")
+        line for line in noise_lines(noise=1.2) if line.startswith("noise over pixels, measured over simulated: ")
     )
     value, low, _, high = line.split(": ")[1].split()[1:5]
     assert float(value) == pytest.approx(1.2, abs=0.03)
@@ -50,12 +50,10 @@ def test_the_ratio_and_the_largest_difference_are_reported():
 
 
 def test_noise_from_frame_to_frame_is_separate_from_the_pattern():
-    lines = noise_reasons(prnu=0.02)
+    lines = noise_lines(prnu=0.02)
     assert not any(line.startswith("noise from frame to frame") for line in lines)
-    assert any(
-        line.startswith("noise from frame to frame: dark patches differ most") for line in noise_reasons(read=9.0)
-    )
-    assert not any(line.startswith("noise from") for line in noise_reasons(read=9.0, frames=1))
+    assert any(line.startswith("noise from frame to frame: dark patches differ most") for line in noise_lines(read=9.0))
+    assert not any(line.startswith("noise from") for line in noise_lines(read=9.0, frames=1))
 
 
 def test_noise_that_agrees_is_not_spoken_of():

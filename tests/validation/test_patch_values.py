@@ -28,7 +28,7 @@ def test_the_tolerance_is_where_the_verdict_turns():
     assert not result.agrees
     assert result.beyond == 1
     assert result.reasons[0] == "largest difference +0.101 % (patch 5, G); allowed 0.1 %"
-    assert result.reasons[1] == "1 of 72 values without noise differ by more than is allowed"
+    assert result.reasons[1] == "1 of 72 values without noise differ by more than the tolerance"
 
 
 def test_lines_find_scale_and_offset():

@@ -40,7 +40,7 @@ def test_csv_with_standard_errors_notes_and_another_order(tmp_path):
         ("patch,R_e,G_standard_error_e\nwhite,1,2\n", "channel G has a standard error but no values"),
         ("patch,R_e\nwhite,1\nblack,x\n", ":3: patch 'black' must be 1 finite numbers"),
         ("patch,R_e\nwhite,nan\n", "finite"),
-        ("patch,R_e\nwhite,1,2\n", "got 3 cells"),
+        ("patch,R_e\nwhite,1,2\n", "cells must be a patch name and 1 numbers"),
         ("patch,R_e\nwhite,1\nwhite,2\n", "patch names must be without repeats"),
         ("patch,R_e,R_standard_error_e\nwhite,1,-1\n", "standard_error must be 0 or more"),
     ],

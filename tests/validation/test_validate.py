@@ -114,7 +114,7 @@ def test_a_tolerance_lets_small_differences_pass_and_no_larger_ones():
         assert not validate(shoot(seed, light=1.06), shoot(seed + 500), tolerance_percent=3).agrees
 
 
-def test_with_a_tolerance_the_reasons_say_the_largest_difference_and_the_allowed_one():
+def test_with_a_tolerance_the_reasons_say_the_largest_difference_and_the_tolerance():
     for seed, light in ((1, 1.02), (2, 1.2)):
         result = validate(shoot(seed, light=light), shoot(seed + 500), tolerance_percent=10)
         assert result.agrees == (light < 1.1)
@@ -123,7 +123,7 @@ def test_with_a_tolerance_the_reasons_say_the_largest_difference_and_the_allowed
             difference = one / other - 1
             patch, channel = max(np.ndindex(*difference.shape), key=lambda at: abs(difference[at]))
             where = f"{MACBETH_NAMES[patch]}, {result.measured.channels[channel]}"
-            wanted = f"largest difference {100 * difference[patch, channel]:+.2f} % ({where}), allowed 10 %"
+            wanted = f"largest difference {100 * difference[patch, channel]:+.2f} % ({where}), tolerance 10 %"
             assert wanted in line
         assert "; ".join(result.reasons).count("largest difference") == 2
 
