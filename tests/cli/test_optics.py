@@ -29,13 +29,13 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_check_says_what_is_in_the_file(photosite: Any, file: Path) -> None:
-    said = photosite("optics", "check", file).out
-    assert "made up 50 mm: f/2.8, 50 mm; blur: wavefront; holds: a fixed focus, veiling glare" in said
-    assert "550 nm, an object at 2 m" in said
+def test_check_describes_the_lens(photosite: Any, file: Path) -> None:
+    text = photosite("optics", "check", file).out
+    assert "made up 50 mm: f/2.8, 50 mm; blur: wavefront; holds: a fixed focus, veiling glare" in text
+    assert "550 nm, an object at 2 m" in text
 
 
-def test_contrast_is_the_lenses(photosite: Any, file: Path) -> None:
+def test_mtf_is_that_of_the_lens(photosite: Any, file: Path) -> None:
     found = photosite("optics", "check", file, "--wavelength", "500", "--distance", "2.1", "--json").json
     assert (found["name"], found["blur"], found["holds"]) == (
         "made up 50 mm",
@@ -51,7 +51,7 @@ def test_contrast_is_the_lenses(photosite: Any, file: Path) -> None:
 
 
 def test_a_ray_trace_by_isets_macros_is_a_lens(photosite: Any, tmp_path: Path) -> None:
-    """Of Zemax, two heights at one wavelength; every point spread the same round spot of 1 um (1 sigma)."""
+    """From Zemax, two heights at one wavelength; every PSF is the same Gaussian of 1 um (1 sigma)."""
     axis = np.arange(-16, 16) * 0.5
     spot = np.exp(-(axis[:, None] ** 2 + axis**2) / 2)
     numbers = "\n".join("\t".join(f"{v:.6E}" for v in row) for row in spot)
@@ -107,7 +107,7 @@ def test_a_psf_table_is_linear_between_its_wavelengths(photosite: Any, tmp_path:
     np.testing.assert_allclose(at(450), np.exp(-2 * (np.pi * 0.7e-3 * np.array([10, 20, 40, 80, 160])) ** 2), atol=1e-4)
 
 
-def test_a_lens_that_differs_over_the_field_is_looked_at_on_its_axis() -> None:
+def test_field_psf_on_the_axis() -> None:
     x = np.arange(-12, 13) * 0.5
     psf = np.stack([np.exp(-(x[:, None] ** 2 + x**2) / 2 / s**2) for s in (1.0, 1.4)])[:, None]
     design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(2), np.array([0.0, 8.0]), rank=2)
@@ -117,44 +117,44 @@ def test_a_lens_that_differs_over_the_field_is_looked_at_on_its_axis() -> None:
     np.testing.assert_allclose([along_rows, along_columns], [expected, expected], atol=1e-4)
 
 
-def test_a_lens_design_is_told_over_its_field(photosite: Any, tmp_path: Path) -> None:
+def test_lens_design_over_the_field(photosite: Any, tmp_path: Path) -> None:
     """Gaussians: round on the axis, at the edge 1.6 um along the radius and 0.9 um across it (1 sigma)."""
     x, sigmas = np.arange(-20, 21) * 0.5, ((1.0, 1.0), (0.9, 1.6))
     psf = np.stack([np.exp(-((x[:, None] / down) ** 2 + (x / right) ** 2) / 2) for down, right in sigmas])
     waves, heights = np.array([450.0, 650.0]), np.array([0.0, 8.0])
-    for field_y, field_x in ((heights, 0 * heights), (0 * heights, -heights)):  # turned so that it comes to the right
+    for field_y, field_x in ((heights, 0 * heights), (0 * heights, -heights)):  # rotated to the right of the axis
         turned = psf.transpose(0, 2, 1) if field_y.any() else psf
         both = np.stack([turned, turned], axis=1)
         design = LensDesign(waves, both, 0.5, field_y, field_x, tolerance=1e-6, detail_um=2.0)
         ps.Lens(ps.DiffractionLimited(2.8, 50), design).save(tmp_path / "d.yaml")
-        told = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
-        assert (told["wavelength_nm"], told["field_unit"], told["spacing_um"]) == ([450, 650], "mm", 0.5)
-        np.testing.assert_array_equal(told["field_xy"], np.stack([field_x, field_y], 1))
-        assert told["relative_error"] <= 1e-6
-        assert told["modes"] > 2
-        assert [at["height_mm"] for at in told["mtf_over_field"]] == pytest.approx([4, 5.6, 8])
-        edge = told["mtf_over_field"][-1]
+        found = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
+        assert (found["wavelength_nm"], found["field_unit"], found["spacing_um"]) == ([450, 650], "mm", 0.5)
+        np.testing.assert_array_equal(found["field_xy"], np.stack([field_x, field_y], 1))
+        assert found["relative_error"] <= 1e-6
+        assert found["modes"] > 2
+        assert [at["height_mm"] for at in found["mtf_over_field"]] == pytest.approx([4, 5.6, 8])
+        edge = found["mtf_over_field"][-1]
         f = np.array(edge["frequency_per_mm"]) * 1e-3
         np.testing.assert_allclose(edge["tangential"], np.exp(-2 * (np.pi * f * 1.6) ** 2), atol=1e-3)
         np.testing.assert_allclose(edge["sagittal"], np.exp(-2 * (np.pi * f * 0.9) ** 2), atol=1e-3)
-    said = photosite("optics", "check", tmp_path / "d.yaml").out
-    assert "2 wavelengths, 450, 650 nm; 2 field points along a radius to 8 mm; 41 x 41 samples 0.5 um apart" in said
-    assert f"{told['modes']} modes, RMS error of their sum 0.00%, seen by pixels of 2 um" in said
-    assert "8 mm T" in said
+    text = photosite("optics", "check", tmp_path / "d.yaml").out
+    assert "2 wavelengths, 450, 650 nm; 2 field points along a radius to 8 mm; 41 x 41 samples 0.5 um apart" in text
+    assert f"{found['modes']} modes, RMS error of their sum 0.00%, blurred by pixels of 2 um" in text
+    assert "8 mm T" in text
 
 
-def test_one_field_point_has_no_field(photosite: Any, tmp_path: Path) -> None:
+def test_a_single_field_point(photosite: Any, tmp_path: Path) -> None:
     x = np.arange(-12, 13) * 0.5
     psf = np.exp(-(x[:, None] ** 2 + x**2) / 2)[None, None]
     design = LensDesign(np.array([550.0]), psf, 0.5, np.zeros(1), np.zeros(1))
     ps.Lens(ps.DiffractionLimited(2.8, 50), design).save(tmp_path / "d.yaml")
-    told = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
-    assert (told["modes"], told["relative_error"], told["mtf_over_field"]) == (1, 0, [])
-    said = photosite("optics", "check", tmp_path / "d.yaml").out
-    assert "1 wavelength, 550 nm; 1 field point along a radius to 0 mm" in said
+    found = photosite("optics", "check", tmp_path / "d.yaml", "--json").json["lens_design"]
+    assert (found["modes"], found["relative_error"], found["mtf_over_field"]) == (1, 0, [])
+    text = photosite("optics", "check", tmp_path / "d.yaml").out
+    assert "1 wavelength, 550 nm; 1 field point along a radius to 0 mm" in text
 
 
-def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
+def test_errors_are_one_line(photosite: Any, file: Path) -> None:
     file.write_text(FILE.replace("zernike", "zernikes"), encoding="utf-8")
     refused = photosite("optics", "check", file)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
@@ -165,5 +165,5 @@ def test_what_is_wrong_is_one_line(photosite: Any, file: Path) -> None:
             refused = photosite("optics", "check", file, option, value)
             assert (refused.status, refused.out, refused.err.count("\n")) == (2, "", 1)
     refused = photosite("optics", "check", file, "--wavelength", "nan")
-    assert "--wavelength is a number in nm, above 0, not nan" in refused.err
+    assert "--wavelength must be above 0, got nan" in refused.err
     assert "did you mean 'check'" in photosite("optics", "chek", file).err

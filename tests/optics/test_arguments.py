@@ -1,4 +1,4 @@
-"""What is handed to lenses: of the wrong kind or in another unit it is refused in one line that names the argument."""
+"""Arguments of a wrong type or unit are rejected with one line that names the argument."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ ANY: Any = DiffractionLimited
         (lambda: LensDesign(np.array([550.0]), [[SPOT]], "0.5", [0], [0]), "spacing_um"),  # type: ignore[arg-type]
     ],
 )
-def test_other_kinds_are_refused(make: Callable[[], object], what: str) -> None:
+def test_wrong_types_are_rejected(make: Callable[[], object], what: str) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.what.startswith(what)
@@ -79,7 +79,7 @@ def test_other_kinds_are_refused(make: Callable[[], object], what: str) -> None:
     assert len(str(caught.value)) < 250
 
 
-def test_numpys_numbers_are_numbers() -> None:
+def test_numpy_scalars_are_accepted() -> None:
     base = DiffractionLimited(np.float32(2.5), np.int64(50), np.array(0.5))  # type: ignore[arg-type]
     assert ps.Lens(base, focus_distance_m=np.float64(2)).magnification(2.0) == pytest.approx(0.05 / 1.95)
     assert ps.Pupil(blades=np.int64(6)).area < 1  # type: ignore[arg-type]
@@ -99,13 +99,13 @@ def test_numpys_numbers_are_numbers() -> None:
         ),
     ],
 )
-def test_lengths_in_metres_are_refused(make: Callable[[], object], what: str) -> None:
+def test_lengths_in_metres_are_rejected(make: Callable[[], object], what: str) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.what.startswith(what)
 
 
-def test_the_smallest_lenses_are_lenses() -> None:
+def test_the_smallest_lenses_are_accepted() -> None:
     assert DiffractionLimited(0.5, 0.2).f_number == 0.5
     assert FieldPoints(height_mm=np.array([0, 0.05])).size == 2
 
@@ -124,7 +124,7 @@ def test_frames_larger_than_a_table_give_a_warning(part: dict[str, Any]) -> None
         camera.mean_electrons(scene, 0.01)
 
 
-def test_depth_of_focus_is_said_with_the_refusal() -> None:
+def test_objects_out_of_focus_are_rejected_with_the_depth_of_focus() -> None:
     x = np.arange(-12, 13) * 0.5
     psf = np.exp(-(x[:, None] ** 2 + x**2) / 2)[None, None]
     far = ps.Lens(BASE, LensDesign(np.array([550.0]), psf, 0.5, np.zeros(1), np.zeros(1)), np.inf)
@@ -137,6 +137,6 @@ def test_depth_of_focus_is_said_with_the_refusal() -> None:
 @pytest.mark.parametrize(
     "name", ["Distortion", "FieldPoints", "IlluminationTable", "LateralColor", "VeilingGlare", "read_lens_design"]
 )
-def test_the_parts_of_a_lens_are_on_the_public_face(name: str) -> None:
+def test_parts_of_a_lens_are_public(name: str) -> None:
     assert getattr(ps, name).__name__ == name
     assert name in dir(ps)

@@ -1,4 +1,4 @@
-"""Low-rank sums of point spreads over the field: energy, error, turning, transfer functions."""
+"""Low-rank sums of PSFs over the field: energy, error, rotation, OTFs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def blob(y_um: float, x_um: float, sigma_um: float, count: int = 41, spacing_um:
 
 
 def comet(angle_rad: float, length_um: float, count: int = 41) -> Array:
-    """A spot with a tail, the tail at an angle from right towards down."""
+    """A spot with a tail at an angle from right towards down."""
     tail = sum(
         blob(t * length_um * math.sin(angle_rad), t * length_um * math.cos(angle_rad), 0.8 + 0.4 * t, count)
         for t in (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -37,13 +37,13 @@ def comet(angle_rad: float, length_um: float, count: int = 41) -> Array:
 
 
 def design(**changes: object) -> LensDesign:
-    """Tails that grow with height, outwards, and with wavelength; along the axis to the right."""
+    """Outward tails that grow with height and wavelength, at points to the right of the axis."""
     height = np.linspace(0, 10, 6)
     psf = np.stack([[comet(0.0, 0.5 * h * w / 550) for w in WAVES] for h in height])
     return LensDesign(WAVES, psf, SPACING_UM, np.zeros(6), height, **changes)  # type: ignore[arg-type]
 
 
-def test_modes_at_frequency_zero_make_light_one_at_every_node() -> None:
+def test_every_node_has_unit_energy() -> None:
     spread = design().point_spread(BASE, 2.0, None)
     assert isinstance(spread, FieldPsf)
     zero = np.zeros(1)
@@ -53,7 +53,7 @@ def test_modes_at_frequency_zero_make_light_one_at_every_node() -> None:
 
 
 @pytest.mark.parametrize("rank", [1, 2, 5])
-def test_energy_is_kept_at_any_rank_between_nodes_too(rank: int) -> None:
+def test_energy_is_conserved_at_any_rank_between_nodes(rank: int) -> None:
     spread = design(rank=rank).point_spread(BASE, 2.0, None)
     assert isinstance(spread, FieldPsf)
     assert len(spread.modes) == rank
@@ -62,7 +62,7 @@ def test_energy_is_kept_at_any_rank_between_nodes_too(rank: int) -> None:
     assert abs(dc @ middle - 1) < 1e-12
 
 
-def test_the_stated_error_is_that_of_the_sum_and_no_other_rank_does_better() -> None:
+def test_stated_error_is_the_svd_error() -> None:
     lens = design(tolerance=0.02)
     exact = lens.node_psfs()
     found = lens.low_rank
@@ -77,7 +77,7 @@ def test_the_stated_error_is_that_of_the_sum_and_no_other_rank_does_better() -> 
         assert found.error_by_rank[rank - 1] == pytest.approx(expected, rel=1e-6)
 
 
-def test_low_rank_refuses_what_cannot_be() -> None:
+def test_invalid_tolerance_and_rank() -> None:
     samples = np.ones((4, 3))
     with pytest.raises(InputError) as caught:
         low_rank(samples, tolerance=1.0)
@@ -87,7 +87,7 @@ def test_low_rank_refuses_what_cannot_be() -> None:
     assert caught.value.what == "rank"
 
 
-def test_nodes_hold_the_radius_turned_to_their_azimuth() -> None:
+def test_nodes_hold_psfs_rotated_to_their_azimuth() -> None:
     lens = design(nodes=11)
     nodes = lens.node_psfs().reshape(11, 11, 3, 41, 41)
     axis = np.linspace(-10, 10, 11)
@@ -98,7 +98,7 @@ def test_nodes_hold_the_radius_turned_to_their_azimuth() -> None:
         share = min(h / 2, 5) - low
         direct = (1 - share) * np.stack([_unit(comet(angle, low * w / 550)) for w in WAVES])
         direct += share * np.stack([_unit(comet(angle, min(low + 1, 5) * w / 550)) for w in WAVES])
-        # What the square of 20 um cuts of the tail of 5.9 um, and the splines.
+        # Truncation of the 5.9 um tail by the 20 um square, and the spline error.
         np.testing.assert_allclose(nodes[row, col], direct, atol=8e-4 * direct.max())
 
 
@@ -107,15 +107,15 @@ def _unit(samples: Array) -> Array:
 
 
 @pytest.mark.parametrize("count", [40, 41])
-def test_turning_is_exact_to_the_splines(count: int) -> None:
+def test_rotation_within_the_spline_error(count: int) -> None:
     turned = RotatablePsf(blob(1.5, 4.0, 1.2, count))
     for angle in (0.0, 0.3, math.pi / 2, 2.0, -math.pi, 5.0):
         y, x = math.sin(angle) * 4 + math.cos(angle) * 1.5, math.cos(angle) * 4 - math.sin(angle) * 1.5
         np.testing.assert_allclose(turned.rotated(angle), blob(y, x, 1.2, count), atol=3e-5)
 
 
-def test_an_airy_pattern_at_its_finest_sampling_can_be_turned() -> None:
-    """Sampled at half a period of its cutoff, as FFT point spreads are; it is the same at any angle."""
+def test_a_critically_sampled_airy_pattern_can_be_rotated() -> None:
+    """Sampled at half a period of its cutoff, as FFT PSFs are; rotation leaves it unchanged."""
     from scipy.special import j1
 
     axis = sample_positions(63, 0.5)
@@ -126,7 +126,7 @@ def test_an_airy_pattern_at_its_finest_sampling_can_be_turned() -> None:
     assert np.abs(got / got.sum() - airy / airy.sum())[inside].max() < 2e-3 * airy.max() / airy.sum()
 
 
-def test_transfer_functions_of_gaussians_are_gaussians() -> None:
+def test_otf_of_a_gaussian_is_a_gaussian() -> None:
     sigma = 1.2e-6
     samples = blob(1.0, -2.0, 1.2)
     fy, fx = np.linspace(-3e5, 3e5, 9)[:, None], np.linspace(-2e5, 4e5, 7)[None, :]
@@ -139,7 +139,7 @@ def test_transfer_functions_of_gaussians_are_gaussians() -> None:
     assert beyond[0] == 0  # half the sampling frequency is 1e6 / m
 
 
-def test_resampling_a_band_limited_spread_is_exact() -> None:
+def test_resampling_a_band_limited_psf_is_exact() -> None:
     coarse = blob(0.7, -1.1, 1.2, 44, 0.6)
     fine = resampled(coarse, (22, 22), 0.6, 91, 0.25)
     np.testing.assert_allclose(fine / fine.sum(), _unit(blob(0.7, -1.1, 1.2, 91, 0.25)), atol=1e-7)
@@ -148,7 +148,7 @@ def test_resampling_a_band_limited_spread_is_exact() -> None:
     np.testing.assert_allclose(_unit(moved), _unit(blob(0.7 + 1.2, -1.1 - 0.6, 1.2, 91, 0.25)), atol=1e-7)
 
 
-def test_light_radius_of_a_gaussian() -> None:
+def test_encircled_radius_of_a_gaussian() -> None:
     radius = encircled_radius(blob(0, 0, 2.0, 81, 0.25), 0.25, 0.995)
     assert radius == pytest.approx(2.0 * math.sqrt(-2 * math.log(0.005)), abs=0.25)
 
@@ -177,7 +177,7 @@ def test_field_angles_become_heights_at_the_image_distance() -> None:
     assert near.x_m[-1] == pytest.approx(far.x_m[-1] * (1 + BASE.magnification(0.2)), rel=1e-12)
 
 
-def test_one_field_point_is_one_spread_for_all() -> None:
+def test_one_field_point_gives_a_plane_psf() -> None:
     lens = LensDesign(np.array([550.0]), blob(0, 0, 1.2)[None, None], SPACING_UM, np.zeros(1), np.zeros(1))
     spread = lens.point_spread(BASE, 2.0, None)
     assert isinstance(spread, PlanePsf)
@@ -186,7 +186,7 @@ def test_one_field_point_is_one_spread_for_all() -> None:
     )
 
 
-def test_between_wavelengths_the_spread_is_linear_and_the_cutoff_is_diffractions() -> None:
+def test_psf_is_linear_between_wavelengths_with_the_diffraction_cutoff() -> None:
     spread = design(rank=2).point_spread(BASE, math.inf, None)
     assert isinstance(spread, FieldPsf)
     mode = spread.modes[0]
@@ -198,10 +198,10 @@ def test_between_wavelengths_the_spread_is_linear_and_the_cutoff_is_diffractions
     assert fine.point_spread(BASE, math.inf, None).cutoff_per_m(550.0) == pytest.approx(math.sqrt(0.5) / 0.5e-6)  # type: ignore[union-attr]
 
 
-def test_out_of_focus_it_refuses() -> None:
+def test_objects_out_of_focus_are_rejected() -> None:
     lens = design()
     assert isinstance(lens.point_spread(BASE, 2.0, 2.0), FieldPsf)
-    assert isinstance(lens.point_spread(BASE, 2.01, 2.0), FieldPsf)  # 0.1 of a wave
+    assert isinstance(lens.point_spread(BASE, 2.01, 2.0), FieldPsf)  # 0.1 waves
     with pytest.raises(InputError) as caught:
         lens.point_spread(BASE, 3.0, 2.0)
     assert caught.value.what == "distance_m"
@@ -229,7 +229,7 @@ TWO = np.array([0.0, 5.0])
         (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, TWO, nodes=2), "nodes"),
     ],
 )
-def test_what_cannot_be_is_refused(make: Callable[[], object], what: str) -> None:
+def test_invalid_designs(make: Callable[[], object], what: str) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.what.startswith(what)

@@ -1,4 +1,4 @@
-"""Curves of distortion against polynomials whose roots are known, and bad tables."""
+"""Distortion curves against polynomials with known roots, and invalid tables."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def cubic(k: float, heights: int, colors: tuple[float, ...] = (550.0,), per_colo
 
 
 @pytest.mark.parametrize("k", [-0.08, 0.05])
-def test_a_few_heights_make_the_curve_of_a_third_order_distortion(k: float) -> None:
+def test_third_order_distortion_from_a_few_heights(k: float) -> None:
     ideal = np.linspace(0.0, REACH_M, 1001)
     got = image_height(cubic(k, 5), 550.0)(ideal)
     np.testing.assert_allclose(got, ideal * (1 + k * (ideal / REACH_M) ** 2), atol=1e-9 * REACH_M)
 
 
-def test_ten_heights_of_a_fisheye_are_met_within_a_fiftieth_of_a_pixel() -> None:
+def test_a_fisheye_from_ten_heights() -> None:
     def real(ideal: NDArray[np.float64]) -> NDArray[np.float64]:
         u = ideal / REACH_M
-        return np.asarray(REACH_M * np.arctan(u))  # 21 % at the corner, and no polynomial
+        return np.asarray(REACH_M * np.arctan(u))  # 21 % at the corner, not a polynomial
 
     table = np.linspace(0.0, REACH_M, 11)
     fine = np.linspace(0.0, REACH_M, 1001)
@@ -41,19 +41,19 @@ def test_ten_heights_of_a_fisheye_are_met_within_a_fiftieth_of_a_pixel() -> None
     assert np.abs(got - real(fine)).max() < 0.02 * PIXEL_M
 
 
-def test_a_table_whose_spline_would_fold_back_still_rises() -> None:
+def test_the_curve_increases_where_the_spline_would_fold_back() -> None:
     from photosite.optics import mapping
 
     ideal, real = np.array([0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3, np.array([0.0, 1.0, 1.01, 1.02, 3.0]) * 1e-3
     fine = np.linspace(0, 4e-3, 1001)
-    assert (np.diff(mapping._odd_spline(ideal, real)(fine)) < 0).any()  # what must not be used
+    assert (np.diff(mapping._odd_spline(ideal, real)(fine)) < 0).any()  # the spline folds back
     curve = image_height(RadialMapping(np.array([550.0]), ideal, real[None]), 550.0)
     assert (np.diff(curve(fine)) > 0).all()
     np.testing.assert_allclose(curve(ideal), real, rtol=1e-12)
 
 
 @pytest.mark.parametrize("k", [-0.08, 0.05])
-def test_the_inverse_is_the_cubic_equations_root(k: float) -> None:
+def test_inverse_against_the_root_of_the_cubic_equation(k: float) -> None:
     scale, step = inverse_scale(cubic(k, 21), 550.0, 13e-3)
     real = np.sqrt(step * np.arange(1, scale.size))
     assert real[-1] == pytest.approx(13e-3)
@@ -64,7 +64,7 @@ def test_the_inverse_is_the_cubic_equations_root(k: float) -> None:
     assert scale[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_curve_goes_straight_on_beyond_its_last_height() -> None:
+def test_the_curve_is_straight_beyond_the_last_height() -> None:
     mapping = cubic(0.05, 101)
     curve = image_height(mapping, 550.0)
     beyond = curve(np.array([15e-3, 16e-3, 18e-3]))
@@ -74,14 +74,14 @@ def test_the_curve_goes_straight_on_beyond_its_last_height() -> None:
     assert curve(np.array([scale[-1] * 30e-3]))[0] == pytest.approx(30e-3, rel=1e-8)
 
 
-def test_heights_are_linear_in_wavelength_and_end_with_the_table() -> None:
+def test_heights_are_linear_in_wavelength_and_constant_beyond() -> None:
     mapping = cubic(0.0, 5, (500.0, 600.0), 1e-3)
     assert heights_at(mapping, 525.0)[-1] == pytest.approx(REACH_M * (1 + 0.25e-3), rel=1e-12)
     assert heights_at(mapping, 300.0)[-1] == REACH_M
     assert heights_at(mapping, 900.0)[-1] == pytest.approx(REACH_M * (1 + 1e-3), rel=1e-15)
 
 
-def test_nodes_stand_at_even_steps_of_the_image() -> None:
+def test_wavelength_nodes_are_evenly_spaced_in_the_image() -> None:
     """Two pieces of different slope: 6 um from 400 to 500 nm, 1.5 um from 500 to 700 nm; steps of at most 1.5 um."""
     ideal = np.array([0.0, 10e-3])
     real = ideal * np.array([[1.0], [1.0006], [1.00075]])
@@ -90,13 +90,13 @@ def test_nodes_stand_at_even_steps_of_the_image() -> None:
     nodes, shares = wavelength_nodes(mapping, grid, 10e-3, 1.5e-6)
     np.testing.assert_allclose(nodes, [400, 441 + 2 / 3, 483 + 1 / 3, 700], atol=1e-6)
     np.testing.assert_allclose(shares.sum(axis=0), 1.0, atol=1e-12)
-    # Among four nodes any cubic of the way travelled is kept.
+    # Four nodes reproduce any cubic of the path length.
     way = np.interp(grid, [400, 500, 700], [0.0, 6.0, 7.5])
     for power in (1, 2, 3):
         np.testing.assert_allclose(np.array([0, 2.5, 5, 7.5]) ** power @ shares, way**power, atol=1e-9)
 
 
-def test_few_nodes_share_between_two() -> None:
+def test_fewer_than_four_nodes_use_linear_weights() -> None:
     """6 um, then 1.5 um, in steps of at most 4 um: three nodes."""
     real = np.array([0.0, 10e-3]) * np.array([[1.0], [1.0006], [1.00075]])
     mapping = RadialMapping(np.array([400.0, 500.0, 700.0]), np.array([0.0, 10e-3]), real)
@@ -106,7 +106,7 @@ def test_few_nodes_share_between_two() -> None:
     np.testing.assert_allclose(shares[:, 20], [0, 0.2, 0.8], atol=1e-9)  # 600 nm: 6.75 um
 
 
-def test_wavelengths_themselves_are_nodes_where_as_many_are_needed() -> None:
+def test_wavelengths_are_nodes_if_as_many_are_needed() -> None:
     mapping = cubic(0.0, 5, (500.0, 600.0), 1e-2)
     nodes, shares = wavelength_nodes(mapping, np.array([500.0, 550.0, 600.0]), REACH_M, 1e-6)
     assert nodes.tolist() == [500.0, 550.0, 600.0]
@@ -132,9 +132,7 @@ def test_one_wavelength_or_one_curve_needs_one_node() -> None:
         ([550.0], [0.0, math.nan], [[0.0, 1.0]], "ideal_m"),
     ],
 )
-def test_a_mapping_that_cannot_be_is_refused(
-    wavelength: list[float], ideal: list[float], real: list[list[float]], what: str
-) -> None:
+def test_invalid_mappings(wavelength: list[float], ideal: list[float], real: list[list[float]], what: str) -> None:
     with pytest.raises(InputError) as caught:
         RadialMapping(np.array(wavelength), np.array(ideal), np.array(real))
     assert caught.value.what.startswith(what)
@@ -150,7 +148,7 @@ def test_a_mapping_that_cannot_be_is_refused(
         (0.1, 0.0, "spread_m"),
     ],
 )
-def test_a_glare_that_cannot_be_is_refused(fraction: float, spread: float | None, what: str) -> None:
+def test_invalid_glare(fraction: float, spread: float | None, what: str) -> None:
     with pytest.raises(InputError) as caught:
         VeilingGlare(fraction, spread)
     assert caught.value.what.startswith(what)

@@ -1,4 +1,4 @@
-"""Openings of lenses: areas and transfer functions against closed forms and counted cells."""
+"""Pupils: areas and OTFs against closed forms and counted cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ S = np.linspace(0, 1.1, 1101)
 
 
 def oneill(s: Array, ratio: float) -> Array:
-    """O'Neill 1956 as it is printed, in three terms; s over the cutoff."""
+    """O'Neill 1956 as printed, in three terms; s relative to the cutoff."""
 
     def disc(r: Array) -> Array:
         r = np.minimum(r, 1.0)
@@ -35,12 +35,12 @@ def oneill(s: Array, ratio: float) -> Array:
 
 
 @pytest.mark.parametrize("ratio", [0.05, 0.3, 0.5, 0.9])
-def test_a_ring_has_oneills_transfer_function(ratio: float) -> None:
+def test_annulus_against_oneill(ratio: float) -> None:
     assert Pupil(obscuration=ratio).transfer(0.6 * S, -0.8 * S) == pytest.approx(oneill(S, ratio), abs=2e-12)
 
 
-def test_round_blades_are_a_circle_by_chords_too() -> None:
-    """Blades a hair flatter than the circle go the way of all polygons: chords, and a table."""
+def test_nearly_round_blades_by_chords_agree_with_the_circle() -> None:
+    """Blades slightly flatter than the circle use the chords and the table."""
     nearly = Pupil(blades=7, roundness=1 - 1e-9, rotation_deg=20)
     assert not nearly.rotationally_symmetric
     assert nearly.area == pytest.approx(1.0, abs=2e-5)
@@ -50,20 +50,20 @@ def test_round_blades_are_a_circle_by_chords_too() -> None:
     assert Pupil(blades=7, roundness=1).rotationally_symmetric
 
 
-def test_a_ring_by_chords_is_the_ring_in_closed_form() -> None:
+def test_annulus_by_chords_agrees_with_the_closed_form() -> None:
     ring = Pupil(obscuration=0.4, blades=9, roundness=1 - 1e-9)
     got = ring.transfer(S * 0.28, S * 0.96)
     assert got == pytest.approx(aberration_free_otf(S, 0.4), abs=4e-5)
 
 
 @pytest.mark.parametrize("rotation", [0.0, 13.0, 45.0])
-def test_a_square_overlaps_itself_in_rectangles(rotation: float) -> None:
+def test_square_pupil(rotation: float) -> None:
     pupil = Pupil(blades=4, rotation_deg=rotation)
     assert pupil.area == pytest.approx(2 / math.pi, abs=1e-5)
     y, x = np.random.default_rng(4).uniform(-1, 1, (2, 20_000))
     turn = math.radians(rotation - 45)
     u, v = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
-    side = math.sqrt(0.5)  # of the half square, in radii; also the cutoff along its sides
+    side = math.sqrt(0.5)  # half side in radii; also the cutoff along the sides
     exact = np.maximum(1 - np.abs(u) / side, 0) * np.maximum(1 - np.abs(v) / side, 0)
     error = pupil.transfer(y, x) - exact
     assert np.abs(error).max() < 3e-4
@@ -71,12 +71,12 @@ def test_a_square_overlaps_itself_in_rectangles(rotation: float) -> None:
 
 
 @pytest.mark.parametrize("blades", [3, 5, 6, 8])
-def test_a_polygon_has_its_area_and_its_cutoffs(blades: int) -> None:
+def test_area_and_cutoffs_of_polygons(blades: int) -> None:
     pupil = Pupil(blades=blades, rotation_deg=90)
     assert pupil.area * math.pi == pytest.approx(blades / 2 * math.sin(2 * math.pi / blades), rel=2e-5)
     for angle in np.radians([0.0, 17.0, 90.0]):
         corners = np.radians(90 + 360 * np.arange(blades) / blades)
-        # Beyond the longest chord along a direction no two copies overlap.
+        # Copies shifted by more than the longest chord do not overlap.
         chord = longest_chord(np.cos(corners), np.sin(corners), angle) / 2
         near, beyond = (np.array([chord + d]) for d in (-0.01, 2e-3))
         assert pupil.transfer(near * math.sin(angle), near * math.cos(angle))[0] > 1e-5
@@ -84,7 +84,7 @@ def test_a_polygon_has_its_area_and_its_cutoffs(blades: int) -> None:
 
 
 def longest_chord(x: Array, y: Array, angle: float) -> float:
-    """Of a convex polygon along a direction: it begins or ends in a corner."""
+    """Longest chord of a convex polygon along a direction: it begins or ends in a corner."""
     along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
     best = 0.0
     for p in across:
@@ -98,7 +98,7 @@ def longest_chord(x: Array, y: Array, angle: float) -> float:
     return best
 
 
-def test_everything_at_once_against_counted_cells() -> None:
+def test_all_shapes_together_against_counted_cells() -> None:
     """Rounded blades, obscuration and vanes: a mask of 1.7 million points, overlapped with itself."""
     pupil = Pupil(0.3, 5, 11.0, 0.4, 3, 0.03, 25.0)
     n = 1300
@@ -123,17 +123,17 @@ def test_everything_at_once_against_counted_cells() -> None:
         assert float(got) == pytest.approx(counted, abs=6e-4)
 
 
-def test_cells_hold_the_area_and_its_moments() -> None:
+def test_area_and_moments_of_cells() -> None:
     amplitude, y, _ = Pupil(blades=3, rotation_deg=90).cells(40)
     area = amplitude.sum() * (2 / 40) ** 2
     assert area == pytest.approx(3 * math.sqrt(3) / 4, rel=1e-4)
     assert (amplitude * y).sum() == pytest.approx(0, abs=0.1)
-    # Second moment of an equilateral triangle about its middle: side^4 sqrt(3) / 96, side sqrt(3).
+    # Second moment of an equilateral triangle about its centre: side^4 sqrt(3) / 96, side sqrt(3).
     assert (amplitude * y * y).sum() * (2 / 40) ** 2 == pytest.approx(9 * math.sqrt(3) / 96, rel=2e-3)
-    assert amplitude[-3:].sum() < amplitude[8:11].sum()  # the corner is on top, y up
+    assert amplitude[-3:].sum() < amplitude[8:11].sum()  # the corner is at the top, y up
 
 
-def test_an_array_is_cells_of_even_transmission() -> None:
+def test_array_pupil_consists_of_uniform_cells() -> None:
     square = np.zeros((16, 16))
     square[4:12, 4:12] = 1.0
     pupil = Pupil(amplitude=square)
@@ -142,12 +142,12 @@ def test_an_array_is_cells_of_even_transmission() -> None:
     exact = np.maximum(1 - 2 * np.abs(x), 0) * np.maximum(1 - 2 * np.abs(y), 0)
     assert pupil.transfer(y, x) == pytest.approx(exact, abs=1e-12)
     lopsided = np.zeros((16, 16))
-    lopsided[2:5, 8:10] = 1.0  # on top
+    lopsided[2:5, 8:10] = 1.0  # at the top
     amplitude, y, _ = Pupil(amplitude=lopsided).cells(10)
     assert (amplitude * y).sum() / amplitude.sum() == pytest.approx((16 - 7) / 16, abs=1e-12)
 
 
-def test_edges_spread_light_as_far_as_they_are_long() -> None:
+def test_edge_ratio_against_the_slope_of_the_otf() -> None:
     assert Pupil().edge_ratio == pytest.approx(1, abs=1e-4)
     assert Pupil(obscuration=0.5).edge_ratio == pytest.approx(1.5 / 0.75, rel=1e-4)
     hexagon = 6 / (3 * math.sqrt(3) / 2) / 2
@@ -170,7 +170,7 @@ def test_edges_spread_light_as_far_as_they_are_long() -> None:
         ({"amplitude": np.zeros((16, 16)), "blades": 5}, "a pupil cannot be an array"),
     ],
 )
-def test_pupils_that_cannot_be(change: dict[str, float], what: str) -> None:
+def test_invalid_pupils(change: dict[str, float], what: str) -> None:
     with pytest.raises(InputError) as caught:
         Pupil(**change)  # type: ignore[arg-type]
     assert caught.value.what.startswith(what)

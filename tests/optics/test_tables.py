@@ -1,4 +1,4 @@
-"""Tables of transfer functions and point spreads against closed forms, and files that are wrong."""
+"""Tables of OTFs and PSFs against closed forms, and invalid files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def gaussian(
     return np.exp(-(x**2 + y**2) / (2 * sigma_um**2)) * spacing_um**2 / (2 * math.pi * sigma_um**2)
 
 
-def test_a_radial_table_is_its_curve_between_entries_and_wavelengths() -> None:
+def test_radial_table_between_frequencies_and_wavelengths() -> None:
     table = OtfTable([450.0, 650.0], PER_MM, [gaussian_mtf(3.0), gaussian_mtf(5.0)])
     spread = table.point_spread(LENS, 1.2)
     assert isinstance(spread, RadialPsf)
@@ -47,11 +47,11 @@ def test_a_radial_table_is_its_curve_between_entries_and_wavelengths() -> None:
     assert spread.otf(f * 1e3, 500.0) == pytest.approx(0.75 * blue + 0.25 * red, abs=1e-3)
     assert spread.otf(f * 1e3, 900.0) == pytest.approx(red, abs=2e-3)
     assert spread.otf(np.array([3.1e5]), 500.0) == 0
-    # 99.5 % of a Gaussian's light lies within sigma sqrt(2 ln 200).
+    # 99.5 % of the energy of a Gaussian is within sigma sqrt(2 ln 200).
     assert spread.reach_m(450.0) == pytest.approx(3e-6 * math.sqrt(2 * math.log(200)), rel=0.05)
 
 
-def test_a_table_that_ends_early_goes_on_as_diffraction_where_told() -> None:
+def test_diffraction_beyond_the_end_of_a_table() -> None:
     f = np.array([0.0, 20.0, 40.0])
     values = 0.9 ** (f / 20) * LENS.otf(f * 1e3, 550.0, 1.2)
     with pytest.raises(InputError) as caught:
@@ -66,8 +66,8 @@ def test_a_table_that_ends_early_goes_on_as_diffraction_where_told() -> None:
 
 
 @pytest.mark.parametrize("half", ["neither", "rows", "columns"])
-def test_a_plane_table_keeps_its_phase(half: str) -> None:
-    """A Gaussian wider along the columns than along the rows, 2 um down and 1 um left of its place."""
+def test_phase_of_a_2d_table(half: str) -> None:
+    """A Gaussian wider along the columns than along the rows, shifted by 2 um down and 1 um left."""
     whole = np.arange(-200.0, 201.0, 4.0)
     fy = whole[whole >= 0] if half == "rows" else whole
     fx = whole[whole >= 0] if half == "columns" else whole
@@ -86,14 +86,14 @@ def test_a_plane_table_keeps_its_phase(half: str) -> None:
 
 
 @pytest.mark.parametrize("count", [60, 61])
-def test_samples_of_a_gaussian_have_its_transfer_function(count: int) -> None:
+def test_otf_of_a_sampled_gaussian(count: int) -> None:
     samples = np.stack([gaussian(2.0, 1.0, count), gaussian(3.0, 1.0, count, (1.25, -0.5))])
     spread = PsfTable([450.0, 650.0], samples, 1.0).point_spread(LENS, 1.2)
     fy, fx = np.random.default_rng(2).uniform(-150e3, 150e3, (2, 300))
     square = (fy**2 + fx**2) * 1e-12
     blue = np.exp(-2 * math.pi**2 * square * 4)
     red = np.exp(-2 * math.pi**2 * square * 9 - 2j * math.pi * (fy * 1.25e-6 - fx * 0.5e-6))
-    # The band-limited function through the samples: their Fourier sum, which adds the Gaussian's own beyond the limit.
+    # The Fourier sum of the samples includes the aliased part of the Gaussian.
     assert np.abs(spread.otf(fy, fx, 450.0) - blue).max() < 1e-5
     assert np.abs(spread.otf(fy, fx, 550.0) - (blue + red) / 2).max() < 1e-5
     assert spread.otf(np.zeros(1), np.zeros(1), 500.0)[0] == pytest.approx(1, abs=1e-12)
@@ -103,8 +103,8 @@ def test_samples_of_a_gaussian_have_its_transfer_function(count: int) -> None:
     assert np.abs(spread.otf(column, row, 450.0) - spread.otf(*both, 450.0)).max() < 1e-14
 
 
-def test_a_wavefront_sampled_is_the_wavefront_again() -> None:
-    """Coma's point spread, at a third of its period: both blurs say the same."""
+def test_sampled_psf_of_a_wavefront_has_its_otf() -> None:
+    """PSF of coma, sampled at a third of the period of its cutoff."""
     wave = Wavefront({7: 60.0, 6: 30.0}).point_spread(LENS, math.inf)
     assert isinstance(wave, PlanePsf)
     period_m, count = 550e-9 * 8, 257
@@ -159,7 +159,7 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
         ),
     ],
 )
-def test_transfer_functions_that_cannot_be(change: dict[str, Any], what: str) -> None:
+def test_invalid_otf_tables(change: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError) as caught:
         OtfTable(**{**GOOD, "values": VALUES, **change})
     assert caught.value.what.startswith(what)
@@ -183,7 +183,7 @@ def test_transfer_functions_that_cannot_be(change: dict[str, Any], what: str) ->
         ({"wavelength_nm": [550.0, 450.0], "samples": [gaussian(2.0)] * 2}, "wavelengths must increase from entry to"),
     ],
 )
-def test_point_spreads_that_cannot_be(change: dict[str, Any], what: str) -> None:
+def test_invalid_psf_tables(change: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError) as caught:
         PsfTable(**{"wavelength_nm": [550.0], "samples": [gaussian(2.0)], "spacing_um": 1.0, **change})
     assert caught.value.what.startswith(what)
@@ -204,7 +204,7 @@ def test_mtf_from_a_file_with_comments(tmp_path: Path) -> None:
     assert table.values == pytest.approx(VALUES, abs=1e-6)
 
 
-def test_a_plane_table_from_a_file_in_any_order(tmp_path: Path) -> None:
+def test_2d_table_from_a_file_in_any_order(tmp_path: Path) -> None:
     path = tmp_path / "otf.csv"
     tilted = PLANE * np.exp(-2j * math.pi * AXIS * 1e-3)  # 1 um to the right
     lines = [
@@ -237,7 +237,7 @@ def test_a_plane_table_from_a_file_in_any_order(tmp_path: Path) -> None:
         ("frequency_per_mm\n0\n1\n", ("wavelengths are a list of positive", None)),
     ],
 )
-def test_wrong_files_of_transfer_functions(tmp_path: Path, text: str, error: tuple[str, int | None]) -> None:
+def test_invalid_otf_files(tmp_path: Path, text: str, error: tuple[str, int | None]) -> None:
     path = tmp_path / "otf.csv"
     path.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -249,7 +249,7 @@ def test_wrong_files_of_transfer_functions(tmp_path: Path, text: str, error: tup
     assert caught.value.what.startswith("cannot be read")
 
 
-def test_point_spreads_from_every_kind_of_file(tmp_path: Path) -> None:
+def test_psfs_from_every_format(tmp_path: Path) -> None:
     stack = np.stack([gaussian(2.0), gaussian(3.0)])
     np.savez(tmp_path / "a.npz", psf=stack, spacing_um=1.0, wavelength_nm=[450.0, 650.0])
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -259,8 +259,8 @@ def test_point_spreads_from_every_kind_of_file(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack")
     np.savetxt(tmp_path / "a.txt", stack[0])
     np.savetxt(tmp_path / "a.csv", stack[0], delimiter=",")
-    said = {"spacing_um": 1.0, "wavelength_nm": [450.0, 650.0]}
-    for name, options in {"a.npz": {}, "a.h5": {"spacing_um": 1.0}, "a.tif": said}.items():
+    stated = {"spacing_um": 1.0, "wavelength_nm": [450.0, 650.0]}
+    for name, options in {"a.npz": {}, "a.h5": {"spacing_um": 1.0}, "a.tif": stated}.items():
         table = read_psf_table(tmp_path / name, **options)
         assert table.samples == pytest.approx(stack / stack.sum(axis=(1, 2), keepdims=True), abs=1e-15)
         assert table.wavelength_nm.tolist() == [450, 650]
@@ -269,8 +269,8 @@ def test_point_spreads_from_every_kind_of_file(tmp_path: Path) -> None:
         assert table.samples[0] == pytest.approx(stack[0] / stack[0].sum(), abs=1e-15)
 
 
-def test_wrong_files_of_point_spreads(tmp_path: Path) -> None:
-    said = {"spacing_um": 1.0, "wavelength_nm": 550}
+def test_invalid_psf_files(tmp_path: Path) -> None:
+    options = {"spacing_um": 1.0, "wavelength_nm": 550}
 
     def refused(name: str, what: str, **options: Any) -> None:
         with pytest.raises(FileError) as caught:
@@ -284,7 +284,7 @@ def test_wrong_files_of_point_spreads(tmp_path: Path) -> None:
     np.savez(tmp_path / "b.npz", psf=gaussian(2.0), spacing_um=2.0, wavelength_nm=550.0)
     refused("b.npz", "spacing_um", spacing_um=1.0)
     np.savez(tmp_path / "c.npz", image=gaussian(2.0))
-    refused("c.npz", "holds no array 'psf', but image", **said)
+    refused("c.npz", "holds no array 'psf', but image", **options)
     np.savez(tmp_path / "d.npz", psf=np.array([{}], dtype=object), spacing_um=1.0)
     refused("d.npz", "cannot be read")
     for place, psf, spacing in (
@@ -296,22 +296,22 @@ def test_wrong_files_of_point_spreads(tmp_path: Path) -> None:
     refused("d.npz", "psf")
     refused("a.npz", "spacing_um", spacing_um="1.0", wavelength_nm=550)
     np.savez(tmp_path / "e.npz", psf=gaussian(2.0) * 3)
-    refused("e.npz", "samples", **said)
+    refused("e.npz", "samples", **options)
     (tmp_path / "f.txt").write_text("1 2 3\n4 5\n")
-    refused("f.txt", "entries in this line", **said)
+    refused("f.txt", "entries in this line", **options)
     tifffile.imwrite(tmp_path / "g.tif", np.zeros((8, 8, 3), np.uint8), photometric="rgb")
-    refused("g.tif", "pages", **said)
+    refused("g.tif", "pages", **options)
     tifffile.imwrite(tmp_path / "h.tif", np.stack([gaussian(2.0)] * 3), photometric="minisblack")
-    refused("h.tif", "samples", **said)
+    refused("h.tif", "samples", **options)
     with h5py.File(tmp_path / "i.h5", "w") as file:
         file.create_group("psf")
-    refused("i.h5", "holds no data set 'psf', but psf", **said)
-    refused("missing.npz", "no such file", **said)
-    refused("a.mat", "suffix", **said)
+    refused("i.h5", "holds no data set 'psf', but psf", **options)
+    refused("missing.npz", "no such file", **options)
+    refused("a.mat", "suffix", **options)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".tif", ".txt"])
-def test_damaged_files_of_point_spreads_are_one_line(tmp_path: Path, suffix: str) -> None:
+def test_damaged_psf_files_raise_file_errors_only(tmp_path: Path, suffix: str) -> None:
     good = tmp_path / f"good{suffix}"
     if suffix == ".npz":
         np.savez(good, psf=gaussian(2.0), spacing_um=1.0, wavelength_nm=550.0)
@@ -332,7 +332,7 @@ def test_damaged_files_of_point_spreads_are_one_line(tmp_path: Path, suffix: str
                 damaged[place] = int(rng.integers(0, 256))
         path = tmp_path / f"bad{suffix}"
         path.write_bytes(damaged)
-        with contextlib.suppress(FileError):  # one error line, or a table after all
+        with contextlib.suppress(FileError):  # an error, or a valid table by chance
             read_psf_table(path, **options)
 
 
@@ -350,7 +350,7 @@ def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.values, [[1, 0.7, 0], [1, 0.6, 0]])
 
 
-def test_commas_among_points_are_not_guessed_at(tmp_path: Path) -> None:
+def test_ambiguous_decimal_commas_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text("frequency_per_mm;450\n0;1\n40.5;0,7\n200;0\n", encoding="utf-8")
     with pytest.raises(FileError) as caught:
         read_otf_table(tmp_path / "mtf.csv")

@@ -1,4 +1,4 @@
-"""Wavefronts against closed forms: Airy, Hopkins, Marechal, and where coma puts its light."""
+"""Wavefronts against closed forms: Airy, Hopkins, Marechal, and the centroid of coma."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
 FAR = math.inf
 S = np.linspace(0, 1.05, 316)
 NEARLY_ROUND = Pupil(blades=7, roundness=1 - 1e-9)
-"""A circle that takes the way of any pupil."""
+"""A circle that is computed as a general pupil."""
 
 
 def plane_otf(spread: PlanePsf | RadialPsf, y: Array, x: Array, wavelength_nm: float) -> NDArray[np.complex128]:
@@ -36,7 +36,7 @@ def plane_otf(spread: PlanePsf | RadialPsf, y: Array, x: Array, wavelength_nm: f
 
 
 def point_spread(spread: PlanePsf | RadialPsf, wavelength_nm: float, count: int) -> Array:
-    """(count, count) samples at half a period of the cutoff, the middle at count // 2; peak of the Airy pattern 1."""
+    """(count, count) samples at half a period of the cutoff, the centre at count // 2; peak of the Airy pattern 1."""
     f = np.fft.fftfreq(count) * 2
     otf = plane_otf(spread, f[:, None], f[None], wavelength_nm)
     spectrum = otf * (4 / count**2) / (math.pi / 4)
@@ -46,7 +46,7 @@ def point_spread(spread: PlanePsf | RadialPsf, wavelength_nm: float, count: int)
 
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 @pytest.mark.parametrize("wavelength_nm", [450.0, 650.0])
-def test_a_pupil_by_numbers_has_diffractions_mtf_and_airys_pattern(f_number: float, wavelength_nm: float) -> None:
+def test_sampled_circle_has_the_airy_pattern_and_its_mtf(f_number: float, wavelength_nm: float) -> None:
     lens = DiffractionLimited(f_number, 50)
     spread = Wavefront(pupil=NEARLY_ROUND).point_spread(lens, 1.2)
     cutoff = lens.cutoff_per_m(wavelength_nm, 1.2)
@@ -73,8 +73,8 @@ def annular_otf(s: Array, waves: Waves, obscuration: float, count: int) -> Array
 
 
 @pytest.mark.parametrize("rim_waves", [0.0, 0.25, 0.5, 1.0, 2.0])
-def test_defocus_has_hopkins_transfer_function_three_ways(rim_waves: float) -> None:
-    """His integral by adaptive quadrature; as a radial function; over a ring's pieces; by transforms."""
+def test_defocus_against_hopkins_by_three_methods(rim_waves: float) -> None:
+    """Adaptive quadrature of the integral against the radial function, the annular quadrature and the transforms."""
 
     def hopkins(s: float) -> float:
         return float(
@@ -115,8 +115,8 @@ def test_quadrature_and_transforms_agree_on_spherical_aberration(
     assert got == pytest.approx(exact, abs=1e-4)  # through the spline
 
 
-def test_strong_defocus_of_any_pupil_keeps_to_hopkins() -> None:
-    """Up to 32 waves, where sampling ends; far beyond, by the same rays at a longer wavelength."""
+def test_strong_defocus_by_transforms_against_hopkins() -> None:
+    """Up to 32 waves, the sampling limit, and beyond by the same rays at a longer wavelength."""
     for rim_waves, tolerance in ((10.0, 2e-4), (32.0, 6e-4), (80.0, 8e-3)):
         coefficient = {4: rim_waves / math.sqrt(12)}
         spread = Wavefront(coefficient, unit="waves", reference_nm=550, pupil=NEARLY_ROUND).point_spread(LENS, FAR)
@@ -130,8 +130,8 @@ TERMS = [(n, m) for n in range(2, 5) for m in range(-n, n + 1, 2)]
 
 @pytest.mark.parametrize("term", TERMS)
 @pytest.mark.parametrize("rms", [0.02, 0.05])
-def test_strehls_ratio_is_marechals(term: tuple[int, int], rms: float) -> None:
-    """exp(-(2 pi rms)^2): of the phase's next moments it leaves out at most 1.3 (2 pi rms)^4 / 24 and the third."""
+def test_strehl_ratio_against_marechal(term: tuple[int, int], rms: float) -> None:
+    """exp(-(2 pi rms)^2): it omits at most 1.3 (2 pi rms)^4 / 24 and the third moment of the phase."""
     wavefront = Wavefront({term: rms}, index="nm", unit="waves", reference_nm=550, pupil=NEARLY_ROUND)
     spread = wavefront.point_spread(LENS, FAR)
     step = 1 / 64
@@ -140,7 +140,7 @@ def test_strehls_ratio_is_marechals(term: tuple[int, int], rms: float) -> None:
     bare = aberration_free_otf(np.hypot(f[:, None], f[None]))
     strehl = float(otf.sum().real / bare.sum())
     phase = 2 * math.pi * rms
-    # The ratio itself: the squared mean of the phasor over the pupil, by a fine grid of its own.
+    # The exact ratio: the squared mean of the phasor over the pupil, on a separate fine grid.
     t = (np.arange(400) + 0.5) / 200 - 1
     x, y = np.meshgrid(t, t)
     inside = np.hypot(x, y) < 1
@@ -150,8 +150,8 @@ def test_strehls_ratio_is_marechals(term: tuple[int, int], rms: float) -> None:
     assert strehl < 1 - 0.9 * phase**2 + phase**4 / 2
 
 
-def test_tilt_moves_the_image_and_coma_leans_the_way_it_should() -> None:
-    """The centroid of the point spread is 2 N times the mean slope of the wavefront over the pupil."""
+def test_centroids_of_tilt_and_coma() -> None:
+    """The centroid of the PSF is 2 N times the mean slope of the wavefront over the pupil."""
     for term, (right, up) in {
         (1, 1): (2.0, 0.0),  # Z = 2 x
         (1, -1): (0.0, 2.0),
@@ -174,8 +174,8 @@ def centroid(spread: PlanePsf | RadialPsf, y: float, x: float) -> float:
     return float(-plane_otf(spread, np.array([y]), np.array([x]), 550.0).imag[0] / (2 * math.pi * step_per_m))
 
 
-def test_comas_tail_points_to_the_side_of_its_sign() -> None:
-    """Seen in the point spread itself: most of the light near the chief ray, the tail to the right."""
+def test_the_tail_of_coma_follows_its_sign() -> None:
+    """Most energy is near the chief ray, and the tail is to the right."""
     psf = point_spread(Wavefront({8: 80.0}, pupil=NEARLY_ROUND).point_spread(LENS, FAR), 550.0, 256)
     row, col = np.unravel_index(psf.argmax(), psf.shape)
     assert row == 128
@@ -184,8 +184,8 @@ def test_comas_tail_points_to_the_side_of_its_sign() -> None:
     assert np.abs(psf - np.roll(psf[::-1], 1, axis=0)).max() < 1e-5
 
 
-def test_a_hexagons_star_has_its_arms_across_the_edges() -> None:
-    """Blades with a corner to the right have edges up and down: arms of light straight up, none to the right."""
+def test_diffraction_star_of_a_hexagon() -> None:
+    """A corner to the right means horizontal edges at top and bottom: vertical arms, no horizontal ones."""
     psf = point_spread(Wavefront(pupil=Pupil(blades=6)).point_spread(LENS, FAR), 550.0, 256)
     arm, gap = psf[64:108, 128].sum(), psf[128, 64:108].sum()
     assert arm > 5 * gap
@@ -199,7 +199,7 @@ def test_a_hexagons_star_has_its_arms_across_the_edges() -> None:
         Wavefront({7: 60.0}, pupil=Pupil(0.3, vanes=4, vane_width=0.02)),
     ],
 )
-def test_light_is_kept_and_nowhere_negative(wavefront: Wavefront) -> None:
+def test_psf_has_unit_energy_and_is_not_negative(wavefront: Wavefront) -> None:
     spread = wavefront.point_spread(LENS, FAR)
     at_zero = plane_otf(spread, np.zeros(1), np.zeros(1), 550.0)[0]
     assert abs(at_zero - 1) < 1e-12
@@ -212,8 +212,8 @@ def test_light_is_kept_and_nowhere_negative(wavefront: Wavefront) -> None:
     assert (np.abs(forth) <= 1).all()
 
 
-def test_focus_by_distance_is_focus_by_shift() -> None:
-    """An object nearer than the focus comes to focus behind the sensor; both ways of saying so agree paraxially."""
+def test_defocus_by_distance_equals_defocus_by_shift() -> None:
+    """An object nearer than the plane in focus is imaged behind the sensor; both forms agree paraxially."""
     lens = DiffractionLimited(4, 50)
     distance, focus = 3.0, 3.1
     image, sensor = (1 / (1 / 0.05 - 1 / d) for d in (distance, focus))
@@ -222,7 +222,7 @@ def test_focus_by_distance_is_focus_by_shift() -> None:
     by_shift = Wavefront(defocus_um=(image - sensor) * 1e6).waves(550.0, lens, focus)[2, 0]
     assert by_distance == pytest.approx(by_shift, rel=1e-3)
     assert by_distance > 0
-    # Blur by rays: the aperture's diameter over the image's distance, at the sensor. The rim's ray is 4 W N away.
+    # Geometrical blur: aperture diameter over image distance, at the sensor. The rim ray is 4 W N away.
     rim_waves = by_distance * math.sqrt(12)
     assert 2 * 4 * rim_waves * 550e-9 * lens.working_f_number(focus) == pytest.approx(
         (image - sensor) / image * (0.05 / 4), rel=1e-9
@@ -232,8 +232,8 @@ def test_focus_by_distance_is_focus_by_shift() -> None:
     assert set(Wavefront().waves(550.0, lens, 2.0, 2.0)) == set()
 
 
-def test_the_sign_of_defocus_shows_with_spherical_aberration() -> None:
-    """With W = a r^4 the best focus has the other sign; the Zernike term already holds it."""
+def test_sign_of_defocus_with_spherical_aberration() -> None:
+    """For W = a r^4 the best focus has the opposite sign; the Zernike term includes it."""
 
     def strehl(defocus_nm: float) -> float:
         spread = Wavefront({4: defocus_nm, 11: 40.0}).point_spread(LENS, FAR)
@@ -245,7 +245,7 @@ def test_the_sign_of_defocus_shows_with_spherical_aberration() -> None:
     assert strehl(0.0) > strehl(-30.0)
 
 
-def test_chromatic_focus_moves_each_wavelength_by_its_own() -> None:
+def test_chromatic_focus() -> None:
     table = Spectrum([450.0, 650.0], [-20.0, 40.0])
     wavefront = Wavefront(defocus_um=5.0, chromatic_focus=table)
     for wavelength, shift_um in ((400.0, -15.0), (550.0, 15.0), (700.0, 45.0)):
@@ -256,14 +256,25 @@ def test_chromatic_focus_moves_each_wavelength_by_its_own() -> None:
         assert ours * math.sqrt(12) == pytest.approx(rim, rel=1e-12)
 
 
-def test_reach_holds_the_light_it_says() -> None:
-    """99.5 % within it: by the encircled energy of the transfer function, 1 - loss."""
+def test_chromatic_focus_of_zero_at_one_wavelength() -> None:
+    """A wavelength without defocus has fewer Zernike terms than the others."""
+    focus = Spectrum(np.array([450.0, 550.0, 650.0]), np.array([-10.0, 0.0, 12.0]))
+    both = Wavefront({6: 50.0}, pupil=NEARLY_ROUND, chromatic_focus=focus).point_spread(LENS, FAR)
+    alone = Wavefront({6: 50.0}, pupil=NEARLY_ROUND).point_spread(LENS, FAR)
+    f = np.linspace(0, 0.6, 9)
+    for nm in (450.0, 550.0):
+        got = plane_otf(both, f, 0 * f, nm)
+    np.testing.assert_allclose(got, plane_otf(alone, f, 0 * f, 550.0), atol=1e-12)
+
+
+def test_reach_encloses_the_stated_energy() -> None:
+    """Encircled energy from the OTF is 99.5 %."""
     for wavefront in (Wavefront({4: 300.0}), Wavefront({11: 100.0}, pupil=Pupil(obscuration=0.3))):
         spread = wavefront.point_spread(LENS, FAR)
         assert isinstance(spread, RadialPsf)
         cutoff, reach = spread.cutoff_per_m(550.0), spread.reach_m(550.0)
         s = np.linspace(0, 1, 40_001)
-        # Light within R: 2 pi R integral of otf(f) J1(2 pi R f) df.
+        # Energy within R: 2 pi R integral of otf(f) J1(2 pi R f) df.
         held = (
             2
             * math.pi
@@ -274,7 +285,7 @@ def test_reach_holds_the_light_it_says() -> None:
         assert 0.994 < held < 0.9985
 
 
-def test_waves_are_paths_and_phases_go_as_one_over_wavelength() -> None:
+def test_phase_goes_as_one_over_wavelength() -> None:
     in_nm, in_waves = Wavefront({8: 63.28}), Wavefront({8: 0.1}, unit="waves", reference_nm=632.8)
     assert in_nm.terms_nm == pytest.approx(dict(in_waves.terms_nm))
     assert in_nm.waves(316.4, LENS, FAR)[3, 1] == pytest.approx(0.2)
@@ -321,15 +332,15 @@ def test_indices_against_the_published_tables() -> None:
         ({"defocus_um": math.inf}, "defocus_um"),
     ],
 )
-def test_wavefronts_that_cannot_be(change: dict[str, object], what: str) -> None:
+def test_invalid_wavefronts(change: dict[str, object], what: str) -> None:
     with pytest.raises(InputError) as caught:
         Wavefront(**change)  # type: ignore[arg-type]
     assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 
-def test_an_array_of_a_disc_blurs_like_the_disc() -> None:
-    """Grey cells at the rim are taken as grey: an error of 0.7 over the cells across."""
+def test_array_of_a_disc_agrees_with_the_disc() -> None:
+    """Partly open cells at the rim give an error of 0.7 over the cells across."""
     n = 512
     amplitude, _, _ = Pupil().cells(n)
     spread = replace(Wavefront({8: 60.0}), pupil=Pupil(amplitude=np.minimum(amplitude, 1.0))).point_spread(LENS, FAR)

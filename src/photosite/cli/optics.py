@@ -1,4 +1,4 @@
-"""`photosite optics`: what an optics file says, and whether it can be."""
+"""`photosite optics`: check and describe optics files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 _FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
 _SHARES_OF_FIELD = (0.5, 0.7, 1.0)
 _OF_FIELD = ("frequency_per_mm", "tangential", "sagittal")
-"""Right of the axis the radius lies along the rows."""
+"""To the right of the axis, tangential is along the rows."""
 
 
 @click.group("optics", cls=Group)
 def command() -> None:
-    """Look at optics files.
+    """Check optics files.
 
     Example: photosite optics check mine.optics.yaml
     """
@@ -33,18 +33,21 @@ def command() -> None:
 @command.command("check")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--distance", "distance_m", type=float, help="Of the object, m.  [default: where it is focused, else infinity]"
+    "--distance",
+    "distance_m",
+    type=float,
+    help="Object distance in m.  [default: focus distance, or infinity]",
 )
-@click.option("--wavelength", "wavelength_nm", type=float, default=550.0, help="Of the MTF, nm.")
+@click.option("--wavelength", "wavelength_nm", type=float, default=550.0, help="Wavelength of the MTF in nm.")
 @json_option
 def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: bool) -> None:
-    """Check an optics file: exit status 0 if it describes a lens, 2 with the line and the reason if not.
+    """Check an optics file: exit status 0 if it describes a lens, otherwise 2 with the line and the reason.
 
     FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/optics.md).
 
-    Prints what it holds, and the contrast (MTF) on the axis at a few frequencies on the sensor, along rows and columns.
-    Of lens-design point spreads also wavelengths, field points, modes, the error of their sum, and the MTF of points
-    right of the axis: tangential, for detail along the radius, and sagittal.
+    Prints the parts of the lens, and the MTF on the axis at a few frequencies on the sensor, along rows and columns.
+    For lens-design data, also prints wavelengths, field points, modes, the error of their sum, and the MTF at points to
+    the right of the axis: tangential (detail along the radius) and sagittal.
 
     Example: photosite optics check mine.optics.yaml --distance 2
     """
@@ -52,7 +55,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
     from photosite.optics.io.formats import load_optics
 
     if not 0 < wavelength_nm < math.inf:
-        raise InputError(f"--wavelength is a number in nm, above 0, not {wavelength_nm}")
+        raise InputError("wavelength_nm", value=wavelength_nm, expected="above 0")
     camera_wavelengths([wavelength_nm])
     lens = load_optics(file)
     if distance_m is None:
@@ -72,7 +75,7 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
         f"blur: {facts['blur']}; holds: {', '.join(facts['holds']) or 'nothing else'}"
     )
     if design is not None:
-        click.echo(_design_in_words(design))
+        click.echo(_design_text(design))
     where = f"an object at {distance_m:g} m" if math.isfinite(distance_m) else "an object at infinity"
     click.echo(f"\nMTF on the axis at {wavelength_nm:g} nm, {where}:\n")
     heading = ("cycles/mm", "along rows", "along columns")
@@ -88,7 +91,7 @@ def _facts(lens: Lens) -> dict[str, Any]:
     base, blur = lens.base, lens.blur
     holds = {
         "a transmittance": isinstance(base.transmittance, Spectrum) or base.transmittance != 1,
-        "cos4 fall-off": base.falloff == "cos4",
+        "cos4 falloff": base.falloff == "cos4",
         "a fixed focus": lens.focus_distance_m is not None,
         "relative illumination": lens.illumination is not None,
         "distortion": lens.distortion is not None,
@@ -105,11 +108,11 @@ def _facts(lens: Lens) -> dict[str, Any]:
 
 
 _KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensDesign": "lens_design"}
-"""As the files call them."""
+"""Kinds of blur as optics files name them."""
 
 
 def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | None:
-    """What there is to say of lens-design point spreads; None of other lenses."""
+    """Return the properties of lens-design data; None for other lenses."""
     import numpy as np
 
     from photosite.optics.lens_design import LensDesign
@@ -139,17 +142,17 @@ def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | N
     }
 
 
-def _design_in_words(told: dict[str, Any]) -> str:
-    waves, field, unit = told["wavelength_nm"], told["field_xy"], told["field_unit"]
+def _design_text(design: dict[str, Any]) -> str:
+    waves, field, unit = design["wavelength_nm"], design["field_xy"], design["field_unit"]
     farthest = max(math.hypot(x, y) for x, y in field)
-    seen = "" if told["detail_um"] is None else f", seen by pixels of {told['detail_um']:g} um"
-    kind = "along a radius" if told["symmetric"] else "on a grid"
-    wide, spacing, error = told["samples"], told["spacing_um"], told["relative_error"]
+    blurred = "" if design["detail_um"] is None else f", blurred by pixels of {design['detail_um']:g} um"
+    kind = "along a radius" if design["symmetric"] else "on a grid"
+    size, spacing, error = design["samples"], design["spacing_um"], design["relative_error"]
     return (
-        f"point spreads: {_many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
+        f"PSFs: {_many(len(waves), 'wavelength')}, {', '.join(f'{w:g}' for w in waves)} nm; "
         f"{_many(len(field), 'field point')} {kind} to {farthest:.4g} {unit}; "
-        f"{wide} x {wide} samples {spacing:g} um apart; "
-        f"{_many(told['modes'], 'mode')}, RMS error of their sum {error:.2%}{seen}"
+        f"{size} x {size} samples {spacing:g} um apart; "
+        f"{_many(design['modes'], 'mode')}, RMS error of their sum {error:.2%}{blurred}"
     )
 
 
@@ -158,7 +161,7 @@ def _many(count: int, what: str) -> str:
 
 
 def _field_table(over_field: list[dict[str, Any]]) -> str:
-    """A column for each height, tangential and sagittal one after the other."""
+    """Return a table with tangential and sagittal columns for each height."""
     heading = ["cycles/mm"]
     for at in over_field:
         heading += [f"{at['height_mm']:.3g} mm T", "S"]
@@ -170,21 +173,21 @@ def _field_table(over_field: list[dict[str, Any]]) -> str:
 
 
 def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[float, float, float]]:
-    """Frequency per mm, contrast along rows and along columns; on the axis, or to the right of it."""
+    """Return frequency per mm, MTF along rows and MTF along columns, at a distance to the right of the axis."""
     import numpy as np
 
     from photosite.optics.point_spread import FieldPsf, PlanePsf, RadialPsf
 
     f = np.array(_FREQUENCIES_PER_MM) * 1e3
-    none = np.zeros(f.size)
+    zero = np.zeros(f.size)
 
     def plane(of: PlanePsf) -> Any:
         """(2, frequencies)"""
-        # Between the wavelengths of a table its spread is linear.
+        # Tables are linear between their wavelengths.
         grid = np.array([wavelength_nm]) if of.wavelength_nm is None else np.asarray(of.wavelength_nm)
         shares = [float(np.interp(wavelength_nm, grid, unit)) for unit in np.eye(grid.size)]
         used = [(share, float(w)) for share, w in zip(shares, grid, strict=True) if share]
-        return sum(share * np.stack([of.otf(none, f, w), of.otf(f, none, w)]) for share, w in used)
+        return sum(share * np.stack([of.otf(zero, f, w), of.otf(f, zero, w)]) for share, w in used)
 
     if isinstance(spread, RadialPsf):
         both = np.stack([spread.otf(f, wavelength_nm)] * 2)
@@ -199,7 +202,7 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
 
 
 def _weight(spread: Any, weights: Any, right_m: float) -> float:
-    """A mode's weight on the axis, or to the right of it, linear between nodes."""
+    """Return the weight of a mode at a distance to the right of the axis, linear between nodes."""
     import numpy as np
 
     along = [np.interp(right_m, spread.x_m, row) for row in weights]

@@ -1,1 +1,1 @@
-"""Signal-to-noise ratio, sharpness and patches of raw frames."""
+"""Measures of raw frames: noise budget, sharpness, and the statistics of patches."""

@@ -1,7 +1,7 @@
-"""A slanted edge in scattered pixels: the line it follows, and its profile across that line.
+"""A slanted edge in the pixels of one channel: its straight line, and its profile across that line.
 
-Lines of pixels run across the edge: rows for an edge that stands. Coordinates run over borders, pixel i covers i to
-i + 1. `photosite.metrics.sharpness` is the face of this.
+Lines of pixels run across the edge: rows for a nearly vertical edge. Pixel i covers the coordinates i to i + 1. The
+public function is `photosite.metrics.sharpness.slanted_edge_mtf`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from photosite.errors import InputError
 Array = NDArray[np.float64]
 
 LEAST_HALF_WIDTH = 8.0
-"""Pixels that the edge needs on each side of it, in every line."""
+"""Pixels required on each side of the edge, in every line."""
 _LEAST_LINES = 16
 _LEAST_CONTRAST = 0.05
-"""(bright - dark) / (bright + dark) below which there is no edge to speak of."""
+"""Smallest (bright - dark) / (bright + dark)."""
 _STRAIGHT_PX = 2.0
-"""RMS distance of the lines' edges from a straight one, above which it is none."""
+"""Largest RMS distance of the edge in each line from the straight line."""
+_NO_EDGE = -1e6
 _FIT_STEPS = 8
 _FIT_ENOUGH_PX = 1e-5
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -30,16 +31,16 @@ _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """One channel's pixels.
+    """The pixels of one channel.
 
     Parameters
     ----------
     y, x, value
-        (n,) middles and values, line by line.
+        (n,) centres and values, line by line.
     shape
-        (lines, columns) of the rectangle they are from.
+        (lines, columns) of their rectangle.
     period
-        Columns after which the channel's places repeat.
+        Columns after which the sites of the channel repeat.
     """
 
     y: Array
@@ -51,7 +52,7 @@ class Pixels:
 
 @dataclass(frozen=True)
 class Edge:
-    """A straight line x = position + slope (y - middle), with the bright side on the right (sign 1) or left (-1)."""
+    """A straight line x = position + slope (y - middle), bright on the right (sign 1) or on the left (sign -1)."""
 
     position: float
     slope: float
@@ -59,25 +60,25 @@ class Edge:
     sign: float
 
     def at(self, y: Array) -> Array:
-        """Column coordinate where the edge crosses a line."""
+        """Return the column coordinate where the edge crosses a line."""
         across: Array = self.position + self.slope * (y - self.middle)
         return across
 
     def distance(self, pixels: Pixels) -> Array:
-        """(n,) from the edge at a right angle to it, to the right positive."""
+        """Return (n,) distances perpendicular to the edge, positive to the right."""
         return (pixels.x - self.at(pixels.y)) / math.hypot(1.0, self.slope)
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Mean values by distance across the edge.
+    """Mean values over the distance from the edge.
 
     Parameters
     ----------
     distance
-        (bins,) middles of the bins; as many on the left of the edge as on its right.
+        (bins,) centres of the bins, symmetric about the edge.
     mean, variance
-        (bins,) of the pixels in each bin, brought to its middle; and the variance of that mean.
+        (bins,) mean of the pixels in each bin, interpolated to its centre, and the variance of that mean.
     """
 
     distance: Array
@@ -86,37 +87,35 @@ class Profile:
 
     @property
     def width(self) -> float:
-        """Of a bin, in pixels."""
+        """Width of a bin in pixels."""
         return float(self.distance[1] - self.distance[0])
 
     def ends(self) -> tuple[float, float]:
-        """Means of the outer quarter of the profile on the left and on the right."""
+        """Return the means of the outer eighths of the profile, left and right."""
         outer = self.mean.size // 8
         return float(self.mean[:outer].mean()), float(self.mean[-outer:].mean())
 
 
 def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
-    """The edge by the centroids of the lines' differences.
+    """Return the edge from the centroids of the derivative of each line.
 
     Raises
     ------
     InputError
-        If there is too little contrast, or no straight line.
+        If the contrast is too low, or the edge is not straight.
     """
     ends = [float(values[:, part][mask[:, part]].mean()) for part in _sides(values.shape[1])]
     contrast = abs(ends[1] - ends[0]) / max(abs(ends[1] + ends[0]), 1e-300)
     if not contrast >= _LEAST_CONTRAST:
-        raise InputError(
-            f"there is no edge here, or too weak a one: its sides differ by {contrast:.2g} of their sum, and "
-            f"{_LEAST_CONTRAST:g} is wanted; choose a region that one edge of a chart divides"
-        )
+        hint = "Choose a region that one edge of a chart divides"
+        raise InputError("contrast of the edge", value=contrast, expected=f"{_LEAST_CONTRAST} or more", hint=hint)
     sign = math.copysign(1.0, ends[1] - ends[0])
     lines = [r for r in range(values.shape[0]) if mask[r].sum() > 1]
     if len(lines) < _LEAST_LINES:
-        raise InputError(f"an edge needs {_LEAST_LINES} lines of pixels across it or more, not {len(lines)}")
+        raise InputError("lines of pixels across the edge", value=len(lines), expected=f"{_LEAST_LINES} or more")
     y = np.array(lines) + 0.5
     edge, half = Edge(values.shape[1] / 2, 0.0, values.shape[0] / 2, sign), math.inf
-    # At first all of each line counts, then what is near the edge, then what is nearer still.
+    # Use whole lines first, then windows around the edge that become narrower.
     for next_half in (values.shape[1] / 4, 2 * LEAST_HALF_WIDTH, None):
         now = edge.at(y)
         centroids = np.array([_centroid(values[r], mask[r], now[k], half) for k, r in enumerate(lines)])
@@ -126,21 +125,20 @@ def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
             half = max(next_half, 2 * LEAST_HALF_WIDTH)
     scatter = float(np.sqrt(np.mean((centroids - edge.at(y)) ** 2)))
     if not scatter < _STRAIGHT_PX:
-        raise InputError(
-            f"no straight edge was found: its place in the lines scatters by {scatter:.2g} pixels about a straight "
-            "one; choose a region that one edge divides from side to side, and average frames if there is much noise"
-        )
+        hint = "Choose a region that one straight edge divides from side to side, or average noisy frames"
+        expected = f"below {_STRAIGHT_PX:g} pixels RMS"
+        raise InputError("deviation of the edge from a straight line", value=scatter, expected=expected, hint=hint)
     return edge
 
 
 def _sides(columns: int) -> tuple[slice, slice]:
-    """The outer eighths of the columns, two at least."""
+    """Return the outer eighths of the columns, at least two."""
     outer = max(columns // 8, 2)
     return slice(0, outer), slice(columns - outer, columns)
 
 
 def _centroid(values: Array, mask: NDArray[np.bool_], middle: float, half: float) -> float:
-    """Column coordinate about which a line's differences balance, under a Hamming window."""
+    """Return the centroid of the derivative of a line, under a Hamming window."""
     places = np.flatnonzero(mask)
     steps = np.diff(values[places])
     x = (places[:-1] + places[1:] + 1) / 2
@@ -148,26 +146,24 @@ def _centroid(values: Array, mask: NDArray[np.bool_], middle: float, half: float
         near = np.clip(np.abs(x - middle) / half, 0.0, 1.0)
         steps = steps * np.where(near < 1, 0.54 + 0.46 * np.cos(math.pi * near), 0.0)
     total = steps.sum()
-    # A line without an edge breaks the others' line, and is told by that.
-    return float(x @ steps / total) if total != 0 else -1e6
+    # A line without an edge gets a position that makes the straight-line fit fail.
+    return float(x @ steps / total) if total != 0 else _NO_EDGE
 
 
 def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
-    """The lines in which the edge moves by whole periods of columns: each part of a pixel is met equally often.
+    """Return the lines over which the edge moves by whole periods, so that all phases are sampled equally.
 
     Raises
     ------
     InputError
-        If it moves by less than one period, or nearly so: then parts of a pixel are not met at all.
+        If the edge moves by less than one period, so that some phases are not sampled.
     """
     lines = pixels.shape[0]
     cycles = math.floor(lines * abs(edge.slope) / pixels.period)
     if cycles < 1:
-        columns = "a column" if pixels.period == 1 else f"{pixels.period} columns"
-        raise InputError(
-            f"the edge moves by {lines * abs(edge.slope):.2g} pixels over {lines} lines; it must lean by {columns} at "
-            "least: take a longer region, or turn the chart by some 5 degrees"
-        )
+        hint = "Take a longer region, or turn the chart by about 5 degrees"
+        what, moved = f"displacement of the edge over {lines} lines", lines * abs(edge.slope)
+        raise InputError(what, value=moved, expected=f"{pixels.period} columns or more", hint=hint)
     used = round(cycles * pixels.period / abs(edge.slope))
     first = (lines - used) // 2
     keep = (pixels.y > first) & (pixels.y < first + used)
@@ -175,48 +171,48 @@ def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
 
 
 def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
-    """The profile in bins of 1 / oversampling pixel, out to where every line still has pixels.
+    """Return the profile in bins of 1 / oversampling pixel, over the distances that every line covers.
 
     Raises
     ------
     InputError
-        If the edge comes too near to the region's sides, or a bin has no pixel.
+        If the edge is too close to the sides of the region, or a bin has no pixel.
     """
     ends = edge.at(np.array([pixels.y.min(), pixels.y.max()]))
-    room = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period
-    half = math.floor(oversampling * room / math.hypot(1.0, edge.slope))
+    margin = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period
+    half = math.floor(oversampling * margin / math.hypot(1.0, edge.slope))
     if half < oversampling * LEAST_HALF_WIDTH:
-        raise InputError(
-            f"the edge comes within {max(room, 0.0):.3g} pixels of the region's sides, and {LEAST_HALF_WIDTH:g} are "
-            "wanted on both sides in all lines; choose a wider region about it"
-        )
+        what, value = "distance of the edge from the sides of the region", max(margin, 0.0)
+        hint = "Choose a wider region around the edge"
+        raise InputError(what, value=value, expected=f"{LEAST_HALF_WIDTH:g} pixels or more", hint=hint)
     distance = edge.distance(pixels)
     index = np.floor(distance * oversampling).astype(np.intp) + half
     inside = (index >= 0) & (index < 2 * half)
     index, value, place = index[inside], pixels.value[inside], distance[inside]
     count = np.bincount(index, minlength=2 * half)
     if count.min() < 1:
-        raise InputError(
-            f"the edge's angle of {math.degrees(math.atan(abs(edge.slope))):.3g} degrees leaves parts of a pixel "
-            "unseen; turn the chart by a few degrees, take a longer region or less oversampling"
-        )
+        value = math.degrees(math.atan(abs(edge.slope)))
+        hint = "Turn the chart by a few degrees, take a longer region, or reduce {oversampling}"
+        expected = "one that samples all phases of a pixel"
+        arguments = {"oversampling": 2}
+        raise InputError("angle of the edge", value=value, expected=expected, hint=hint, arguments=arguments)
     middle = (np.arange(2 * half) + 0.5 - half) / oversampling
     mean = np.bincount(index, value, 2 * half) / count
-    # A bin's pixels lie about a place of their own: along the profile's slope its mean is brought to the middle.
+    # The pixels of a bin are not centred in it: interpolate their mean to the centre along the slope of the profile.
     off = np.bincount(index, place - middle[index], 2 * half) / count
     slope = np.gradient(mean, middle + off)
     residual = value - (mean[index] + slope[index] * (place - middle[index] - off[index]))
-    # Few pixels in a bin tell little of their variance: neighbours' are pooled.
+    # Pool the variance of neighbouring bins, which hold few pixels each.
     degrees = np.convolve(np.maximum(count - 1, 0), np.ones(9), "same")
     scatter = np.convolve(np.bincount(index, residual**2, 2 * half), np.ones(9), "same")
     return Profile(middle, mean - slope * off, scatter / np.maximum(degrees, 1) / count)
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:
-    """The line turned until pixels lie nearest to the profile that they make, with half its step on the line.
+    """Return the edge whose slope minimises the residuals of the pixels about their profile, and that profile.
 
-    Gauss-Newton on the slope. A shift of the line shifts the profile with it and brings no pixel nearer; where in its
-    profile an edge is, is a matter of words: where it is half way from dark to bright.
+    The slope is found by Gauss-Newton steps. A shift of the line only shifts the profile; the line is put, by
+    convention, where the profile is half way from dark to bright.
     """
     profile = profile_across(pixels, edge, oversampling)
     for _ in range(_FIT_STEPS):
@@ -225,7 +221,7 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
         near = np.abs(distance) < profile.distance[-1]
         steepness = np.interp(distance[near], profile.distance, np.gradient(smooth, profile.distance))
         residual = pixels.value[near] - np.interp(distance[near], profile.distance, smooth)
-        # Where the edge goes farther right, a pixel lies farther left of it.
+        # As the edge moves to the right, a pixel moves to the left relative to it.
         moved = -steepness * (pixels.y[near] - edge.middle) / math.hypot(1.0, edge.slope)
         turn = float(moved @ residual / (moved @ moved))
         shift = _half_way(profile.distance, smooth, profile.ends()) * math.hypot(1.0, edge.slope)
@@ -237,7 +233,7 @@ def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profil
 
 
 def _half_way(distance: Array, profile: Array, ends: tuple[float, float]) -> float:
-    """Where a profile passes the middle between its ends; of several places, their mean."""
+    """Return where a profile crosses the middle between its ends; the mean of several crossings."""
     above = (profile > (ends[0] + ends[1]) / 2).astype(np.int8)
     places = np.flatnonzero(np.diff(above))
     share = ((ends[0] + ends[1]) / 2 - profile[places]) / (profile[places + 1] - profile[places])

@@ -1,4 +1,4 @@
-"""Patches of a raw mosaic: mean, noise and signal-to-noise ratio of each channel, before any processing."""
+"""Statistics of patches of a raw mosaic: mean, noise and signal-to-noise ratio of each channel."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from photosite.values.cfa import channel_names, channel_sites
 from photosite.values.region import Patch
 
 SATURATED_SHARE = 1e-3
-"""A patch is saturated where more than this share of a channel's pixels is: fewer are defects, not light."""
+"""Share of saturated pixels above which a patch counts as saturated; fewer are taken as defects."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchStatistics:
-    """What the patches read. Every array is (patches, channels).
+    """Statistics of patches. Every array is (patches, channels).
 
     Parameters
     ----------
     names
         The patches.
     channels
-        The channels, in reading order of the colour filter array's tile.
+        The channels, in reading order of the tile of the colour filter array.
     frames
-        How many frames went in.
+        Number of frames.
     pixels
         Pixels of the channel in the patch, per frame.
     mean_dn
         Mean above the black level, over pixels and frames.
     standard_error_dn
-        Standard error of `mean_dn` as a statement about the whole chip: the fixed pattern counts, so more
-        frames bring it down only to what the pattern leaves.
+        Standard error of `mean_dn` as an estimate for the whole chip: it includes the fixed pattern, which more frames
+        do not reduce.
     spatial_noise_dn
-        Standard deviation over the pixels of one frame, root mean square over frames: temporal noise and
-        fixed pattern together, and any unevenness of the light.
+        Standard deviation over the pixels of one frame, root mean square over frames: temporal noise, fixed pattern and
+        non-uniform illumination together.
     spatial_variance_error_dn2
-        Standard error of its square, for any distribution: from the scatter over pixels of their squared distances
-        from the mean, averaged over frames. More frames bring it down only to what the fixed pattern, which they
-        share, leaves. Pixels are taken as independent.
+        Standard error of its square, for any distribution, from the scatter over pixels of their squared deviations
+        from the mean, averaged over frames. It includes the fixed pattern, which more frames do not reduce. Pixels are
+        assumed to be independent.
     temporal_noise_dn
         Standard deviation of a pixel over the frames, root mean square over pixels; None for a single frame.
     saturated_share
@@ -51,8 +51,8 @@ class PatchStatistics:
     mean_e
         `mean_dn` in electrons; None without a sensor.
     temporal_variance_error_dn2
-        Standard error of the square of `temporal_noise_dn`, from the scatter over pixels, which are independent; None
-        for a single frame.
+        Standard error of the square of `temporal_noise_dn`, from the scatter over independent pixels; None for a single
+        frame.
     """
 
     names: tuple[str, ...]
@@ -70,12 +70,12 @@ class PatchStatistics:
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
-        """Whether more than 0.1 % of the pixels are saturated, so that mean and noise fall short."""
+        """Whether more than 0.1 % of the pixels are saturated, so that mean and noise are biased low."""
         return self.saturated_share > SATURATED_SHARE
 
     @property
     def spatial_snr_db(self) -> NDArray[np.float64]:
-        """20 log10(mean / spatial noise); -inf where the mean is not above black, else +inf without noise."""
+        """20 log10(mean / spatial noise); -inf if the mean is not above the black level, +inf without noise."""
         return _ratio_db(self.mean_dn, self.spatial_noise_dn)
 
     @property
@@ -87,17 +87,16 @@ class PatchStatistics:
 def patch_statistics(
     frames: RawFrame | Sequence[RawFrame], regions: Sequence[Patch], sensor: Sensor | None = None
 ) -> PatchStatistics:
-    """Mean, noise and signal-to-noise ratio of every channel in every patch, on the raw mosaic.
+    """Return mean, noise and signal-to-noise ratio of every channel in every patch of a raw mosaic.
 
     Parameters
     ----------
     frames
         One frame, or several of the same scene and setting.
     regions
-        The patches. Which channel a pixel has follows from its place in the whole mosaic, so any rectangle or
-        quadrilateral will do.
+        The patches: rectangles or quadrilaterals at any position in the mosaic.
     sensor
-        Gives the system gain for `mean_e`.
+        Source of the system gain for `mean_e`.
 
     Returns
     -------
@@ -106,16 +105,15 @@ def patch_statistics(
     Raises
     ------
     InputError
-        If there is no frame or region, frames differ in size, tile, bits, levels or exposure, a region lies
-        outside the frame, or it holds fewer than two pixels of a channel.
+        If there is no frame or region, frames differ in size, tile, bits, levels or exposure, a region is outside the
+        frame, or it holds fewer than two pixels of a channel.
 
     Notes
     -----
-    The standard error is the standard deviation over pixels of the mean frame, divided by the square root of
-    their number, and what rounding to whole numbers leaves: noise of standard deviation s smears the steps of
-    the converter, and the mean's remaining rounding error, over all places between two steps, has the
-    variance sum_k exp(-(2 pi k s)^2) / (2 pi^2 k^2), which is 1/12 DN^2 without noise and below 1e-5 from s =
-    0.5 DN on (B. Widrow and I. Kollar, "Quantization Noise", 2008, chapter 4).
+    The standard error combines the standard deviation over pixels of the mean frame, divided by the square root of
+    their number, with the quantisation error of the mean. Noise of standard deviation s dithers the converter; the
+    remaining quantisation error has the variance sum_k exp(-(2 pi k s)^2) / (2 pi^2 k^2), which is 1/12 DN^2 without
+    noise and below 1e-5 for s above 0.5 DN (B. Widrow and I. Kollar, "Quantization Noise", 2008, chapter 4).
 
     Examples
     --------
@@ -151,28 +149,27 @@ def patch_statistics(
 
 def _check_stack(stack: tuple[RawFrame, ...]) -> None:
     if not stack:
-        raise InputError("patch statistics need a frame or more, not an empty sequence")
+        raise InputError("frames", value=0, expected="one or more")
     for what in ("shape", "cfa", "bits", "black_level_dn", "white_level_dn", "exposure_s"):
         for number, frame in enumerate(stack[1:], start=2):
             one, other = getattr(stack[0], what), getattr(frame, what)
             if one != other:
-                raise InputError(f"frames of one stack must agree in {what}: frame 1 has {one}, frame {number} {other}")
+                raise InputError(what, where=f"frame {number}", value=other, expected=f"{one}, as in frame 1")
 
 
 def _check_regions(regions: Sequence[Patch], frame: RawFrame) -> None:
     if not regions:
-        raise InputError("patch statistics need a region or more, not an empty sequence")
+        raise InputError("regions", value=0, expected="one or more")
     rows, cols = frame.shape
     for region in regions:
         if region.r1 > rows or region.c1 > cols:
-            raise InputError(
-                f"patch '{region.name}', rows {region.r0} to {region.r1} and columns {region.c0} to "
-                f"{region.c1}, reaches beyond the frame of {rows} x {cols} pixels"
-            )
+            value = (region.r0, region.r1, region.c0, region.c1)
+            expected = f"within the frame of {rows} x {cols} pixels"
+            raise InputError("region", where=f"patch '{region.name}'", value=value, expected=expected)
 
 
 def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDArray[np.float64]:
-    """(frames, pixels): the channel's digital numbers in the region, black level included."""
+    """Return the (frames, pixels) digital numbers of a channel in the region, black level included."""
     cfa = stack[0].cfa
     height, width = len(cfa), len(cfa[0])
     inside = region.inside()
@@ -187,14 +184,12 @@ def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDAr
 
 
 def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[float, ...]:
-    """One patch and channel: the columns that `patch_statistics` takes apart."""
+    """Return the statistics of one patch and channel, in the order that `patch_statistics` unpacks."""
     dn = _pixels_of(stack, region, channel)
     count = dn.shape[1]
     if count < 2:
-        raise InputError(
-            f"patch '{region.name}' holds {count} pixels of channel {channel}; noise needs two or more: "
-            "widen the region"
-        )
+        where = f"patch '{region.name}'"
+        raise InputError(f"pixels of channel {channel}", where=where, value=count, expected="two or more")
     spatial_variance = float(dn.var(axis=1, ddof=1).mean())
     temporal_variance = dn.var(axis=0, ddof=1) if len(stack) > 1 else np.zeros(count)
     error_variance = float(dn.mean(axis=0).var(ddof=1)) / count + _rounding_variance(spatial_variance)
@@ -211,7 +206,7 @@ def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[flo
 
 
 def _error_of_variance(dn: NDArray[np.float64]) -> float:
-    """Standard error of the mean over frames of the variance over pixels; (frames, pixels).
+    """Return the standard error of the mean over frames of the variance over pixels; `dn` is (frames, pixels).
 
     With q_i the mean over frames of pixel i's squared distance from its frame's mean, and C_fg the covariance over
     pixels of frames f and g, the mean of F unbiased variances over n pixels has the variance
@@ -223,15 +218,15 @@ def _error_of_variance(dn: NDArray[np.float64]) -> float:
     "Kendall's Advanced Theory", vol. 1).
     """
     frames, count = dn.shape
-    away = dn - dn.mean(axis=1, keepdims=True)
-    of_pixels = float((away**2).mean(axis=0).var())
-    shared = float(((away @ away.T / count) ** 2).sum()) / frames**2
+    deviation = dn - dn.mean(axis=1, keepdims=True)
+    of_pixels = float((deviation**2).mean(axis=0).var())
+    shared = float(((deviation @ deviation.T / count) ** 2).sum()) / frames**2
     return float(((of_pixels + 2.0 * shared / (count - 1)) / count) ** 0.5)
 
 
 def _rounding_variance(variance_dn2: float) -> float:
-    """Variance of what rounding shifts a mean by, given the variance of the rounded numbers."""
-    # Sheppard: rounding added 1/12. Less than that in all means that the pixels agreed within a step.
+    """Return the variance of the quantisation error of a mean, given the variance of the rounded values."""
+    # Sheppard's correction: rounding added 1/12. A smaller total means that all pixels are within one step.
     before_rounding = max(variance_dn2 - 1.0 / 12.0, 0.0)
     if before_rounding == 0.0:
         return 1.0 / 12.0

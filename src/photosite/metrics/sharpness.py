@@ -1,6 +1,6 @@
-"""Sharpness of a raw frame: its modulation transfer function, from a slanted edge, before any demosaicing.
+"""Sharpness of a raw frame: the modulation transfer function (MTF) from a slanted edge, without demosaicing.
 
-The edge-based spatial frequency response of ISO 12233, on the sites of one channel at their true places.
+It is the edge-based spatial frequency response (e-SFR) of ISO 12233, on the sites of one channel.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.edge_profile import Pixels, Profile, first_edge, refined, whole_cycles
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
@@ -23,34 +23,34 @@ Window = Literal["tukey", "hamming"]
 
 _FREQUENCIES = 101
 _SATURATED_SHARE = 1e-3
-"""More pixels than this at the white level are light, not defects."""
+"""Largest share of pixels at the white level, to allow for defects."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlantedEdge:
-    """What an edge tells of sharpness.
+    """The sharpness of an edge.
 
     Parameters
     ----------
     frequency_cycles_per_pixel
-        (n,) 0 to 1 across the edge, at a right angle to it; 0.5 is the Nyquist frequency of a row of pixels.
+        (n,) frequencies from 0 to 1 perpendicular to the edge; 0.5 is the Nyquist frequency of the pixels.
     mtf
         (n,) modulation transfer, 1 at 0.
     standard_uncertainty
-        (n,) of `mtf`, from the scatter of pixels about the edge's profile: noise, and whatever makes the edge uneven.
+        (n,) of `mtf`, from the scatter of pixels about the profile: noise and unevenness of the edge.
     channel
-        Whose pixels.
+        Channel that was measured.
     angle_deg
-        From the nearest of the vertical and the horizontal; clockwise is positive.
+        Angle to the vertical or the horizontal, whichever is closer; positive clockwise.
     direction
-        "vertical" or "horizontal": which of them that is.
+        "vertical" or "horizontal", whichever is closer.
     line, edge_position
-        Rows (columns, of a horizontal edge) of the frame, and where the fitted edge crosses the middle of each: column
-        (row) coordinate over borders, pixel i covers i to i + 1.
+        Rows (columns, for a horizontal edge) of the frame, and the column (row) coordinate where the fitted edge
+        crosses the centre of each. Pixel i covers the coordinates i to i + 1.
     distance, profile
-        Distance across the edge in pixels, dark side negative, and the edge's profile there: 0 dark, 1 bright.
+        Distance from the edge in pixels, negative on the dark side, and the profile there: 0 dark, 1 bright.
     pitch_um
-        Of the pixels; None where it was not given.
+        Pixel pitch; None if it was not given.
     """
 
     frequency_cycles_per_pixel: Array
@@ -72,15 +72,15 @@ class SlantedEdge:
         Raises
         ------
         InputError
-            If the pixels' pitch was not given.
+            If the pixel pitch was not given.
         """
         if self.pitch_um is None:
-            raise InputError("cycles per mm need the pixels' pitch; give pitch_um to slanted_edge_mtf")
+            raise InputError("pitch_um", expected="given to slanted_edge_mtf, for frequencies in cycles per mm")
         return self.frequency_cycles_per_pixel * (1e3 / self.pitch_um)
 
     @property
     def mtf50(self) -> float | None:
-        """Frequency in cycles/pixel at which the transfer first falls to 0.5; None where it does not up to 1."""
+        """Frequency in cycles/pixel at which the MTF first falls to 0.5; None if it stays above up to 1."""
         below = np.flatnonzero(self.mtf < 0.5)
         if below.size == 0:
             return None
@@ -90,10 +90,10 @@ class SlantedEdge:
         return float(self.frequency_cycles_per_pixel[high - 1] + step * (upper - 0.5) / (upper - lower))
 
     def at(self, frequency_cycles_per_pixel: ArrayLike) -> Array:
-        """Modulation transfer at frequencies from 0 to 1 cycle/pixel, linear between those measured."""
+        """Return the MTF at frequencies from 0 to 1 cycle/pixel, by linear interpolation."""
         wanted = np.asarray(frequency_cycles_per_pixel, dtype=np.float64)
         if not ((wanted >= 0) & (wanted <= 1)).all():
-            raise InputError("an edge tells the transfer from 0 to 1 cycle/pixel, not outside")
+            raise InputError("frequency_cycles_per_pixel", value=wanted.tolist(), expected="from 0 to 1")
         return np.interp(wanted, self.frequency_cycles_per_pixel, self.mtf)
 
 
@@ -107,26 +107,26 @@ def slanted_edge_mtf(
     oversampling: int = 4,
     window: Window = "tukey",
 ) -> SlantedEdge:
-    """Modulation transfer function from a slanted edge in a raw frame.
+    """Measure the modulation transfer function on a slanted edge in a raw frame.
 
     Parameters
     ----------
     frame
-        A raw frame, or (rows, cols) values in proportion to light: mean electrons, or a mean of frames less black.
+        A raw frame, or (rows, cols) values proportional to light: mean electrons, or a mean of frames less black level.
     region
-        (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded, with one edge through it from
-        side to side. None: all of it. The wider, the better low frequencies are known.
+        (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, ends excluded, divided by one edge from side to side.
+        None: the whole frame. Wider regions give better low frequencies.
     channel
-        Whose pixels to take; may be left out of a monochrome frame.
+        Channel to measure; optional for a monochrome frame.
     cfa
-        The colour filter array's tile, where the frame is an array.
+        Tile of the colour filter array, if the frame is an array.
     pitch_um
-        Of the pixels, for frequencies in cycles/mm.
+        Pixel pitch, for frequencies in cycles/mm.
     oversampling
-        Bins of the profile per pixel.
+        Bins of the profile per pixel, 1 to 16.
     window
-        Of the line spread: "tukey" is flat over the middle half and falls to 0 as a cosine on either side; "hamming"
-        is that of ISO 12233:2014 and 2017, which smooths the curve more.
+        Window on the line spread function: "tukey" is flat over the middle half and falls to 0 as a cosine on both
+        sides; "hamming" is that of ISO 12233:2014 and 2017, which smooths the curve more.
 
     Returns
     -------
@@ -135,17 +135,17 @@ def slanted_edge_mtf(
     Raises
     ------
     InputError
-        If the channel or region is not of this frame, pixels are saturated, or there is no straight, slanted edge
-        with contrast enough.
+        If the channel or region is not in the frame, pixels are saturated, or there is no straight slanted edge of
+        sufficient contrast.
 
     Notes
     -----
-    After ISO 12233:2017 and 2023, annex on the edge-based response (e-SFR). Lines give the edge by their centroids, a
-    straight line through these is fitted, pixels are gathered in bins of 1 / oversampling pixel by their distance from
-    it at a right angle, and the bins' differences, windowed, are transformed. It differs in this: the line is refined
-    by least squares of the pixels about the profile, which noise disturbs less; a bin's mean is brought from its
-    pixels' mean distance to its middle; the loss by differences and by bins, sinc(f / oversampling) each, is divided
-    out; pixels are one channel's own, where they are.
+    The method follows ISO 12233:2017 and 2023, annex on the edge-based response (e-SFR). A straight line is fitted to
+    the centroids of the lines' derivatives. Pixels are binned by their perpendicular distance from it, in bins of
+    1 / oversampling pixel. The windowed differences of the bins are transformed. It differs from the standard in four
+    points. The line is refined by least squares of the pixels about the profile, which is less sensitive to noise. The
+    mean of a bin is interpolated to its centre. The losses by differences and by bins, sinc(f / oversampling) each, are
+    divided out. Only the sites of one channel are used, without demosaicing.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def slanted_edge_mtf(
     values, tile, name, origin = _channel_of(frame, region, channel, cfa)
     mask = channel_mask(tile, name, values.shape)
     direction: Literal["vertical", "horizontal"] = "vertical"
-    if _lies(values, mask):
+    if _is_horizontal(values, mask):
         direction = "horizontal"
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
@@ -190,17 +190,17 @@ def slanted_edge_mtf(
 
 def _check_options(oversampling: int, window: str, pitch_um: float | None) -> None:
     if not 1 <= oversampling <= 16:
-        raise InputError(f"oversampling is from 1 to 16 bins per pixel, not {oversampling}")
+        raise InputError("oversampling", value=oversampling, expected="from 1 to 16 bins per pixel")
     if window not in ("tukey", "hamming"):
-        raise InputError(f"the window is 'tukey' or 'hamming', not '{window}'")
+        raise InputError("window", value=window, expected="'tukey' or 'hamming'")
     if pitch_um is not None and not (math.isfinite(pitch_um) and pitch_um > 0):
-        raise InputError(f"the pixels' pitch must be above 0 um, not {pitch_um}")
+        raise InputError("pitch_um", value=pitch_um, expected="above 0")
 
 
 def _channel_of(
     frame: RawFrame | ArrayLike, region: Region | tuple[int, int, int, int] | None, channel: str | None, cfa: Cfa
 ) -> tuple[Array, Cfa, str, tuple[int, int]]:
-    """The region's values above black, its tile, the channel's name, and where the region begins."""
+    """Return the values of the region above black level, its tile, the channel, and its first row and column."""
     white = math.inf
     if isinstance(frame, RawFrame):
         whole, cfa = frame.dn.astype(np.float64) - frame.black_level_dn, frame.cfa
@@ -208,34 +208,30 @@ def _channel_of(
     else:
         whole = np.asarray(frame, dtype=np.float64)
         if whole.ndim != 2:
-            raise InputError(f"an edge is measured in (rows, cols) of one frame, not in an array of {whole.shape}")
+            raise InputError("frame", value=whole.shape, expected="one frame of shape (rows, cols)")
     names = channel_names(cfa)
     if channel is None and len(names) > 1:
-        raise InputError(f"an edge in a mosaic is measured in one channel; choose it from {', '.join(names)}")
+        raise InputError("channel", value=channel, expected=f"one of {', '.join(names)}")
     name = names[0] if channel is None else channel
     if name not in names:
-        raise InputError(f"the frame has no channel '{name}'; {did_you_mean(name, names)}")
+        raise InputError("channel", value=name, expected=f"one of {', '.join(names)}")
     corners = (0, whole.shape[0], 0, whole.shape[1]) if region is None else region
     r0, r1, c0, c1 = (corners.r0, corners.r1, corners.c0, corners.c1) if isinstance(corners, Region) else corners
     if not (0 <= r0 < r1 <= whole.shape[0] and 0 <= c0 < c1 <= whole.shape[1]):
-        raise InputError(
-            f"the region is rows {r0} to {r1}, columns {c0} to {c1}, which is not within the frame's "
-            f"{whole.shape[0]} x {whole.shape[1]} pixels"
-        )
+        expected = f"within the frame of {whole.shape[0]} x {whole.shape[1]} pixels"
+        raise InputError("region", value=(r0, r1, c0, c1), expected=expected)
     values, tile = whole[r0:r1, c0:c1], shifted(cfa, r0, c0)
     own = values[channel_mask(tile, name, values.shape)]
     if not np.isfinite(own).all():
-        raise InputError("some of the edge's pixels are NaN or infinite; give values in proportion to light")
+        raise InputError("frame", expected="finite in the region")
     if (full := float((own >= white).mean())) > _SATURATED_SHARE:
-        raise InputError(
-            f"{full:.1%} of the edge's {name} pixels are at the white level, where signal is not in proportion to "
-            "light; expose less"
-        )
+        expected = f"at most {_SATURATED_SHARE:g}"
+        raise InputError(f"share of saturated {name} pixels", value=full, expected=expected, hint="Expose less")
     return values, tile, name, (r0, c0)
 
 
-def _lies(values: Array, mask: NDArray[np.bool_]) -> bool:
-    """Whether the edge is nearer to the horizontal: rows differ more than columns."""
+def _is_horizontal(values: Array, mask: NDArray[np.bool_]) -> bool:
+    """Return whether the edge is closer to the horizontal: rows differ more than columns."""
     spread = []
     for axis in (1, 0):
         count = mask.sum(axis=axis)
@@ -245,17 +241,17 @@ def _lies(values: Array, mask: NDArray[np.bool_]) -> bool:
 
 
 def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array, Array]:
-    """Modulation transfer at frequencies in cycles/pixel, and its standard uncertainty."""
-    place = profile.distance[1:] - profile.width / 2  # of the differences: 0 in the middle
-    weight = _window(np.abs(place) / (profile.distance[-1] + profile.width / 2), window)
-    # The transform is linear in the bins' means: each enters two differences.
-    waves = np.exp(-2j * math.pi * frequency[:, None] * place) * weight
+    """Return the MTF at frequencies in cycles/pixel, and its standard uncertainty."""
+    distance = profile.distance[1:] - profile.width / 2  # of the differences, symmetric about 0
+    weight = _window(np.abs(distance) / (profile.distance[-1] + profile.width / 2), window)
+    # The transform is linear in the means of the bins: each enters two differences.
+    waves = np.exp(-2j * math.pi * frequency[:, None] * distance) * weight
     bins = np.pad(waves, ((0, 0), (1, 0))) - np.pad(waves, ((0, 0), (0, 1)))
     spectrum = bins @ profile.mean
     lost = np.sinc(frequency * profile.width) ** 2
     whole = float(spectrum[0].real)
     mtf = np.abs(spectrum) / abs(whole)
-    # How |spectrum| / whole moves with each bin.
+    # Derivative of |spectrum| / whole by the mean of each bin.
     turned = (bins * np.exp(-1j * np.angle(spectrum))[:, None]).real / abs(whole)
     share = turned - mtf[:, None] * bins[0].real / whole
     uncertainty = np.sqrt(share**2 @ profile.variance)
@@ -263,7 +259,7 @@ def _transfer(profile: Profile, frequency: Array, window: Window) -> tuple[Array
 
 
 def _window(part: Array, window: Window) -> Array:
-    """By distance from the edge, 1 at the profile's end."""
+    """Return the window at distances from the edge relative to the end of the profile."""
     if window == "hamming":
         return np.asarray(0.54 + 0.46 * np.cos(math.pi * part))
     return np.where(part < 0.5, 1.0, 0.5 - 0.5 * np.cos(2.0 * math.pi * np.clip(part, 0.5, 1.0)))

@@ -1,4 +1,4 @@
-"""The noise budget: what limits the signal-to-noise ratio at each level of the signal."""
+"""The noise budget: the signal-to-noise ratio over the signal, in total and by noise source."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from photosite.sensor.model import Sensor
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """Signal-to-noise ratio against the signal, whole and by cause.
+    """Signal-to-noise ratio over the signal, in total and by noise source.
 
     Parameters
     ----------
     volts
-        Signal at the pixel, any shape; every array below has the same.
+        Signal at the pixel, any shape; the other arrays have the same shape.
     signal_e
         The signal in electrons.
     total_db
-        With all four noises together.
+        With all four noise sources.
     shot_db, read_db, dsnu_db, prnu_db
-        Were that noise the only one; +inf where the sensor has none of it, which is exact.
-    read_dsnu_rule_below_volts
-        Below this signal read noise and DSNU together are more than shot noise and PRNU together; 0 where the
-        sensor has neither.
-    prnu_rules_above_volts
-        Above this signal PRNU is more than all the others together; +inf where the sensor has none.
+        With that noise source alone; +inf if the sensor has none of it.
+    dark_limited_below_volts
+        Signal below which read noise and DSNU together exceed shot noise and PRNU together; 0 if the sensor has
+        neither.
+    prnu_limited_above_volts
+        Signal above which PRNU exceeds the other sources together; +inf if the sensor has none.
     """
 
     volts: NDArray[np.float64]
@@ -40,21 +40,21 @@ class NoiseBudget:
     read_db: NDArray[np.float64]
     dsnu_db: NDArray[np.float64]
     prnu_db: NDArray[np.float64]
-    read_dsnu_rule_below_volts: float
-    prnu_rules_above_volts: float
+    dark_limited_below_volts: float
+    prnu_limited_above_volts: float
 
 
 def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
-    """The noise budget of a sensor over a range of signals.
+    """Return the noise budget of a sensor over a range of signals.
 
     SNR = 10 log10(S^2 / N), S = volts / conversion gain in electrons and N the variance in electrons squared:
-    S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is not
-    looked at: levels above the voltage swing are those of a pixel that would go on.
+    S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is ignored: levels
+    above the voltage swing extrapolate.
 
     Parameters
     ----------
     sensor
-        Whose noise.
+        The sensor.
     volts
         Signal at the pixel in volts, above 0.
 
@@ -65,23 +65,23 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     Raises
     ------
     InputError
-        If a voltage is not a number above 0.
+        If a voltage is not above 0.
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), Figure 6. The total is of one frame of an even surface, so the fixed
-    pattern counts as noise; at a single pixel over many frames it does not.
+    Farrell, Okincha and Parmar (2008), Figure 6. The total is that of one frame of a uniform surface, where the fixed
+    pattern counts as noise; for a single pixel over many frames it does not.
 
     Examples
     --------
     >>> import photosite as ps
     >>> budget = noise_budget(ps.load_sensor("nikon-d200"), [0.01, 1.08])
-    >>> budget.total_db.round(2), round(budget.read_dsnu_rule_below_volts * 1e3, 1)
+    >>> budget.total_db.round(2), round(budget.dark_limited_below_volts * 1e3, 1)
     (array([20.53, 38.1 ]), 17.8)
     """
     signal_v = np.asarray(volts, dtype=np.float64)
     if not (np.isfinite(signal_v) & (signal_v > 0)).all():
-        raise InputError("a noise budget is taken at voltages above 0")
+        raise InputError("volts", value=signal_v.tolist(), expected="above 0")
     v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
     signal_e = signal_v / v_per_e
     read_e2 = sensor.electrons(sensor.noise.read_noise_mv.value) ** 2
@@ -103,30 +103,30 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
         read_db=snr_db(read_e2),
         dsnu_db=snr_db(dsnu_e2),
         prnu_db=snr_db(prnu2 * signal_e**2),
-        read_dsnu_rule_below_volts=float(v_per_e * 2.0 * floor_e2 / (1.0 + root)),
-        prnu_rules_above_volts=float(v_per_e * (1.0 + root) / (2.0 * prnu2)) if prnu2 else float("inf"),
+        dark_limited_below_volts=float(v_per_e * 2.0 * floor_e2 / (1.0 + root)),
+        prnu_limited_above_volts=float(v_per_e * (1.0 + root) / (2.0 * prnu2)) if prnu2 else float("inf"),
     )
 
 
 def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
-    """The signal in electrons at which a sensor's total signal-to-noise ratio has some value.
+    """Return the signal in electrons at which the total signal-to-noise ratio has a given value.
 
     Parameters
     ----------
     sensor
-        Whose noise.
+        The sensor.
     snr_db
-        As `NoiseBudget.total_db`; 0 dB is where the signal equals the noise.
+        The ratio, as `NoiseBudget.total_db`; at 0 dB signal and noise are equal.
 
     Raises
     ------
     InputError
-        If PRNU keeps the ratio below that at every signal.
+        If PRNU limits the ratio to less at any signal.
 
     Notes
     -----
-    The positive root of S^2 = R (S + read^2 + DSNU^2 + PRNU^2 S^2), R = 10^(snr_db / 10), everything in electrons; as
-    there, saturation is not looked at.
+    The positive root of S^2 = R (S + read^2 + DSNU^2 + PRNU^2 S^2), R = 10^(snr_db / 10), in electrons. Saturation is
+    ignored.
 
     Examples
     --------
@@ -140,9 +140,7 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
     prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
     square = 1.0 - ratio * prnu2
     if not square > 0:
-        raise InputError(
-            f"a signal-to-noise ratio of {snr_db:g} dB is never reached: PRNU alone keeps it below "
-            f"{-10.0 * math.log10(prnu2):.4g} dB"
-        )
+        limit = -10.0 * math.log10(prnu2)
+        raise InputError("snr_db", value=snr_db, expected=f"below {limit:.4g}, the limit by PRNU")
     floor_e2 = sum(sensor.electrons(noise.value) ** 2 for noise in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
     return float((ratio + math.sqrt(ratio**2 + 4.0 * square * ratio * floor_e2)) / (2.0 * square))

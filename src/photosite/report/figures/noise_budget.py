@@ -88,7 +88,7 @@ def _draw_calibrated(axes: Axes, budget: NoiseBudget) -> None:
 
 def _mark_turns(axes: Axes, budget: NoiseBudget, lowest: float, highest: float, bottom: float) -> None:
     """The signals at which another noise takes the lead."""
-    floor, prnu = budget.read_dsnu_rule_below_volts, budget.prnu_rules_above_volts
+    floor, prnu = budget.dark_limited_below_volts, budget.prnu_limited_above_volts
     if lowest < floor < highest:
         _mark(axes, floor, "← read noise + DSNU lead", (-5, 6), bottom)
     if lowest < prnu < highest:

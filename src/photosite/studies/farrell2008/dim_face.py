@@ -54,7 +54,7 @@ class FaceShot:
         """Whether read noise and DSNU are more than shot noise and PRNU at the face's green."""
         sensor = self.shot.camera.sensor
         volts = self.shot.noise("G").mean_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
-        return volts < noise_budget(sensor, volts).read_dsnu_rule_below_volts
+        return volts < noise_budget(sensor, volts).dark_limited_below_volts
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,8 +115,8 @@ class SensorSnr:
         return {
             "voltage_swing_v": self.swing_v,
             "at_swing_db": {name: float(getattr(self.at_swing, f"{name}_db")) for name in names},
-            "read_noise_and_dsnu_rule_below_volts": self.curves.read_dsnu_rule_below_volts,
-            "prnu_rules_above_volts": self.curves.prnu_rules_above_volts,
+            "read_noise_and_dsnu_rule_below_volts": self.curves.dark_limited_below_volts,
+            "prnu_limited_above_volts": self.curves.prnu_limited_above_volts,
             "largest_noise": [
                 {"noise": i.noise, "from_volts": i.from_volts, "to_volts": i.to_volts} for i in self.leads
             ],

@@ -49,8 +49,8 @@ def snr_figure(chapter: SnrChapter) -> Figure:
     for axes, sensor in zip(panels, chapter.sensors.values(), strict=True):
         draw_noise_budget(axes, sensor.curves)
         _draw_fields(axes, sensor)
-        _mark_rule(axes, sensor.curves.prnu_rules_above_volts, "PRNU rules above {} V →", 83.0)
-        _mark_rule(axes, sensor.curves.read_dsnu_rule_below_volts, "← read noise and DSNU\nrule below {} V", 72.0)
+        _mark_rule(axes, sensor.curves.prnu_limited_above_volts, "PRNU rules above {} V →", 83.0)
+        _mark_rule(axes, sensor.curves.dark_limited_below_volts, "← read noise and DSNU\nrule below {} V", 72.0)
         axes.set_title(f"{sensor.case.title}, {sensor.swing_v:g} V swing", loc="left")
     panels[0].set_ylim(min(axes.get_ylim()[0] for axes in panels), 88.0)
     panels[1].set_ylabel("")
@@ -109,7 +109,7 @@ def _table(chapter: SnrChapter) -> Table:
 
 def _words(sensor: SensorSnr) -> tuple[str, ...]:
     budget, title = sensor.curves, sensor.case.title
-    floor, prnu = (format_number(v, 3) for v in (budget.read_dsnu_rule_below_volts, budget.prnu_rules_above_volts))
+    floor, prnu = (format_number(v, 3) for v in (budget.dark_limited_below_volts, budget.prnu_limited_above_volts))
     leads = ", then ".join(
         f"{PARTS[lead.noise]} from {format_number(lead.from_volts, 3)} to {format_number(lead.to_volts, 3)} V"
         for lead in sensor.leads

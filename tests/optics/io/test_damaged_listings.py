@@ -1,4 +1,4 @@
-"""Listings and indices with something wrong in them: one line that says where, and nothing left out without a word."""
+"""Damaged listings and indices: errors name the line, and no row is skipped silently."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from photosite.optics.sampled_psf import sample_positions
 
 
 def write_grid(path: Path, rows: int, cols: int, at: tuple[float, float], sigma: float = 2.0) -> None:
-    """A round spot in um at a place in samples of 0.5 um, as a bare grid."""
+    """Write a round spot at a position in samples of 0.5 um, as a bare grid."""
     y, x = (np.arange(n)[:, None] - c for n, c in zip((rows, cols), at, strict=True))
     spot = np.exp(-(y**2 + x.T**2) * 0.25 / (2 * sigma**2))
     path.write_text("PSF\n\n" + "\n".join(" ".join(f"{v:.8e}" for v in row) for row in spot), encoding="utf-8")
@@ -37,9 +37,7 @@ ENTRY = "wavelength_nm: 550, field_deg: [0, 0], spacing_um: 0.5"
 @pytest.mark.parametrize("shift", [(-0.64, 0), (0.64, 0), (0.5, -0.5), (-0.5, 0.5), (0, 0.9), (-1.5, 1.2), (0, -0.4)])
 @pytest.mark.parametrize("axes", ["image", "upright"])
 @pytest.mark.parametrize("shape", [(64, 64), (65, 63)])
-def test_an_origin_between_samples_is_the_place_of_the_field_point(
-    shift: tuple[float, float], axes: str, shape: tuple[int, int], tmp_path: Path
-) -> None:
+def test_origin_between_samples(shift: tuple[float, float], axes: str, shape: tuple[int, int], tmp_path: Path) -> None:
     origin = 32 + shift[0], 31 + shift[1]
     write_grid(tmp_path / "a.dat", *shape, origin)
     index = index_of(tmp_path, f"{ENTRY}, origin: [{origin[0] + 1}, {origin[1] + 1}]")
@@ -50,7 +48,7 @@ def test_an_origin_between_samples_is_the_place_of_the_field_point(
     assert psf.sum(axis=0) @ place == pytest.approx(0, abs=2e-3)
 
 
-def test_one_file_with_two_origins_is_two_point_spreads(tmp_path: Path) -> None:
+def test_one_file_with_two_origins(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 65, 65, (32, 32))
     entries = [
         f"wavelength_nm: {nm}, field_deg: [0, 0], spacing_um: 0.5, origin: [33, {col}]"
@@ -77,7 +75,7 @@ def test_one_file_with_two_origins_is_two_point_spreads(tmp_path: Path) -> None:
         (ENTRY.replace("550", ".nan"), ("wavelength_nm", 5)),
     ],
 )
-def test_entries_that_cannot_be_give_their_line(entry: str, error: tuple[str, int | None], tmp_path: Path) -> None:
+def test_invalid_entries_name_their_line(entry: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, entry))
@@ -85,7 +83,7 @@ def test_entries_that_cannot_be_give_their_line(entry: str, error: tuple[str, in
     assert len(str(caught.value)) < 300
 
 
-def test_spacings_far_apart_are_refused_in_few_words(tmp_path: Path) -> None:
+def test_extreme_spacings_give_a_short_error(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY, ENTRY.replace("550", "650").replace("0.5", "1.0e+300")))
@@ -94,21 +92,21 @@ def test_spacings_far_apart_are_refused_in_few_words(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["detail_um", "tolerance"])
-def test_true_is_no_number(key: str, tmp_path: Path) -> None:
+def test_booleans_are_not_numbers(key: str, tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(FileError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY, more=f"{key}: true\n"))
     assert (caught.value.what, caught.value.line) == (key, 4)
 
 
-def test_an_option_that_is_none_is_said(tmp_path: Path) -> None:
+def test_unknown_option(tmp_path: Path) -> None:
     write_grid(tmp_path / "a.dat", 21, 21, (10, 10), 1.0)
     with pytest.raises(InputError) as caught:
         read_lens_design(index_of(tmp_path, ENTRY), ranks=1)
     assert caught.value.what.startswith("unknown option")
 
 
-def test_a_listing_without_a_field_has_no_place() -> None:
+def test_listing_without_a_field() -> None:
     with pytest.raises(FileError) as caught:
         Layout().field_point(PsfListing(Path("a.txt"), np.ones((3, 3)), (1, 1)))
     assert caught.value.what.startswith("does not state its field_deg or")
@@ -146,7 +144,7 @@ READERS: dict[str, tuple[str, Any]] = {
 
 @pytest.mark.parametrize("kind", READERS)
 @pytest.mark.parametrize("bad", ["*******", "1.#IND", "nan", "1e999", "-", "oh", "", "1 2"])
-def test_a_row_that_cannot_be_read_gives_its_line(kind: str, bad: str, tmp_path: Path) -> None:
+def test_invalid_rows_name_their_line(kind: str, bad: str, tmp_path: Path) -> None:
     text, read = READERS[kind]
     lines = text.splitlines()
     file = tmp_path / "listing.txt"
@@ -158,7 +156,7 @@ def test_a_row_that_cannot_be_read_gives_its_line(kind: str, bad: str, tmp_path:
     assert "\n" not in str(caught.value)
 
 
-def test_a_word_in_the_place_of_a_field_is_refused(tmp_path: Path) -> None:
+def test_a_word_in_place_of_a_field(tmp_path: Path) -> None:
     file = tmp_path / "listing.txt"
     file.write_text(RELATIVE.replace("   10.000000", "   ERROR"), encoding="utf-8")
     with pytest.raises(FileError) as caught:
@@ -167,7 +165,7 @@ def test_a_word_in_the_place_of_a_field_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", READERS)
-def test_headings_and_footers_are_no_rows(kind: str, tmp_path: Path) -> None:
+def test_headings_and_footers_are_skipped(kind: str, tmp_path: Path) -> None:
     text, read = READERS[kind]
     file = tmp_path / "listing.txt"
     file.write_text(text, encoding="utf-8")
@@ -196,7 +194,7 @@ def test_a_table_ends_at_an_empty_line_after_its_rows(kind: str, footer: str, tm
         np.testing.assert_array_equal(values_of(read(file)), plain)
     lines = text.splitlines()
     count = len(lines)
-    file.write_text(f"{text}{footer}\n", encoding="utf-8")  # no empty line: a row that cannot be read
+    file.write_text(f"{text}{footer}\n", encoding="utf-8")  # no empty line: an invalid row
     with pytest.raises(FileError) as caught:
         read(file)
     assert caught.value.line == count + 1
@@ -207,7 +205,7 @@ def test_a_table_ends_at_an_empty_line_after_its_rows(kind: str, footer: str, tm
 
 
 @pytest.mark.parametrize("kind", READERS)
-def test_a_table_with_empty_lines_between_its_rows_is_read_to_its_end(kind: str, tmp_path: Path) -> None:
+def test_table_with_empty_lines_between_rows(kind: str, tmp_path: Path) -> None:
     text, read = READERS[kind]
     file = tmp_path / "listing.txt"
     file.write_text(text, encoding="utf-8")
@@ -221,7 +219,7 @@ def test_a_table_with_empty_lines_between_its_rows_is_read_to_its_end(kind: str,
     assert (caught.value.value, caught.value.line) == ("oh", 2 * len(lines) + 1)
 
 
-def test_a_footer_between_two_tables_is_passed_over(tmp_path: Path) -> None:
+def test_footer_between_two_tables(tmp_path: Path) -> None:
     block = DISTORTION[DISTORTION.index("Data for") :]
     file = tmp_path / "listing.txt"
     other = block.replace("0.550000 µm", "0.650000 µm").replace("1.900000", "1.800000")
@@ -231,7 +229,7 @@ def test_a_footer_between_two_tables_is_passed_over(tmp_path: Path) -> None:
         np.testing.assert_allclose((found.ratio - 1) * 100, [0, 0.5, last], atol=1e-9)
 
 
-def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+def test_inconsistent_tables(tmp_path: Path) -> None:
     file = tmp_path / "listing.txt"
     block = DISTORTION[DISTORTION.index("Data for") :]
     file.write_text(DISTORTION + "\n" + block, encoding="utf-8")
@@ -259,7 +257,7 @@ def test_the_same_wavelength_twice_and_tables_that_do_not_go_together_are_refuse
     assert caught.value.what.startswith("the angles of this table differ")
 
 
-def test_a_unit_that_is_none_gives_file_and_line(tmp_path: Path) -> None:
+def test_unknown_unit(tmp_path: Path) -> None:
     file = tmp_path / "bad.txt"
     file.write_text(DISTORTION.replace("µm", "fm"), encoding="utf-8")
     with pytest.raises(FileError) as caught:
@@ -270,5 +268,5 @@ def test_a_unit_that_is_none_gives_file_and_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line", ["", "   ", "-----", "====", "Page 3 of these", "10:23:45", "12/5/2026", "Wavelength: 0.55", "(deg) (mm)"]
 )
-def test_what_is_text(line: str) -> None:
+def test_lines_that_are_not_rows(line: str) -> None:
     assert table_row(line, 4, Path("a.txt"), 1) is None

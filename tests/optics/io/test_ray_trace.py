@@ -41,7 +41,7 @@ def illumination(wavelength_nm: float) -> Array:
 
 
 def spot(y: Array, x: Array, height: float, wavelength_nm: float, outwards: float) -> Array:
-    """A head at the chief ray and a tail that grows with height; `outwards` is +1 where y points away from the axis."""
+    """A spot at the chief ray with a tail that grows with height; `outwards` is +1 if y points away from the axis."""
     tail = outwards * height
     width = 0.8 * wavelength_nm / 550
     blobs = (np.exp(-((y[:, None] - tail * t) ** 2 + x**2) / (2 * width**2)) for t in (0.0, 0.5, 1.0))
@@ -79,7 +79,7 @@ efl=6\t          % EFFECTIVE FOCAL LENGTH IN MM
 fnumber=1.8\t          % F-NUMBER = FOCAL LENGTH/ENTRANCE PUPIL DIAMETER
 fnumber_eff=1.8\t          % EFFECTIVE F-NUMBER = 0.5/NUMERICAL APERTURE
 """
-# Header lines as in ISETCam's AsphereF=2mm_PSF_21_3.dat, a listing of 2005, and as later versions have them.
+# Header lines as in ISETCam's AsphereF=2mm_PSF_21_3.dat, a listing of 2005, and in later versions.
 OLD_HEAD = """Listing of Huygens PSF Data
 
 File : C:\\LENSES\\Made Up.ZMX
@@ -105,7 +105,7 @@ NEW_HEAD = OLD_HEAD.replace("{angle:.2f} deg.", "0.0000, {height:.4f} (mm).").re
 
 
 def zemax(folder: Path, *, old: bool, off_center_um: float = 0.0) -> Path:
-    """A set of Zemax: point spreads for images at -y, the first row at +y."""
+    """A Zemax set: PSFs for images at -y, the first row at +y."""
     encoding = "latin-1" if old else "utf-16"
     for kind, table in tables().items():
         rows = [" ".join(f"{v:.6E}" for v in row) for row in table]
@@ -126,7 +126,7 @@ def zemax(folder: Path, *, old: bool, off_center_um: float = 0.0) -> Path:
 
 
 def codev(folder: Path) -> Path:
-    """A set of CODE V: bare grids for images at +y."""
+    """A CODE V set: bare grids for images at +y."""
     for kind, table in tables().items():
         if kind != "CRA":
             text = "\n".join("\t".join(f"{v:.9g}" for v in row) for row in table)
@@ -152,14 +152,14 @@ def written(folder: Path, kind: str, **more: Any) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["2005", "2013", "codev"])
-def test_a_set_is_the_lens_it_was_written_from(kind: str, tmp_path: Path) -> None:
+def test_a_set_gives_the_lens_it_was_written_from(kind: str, tmp_path: Path) -> None:
     lens = load_optics(written(tmp_path, kind))
     assert isinstance(lens, Lens)
     assert isinstance(lens.blur, LensDesign)
     assert lens.name == "Made Up"
     reference = real_mm(REFERENCE_NM)
 
-    # Distortion and colour, between the heights too.
+    # Distortion and lateral colour, also between the heights.
     mapping = lens.mapping(math.inf if kind == "codev" else lens.focus_distance_m or 0)
     assert mapping is not None
     np.testing.assert_allclose(mapping.wavelength_nm, WAVES)
@@ -173,7 +173,7 @@ def test_a_set_is_the_lens_it_was_written_from(kind: str, tmp_path: Path) -> Non
     got = lens.illumination.at(reference * 1e-3, lens.illumination.field.ideal_m(1.0))
     np.testing.assert_allclose(got, illumination(REFERENCE_NM), atol=1e-6)
 
-    # Zemax's images at -y are in the frame's upper half, CODE V's at +y in the lower; tails point outwards in both.
+    # Zemax images at -y are in the upper half of the frame, CODE V images at +y in the lower; tails point outwards.
     side = 1 if kind == "codev" else -1
     np.testing.assert_allclose(lens.blur.field_y, side * reference, atol=1e-6)
     np.testing.assert_array_equal(lens.blur.field_x, 0)
@@ -186,7 +186,7 @@ def test_a_set_is_the_lens_it_was_written_from(kind: str, tmp_path: Path) -> Non
             np.testing.assert_allclose(lens.blur.psf[f, w], expected, atol=2e-4 * expected.max())
 
 
-def test_listings_that_do_not_name_their_field_are_of_images_below_the_axis(tmp_path: Path) -> None:
+def test_listings_without_a_field_are_of_images_at_minus_y(tmp_path: Path) -> None:
     found = read_ray_trace(zemax(tmp_path, old=True))
     for file in tmp_path.glob("*_PSF_*"):
         lines = file.read_text("latin-1").splitlines()
@@ -194,7 +194,7 @@ def test_listings_that_do_not_name_their_field_are_of_images_below_the_axis(tmp_
     np.testing.assert_allclose(found.point_spreads().field_y, -real_mm(REFERENCE_NM), atol=1e-6)
 
 
-def test_parameters_become_the_base_and_the_focus(tmp_path: Path) -> None:
+def test_base_and_focus_from_the_parameters(tmp_path: Path) -> None:
     lens = load_optics(zemax(tmp_path, old=True))
     assert isinstance(lens, Lens)
     assert (lens.base.f_number, lens.base.focal_length_mm) == (1.774644, 5.999968)
@@ -207,7 +207,7 @@ def test_parameters_become_the_base_and_the_focus(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("off_center_um", [-1.15, -0.2, 0.16, 0.25])
-def test_listings_about_their_centroid_are_put_back_about_the_chief_ray(off_center_um: float, tmp_path: Path) -> None:
+def test_listings_about_their_centroid(off_center_um: float, tmp_path: Path) -> None:
     for name, shift in (("chief", 0.0), ("centroid", off_center_um)):
         (tmp_path / name).mkdir()
         zemax(tmp_path / name, old=False, off_center_um=shift)
@@ -217,7 +217,7 @@ def test_listings_about_their_centroid_are_put_back_about_the_chief_ray(off_cent
     np.testing.assert_allclose(b if room == 0 else b[..., room:-room, room:-room], a, atol=2e-3 * a.max())
 
 
-def test_sections_of_an_optics_file_name_the_set(tmp_path: Path) -> None:
+def test_sections_of_an_optics_file_can_name_the_set(tmp_path: Path) -> None:
     (tmp_path / "set").mkdir()
     zemax(tmp_path / "set", old=False)
     file = tmp_path / "mine.yaml"
@@ -246,7 +246,7 @@ def test_sections_of_an_optics_file_name_the_set(tmp_path: Path) -> None:
     np.testing.assert_allclose(flipped.psf[-1, 1], lens.blur.psf[-1, 1][::-1], atol=1e-3 * lens.blur.psf[-1, 1].max())
 
 
-def test_the_exit_pupil_is_where_chief_rays_come_from(tmp_path: Path) -> None:
+def test_exit_pupil_from_chief_ray_angles(tmp_path: Path) -> None:
     found = read_ray_trace(zemax(tmp_path, old=True))
     assert found.exit_pupil_mm() == pytest.approx(PUPIL_MM, rel=1e-5)
     (tmp_path / "Made Up_CRA_.dat").write_text("0 0 0\n" * 4)
@@ -257,14 +257,14 @@ def test_the_exit_pupil_is_where_chief_rays_come_from(tmp_path: Path) -> None:
     assert caught.value.what == "chief-ray angles"
 
 
-def test_wavelengths_whose_printed_step_is_rounded(tmp_path: Path) -> None:
+def test_rounded_wavelength_step(tmp_path: Path) -> None:
     """8 wavelengths from 400 to 700: the macro prints wave=400:43:700."""
     (tmp_path / "Made Up_DI_.dat").write_text("\n".join(" ".join([f"{h}"] * 8) for h in HEIGHTS))
     (tmp_path / "ISETPARMS.TXT").write_text(PARAMETERS.replace("450:100:650", "400:43:700"))
     np.testing.assert_allclose(read_ray_trace(tmp_path).wavelength_nm, np.linspace(400, 700, 8))
 
 
-def test_illumination_that_differs_with_wavelength_is_said(tmp_path: Path) -> None:
+def test_illumination_that_differs_with_wavelength_gives_a_warning(tmp_path: Path) -> None:
     file = zemax(tmp_path, old=True)
     (tmp_path / "Made Up_RI_.dat").write_text("1 1 1\n0.9 0.9 0.9\n0.8 0.8 0.8\n0.7 0.6 0.6\n")
     with pytest.warns(PhotositeWarning, match=r"differs by up to 0\.1 between wavelengths; that at 580 nm"):
@@ -293,7 +293,7 @@ def test_illumination_that_differs_with_wavelength_is_said(tmp_path: Path) -> No
         ("Made Up_PSF_2_1.dat", "Listing of Huygens PSF Data", "Sampling too low", ("is not a listing of an", None)),
     ],
 )
-def test_wrong_sets_give_one_line(name: str, old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
+def test_invalid_sets(name: str, old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     parameters = zemax(tmp_path, old=True)
     file = tmp_path / name
     text = file.read_text("latin-1")
@@ -305,7 +305,7 @@ def test_wrong_sets_give_one_line(name: str, old: str, new: str, error: tuple[st
     assert "\n" not in str(caught.value)
 
 
-def test_missing_and_exchanged_files_are_said(tmp_path: Path) -> None:
+def test_missing_and_exchanged_files(tmp_path: Path) -> None:
     file = zemax(tmp_path, old=False)
     two, three = (tmp_path / f"Made Up_2D_PSF_Fld{n}_Wave1.dat" for n in (2, 3))
     content = two.read_bytes()
@@ -328,7 +328,7 @@ def test_missing_and_exchanged_files_are_said(tmp_path: Path) -> None:
     assert caught.value.what == "holds several sets, ISETPARMS.TXT and b_ISETPARMS.txt"
 
 
-def test_grids_of_code_v_have_the_size_that_parameters_say(tmp_path: Path) -> None:
+def test_size_of_code_v_grids(tmp_path: Path) -> None:
     file = codev(tmp_path)
     file.write_text(CODEV.replace("psfSize=40", "psfSize=64"))
     with pytest.raises(FileError) as caught:
@@ -355,7 +355,7 @@ REAL_DI = """0.000000E+000 0.000000E+000 0.000000E+000 0.000000E+000 0.000000E+0
 """
 
 
-def test_a_real_table_of_heights_against_the_programs_grid_distortion(tmp_path: Path) -> None:
+def test_real_heights_against_the_grid_distortion_of_the_program(tmp_path: Path) -> None:
     """AsphereF=2mm_GridDistortion_3.dat of the same folder, 550 nm: predicted and real heights."""
     efl = 0.696011 / math.tan(math.radians(19.4201))
     largest = efl * math.tan(math.radians(27.38))  # the field of AsphereF=2mm_PSF_21_3.dat

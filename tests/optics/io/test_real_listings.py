@@ -1,4 +1,4 @@
-"""Excerpts of files that programs wrote, found in public repositories, against what else is known of the same lens."""
+"""Excerpts of real files from public repositories, against other data of the same lens."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-def test_field_curvature_saved_through_the_programming_interface(encoding: str, tmp_path: Path) -> None:
+def test_field_curvature_saved_by_a_script(encoding: str, tmp_path: Path) -> None:
     distortion, color = read_distortion(written(tmp_path, FIELD_CURVATURE, encoding), wavelength_nm=587.562)
     np.testing.assert_allclose((distortion.ratio - 1) * 100, [0, -3.5962686e-3, -1.4405017e-2], rtol=1e-3)
     assert color is not None
@@ -162,7 +162,7 @@ Values are relative intensity.
 """
 
 
-def test_the_spacing_is_taken_from_the_area_where_that_says_more(tmp_path: Path) -> None:
+def test_spacing_from_the_data_area(tmp_path: Path) -> None:
     samples = np.random.default_rng(4).random((32, 32))
     numbers = "\n".join("\t  ".join(f"{v:.8E}" for v in row) for row in samples)
     got = read_psf(written(tmp_path, HUYGENS + numbers, "utf-16"))
@@ -176,7 +176,7 @@ def test_the_spacing_is_taken_from_the_area_where_that_says_more(tmp_path: Path)
     assert read_psf(other).spacing_um == 0.422
 
 
-def test_after_the_rows_that_the_header_says_comes_a_footer(tmp_path: Path) -> None:
+def test_footer_after_the_stated_number_of_rows(tmp_path: Path) -> None:
     samples = np.random.default_rng(4).random((32, 32))
     rows = ["\t  ".join(f"{v:.8E}" for v in row) for row in samples]
     text = HUYGENS + "\n".join(rows) + "\n"
@@ -199,7 +199,7 @@ def test_after_the_rows_that_the_header_says_comes_a_footer(tmp_path: Path) -> N
     assert (caught.value.what, caught.value.line) == ("entry", 44)
 
 
-def test_references_that_are_no_tangents_are_refused(tmp_path: Path) -> None:
+def test_reference_heights_must_be_tangents(tmp_path: Path) -> None:
     rows = "".join(f" {a:.6f} 0.1 0.1 {a * 0.47:.6f} {a * 0.475:.6f} {-1.0:.4f}\n" for a in (0.0, 1.0, 2.0, 4.0))
     with pytest.raises(FileError) as caught:
         read_distortion(written(tmp_path, FIELD_CURVATURE.split("      0.0000")[0] + rows))
@@ -210,7 +210,7 @@ def test_references_that_are_no_tangents_are_refused(tmp_path: Path) -> None:
     assert caught.value.what == "unit of the heights"
 
 
-def test_relative_illumination_saved_through_the_programming_interface(tmp_path: Path) -> None:
+def test_relative_illumination_saved_by_a_script(tmp_path: Path) -> None:
     table = read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="Millimeters"), "utf-16"))
     np.testing.assert_array_equal(table.field.height_mm, [0, 10.8, 21.6])
     np.testing.assert_array_equal(table.relative, [1, 0.67809031, 0.14798199])
@@ -219,7 +219,7 @@ def test_relative_illumination_saved_through_the_programming_interface(tmp_path:
 
 
 @pytest.mark.parametrize("unit", ["Millimeters", "Centimeters", "Inches", "Meters"])
-def test_heights_in_other_lengths_are_brought_to_mm(unit: str, tmp_path: Path) -> None:
+def test_heights_are_converted_to_mm(unit: str, tmp_path: Path) -> None:
     mm = {"Millimeters": 1.0, "Centimeters": 10.0, "Inches": 25.4, "Meters": 1000.0}[unit]
     text = ILLUMINATION.format(unit=unit)
     table = read_relative_illumination(written(tmp_path, text))
@@ -230,7 +230,7 @@ def test_heights_in_other_lengths_are_brought_to_mm(unit: str, tmp_path: Path) -
     np.testing.assert_allclose(table.field.height_mm, np.array([0, 10.8, 21.6]) * mm)
 
 
-def test_a_field_in_an_unknown_unit_gives_its_line(tmp_path: Path) -> None:
+def test_field_in_an_unknown_unit(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         read_relative_illumination(written(tmp_path, ILLUMINATION.format(unit="Furlongs")))
     assert (caught.value.what, caught.value.line) == ("unit of the field", 10)
@@ -243,18 +243,18 @@ def test_a_field_in_an_unknown_unit_gives_its_line(tmp_path: Path) -> None:
     assert (caught.value.what, caught.value.line) == ("length", 10)
 
 
-def test_a_footer_with_a_number_first_is_passed_over(tmp_path: Path) -> None:
+def test_footer_that_begins_with_a_number(tmp_path: Path) -> None:
     text = ILLUMINATION.format(unit="degrees") + "\n2 warning(s)\n"
     np.testing.assert_array_equal(
         read_relative_illumination(written(tmp_path, text)).relative, [1, 0.67809031, 0.14798199]
     )
 
 
-def test_grid_distortion_is_the_curve_of_its_diagonal(tmp_path: Path) -> None:
+def test_grid_distortion_along_the_diagonal(tmp_path: Path) -> None:
     file = written(tmp_path, GRID_HEAD + GRID, "latin-1")
     distortion, color = read_distortion(file, wavelength_nm=550)
     assert color is None
-    # Ten thousandths of percent: numbers have six digits.
+    # To 5e-4 percent: numbers have six digits.
     np.testing.assert_allclose(
         (distortion.ratio - 1) * 100, [-0.004794, -1.062312, -1.206148, -4.322334, -4.587114], atol=5e-4
     )
@@ -276,11 +276,11 @@ def test_grid_distortion_is_the_curve_of_its_diagonal(tmp_path: Path) -> None:
         (" 31 31 ", " 31 30 ", None),
     ],
 )
-def test_wrong_grids_give_one_line(old: str, new: str, what: str | None, tmp_path: Path) -> None:
+def test_invalid_grids(old: str, new: str, what: str | None, tmp_path: Path) -> None:
     text = GRID_HEAD + GRID
     assert old in text
     file = written(tmp_path, text.replace(old, new))
-    if what is None:  # a point less
+    if what is None:  # one point fewer
         assert read_distortion(file)[0].ratio.size == 4
         return
     with pytest.raises(FileError) as caught:
@@ -289,7 +289,7 @@ def test_wrong_grids_give_one_line(old: str, new: str, what: str | None, tmp_pat
     assert "\n" not in str(caught.value)
 
 
-def test_a_grid_without_points_is_said(tmp_path: Path) -> None:
+def test_grid_without_points(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         read_distortion(written(tmp_path, GRID_HEAD))
     assert caught.value.what == "the grid of points"
@@ -320,11 +320,11 @@ Values are relative intensity.
 """
 
 
-def test_a_real_listings_head(tmp_path: Path) -> None:
+def test_header_of_a_real_listing(tmp_path: Path) -> None:
     """A field of -27.38 degrees has its image at -y, as the table of heights has +27.38 degrees at +0.9592636 mm."""
     (tmp_path / "a.dat").write_bytes(REAL_PSF.replace("\n", "\r\n").encode("latin-1"))
     got = read_psf(tmp_path / "a.dat")
     assert (got.wavelength_nm, got.spacing_um, got.origin) == (pytest.approx(550.0), 0.25, (1, 1))
     assert (got.field, got.field_unit) == ((0.0, -27.38), "deg")
-    assert got.center_mm == (0.0, pytest.approx(-0.9592636, abs=1e-7))  # as AsphereF=2mm_DI_.dat has it
+    assert got.center_mm == (0.0, pytest.approx(-0.9592636, abs=1e-7))  # as in AsphereF=2mm_DI_.dat
     np.testing.assert_array_equal(got.samples[:, 0], [1.684e-3, 2.553e-3, 3.417e-3])

@@ -1,4 +1,4 @@
-"""Lenses written and read again: every part comes back, and what has no place in a file leaves nothing behind."""
+"""Saved lenses are read back unchanged, and a failure leaves no files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ R2 = AXIS[:, None] ** 2 + AXIS**2
 
 
 def plane_table(half: bool = False) -> OtfTable:
-    """A blur that is shifted: complex values."""
+    """A shifted blur: complex values."""
     fy, fx = np.linspace(-200, 200, 9), np.linspace(0 if half else -200, 200, 5 if half else 9)
     f2 = fy[:, None] ** 2 + fx**2
     one = np.exp(-f2 / 5000) * np.exp(-2j * math.pi * (fy[:, None] * 1e-3 + fx * 7e-4))
@@ -51,7 +51,7 @@ def amplitude() -> np.ndarray:
 
 
 def spots(count: int) -> np.ndarray:
-    """(count, 2, n, n) point spreads that grow."""
+    """(count, 2, n, n) PSFs of growing width."""
     psf = np.stack([[np.exp(-R2 / (1 + 0.4 * k + w)) for w in (0.5, 1.0)] for k in range(count)])
     return psf / psf.sum(axis=(2, 3), keepdims=True)
 
@@ -108,7 +108,7 @@ LENSES: dict[str, DiffractionLimited | Lens] = {
 
 
 def assert_same(one: object, other: object, place: str = "lens") -> None:
-    """Field by field; numbers within two roundings."""
+    """Compare field by field; numbers within two roundings."""
     if isinstance(one, int | float | np.ndarray) and not isinstance(one, bool):
         np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=4e-16, atol=1e-18, err_msg=place)
         return
@@ -123,7 +123,7 @@ def assert_same(one: object, other: object, place: str = "lens") -> None:
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
+def test_round_trip(tmp_path: Path, name: str) -> None:
     lens = LENSES[name]
     lens.save(tmp_path / "mine.optics.yaml")
     whole = lens if isinstance(lens, Lens) else Lens(lens)
@@ -158,17 +158,17 @@ def test_all_parts_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("lens", [BASE, Lens(BASE)])
-def test_a_lens_without_parts_is_read_as_a_lens(lens: Lens | DiffractionLimited, tmp_path: Path) -> None:
+def test_round_trip_of_a_bare_lens(lens: Lens | DiffractionLimited, tmp_path: Path) -> None:
     lens.save(tmp_path / "a.yaml")
     found = load_optics(tmp_path / "a.yaml")
     assert_same(Lens(BASE), found)
     assert (found.name, found.blur, found.focus_distance_m) == (None, None, None)
 
 
-def test_another_lens_of_that_name_takes_its_tables_away(tmp_path: Path) -> None:
-    """Those that the former file named; a table of that name that it did not name stays."""
+def test_saving_again_removes_the_former_tables(tmp_path: Path) -> None:
+    """Only tables that the former file named are removed."""
     Lens(BASE, BLURS["radial"]).save(tmp_path / "a.yaml")
-    (tmp_path / "a.psf.npz").write_bytes(b"someone's own")
+    (tmp_path / "a.psf.npz").write_bytes(b"other data")
     Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.psf.npz", "a.pupil.npz", "a.yaml"]
     BASE.save(tmp_path / "a.yaml")
@@ -177,8 +177,8 @@ def test_another_lens_of_that_name_takes_its_tables_away(tmp_path: Path) -> None
     BASE.save(tmp_path / "b.yaml")
 
 
-def test_magnifications_at_another_height_are_the_same_color(tmp_path: Path) -> None:
-    """A height of 20 mm, where a share of 4e-4 is 8 um."""
+def test_magnification_stated_at_another_height(tmp_path: Path) -> None:
+    """At 20 mm, 4e-4 is 8 um."""
     grid, shift = np.array([450.0, 650.0]), np.array([[8.0], [-6.0]])
     lens = Lens(BASE, lateral_color=LateralColor(grid, FieldPoints(height_mm=np.array([20.0])), shift, True))
     lens.save(tmp_path / "a.yaml")
@@ -215,7 +215,7 @@ EVERYWHERE = LateralColor(np.array([450.0, 650.0]), HEIGHTS, np.array([[0, 1, 2.
         (Lens(BASE, BLURS["psf"], lateral_color=EVERYWHERE), "lateral_color"),
     ],
 )
-def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, what: str) -> None:
+def test_lenses_that_a_file_cannot_represent(tmp_path: Path, lens: Lens, what: str) -> None:
     with pytest.raises(InputError) as caught:
         write_optics(lens, tmp_path / "a.yaml")
     assert caught.value.what.startswith(what)
@@ -223,7 +223,7 @@ def test_what_has_no_place_in_a_file_leaves_nothing(tmp_path: Path, lens: Lens, 
     assert not list(tmp_path.iterdir())
 
 
-def test_tables_larger_than_is_read_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_above_the_size_limit_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("photosite.optics.io.optics_file.LARGEST_BYTES", 2 << 20)
     many = FieldPoints(np.linspace(0, 9, 60_000))
     with pytest.raises(InputError) as caught:
@@ -232,7 +232,7 @@ def test_tables_larger_than_is_read_are_not_written(tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_leaves_the_former_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lens = Lens(BASE, BLURS["psf"])
     lens.save(tmp_path / "a.yaml")
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
@@ -257,7 +257,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Mon
         ("beside.yaml", "cannot be written"),
     ],
 )
-def test_places_that_cannot_be_written(tmp_path: Path, name: str, what: str) -> None:
+def test_paths_that_cannot_be_written(tmp_path: Path, name: str, what: str) -> None:
     (tmp_path / "taken.yaml").mkdir()
     (tmp_path / "beside.psf.npz").mkdir()
     with pytest.raises(FileError) as caught:
@@ -266,10 +266,10 @@ def test_places_that_cannot_be_written(tmp_path: Path, name: str, what: str) -> 
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beside.psf.npz", "taken.yaml"]
 
 
-@pytest.mark.parametrize("said", [{"sorce": "x"}, {"source": 3}, "nowhere"])
-def test_a_provenance_that_is_none(tmp_path: Path, said: Any) -> None:
+@pytest.mark.parametrize("provenance", [{"sorce": "x"}, {"source": 3}, "nowhere"])
+def test_invalid_provenance(tmp_path: Path, provenance: Any) -> None:
     with pytest.raises(InputError) as caught:
-        BASE.save(tmp_path / "a.yaml", said)
+        BASE.save(tmp_path / "a.yaml", provenance)
     assert caught.value.what == "provenance"
     assert not list(tmp_path.iterdir())
 
@@ -288,9 +288,7 @@ def test_a_provenance_that_is_none(tmp_path: Path, said: Any) -> None:
         (lambda file: np.savez(file, other=1), ("cannot be read", None, None)),
     ],
 )
-def test_damaged_arrays_are_one_line(
-    tmp_path: Path, name: str, spoil: Any, error: tuple[str, int | None, str | None]
-) -> None:
+def test_damaged_arrays(tmp_path: Path, name: str, spoil: Any, error: tuple[str, int | None, str | None]) -> None:
     Lens(BASE, BLURS[name]).save(tmp_path / "a.yaml")
     (file,) = tmp_path.glob("*.npz")
     spoil(file)
@@ -301,7 +299,7 @@ def test_damaged_arrays_are_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_arrays_that_cannot_be(tmp_path: Path) -> None:
+def test_invalid_arrays(tmp_path: Path) -> None:
     Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), "x"))
     with pytest.raises(FileError) as caught:

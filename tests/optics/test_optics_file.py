@@ -1,4 +1,4 @@
-"""Optics files: what they say becomes the lens, and what they cannot say is refused with its line."""
+"""Optics files: every field arrives in the lens, and errors name the line."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def load(folder: Path, text: str) -> Lens:
     return load_optics(file)
 
 
-def test_everything_that_is_said_is_in_the_lens(tmp_path: Path) -> None:
+def test_all_fields_arrive_in_the_lens(tmp_path: Path) -> None:
     lens = load(tmp_path, WHOLE)
     assert isinstance(lens, Lens)
     assert (lens.name, lens.base.f_number, lens.base.focal_length_mm) == ("made up 50 mm", 2.8, 50)
@@ -73,7 +73,7 @@ def test_everything_that_is_said_is_in_the_lens(tmp_path: Path) -> None:
 BARE = "photosite_optics: 1\nf_number: 2.8\nfocal_length_mm: 50\n"
 
 
-def test_a_perfect_lens_is_a_perfect_lens(tmp_path: Path) -> None:
+def test_a_diffraction_limited_lens(tmp_path: Path) -> None:
     lens = load(
         tmp_path, BARE + "transmittance: 0.9\nfalloff: cos4\nblur: {kind: diffraction}\nprovenance: {source: me}\n"
     )
@@ -102,13 +102,13 @@ def test_a_perfect_lens_is_a_perfect_lens(tmp_path: Path) -> None:
         ("veiling_glare: {fraction: 0.01}", lambda lens: lens.veiling_glare.spread_m is None),
     ],
 )
-def test_other_ways_to_say_it(more: str, check: object, tmp_path: Path) -> None:
+def test_alternative_forms(more: str, check: object, tmp_path: Path) -> None:
     lens = load(tmp_path, BARE + more + "\n")
     assert isinstance(lens, Lens)
     assert check(lens)  # type: ignore[operator]
 
 
-def test_tables_lie_beside_the_file(tmp_path: Path) -> None:
+def test_tables_beside_the_file(tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text(
         "frequency_per_mm, 450, 650\n0, 1, 1\n40, 0.7, 0.6\n200, 0, 0\n", encoding="utf-8"
     )
@@ -234,7 +234,7 @@ def test_tables_lie_beside_the_file(tmp_path: Path) -> None:
         (BARE + "f_number: [\n", ("is not YAML: expected the node", 5, None)),
     ],
 )
-def test_wrong_files_give_one_line(text: str, error: tuple[str, int | None, str | None], tmp_path: Path) -> None:
+def test_errors_name_line_and_section(text: str, error: tuple[str, int | None, str | None], tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         load(tmp_path, text)
     assert caught.value.what.startswith(error[0])
@@ -242,7 +242,7 @@ def test_wrong_files_give_one_line(text: str, error: tuple[str, int | None, str 
     assert "\n" not in str(caught.value)
 
 
-def test_a_camera_file_holds_the_same_fields(tmp_path: Path) -> None:
+def test_the_same_fields_in_a_camera_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.camera.yaml"
     file.write_text(
         "photosite_camera: 1\noptics:\n  f_number: 2.8\n  focal_length_mm: 50\n  veiling_glare: {fraction: 0.02}\n"
@@ -257,7 +257,7 @@ def test_a_camera_file_holds_the_same_fields(tmp_path: Path) -> None:
     assert caught.value.what.startswith("unknown field")
 
 
-def test_the_way_of_the_module_text_is_a_lens(tmp_path: Path) -> None:
+def test_the_example_in_the_module_docstring(tmp_path: Path) -> None:
     import photosite.optics.io.optics_file as module
 
     assert module.__doc__ is not None
@@ -304,9 +304,7 @@ def test_the_way_of_the_module_text_is_a_lens(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_said_in_the_files_own_words(
-    more: str, error: tuple[str, int | None, str | None], tmp_path: Path
-) -> None:
+def test_errors_use_the_names_of_the_file(more: str, error: tuple[str, int | None, str | None], tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         load(tmp_path, BARE + more + "\n")
     assert caught.value.what.startswith(error[0])

@@ -1,4 +1,4 @@
-"""Listings of Zemax OpticStudio, in the layouts that docs/optics.md names, with numbers of our own."""
+"""Listings of Zemax OpticStudio in the layouts of docs/optics.md, with synthetic numbers."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_psf_listings_in_every_encoding_and_decimal_mark(head: str, encoding: st
         ("row 11, column", "row 40, column", ("center point", None)),
     ],
 )
-def test_wrong_psf_listings_give_one_line(old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
+def test_invalid_psf_listings(old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     text = listing(spot(2.0))
     assert old in text
     file = tmp_path / "psf.txt"
@@ -132,7 +132,7 @@ def test_wrong_psf_listings_give_one_line(old: str, new: str, error: tuple[str, 
     assert "\n" not in str(caught.value)
 
 
-def test_damaged_numbers_give_their_line(tmp_path: Path) -> None:
+def test_damaged_numbers_name_their_line(tmp_path: Path) -> None:
     lines = listing(spot(2.0)).splitlines()
     file = tmp_path / "psf.txt"
     for change, value in ((lambda t: t.rsplit("\t", 1)[0], 20), (lambda t: "oh\t" + t, "oh")):
@@ -159,23 +159,23 @@ def folder_of(path: Path, *, skip: tuple[float, float] | None = None) -> Path:
     return path
 
 
-def test_a_folder_becomes_a_design_upright_and_on_one_grid(tmp_path: Path) -> None:
+def test_a_folder_of_listings(tmp_path: Path) -> None:
     design = read_lens_design(folder_of(tmp_path), rank=3)
     np.testing.assert_allclose(design.wavelength_nm, [450, 650])
-    np.testing.assert_allclose(design.field_y, [0, 5, 10])  # a positive angle's image is at +y: the frame's lower half
+    np.testing.assert_allclose(design.field_y, [0, 5, 10])  # the image of a positive angle is at +y: the lower half
     np.testing.assert_array_equal(design.field_x, 0)
     assert (design.unit, design.spacing_um, design.rank) == ("deg", 0.4, 3)
     count = design.psf.shape[-1]
     y = sample_positions(count, 0.4)
     for f, field in enumerate((0.0, 5.0, 10.0)):
         tail = 0.3 * field
-        # In the file the tail is towards +y of the image surface, outwards; in the frame too: downwards.
+        # The tail points to +y of the image surface, outwards, which is downwards in the frame.
         rows = sum(np.exp(-((y[:, None] - tail * t) ** 2 + y**2) / (2 * 0.8**2)) for t in (0.0, 0.5, 1.0))
         for w in (0, 1):
             np.testing.assert_allclose(design.psf[f, w], rows / np.sum(rows), atol=1e-4 * np.max(rows / np.sum(rows)))
 
 
-def test_a_missing_or_doubled_spread_is_said(tmp_path: Path) -> None:
+def test_missing_and_duplicate_psfs(tmp_path: Path) -> None:
     folder_of(tmp_path, skip=(5.0, 0.65))
     with pytest.raises(FileError) as caught:
         read_lens_design(tmp_path)
@@ -210,7 +210,7 @@ def grids(path: Path, index: str = INDEX) -> Path:
     return path / "index.yaml"
 
 
-def test_an_index_says_what_grids_of_numbers_do_not(tmp_path: Path) -> None:
+def test_index_of_bare_grids(tmp_path: Path) -> None:
     design = read_lens_design(grids(tmp_path))
     assert isinstance(design, LensDesign)
     np.testing.assert_array_equal(design.field_x, [-4, 4])
@@ -218,15 +218,11 @@ def test_an_index_says_what_grids_of_numbers_do_not(tmp_path: Path) -> None:
     assert (design.unit, design.symmetric, design.rank) == ("mm", False, 2)
     middle = design.psf.shape[-1] // 2
     column = design.psf[1, 0, :, middle]
-    assert column @ sample_positions(column.size, 0.5) / column.sum() == pytest.approx(
-        -1.0, abs=1e-3
-    )  # upwards, as written
+    assert column @ sample_positions(column.size, 0.5) / column.sum() == pytest.approx(-1.0, abs=1e-3)  # upwards
     turned = read_lens_design(grids(tmp_path, INDEX.replace("upright", "image")))
     np.testing.assert_array_equal(turned.field_x, [-4, 4])
     np.testing.assert_array_equal(turned.field_y, [3, 3])
-    np.testing.assert_allclose(
-        turned.psf[0, 0], design.psf[1, 0, ::-1, ::-1], atol=1e-9
-    )  # the one with the longer tail
+    np.testing.assert_allclose(turned.psf[0, 0], design.psf[1, 0, ::-1, ::-1], atol=1e-9)  # the longer tail
     flipped = read_lens_design(grids(tmp_path, INDEX.replace("axes: upright", "axes: upright\nfirst_row: bottom")))
     np.testing.assert_allclose(flipped.psf[0, 0], design.psf[0, 0, ::-1], atol=1e-9)
 
@@ -252,7 +248,7 @@ def test_an_index_says_what_grids_of_numbers_do_not(tmp_path: Path) -> None:
         ("rank: 2", "tolerance: much", ("tolerance", 5)),
     ],
 )
-def test_wrong_indices_give_one_line(old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
+def test_invalid_indices(old: str, new: str, error: tuple[str, int | None], tmp_path: Path) -> None:
     assert old in INDEX
     with pytest.raises(FileError) as caught:
         read_lens_design(grids(tmp_path, INDEX.replace(old, new)))
@@ -321,7 +317,7 @@ Distortion focal length = 50.0000
     return text
 
 
-def test_distortion_and_lateral_colour_of_one_listing(tmp_path: Path) -> None:
+def test_distortion_and_lateral_colour(tmp_path: Path) -> None:
     angle = np.linspace(0, 20, 5)
     ideal = 50 * np.tan(np.radians(angle))
     green = ideal * (1 - 0.03 * (ideal / ideal[-1]) ** 2)
@@ -351,7 +347,7 @@ def _written(folder: Path, text: str) -> Path:
     return file
 
 
-def test_wrong_distortion_listings_give_one_line(tmp_path: Path) -> None:
+def test_invalid_distortion_listings(tmp_path: Path) -> None:
     text = curvature({0.55: [(0.0, 0.0), (10.0, 8.7), (20.0, 17.5)]})
     for old, new, what in (
         ("F-Tan(Theta)", "F-Theta", "distortion"),
@@ -366,7 +362,7 @@ def test_wrong_distortion_listings_give_one_line(tmp_path: Path) -> None:
     assert caught.value.what == "wavelength_nm"
 
 
-def test_an_optics_file_names_listings_beside_it(tmp_path: Path) -> None:
+def test_listings_named_by_an_optics_file(tmp_path: Path) -> None:
     sub = tmp_path / "psf"
     sub.mkdir()
     folder_of(sub)
@@ -388,7 +384,7 @@ def test_an_optics_file_names_listings_beside_it(tmp_path: Path) -> None:
     assert lens.lateral_color.shift_um[1, -1] == pytest.approx(3.0, abs=1e-6)
 
 
-def test_layouts_turn_and_flip_samples_with_their_origin() -> None:
+def test_layouts_rotate_and_flip_samples_with_their_origin() -> None:
     samples = np.arange(12.0).reshape(3, 4)
     told = PsfListing(Path("a.txt"), samples, (0, 1), field=(2.0, 5.0), field_unit="mm")
     for axes, first_row, place in (
