@@ -191,11 +191,11 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
     index, value, place = index[inside], pixels.value[inside], distance[inside]
     count = np.bincount(index, minlength=2 * half)
     if count.min() < 1:
-        value = math.degrees(math.atan(abs(edge.slope)))
+        angle_deg = math.degrees(math.atan(abs(edge.slope)))
         hint = "Turn the chart by a few degrees, take a longer region, or reduce {oversampling}"
         expected = "one that samples all phases of a pixel"
         arguments = {"oversampling": 2}
-        raise InputError("angle of the edge", value=value, expected=expected, hint=hint, arguments=arguments)
+        raise InputError("angle of the edge", value=angle_deg, expected=expected, hint=hint, arguments=arguments)
     middle = (np.arange(2 * half) + 0.5 - half) / oversampling
     mean = np.bincount(index, value, 2 * half) / count
     # The pixels of a bin are not centred in it: interpolate their mean to the centre along the slope of the profile.
