@@ -134,7 +134,7 @@ def test_tables_beside_the_file(tmp_path: Path) -> None:
         ),
         (
             BARE + "transmittance: {wavelength_nm: [400, 500], transmittance: [1]}\n",
-            ("a spectrum needs one finite value", 4, "transmittance"),
+            ("values", 4, "transmittance"),
         ),
         (BARE + "focus_distance_m: 0.01\n", ("focus_distance_m", 4, None)),
         (
@@ -148,7 +148,7 @@ def test_tables_beside_the_file(tmp_path: Path) -> None:
         ),
         (
             BARE + "transmittance: {wavelength_nm: [700, 400], transmittance: [1, 1]}\n",
-            ("wavelengths must increase from entry to", 4, "transmittance"),
+            ("wavelength_nm", 4, "transmittance"),
         ),
         (
             BARE + "transmittance: {wavelength_nm: [0.4, 0.7], transmittance: [1, 1]}\n",

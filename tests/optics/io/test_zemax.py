@@ -232,7 +232,7 @@ def test_index_of_bare_grids(tmp_path: Path) -> None:
     [
         ("photosite_lens_design: 1", "photosite_lens_design: 2", ("is not an index of PSF", None)),
         ("program: grid", "program: oslo", ("program", 2)),
-        ("axes:", "axis:", ("an index of PSF files has", 3)),
+        ("axes:", "axis:", ("unknown field", 3)),
         (
             "spacing_um: 0.5}\n  - {file: b",
             "}\n  - {file: b",

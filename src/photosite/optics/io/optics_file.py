@@ -20,25 +20,26 @@ File names are relative to the optics file. docs/optics.md describes all section
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from photosite.color.spectrum import Spectrum
-from photosite.errors import FileError, InputError, PhotositeError, did_you_mean
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.atomic import atomic_folder
 from photosite.files.yaml import LARGEST_BYTES, dump_yaml, line_of, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
+from photosite.optics.distortion import LateralColor, combined_mapping
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.io.npz import write_amplitude, write_design
-from photosite.optics.io.sections import KINDS, LocatedError, OpticsModel, Provenance, Read, Transmittance
+from photosite.optics.io.parser import Parser
+from photosite.optics.io.sections import KINDS, OpticsModel, Provenance, Read
 from photosite.optics.io.tables import write_otf, write_psf
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
@@ -49,9 +50,6 @@ from photosite.optics.wavefront import Wavefront
 
 VERSION_KEY = "photosite_optics"
 SUFFIXES = (".yaml", ".yml")
-_NOT_A_MAPPING = ("dict_type", "model_type", "model_attributes_type")
-_Model = TypeVar("_Model", bound=BaseModel)
-_Built = TypeVar("_Built")
 Fields = dict[str, Any]
 Tables = dict[str, Callable[[Path], None]]
 """Files beside the optics file: name -> writer."""
@@ -106,13 +104,13 @@ def parse_optics(
     FileError
         As `read_optics`.
     """
-    parser = _Parser(Path(path), data, section)
-    model = parser.validated(OpticsModel, data, ())
+    parser = Parser(Path(path), data, section)
+    model = parser.validated(OpticsModel, data)
     base = parser.built(  # the model has checked the other fields
         "transmittance",
         lambda: DiffractionLimited(model.f_number, model.focal_length_mm, model.transmittance.build(), model.falloff),
     )
-    blur = parser.blur(read) if model.blur is not None else None
+    blur = _blur(parser, read) if model.blur is not None else None
     illumination = distortion = lateral = glare = None
     if (light := model.relative_illumination) is not None:
         illumination = parser.built("relative_illumination", lambda: light.build(read))
@@ -125,7 +123,9 @@ def parse_optics(
         lateral = parser.built("lateral_color", color.build)
     if (veil := model.veiling_glare) is not None:
         glare = parser.built("veiling_glare", veil.build)
-    parser.check_mapping(distortion, lateral, model)
+    # Tables that fold back together are rejected here rather than on the first frame.
+    key = "lateral_color" if model.lateral_color is not None else "distortion"
+    parser.built(key, lambda: combined_mapping(distortion, lateral, model.focal_length_mm * 1e-3))
     lens = parser.built(
         "falloff" if illumination is not None and model.falloff != "none" else "focus_distance_m",
         lambda: Lens(base, blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name),
@@ -134,125 +134,16 @@ def parse_optics(
     return base if all(part is None for part in more) else lens
 
 
-class _Parser:
-    """The fields of a file, and errors with their lines."""
-
-    def __init__(self, path: Path, data: Mapping[str, Any], section: str) -> None:
-        self.path = path
-        self.data = data
-        self.section = section
-
-    def located(self, error: PhotositeError, location: Sequence[str | int]) -> FileError:
-        """Return the error as one of the file, with the line of the deepest part of the location that exists."""
-        parts = list(location)
-        if parts and parts[-1] == error.what:
-            parts.pop()
-        node: Any = self.data
-        position = getattr(getattr(node, "lc", None), "line", None)
-        line = None if position is None or not self.section else position + 1
-        for part in (*parts, error.what.partition("[")[0]):
-            if (found := line_of(node, part)) is None:
-                break
-            line, node = found, node[part]
-        where = ".".join(part for part in (self.section, *map(str, parts)) if part)
-        return (error.within(where) if where else error).in_file(self.path, line)
-
-    def validated(self, model: type[_Model], data: Any, above: tuple[str, ...]) -> _Model:
-        """Return the model of a mapping."""
-        try:
-            return model.model_validate(data)
-        except ValidationError as error:
-            found = error.errors()
-        # A misspelt field is also a missing one; the misspelling helps more.
-        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-        *parents, last = (*above, *first["loc"]) or ("",)
-        if first["type"] == "extra_forbidden":
-            known = _model_at(model, first["loc"][:-1]).model_fields
-            unknown = InputError(f"unknown field '{last}'", hint=did_you_mean(str(last), known))
-            line = self.located(InputError(str(last)), parents).line
-            located = self.located(unknown, parents)
-            raise FileError(self.path, located.what, line, **located.fields)
-        if first["type"] == "missing":
-            raise self.located(InputError(f"field '{last}' is missing"), parents)
-        if isinstance(own := first.get("ctx", {}).get("error"), InputError):
-            raise self.located(own, (*parents, last))
-        if first["type"] in _NOT_A_MAPPING:
-            expected = _expected(model, first["loc"])
-        else:
-            expected = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-            expected = expected.replace("a valid tuple", "a list, [...]")
-        what = f"{parents.pop()}[{last}]" if isinstance(last, int) and parents else str(last)
-        raise self.located(InputError(what, value=_plain(first["input"]), expected=expected), parents)
-
-    def built(self, key: str, build: Callable[[], _Built]) -> _Built:
-        """Return the value of a section; give errors the line of the section."""
-        try:
-            return build()
-        except FileError as error:
-            if os.path.exists(error.path):  # False for an invalid name
-                raise
-            named = [part for part in ("file", "source") if part in self.data[key]]
-            missing = InputError(f"there is no such file, {error.path}")
-            raise self.located(missing, (key, *named)) from None
-        except OSError as error:  # an invalid name
-            raise self.located(InputError(f"cannot be read: {error.strerror or error}"), (key,)) from None
-        except LocatedError as error:
-            raise self.located(error.error, (key, *error.location)) from None
-        except InputError as error:
-            raise self.located(error, (key,) if key in self.data else ()) from None
-        except ValueError as error:
-            raise self.located(InputError(str(error)), (key,)) from None
-
-    def blur(self, read: Read) -> Blur | None:
-        """Return the blur of the section of its kind."""
-        section = self.data["blur"]
-        kind = section.get("kind")
-        if not isinstance(kind, str) or kind not in KINDS:
-            hint = did_you_mean(str(kind), KINDS)
-            raise self.located(InputError("kind", value=kind, expected="a kind of blur", hint=hint), ("blur",))
-        model: Any = self.validated(KINDS[kind], section, ("blur",))
-        blur: Blur | None = self.built("blur", lambda: model.build(read))
-        return blur
-
-    def check_mapping(self, distortion: Distortion | None, lateral: LateralColor | None, model: OpticsModel) -> None:
-        """Raise for tables that together fold back, on reading rather than on the first frame."""
-        key = "lateral_color" if model.lateral_color is not None else "distortion"
-        self.built(key, lambda: combined_mapping(distortion, lateral, model.focal_length_mm * 1e-3))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value of YAML as plain Python."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value
-
-
-def _expected(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    """Return a description of a section."""
-    if tuple(location) == ("blur",):
-        return f"{{kind: {' | '.join(KINDS)}, ...}}"
-    section = _model_at(model, location)
-    if (
-        location
-        and (field := section.model_fields.get(str(location[-1]))) is not None
-        and field.description is not None
-    ):
-        return field.description
-    number = "a number or " if section is Transmittance else ""
-    return f"{number}{{{', '.join(section.model_fields)}}}"
-
-
-def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the mapping at a location."""
-    for part in location:
-        if not isinstance(part, str) or part not in model.model_fields:
-            break
-        annotation = model.model_fields[part].annotation
-        inner = [a for a in (annotation, *getattr(annotation, "__args__", ())) if isinstance(a, type)]
-        model = next((a for a in inner if issubclass(a, BaseModel)), model)
-    return model
+def _blur(parser: Parser, read: Read) -> Blur | None:
+    """Return the blur of the section of its kind."""
+    section = parser.data["blur"]
+    kind = section.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        hint = did_you_mean(str(kind), KINDS)
+        raise parser.located(InputError("kind", value=kind, expected="a kind of blur", hint=hint), ("blur",))
+    model: Any = parser.validated(KINDS[kind], section, ("blur",))
+    blur: Blur | None = parser.built("blur", lambda: model.build(read))
+    return blur
 
 
 def write_optics(
@@ -358,7 +249,7 @@ def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tabl
         fields["focus_distance_m"] = float(whole.focus_distance_m)
     tables: Tables = {}
     if whole.blur is not None:
-        fields["blur"], tables = _blur(whole.blur, stem)
+        fields["blur"], tables = _blur_section(whole.blur, stem)
     if (light := whole.illumination) is not None:
         fields["relative_illumination"] = _points(light.field) | {"relative": _list(light.relative)}
     if (curve := whole.distortion) is not None:
@@ -404,7 +295,7 @@ def _provenance(given: Mapping[str, str]) -> Fields:
     return fields
 
 
-def _blur(blur: object, stem: str) -> tuple[Fields, Tables]:
+def _blur_section(blur: object, stem: str) -> tuple[Fields, Tables]:
     """Return the section, and the tables that it names."""
     match blur:
         case Wavefront() if type(blur) is Wavefront:

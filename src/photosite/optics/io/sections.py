@@ -6,13 +6,12 @@ file. A section reads them by the function `read` that its `build` is given, see
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
@@ -20,14 +19,13 @@ from photosite.optics.checks import camera_wavelengths
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
+from photosite.optics.io.parser import Number, PositiveNumber, Section, located_at
 from photosite.optics.protocols import Blur
 from photosite.optics.pupil import Pupil
 from photosite.optics.veiling_glare import VeilingGlare
 from photosite.optics.wavefront import Wavefront
 from photosite.optics.zernike import zernike_terms
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-PositiveNumber = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Distance = Annotated[float, Field(strict=True, gt=0)]
 """May be .inf."""
 Program = Literal["zemax", "iset"]
@@ -41,29 +39,6 @@ class Read(Protocol):
     def __call__(self, holds: str, file: str, *, program: str | None = None, **options: Any) -> Any:
         """Return the value of a kind that a file holds."""
         ...
-
-
-class LocatedError(Exception):
-    """An `InputError` with its location inside a section."""
-
-    def __init__(self, error: InputError, *location: str | int) -> None:
-        super().__init__(str(error))
-        self.error = error
-        self.location = location
-
-
-@contextmanager
-def _at(*location: str | int) -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        raise LocatedError(error, *location) from None
-
-
-class Section(BaseModel):
-    """A mapping of the file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def _check_one_of(what: str, given: dict[str, bool]) -> None:
@@ -279,13 +254,13 @@ class WavefrontSection(Section):
         """Return the wavefront."""
         coefficients: dict[Any, float] = {}
         for key, value in self.zernike.items():
-            with _at("zernike", key):
+            with located_at("zernike", key):
                 term = _term(key, self.index)
                 zernike_terms({term: value}, self.index, self.norm)
                 coefficients[term] = value
-        with _at("pupil"):
+        with located_at("pupil"):
             pupil = self.pupil.build(read)
-        with _at("chromatic_focus"):
+        with located_at("chromatic_focus"):
             shifts = None if self.chromatic_focus is None else self.chromatic_focus.build()
         return Wavefront(
             coefficients=coefficients,
@@ -376,10 +351,12 @@ class OpticsModel(Section):
     name: str | None = None
     f_number: PositiveNumber
     focal_length_mm: PositiveNumber
-    transmittance: Transmittance = Transmittance(transmittance=(1.0,))
+    transmittance: Transmittance = Field(
+        Transmittance(transmittance=(1.0,)), description="a number or {wavelength_nm, transmittance}"
+    )
     falloff: Literal["none", "cos4"] = "none"
     focus_distance_m: Distance | None = None
-    blur: dict[str, Any] | None = None
+    blur: dict[str, Any] | None = Field(None, description=f"{{kind: {' | '.join(KINDS)}, ...}}")
     relative_illumination: RelativeIllumination | None = None
     distortion: DistortionSection | None = None
     lateral_color: LateralColorSection | None = None
