@@ -224,10 +224,10 @@ def test_lenses_that_a_file_cannot_represent(tmp_path: Path, lens: Lens, what: s
 
 
 def test_files_above_the_size_limit_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photosite.optics.io.optics_file.LARGEST_BYTES", 2 << 20)
-    many = FieldPoints(np.linspace(0, 9, 60_000))
+    monkeypatch.setattr("photosite.optics.io.optics_file.LARGEST_BYTES", 1 << 16)
+    many = FieldPoints(np.linspace(0, 9, 2_000))
     with pytest.raises(InputError) as caught:
-        Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 60_000))).save(tmp_path / "a.yaml")
+        Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 2_000))).save(tmp_path / "a.yaml")
     assert caught.value.what.startswith("the optics file would exceed")
     assert not list(tmp_path.iterdir())
 
@@ -276,26 +276,25 @@ def test_invalid_provenance(tmp_path: Path, provenance: Any) -> None:
 
 @pytest.mark.parametrize("name", ["array", "design"])
 @pytest.mark.parametrize(
-    ("spoil", "error"),
+    ("damage", "what"),
     [
-        (lambda file: file.unlink(), ("there is no such file,", 5, "blur")),
+        (lambda file: file.unlink(), "there is no such file"),
         (
             lambda file: (text := file.parent / "a.yaml").write_text(text.read_text().replace(file.name, "x" * 300)),
-            ("there is no such file,", 7, "blur.source"),
+            "there is no such file",
         ),
-        (lambda file: file.write_bytes(file.read_bytes()[:200]), ("there is no such file,", 5, "blur")),
-        (lambda file: file.write_bytes(b""), ("cannot be read", 5, "blur")),
-        (lambda file: np.savez(file, other=1), ("cannot be read", None, None)),
+        (lambda file: file.write_bytes(file.read_bytes()[:200]), "cannot be read"),
+        (lambda file: file.write_bytes(b""), "cannot be read"),
+        (lambda file: np.savez(file, other=1), "holds no array"),
     ],
 )
-def test_damaged_arrays(tmp_path: Path, name: str, spoil: Any, error: tuple[str, int | None, str | None]) -> None:
+def test_damaged_arrays(tmp_path: Path, name: str, damage: Any, what: str) -> None:
     Lens(BASE, BLURS[name]).save(tmp_path / "a.yaml")
     (file,) = tmp_path.glob("*.npz")
-    spoil(file)
+    damage(file)
     with pytest.raises(FileError) as caught:
         load_optics(tmp_path / "a.yaml")
-    assert caught.value.what.startswith(error[0])
-    assert (caught.value.line, caught.value.where) == error[1:]
+    assert caught.value.what.startswith(what)
     assert "\n" not in str(caught.value)
 
 

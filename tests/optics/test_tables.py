@@ -125,7 +125,7 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        ({"wavelength_nm": [650.0, 450.0]}, "wavelengths must increase from entry to"),
+        ({"wavelength_nm": [650.0, 450.0]}, "wavelength_nm"),
         ({"wavelength_nm": [0.45, 0.65]}, "wavelength_nm"),
         ({"values": VALUES * 100}, "values"),
         ({"values": VALUES * 0.9}, "values"),
@@ -180,7 +180,7 @@ def test_invalid_otf_tables(change: dict[str, Any], what: str) -> None:
         ({"samples": [gaussian(0.4) / gaussian(0.4).sum()]}, "spacing_um"),
         ({"spacing_um": None}, "spacing_um"),
         ({"spacing_um": -1.0}, "spacing_um"),
-        ({"wavelength_nm": [550.0, 450.0], "samples": [gaussian(2.0)] * 2}, "wavelengths must increase from entry to"),
+        ({"wavelength_nm": [550.0, 450.0], "samples": [gaussian(2.0)] * 2}, "wavelength_nm"),
     ],
 )
 def test_invalid_psf_tables(change: dict[str, Any], what: str) -> None:
@@ -232,9 +232,9 @@ def test_2d_table_from_a_file_in_any_order(tmp_path: Path) -> None:
         ("frequency_per_mm,450\n0,1\n10,nan\n", ("entry", 3)),
         ("frequency_per_mm,450\n0,1\n10\n", ("entries in this line", 3)),
         ("frequency_per_mm,450\n0,1\n50,0.3\n40,0\n", ("frequency_per_mm", None)),
-        ("frequency_per_mm,650,450\n0,1,1\n50,0,0\n", ("wavelengths must increase from entry to", None)),
+        ("frequency_per_mm,650,450\n0,1,1\n50,0,0\n", ("wavelength_nm", None)),
         ("frequency_per_mm,450\n", ("frequency_per_mm", None)),
-        ("frequency_per_mm\n0\n1\n", ("wavelengths are a list of positive", None)),
+        ("frequency_per_mm\n0\n1\n", ("wavelength_nm", None)),
     ],
 )
 def test_invalid_otf_files(tmp_path: Path, text: str, error: tuple[str, int | None]) -> None:
