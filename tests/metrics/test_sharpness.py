@@ -65,7 +65,7 @@ def cell_mtf(cells: int, angle_deg: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 def test_mtf_is_optics_times_aperture(f_number: float) -> None:
     """Within 0.01 up to Nyquist; with nine cells per pixel the MTF of the cells is negligible."""
-    camera = camera_of(MONO, f_number, rows=112, cols=112, cells=9)
+    camera = camera_of(MONO, f_number, cells=9)
     scene = edge_of(camera, 5)
     found = slanted_edge_mtf(camera.mean_electrons(scene, 1 / 60))
     expected = optics_and_aperture(camera, scene, "M", 5)
