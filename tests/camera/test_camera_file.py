@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,9 @@ import photosite as ps
 from photosite.camera.file import SetUp, load_camera
 from photosite.errors import FileError, InputError
 from photosite.optics.diffraction import DiffractionLimited
+from photosite.scene.built_in import BUILT_IN_SCENES
 from photosite.scene.lights import mixed
-from photosite.scene.request import FORMULAS, SceneRequest
+from photosite.scene.scene_request import SceneRequest
 
 
 def written(folder: Path, text: str) -> Path:
@@ -26,13 +26,13 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_an_empty_file_is_the_papers_set_up(tmp_path: Path) -> None:
-    told, paper = load_camera(written(tmp_path, "")), SetUp()
-    assert (told.sensor, told.optics, told.exposure_s) == (paper.sensor, paper.optics, 1 / 3)
-    assert told.optics == DiffractionLimited(8, 50)
-    np.testing.assert_array_equal(told.scene.scene().basis, ps.charts.macbeth("A", 40).basis)
+    set_up, paper = load_camera(written(tmp_path, "")), SetUp()
+    assert (set_up.sensor, set_up.optics, set_up.exposure_s) == (paper.sensor, paper.optics, 1 / 3)
+    assert set_up.optics == DiffractionLimited(8, 50)
+    np.testing.assert_array_equal(set_up.scene.scene().basis, ps.charts.macbeth("A", 40).basis)
 
 
-def test_everything_can_be_said(tmp_path: Path) -> None:
+def test_every_field(tmp_path: Path) -> None:
     ps.load_sensor("vendor-2.2um").with_(rows=40, cols=60).save(tmp_path / "chip.sensor.yaml")
     file = written(
         tmp_path,
@@ -51,114 +51,132 @@ integration: rectangle
 cells_per_pixel: 3
 """,
     )
-    told = load_camera(file)
-    assert (told.name, told.exposure_s, told.integration, told.cells_per_pixel) == ("phone", 1 / 50, "rectangle", 3)
-    assert (told.sensor.array.rows, told.sensor.name) == (40, ps.load_sensor("vendor-2.2um").name)
-    assert told.optics == DiffractionLimited(2.8, 4.88, 0.9)
-    scene = told.scene.scene()
+    set_up = load_camera(file)
+    assert (set_up.name, set_up.exposure_s, set_up.integration, set_up.cells_per_pixel) == (
+        "phone",
+        1 / 50,
+        "rectangle",
+        3,
+    )
+    assert (set_up.sensor.array.rows, set_up.sensor.name) == (40, ps.load_sensor("vendor-2.2um").name)
+    assert set_up.optics == DiffractionLimited(2.8, 4.88, 0.9)
+    scene = set_up.scene.scene()
     assert (scene.shape, scene.distance_m, scene.width_m) == ((80, 120), 0.5, 0.3)
     assert scene.mean_luminance_cd_m2() == pytest.approx(100)
     expected = ps.charts.slanted_edge("D65", 100, contrast=10, rows=80, cols=120, distance_m=0.5, width_m=0.3)
     np.testing.assert_array_equal(
-        told.camera.mean_electrons(scene, told.exposure_s),
-        ps.Camera(told.optics, told.sensor, "rectangle", 3).mean_electrons(expected, 1 / 50),
+        set_up.camera.mean_electrons(scene, set_up.exposure_s),
+        ps.Camera(set_up.optics, set_up.sensor, "rectangle", 3).mean_electrons(expected, 1 / 50),
     )
 
 
-def test_files_are_named_from_the_camera_files_folder(tmp_path: Path) -> None:
+def test_file_names_are_relative_to_the_camera_file(tmp_path: Path) -> None:
     ps.load_sensor("nikon-d200").with_(rows=10, cols=12).save(tmp_path / "chip.sensor.yaml")
     scene = ps.charts.uniform("A", 7)
     scene.save(tmp_path / "field.h5")
-    told = load_camera(written(tmp_path, "sensor: chip.sensor.yaml\nscene: field.h5\n"))
-    assert told.sensor.array.rows == 10
-    assert told.scene.scene().mean_luminance_cd_m2() == pytest.approx(7, rel=1e-6)
+    set_up = load_camera(written(tmp_path, "sensor: chip.sensor.yaml\nscene: field.h5\n"))
+    assert set_up.sensor.array.rows == 10
+    assert set_up.scene.scene().mean_luminance_cd_m2() == pytest.approx(7, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
-        ("sensr: nikon-d200\n", "mine.camera.yaml:2: a camera file has no key 'sensr'; did you mean 'sensor'?"),
-        ("sensor: nikon-d20\n", "mine.camera.yaml:2: unknown sensor 'nikon-d20'"),
-        ("sensor: none.sensor.yaml\n", "none.sensor.yaml: there is no such file"),
-        ("exposure: soon\n", "mine.camera.yaml:2: exposure: "),
-        ("integration: simpson\n", "mine.camera.yaml:2: integration is 'trapezoid' or 'rectangle', not 'simpson'"),
-        ("cells_per_pixel: 2\n", "mine.camera.yaml:2: cells_per_pixel is 1, 3, 5, ..., not 2"),
-        ("optics: 8\n", "mine.camera.yaml:2: optics is an optics file, or its fields, not 8"),
-        ("optics: {f_number: 8}\n", "focal_length_mm"),
-        ("optics: gone.yaml\n", "gone.yaml: there is no such file"),
-        ("scene: [1]\n", "mine.camera.yaml:2: scene is a formula's name, a file, or fields"),
-        ("scene:\n  sorce: macbeth\n", "mine.camera.yaml:3: scene has no key 'sorce'; did you mean 'source'?"),
-        ("scene:\n  source: macbth\n", "mine.camera.yaml:3: scene.source 'macbth' is neither a formula nor a file"),
-        ("scene:\n  luminance_cd_m2: -3\n", "mine.camera.yaml:3: scene.luminance_cd_m2 is a number above 0, not -3"),
-        ("scene:\n  wavelength_nm: 400\n", "mine.camera.yaml:3: scene.wavelength_nm is a list of numbers"),
-        ("scene:\n  wavelength_nm: [500, 400]\n", "mine.camera.yaml:3: wavelengths must increase"),
-        ("scene:\n  wavelength_nm: []\n", "mine.camera.yaml:3: wavelengths are a list of positive numbers"),
-        ("scene:\n  illuminant: D66\n", "mine.camera.yaml:3: unknown illuminant 'D66'"),
-        ("scene:\n  illuminant: -5\n", "mine.camera.yaml:3: a blackbody's temperature must be above 0 K, not -5"),
-        ("scene:\n  source: uniform\n  illuminant: lamp.csv\n", "mine.camera.yaml:4: "),
-        ("scene:\n  luminance_cd_m2: .inf\n", "mine.camera.yaml:3: scene.luminance_cd_m2 is a number above 0, not inf"),
-        ("scene:\n  distance_m: .inf\n", "mine.camera.yaml:3: scene.distance_m is a number above 0, not inf"),
-        ("scene:\n  tolerance: 0.1\n", "mine.camera.yaml:3: scene.tolerance is said of a scene's file; 'macbeth'"),
-        ("scene:\n  units: W\n", "mine.camera.yaml:3: scene.units is said of a scene's file; 'macbeth'"),
-        ("scene:\n  source: slanted-edg\n", "mine.camera.yaml:3: scene.source 'slanted-edg' is neither"),
-        ("scene:\n  source: slanted-edg\n", "did you mean 'slanted-edge'?"),
-        ("optics: gone.yaml\n", "mine.camera.yaml:2: optics: "),
+        ("sensr: nikon-d200\n", "mine.camera.yaml:2: "),
+        ("sensor: nikon-d20\n", "mine.camera.yaml:2: "),
         ("sensor: none.sensor.yaml\n", "mine.camera.yaml:2: sensor: "),
-        (
-            "scene:\n  source: siemens-star\n  options:\n    patches: no\n",
-            "mine.camera.yaml:5: the scene 'siemens-star': ",
-        ),
-        (
-            "scene:\n  source: slanted-edge\n  options: {contras: 3}\n",
-            "mine.camera.yaml:4: the scene 'slanted-edge' has no option 'contras'; did you mean 'contrast'?",
-        ),
+        ("exposure: soon\n", "mine.camera.yaml:2: exposure: "),
+        ("integration: simpson\n", "mine.camera.yaml:2: integration "),
+        ("cells_per_pixel: 2\n", "mine.camera.yaml:2: cells_per_pixel "),
+        ("optics: 8\n", "mine.camera.yaml:2: optics "),
+        ("optics: {f_number: 8}\n", "focal_length_mm"),
+        ("optics: gone.yaml\n", "mine.camera.yaml:2: optics: "),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(FileError) as error:
+def test_errors_name_the_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FileError) as caught:
         load_camera(written(tmp_path, text))
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "line", "field"),
     [
-        ("tolerance: 3", "mine.camera.yaml:4: the tolerance is a fraction of the RMS radiance"),
-        ("options: {foo: 1}", "mine.camera.yaml:4: reading a scene knows no option 'foo'"),
-        ("options: {method: smooth}", "mine.camera.yaml:4: no method 'smooth'"),
-        ("options: {sort_bands: no}", "mine.camera.yaml:4: sort_bands is true or false, not 'no'"),
+        ("scene: [1]\n", 2, "scene"),
+        ("scene: []\n", 2, "scene"),
+        ("scene:\n  source: macbth\n", 3, "source"),
+        ("scene:\n  source: uniform\n  illuminant: lamp.csv\n", 4, None),
+        ("scene:\n  luminance_cd_m2: -3\n", 3, "luminance_cd_m2"),
+        ("scene:\n  luminance_cd_m2: .inf\n", 3, "luminance_cd_m2"),
+        ("scene:\n  distance_m: .inf\n", 3, "distance_m"),
+        ("scene:\n  wavelength_nm: [500, 400]\n", 3, "wavelength_nm"),
+        ("scene:\n  wavelength_nm: []\n", 3, "wavelength_nm"),
+        ("scene:\n  wavelength_nm: 400\n", 3, "wavelength_nm"),
+        ("scene:\n  illuminant: D66\n", 3, "illuminant"),
+        ("scene:\n  illuminant: yes\n", 3, "illuminant"),
+        ("scene:\n  illuminant: -5\n", 3, None),
+        ("scene:\n  tolerance: 0.1\n", 3, None),
+        ("scene:\n  units: W\n", 3, None),
+        ("scene:\n  source: siemens-star\n  options:\n    patches: no\n", 5, "patches"),
+        ("scene:\n  source: slanted-edge\n  options: {contras: 3}\n", 4, None),
+        ("scene:\n  source: slanted-edge\n  width_m: 1\n  options: {width_m: 3}\n", 5, "width_m"),
+        ("scene:\n  source: field.h5\n  tolerance: 3\n", 4, "tolerance"),
+        ("scene:\n  source: field.h5\n  options: {foo: 1}\n", 4, None),
+        ("scene:\n  source: field.h5\n  options: {method: smooth}\n", 4, "method"),
+        ("scene:\n  source: field.h5\n  options: {sort_bands: no}\n", 4, "sort_bands"),
+        ("scene:\n  - {source: uniform, alpha: no.png}\n", 3, "alpha"),
     ],
 )
-def test_how_a_file_is_read_is_checked_on_load(tmp_path: Path, text: str, said: str) -> None:
+def test_errors_of_the_scene_name_line_and_field(tmp_path: Path, text: str, line: int, field: str | None) -> None:
     ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
-    with pytest.raises(FileError) as error:
-        load_camera(written(tmp_path, f"scene:\n  source: field.h5\n  {text}\n"))
-    assert said in str(error.value)
+    with pytest.raises(FileError) as caught:
+        load_camera(written(tmp_path, text))
+    assert (caught.value.path, caught.value.line) == (str(tmp_path / "mine.camera.yaml"), line)
+    if field is not None:
+        assert caught.value.what == field
+    assert "\n" not in str(caught.value)
 
 
-def test_a_pictures_method_is_said_among_its_options(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("sensr: nikon-d200\n", "sensor"),
+        ("scene:\n  sorce: macbeth\n", "source"),
+        ("scene:\n  source: slanted-edg\n", "slanted-edge"),
+        ("scene:\n  source: slanted-edge\n  options: {contras: 3}\n", "contrast"),
+        ("scene:\n  - {source: uniform, alfa: no.png}\n", "alpha"),
+    ],
+)
+def test_misspelled_names_get_the_similar_one(tmp_path: Path, text: str, meant: str) -> None:
+    with pytest.raises(FileError, match=f"did you mean '{meant}'"):
+        load_camera(written(tmp_path, text))
+
+
+def test_the_method_of_a_picture_is_an_option(tmp_path: Path) -> None:
     codes = np.random.default_rng(1).integers(30, 220, (4, 6, 3)).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "a.png")
     text = "scene: {source: a.png, luminance_cd_m2: 40, options: {method: jakob-hanika}}\n"
-    told = load_camera(written(tmp_path, text)).scene.scene()
-    np.testing.assert_array_equal(told.weights, ps.pictures.from_srgb(codes, method="jakob-hanika").weights)
+    set_up = load_camera(written(tmp_path, text)).scene.scene()
+    np.testing.assert_array_equal(set_up.weights, ps.pictures.from_srgb(codes, method="jakob-hanika").weights)
 
 
-def test_what_comes_up_when_the_scene_is_made_has_the_camera_files_line(tmp_path: Path) -> None:
-    told = load_camera(written(tmp_path, "scene:\n  options: {contrast: 0.1}\n  source: slanted-edge\n"))
-    with pytest.raises(FileError, match=r"mine\.camera\.yaml:4: scene: .*contrast.* is above 1, not 0\.1"):
-        told.scene.scene()
+def test_errors_of_making_the_scene_name_the_line(tmp_path: Path) -> None:
+    ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
+    set_up = load_camera(written(tmp_path, "scene:\n  options: {variable: a}\n  source: field.h5\n  units: percent\n"))
+    with pytest.raises(FileError) as caught:
+        set_up.scene.scene()
+    assert (caught.value.line, caught.value.where) == (4, f"scene: {tmp_path / 'field.h5'}")
     (tmp_path / "field.h5").write_text("no scene")
-    told = load_camera(written(tmp_path, "name: x\nscene: field.h5\n"))
+    set_up = load_camera(written(tmp_path, "name: x\nscene: field.h5\n"))
     with pytest.raises(FileError, match=r"mine\.camera\.yaml:3: scene: .*field\.h5: "):
-        told.scene.scene()
+        set_up.scene.scene()
     text = "scene:\n  - {source: uniform, distance_m: 3}\n  - {source: uniform, distance_m: 1}\n"
     with pytest.raises(FileError, match=r"mine\.camera\.yaml:2: scene: "):
         load_camera(written(tmp_path, text)).scene.scene()
 
 
-def test_a_lamps_file_lies_beside_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_of_a_light_is_relative_to_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "elsewhere").mkdir()
     grid = np.arange(380, 781, 10)
     rows = [f"{nm},{nm - 300}" for nm in grid]
@@ -178,82 +196,53 @@ def test_no_camera_file(tmp_path: Path, first: str) -> None:
 
 
 class TestSceneRequest:
-    @pytest.mark.parametrize("name", FORMULAS)
-    def test_every_formula_is_made_with_its_defaults(self, name: str) -> None:
-        width_m = None if name == "uniform" else 1.5  # an even field is as wide as one likes
-        grid = np.arange(400, 701, 20)
-        scene = SceneRequest(name, "D65", 25.0, distance_m=2.0, width_m=width_m, wavelength_nm=grid).scene()
-        assert (scene.distance_m, scene.width_m, scene.wavelength_nm.size) == (2.0, width_m, 16)
+    @pytest.mark.parametrize("name", BUILT_IN_SCENES)
+    def test_every_built_in_scene_is_made_with_its_defaults(self, name: str) -> None:
+        light = {"illuminant": "D65", "mean_luminance_cd_m2": 25.0, "wavelength_nm": np.arange(400, 701, 20)}
+        scene = SceneRequest(name, {**light, "distance_m": 2.0, "width_m": 1.5}).scene()
+        assert (scene.distance_m, scene.width_m, scene.wavelength_nm.size) == (2.0, 1.5, 16)
         assert scene.mean_luminance_cd_m2() > 0
 
-    def test_a_formula_is_not_asked_what_files_are(self) -> None:
-        with pytest.raises(InputError, match="units is said of a scene's file"):
-            SceneRequest("macbeth", units="W").scene()
+    def test_options_of_files_do_not_apply_to_built_in_scenes(self) -> None:
+        with pytest.raises(InputError) as caught:
+            SceneRequest("macbeth", {"units": "W"})
+        assert caught.value.arguments == {"units": "W"}
 
-    def test_a_file_takes_the_options_of_reading_and_no_others(self, tmp_path: Path) -> None:
+    def test_a_file_has_the_options_of_reading_and_no_others(self, tmp_path: Path) -> None:
         ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
         file = str(tmp_path / "field.h5")
-        assert SceneRequest(
-            file, options={"mean_luminance_cd_m2": 9.0}
-        ).scene().mean_luminance_cd_m2() == pytest.approx(9)
-        with pytest.raises(InputError, match="reading a scene knows no option 'contrast'"):
-            SceneRequest(file, options={"contrast": 3}).scene()
-
-    def test_options_that_cannot_be_are_the_formulas_error(self) -> None:
-        with pytest.raises(InputError, match="is above 1"):
-            SceneRequest("slanted-edge", options={"contrast": 0.5}).scene()
-        with pytest.raises(InputError, match="'slanted-edge'"):
-            SceneRequest("slanted-edge", options={"contrast": "high"}).scene()
+        assert SceneRequest(file, {"mean_luminance_cd_m2": 9.0}).scene().mean_luminance_cd_m2() == pytest.approx(9)
+        with pytest.raises(InputError, match="reading a scene has no option 'contrast'"):
+            SceneRequest(file, {"contrast": 3})
 
     @pytest.mark.parametrize(
-        ("name", "option", "value", "said"),
+        ("name", "option", "value"),
         [
-            ("ramp", "logarithmic", "no", "logarithmic is true or false, not 'no'"),
-            ("siemens-star", "patches", "maybe", "patches is true or false, not 'maybe'"),
-            ("siemens-star", "waveform", 3, "waveform is text, such as 'sine', not 3"),
-            ("siemens-star", "contrast", "abc", "the scene 'siemens-star': contrast is a number, not 'abc'"),
-            ("ramp", "rows", 2.5, "rows is a whole number, not 2.5"),
-            ("ramp", "contrast", True, "contrast is a number, not True"),
-            ("ramp", "contrast", None, "contrast is a number, not nothing"),
-            ("dead-leaves", "largest_radius", "wide", "largest_radius is a number, not 'wide'"),
+            ("ramp", "logarithmic", "no"),
+            ("siemens-star", "patches", "maybe"),
+            ("siemens-star", "waveform", 3),
+            ("siemens-star", "contrast", "abc"),
+            ("slanted-edge", "contrast", 0.5),
+            ("ramp", "rows", 2.5),
+            ("ramp", "contrast", True),
+            ("ramp", "contrast", None),
+            ("dead-leaves", "largest_radius", "wide"),
         ],
     )
-    def test_options_of_another_kind_are_refused(self, name: str, option: str, value: Any, said: str) -> None:
-        with pytest.raises(InputError, match=re.escape(said)):
-            SceneRequest(name, options={option: value}).scene()
+    def test_invalid_options_of_built_in_scenes(self, name: str, option: str, value: Any) -> None:
+        with pytest.raises(InputError) as caught:
+            SceneRequest(name, {option: value}).scene()
+        assert (caught.value.what, caught.value.value) == (option, value)
+        with pytest.raises(InputError) as caught:
+            getattr(ps.charts, name.replace("-", "_"))(**{option: value})
+        assert (caught.value.what, caught.value.value) == (option, value)
 
-    def test_no_text_counts_as_yes_in_charts(self) -> None:
-        with pytest.raises(InputError, match="patches is true or false, not 'no'"):
-            ps.charts.siemens_star(patches="no")  # type: ignore[arg-type]
-        with pytest.raises(InputError, match="logarithmic is true or false, not 'no'"):
-            ps.charts.ramp(logarithmic="no")  # type: ignore[arg-type]
-
-    @pytest.mark.parametrize(
-        ("options", "said"),
-        [
-            ({"sort_bands": "no"}, "sort_bands is true or false, not 'no'"),
-            ({"tolerance": "abc"}, "tolerance is a number, not 'abc'"),
-            ({"distance_m": "far"}, "distance_m is a number, not 'far'"),
-            ({"patch_cols": 2.5}, "patch_cols is a whole number, not 2.5"),
-            ({"units": 3}, "units is text, not 3"),
-            ({"wavelength_nm": "400:700:10"}, "wavelength_nm is a list of numbers, such as"),
-            ({"wavelength_nm": []}, "wavelength_nm is a list of numbers, such as"),
-        ],
-    )
-    def test_what_reading_is_told_is_of_the_right_kind(
-        self, tmp_path: Path, options: dict[str, Any], said: str
-    ) -> None:
-        ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
-        with pytest.raises(InputError, match=re.escape(said)):
-            SceneRequest(str(tmp_path / "field.h5"), options=options).scene()
-        with pytest.raises(InputError, match=re.escape(said)):
-            ps.read_scene(tmp_path / "field.h5", **options)
-
-    def test_lights_that_are_none(self) -> None:
+    def test_invalid_lights(self) -> None:
         chart = ps.charts.macbeth()
-        with pytest.raises(InputError, match="illuminant must be a name, a temperature in K or a Spectrum, got None"):
+        with pytest.raises(InputError) as caught:
             chart.with_illuminant(None)  # type: ignore[arg-type]
-        with pytest.raises(InputError, match=r"a light is \(illuminant, luminance in cd/m2, spread or None\)"):
+        assert caught.value.what == "illuminant"
+        with pytest.raises(InputError):
             mixed(chart, [("A", 10)])  # type: ignore[list-item]
 
 
@@ -262,15 +251,15 @@ class TestDrawnForTheCamera:
     def test_edges_have_a_sample_for_each_cell(self, tmp_path: Path, name: str) -> None:
         """A scene of 400 samples on a larger frame would be a staircase, whatever the cells."""
         file = written(tmp_path, f"scene: {name}\ncells_per_pixel: 3\n")
-        told = load_camera(file)
-        small = replace(told, sensor=told.sensor.with_(rows=200, cols=300))
+        set_up = load_camera(file)
+        small = replace(set_up, sensor=set_up.sensor.with_(rows=200, cols=300))
         assert small.seen.scene().shape == (600, 900)
 
-    def test_a_size_that_is_said_is_kept(self, tmp_path: Path) -> None:
-        told = load_camera(written(tmp_path, "scene: {source: slanted-edge, options: {rows: 20, cols: 30}}\n"))
-        assert told.seen.scene().shape == (20, 30)
+    def test_a_given_size_is_kept(self, tmp_path: Path) -> None:
+        set_up = load_camera(written(tmp_path, "scene: {source: slanted-edge, options: {rows: 20, cols: 30}}\n"))
+        assert set_up.seen.scene().shape == (20, 30)
 
-    def test_an_edge_is_measured_as_sharp_as_lens_and_pixel_are(self, tmp_path: Path) -> None:
+    def test_the_measured_mtf_is_that_of_lens_and_pixel(self, tmp_path: Path) -> None:
         """docs/cameras.md's set-up on a small chip: modulation within 0.01 of optics times aperture times cells."""
         from photosite.metrics.sharpness import slanted_edge_mtf
 
@@ -279,17 +268,17 @@ class TestDrawnForTheCamera:
             "optics: {f_number: 4, focal_length_mm: 50}\ncells_per_pixel: 3\n"
             "scene: {source: slanted-edge, illuminant: D65, luminance_cd_m2: 100, distance_m: 2, width_m: 0.9}\n",
         )
-        told = load_camera(file)
-        small = replace(told, sensor=told.sensor.with_(rows=120, cols=120))
+        set_up = load_camera(file)
+        small = replace(set_up, sensor=set_up.sensor.with_(rows=120, cols=120))
         mean = small.camera.mean_electrons(small.seen.scene(), 0.01)
         found = slanted_edge_mtf(mean, channel="G", cfa=small.sensor.array.cfa)
         f = np.array([0.1, 0.25, 0.4, 0.5])
         pitch_m = 6.05e-6
-        lens = told.optics.otf(f / pitch_m, 540.0, 2.0)
+        lens = set_up.optics.otf(f / pitch_m, 540.0, 2.0)
         expected = lens * np.sinc(f * np.sqrt(0.9)) * np.sinc(f / 3) ** 2
         assert found.at(f) == pytest.approx(expected, abs=0.01)
 
-    def test_planes_too_but_for_those_with_a_picture_of_opacity(self, tmp_path: Path) -> None:
+    def test_planes_with_a_picture_of_opacity_keep_its_size(self, tmp_path: Path) -> None:
         Image.new("L", (400, 400), 255).save(tmp_path / "mask.png")
         file = written(
             tmp_path,
@@ -297,8 +286,8 @@ class TestDrawnForTheCamera:
             "  - {source: slanted-edge, alpha: mask.png, distance_m: 1}\n"
             "  - {source: edge-star, distance_m: 2}\n",
         )
-        told = load_camera(file)
-        planes = replace(told, sensor=told.sensor.with_(rows=450, cols=500)).seen.scene().planes
+        set_up = load_camera(file)
+        planes = replace(set_up, sensor=set_up.sensor.with_(rows=450, cols=500)).seen.scene().planes
         assert [plane.scene.shape for plane in planes] == [(400, 400), (450, 500)]
 
 
@@ -314,28 +303,15 @@ class TestPlanes:
             "  - {source: checkerboard, alpha: mask.png, options: {rows: 40, cols: 60}, distance_m: 1, width_m: 0.4}\n"
             "  - {source: uniform, illuminant: D65, luminance_cd_m2: 100, distance_m: 4}\n",
         )
-        told = load_camera(file)
+        set_up = load_camera(file)
         near = ps.charts.checkerboard("A", 40, rows=40, cols=60, distance_m=1, width_m=0.4)
         alpha = (mask / 255).astype(np.float32)
         expected = ps.Planes((ps.Plane(near, alpha), ps.Plane(ps.charts.uniform("D65", 100, distance_m=4))))
-        camera = ps.Camera(told.optics, told.sensor.with_(rows=48, cols=72))
+        camera = ps.Camera(set_up.optics, set_up.sensor.with_(rows=48, cols=72))
         np.testing.assert_array_equal(
-            camera.mean_electrons(told.scene.scene(), 0.01), camera.mean_electrons(expected, 0.01)
+            camera.mean_electrons(set_up.scene.scene(), 0.01), camera.mean_electrons(expected, 0.01)
         )
-        assert told.scene.light is None  # two lights: no white balance is known
-
-    @pytest.mark.parametrize(
-        ("text", "said"),
-        [
-            ("scene: []\n", "mine.camera.yaml:2: scene lists no planes"),
-            ("scene:\n  - {source: uniform, alpha: no.png}\n", "mine.camera.yaml:3: scene.alpha 'no.png' is no file"),
-            ("scene:\n  - {source: uniform, alfa: no.png}\n", "has no key 'alfa'; did you mean 'alpha'?"),
-        ],
-    )
-    def test_what_is_wrong_is_said_in_one_line(self, tmp_path: Path, text: str, said: str) -> None:
-        with pytest.raises(FileError) as error:
-            load_camera(written(tmp_path, text))
-        assert said in str(error.value)
+        assert set_up.scene.light is None  # two lights: no white balance is known
 
     @pytest.mark.parametrize("mode", ["1", "L", "I;16", "LA", "RGBA"])
     def test_opacity_from_pictures(self, tmp_path: Path, mode: str) -> None:
@@ -354,8 +330,8 @@ class TestPlanes:
     def test_opacity_in_colour_or_of_another_size_is_refused(self, tmp_path: Path) -> None:
         Image.new("RGB", (3, 2)).save(tmp_path / "mask.png")
         file = written(tmp_path, "scene:\n  - {source: checkerboard, alpha: mask.png}\n")
-        with pytest.raises(FileError, match=r"mask\.png: is in colour; opacity is a gray picture"):
+        with pytest.raises(FileError, match=r"mask\.png: "):
             load_camera(file).scene.scene()
         Image.new("L", (3, 2)).save(tmp_path / "mask.png")
-        with pytest.raises(FileError, match=r"mask\.png: a plane's alpha has the scene's shape"):
+        with pytest.raises(FileError, match=r"mask\.png: "):
             load_camera(file).scene.scene()

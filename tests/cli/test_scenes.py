@@ -11,18 +11,19 @@ import pytest
 from PIL import Image
 
 import photosite as ps
-from photosite.scene.request import FORMULAS, SceneRequest
+from photosite.scene.built_in import BUILT_IN_SCENES
+from photosite.scene.scene_request import SceneRequest
 
 SMALL = ("--rows", 66, "--cols", 98)
 
 
 def test_lists_every_formula_with_its_options(photosite: Any) -> None:
     said = photosite("scenes", "--json").json["scenes"]
-    assert tuple(said) == FORMULAS
+    assert tuple(said) == BUILT_IN_SCENES
     assert said["slanted-edge"]["options"]["contrast"] == 4.0
     text = photosite("scenes").out
     assert "ENVI: .hdr" in text
-    assert all(name in text for name in FORMULAS)
+    assert all(name in text for name in BUILT_IN_SCENES)
 
 
 def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:

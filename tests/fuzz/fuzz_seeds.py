@@ -112,7 +112,7 @@ def _charts_and_renders(place: Path) -> dict[str, tuple[bytes, ...]]:
     from photosite.scene.io.files import write_scene
 
     grid = np.arange(400.0, 701.0, 100.0)
-    chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3)
+    chart = reflectance_chart(np.linspace(0.1, 0.9, 24).reshape(6, 4), grid, rows=2, cols=3).under("A")
     for name in ("a.cgats", "a.csv", "a.exr"):
         write_scene(chart, place / name)
     write_scene(chart, place / "half.exr", half=True)

@@ -1,4 +1,4 @@
-"""The door to scene files: which format a file is, options by name, and reversals through every format."""
+"""Scene files: formats, options, and round trips through every format."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 from PIL import Image
 
 import photosite as ps
@@ -18,9 +17,11 @@ from photosite.color.spectrum import energy_from_photons, photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.temporary import TemporaryFolder
 from photosite.scene.io.convert import convert
-from photosite.scene.io.files import format_of, open_cube, read_scene, write_scene
-from photosite.scene.request import Place, SceneRequest
+from photosite.scene.io.files import open_cube, read_scene, write_scene
+from photosite.scene.io.formats import format_of
+from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.scene_request import Place, SceneRequest, merged_options
 from photosite.scene.weights import MappedWeights
 
 GRID = np.arange(400.0, 701, 10)
@@ -74,22 +75,22 @@ def test_scene_to_file_to_scene_within_the_tolerance(
 
 
 @pytest.mark.parametrize(("name", "how"), WAYS)
-def test_what_reflects_stays_known(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+def test_reflectance_survives(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     write_scene(chart, tmp_path / name, **how)
     again = read_scene(tmp_path / name, illuminant="D65", mean_luminance_cd_m2=25, tolerance=1e-4)
-    day = chart.with_illuminant("D65")  # only photosite's own file knows that it is a chart of patches
-    expected = day.with_said_luminance(25) if again.patches else day.with_mean_luminance(25)
+    day = chart.with_illuminant("D65")  # only photosite's own format stores that it is a chart
+    expected = day.with_nominal_luminance(25) if again.patches else day.with_mean_luminance(25)
     assert again.patches == (name == "scene.h5" and not how)
     assert difference(again, expected) < 2e-3
     assert again.width_m is None
 
 
 @pytest.mark.parametrize(("name", "how"), WAYS)
-def test_a_radiance_below_0_is_not_written(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+def test_negative_radiance_is_not_written(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     bad = Scene(np.array([[[1.0, -0.01]]], np.float32), np.full((1, GRID.size), 1e15), GRID)
     if name != "scene.h5" and how.get("version") != "5":  # those keep weights and basis
-        with pytest.raises(InputError, match=r"negative radiance somewhere, of 1\.0e-02 of its RMS"):
+        with pytest.raises(InputError, match=r"negative radiance, of 1\.0e-02 of its RMS"):
             write_scene(bad, tmp_path / name, **how)
         assert not list(tmp_path.iterdir())
 
@@ -112,11 +113,11 @@ def test_a_scene_file_keeps_everything(tmp_path: Path) -> None:
     assert not again.weights.flags.writeable
     moved = read_scene(tmp_path / "chart.h5", distance_m=3, width_m=0.5, mean_luminance_cd_m2=7)
     assert (moved.distance_m, moved.width_m) == (3, 0.5)
-    # As for the formula, the luminance of a chart's file is that of its patches, under its own light and another.
+    # The luminance of a chart's file is that of its patches, as for the built-in chart, under any light.
     for light in (None, "D65"):
         again = read_scene(tmp_path / "chart.h5", mean_luminance_cd_m2=7, illuminant=light)
         np.testing.assert_allclose(again.basis, ps.charts.macbeth(light or "A", 7).basis, rtol=1e-9)
-    assert moved.said_luminance_cd_m2() == pytest.approx(7)
+    assert moved.nominal_luminance_cd_m2() == pytest.approx(7)
     star = ps.charts.siemens_star("A", 40)
     star.save(tmp_path / "star.h5")
     again = read_scene(tmp_path / "star.h5", mean_luminance_cd_m2=7)
@@ -151,27 +152,28 @@ def test_convert_writes_the_scene_that_read_scene_makes(tmp_path: Path, name: st
         ("e.tif", "e.tif"),
     ],
 )
-def test_convert_does_not_write_over_what_it_reads(tmp_path: Path, source: str, output: str) -> None:
+def test_convert_does_not_overwrite_its_input(tmp_path: Path, source: str, output: str) -> None:
     (tmp_path / "sub").mkdir()
     for name, how in (("a.hdr", {}), ("b.hdr", {}), ("c.h5", {"cube": True}), ("d.h5", {}), ("e.tif", {})):
         write_scene(some_scene(), tmp_path / name, **how)
     (tmp_path / "b.img").rename(tmp_path / "b.dat")
     (tmp_path / "link.h5").symlink_to("c.h5")
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
-    with pytest.raises(FileError, match=r"would be written over .*, which is read; choose another name"):
+    with pytest.raises(FileError, match="would overwrite the input"):
         convert(tmp_path / source, tmp_path / output)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()} == before
 
 
-def test_a_tolerance_for_what_is_not_reduced_is_refused(tmp_path: Path) -> None:
+def test_a_tolerance_without_a_reduction_is_refused(tmp_path: Path) -> None:
     some_scene().save(tmp_path / "scene.h5")
-    with pytest.raises(FileError, match=r"holds a scene of \d+ spectra and no cube to be reduced; leave the tolerance"):
+    with pytest.raises(FileError, match="which is not reduced") as caught:
         convert(tmp_path / "scene.h5", tmp_path / "b.h5", tolerance=0.2)
+    assert caught.value.arguments == {"tolerance": 0.2}
     assert not (tmp_path / "b.h5").exists()
     assert not convert(tmp_path / "scene.h5", tmp_path / "b.h5").reduced
 
 
-def test_a_format_is_told_by_its_content(tmp_path: Path) -> None:
+def test_a_format_is_recognized_by_its_content(tmp_path: Path) -> None:
     scene = some_scene(3, 4)
     for name, other in (("a.h5", "a.dat"), ("a.mat", "a.h5"), ("a.tif", "a.bin")):
         write_scene(scene, tmp_path / name)
@@ -179,48 +181,81 @@ def test_a_format_is_told_by_its_content(tmp_path: Path) -> None:
         assert difference(read_scene(tmp_path / other), scene) <= 1e-3
 
 
-def test_cubes_are_opened_without_being_read(tmp_path: Path) -> None:
+def test_open_cube_reads_block_by_block(tmp_path: Path) -> None:
     write_scene(some_scene(), tmp_path / "cube.tif")
     cube = open_cube(tmp_path / "cube.tif")
     assert (cube.shape, cube.quantity) == ((37, 29, 31), "photon radiance")
     assert [(first, block.shape) for first, block in cube.blocks(20)] == [(0, (20, 29, 31)), (20, (17, 29, 31))]
     some_scene().save(tmp_path / "scene.h5")
-    with pytest.raises(FileError, match="no cube of values; read it with read_scene"):
+    with pytest.raises(FileError, match="holds a scene, not a cube"):
         open_cube(tmp_path / "scene.h5")
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_files_of_no_known_format(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="No such file"):
         read_scene(tmp_path / "missing.h5")
     with pytest.raises(FileError, match="cannot be read: Is a directory"):
         read_scene(tmp_path)
     (tmp_path / "a.xyz").write_text("hello")
-    with pytest.raises(FileError, match=r"its name ends in '.xyz'; known are HDF5 \(.h5\)"):
+    with pytest.raises(FileError, match=r"has the unknown suffix '\.xyz'") as caught:
         format_of(tmp_path / "a.xyz")
+    assert "HDF5 (.h5)" in str(caught.value.hint)
+    (tmp_path / "numbers").write_bytes(bytes(64))
+    with pytest.raises(FileError, match="has no suffix") as caught:
+        format_of(tmp_path / "numbers")
+    assert "give the .hdr" in str(caught.value.hint)
 
 
-def test_options_that_are_none(tmp_path: Path) -> None:
-    some_scene().save(tmp_path / "scene.h5")
-    with pytest.raises(InputError, match="no option 'unit'; did you mean 'units'"):
-        read_scene(tmp_path / "scene.h5", unit="W")
-    with pytest.raises(InputError, match="the tolerance is a fraction"):
-        read_scene(tmp_path / "scene.h5", tolerance=2)
-    with pytest.raises(InputError, match="distance_m must be above 0"):
-        read_scene(tmp_path / "scene.h5", distance_m=-1)
-    with pytest.raises(InputError, match="no_data is 'refuse' or 'zero'"):
-        read_scene(tmp_path / "scene.h5", no_data="mean")
-    with pytest.raises(FileError, match="says its units itself"):
-        read_scene(tmp_path / "scene.h5", units="W/sr/m2/nm")
-    with pytest.raises(FileError, match=r"a scene's file ends in .h5, .mat"):
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("tolerance", 2),
+        ("tolerance", "abc"),
+        ("distance_m", -1),
+        ("distance_m", "far"),
+        ("distance_m", True),
+        ("mean_luminance_cd_m2", 1e300),
+        ("no_data", "mean"),
+        ("sort_bands", "no"),
+        ("patch_cols", 2.5),
+        ("units", 3),
+        ("wavelength_nm", "400:700:10"),
+        ("wavelength_nm", []),
+        ("band_range_nm", (500, 400)),
+        ("method", "smooth"),
+    ],
+)
+def test_invalid_options_of_reading(option: str, value: Any) -> None:
+    with pytest.raises(InputError) as caught:
+        read_scene("a.h5", **{option: value})
+    assert (caught.value.what, caught.value.value) == (option, value)
+
+
+@pytest.mark.parametrize(("name", "meant"), [("unit", "units"), ("luminance", "mean_luminance_cd_m2")])
+def test_unknown_options_of_reading(name: str, meant: str) -> None:
+    with pytest.raises(InputError, match=f"no option '{name}'") as caught:
+        read_scene("a.h5", **{name: 1})
+    assert caught.value.hint == f"did you mean '{meant}'?"
+
+
+def test_options_accept_numpy_values() -> None:
+    options = ReadOptions(tolerance=np.float32(0.25), patch_cols=np.int64(3), wavelength_nm=GRID[:2], sort_bands=True)
+    expected = {"tolerance": 0.25, "patch_cols": 3, "wavelength_nm": (400.0, 410.0), "sort_bands": True}
+    assert options.given() == expected
+
+
+def test_what_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"one of the suffixes \.h5, \.mat"):
         some_scene().save(tmp_path / "scene.png")
-    with pytest.raises(InputError, match="knows no option 'interleav'; did you mean 'interleave'"):
+    with pytest.raises(InputError, match="no option 'interleav'") as caught:
         write_scene(some_scene(), tmp_path / "a.hdr", interleav="bsq")
+    assert caught.value.hint == "did you mean 'interleave'?"
     with pytest.raises(FileError, match="cannot be written"):
         some_scene().save(tmp_path / "no" / "scene.h5")
 
 
 @pytest.mark.parametrize(("name", "how"), [*(way for way in WAYS if way != ("scene.h5", {})), ("a.exr", {})])
-def test_units_against_the_files_own_are_taken_with_a_warning(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
+def test_given_units_override_the_files_with_a_warning(tmp_path: Path, name: str, how: dict[str, Any]) -> None:
     write_scene(Scene.uniform(np.full(GRID.size, 1e15), GRID), tmp_path / name, **how)
     with pytest.warns(
         PhotositeWarning, match=r"the file says '.*', and units='uW/cm2/sr/nm' was said; what was said is"
@@ -230,12 +265,12 @@ def test_units_against_the_files_own_are_taken_with_a_warning(tmp_path: Path, na
     assert scene.radiance(0, 0) == pytest.approx(photons_from_energy(np.full(GRID.size, number * 1e-2), GRID), rel=1e-3)
 
 
-def test_the_files_own_units_may_be_said_too(tmp_path: Path) -> None:
+def test_the_files_own_units_can_be_given_too(tmp_path: Path) -> None:
     some_scene().save(tmp_path / "a.tif")
     read_scene(tmp_path / "a.tif", units="photons/(s m2 sr nm)")
 
 
-NEEDLESS = [
+NOT_APPLICABLE = [
     ("scene.h5", {"no_data": "zero"}),
     ("scene.h5", {"negative": "zero"}),
     ("scene.h5", {"sort_bands": True}),
@@ -255,8 +290,8 @@ NEEDLESS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "option"), NEEDLESS)
-def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, option: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("name", "option"), NOT_APPLICABLE)
+def test_options_that_do_not_apply_are_refused(tmp_path: Path, name: str, option: dict[str, Any]) -> None:
     path = tmp_path / name
     light = {"illuminant": "D65", "mean_luminance_cd_m2": 40.0} if path.suffix in (".png", ".csv") else {}
     if path.suffix == ".png":
@@ -264,56 +299,33 @@ def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, opt
     else:
         write_scene(ps.charts.macbeth("A", 40, wavelength_nm=GRID), path)
     read_scene(path, **light)
-    with pytest.raises(FileError, match=rf"{next(iter(option))}.*; leave it out|leave the tolerance out") as caught:
-        read_scene(path, **light, **option)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(FileError, match=r"; leave (it|the tolerance) out"):
-        SceneRequest(str(path), **light, options=option).scene()
+    for ask in (lambda: read_scene(path, **light, **option), SceneRequest(str(path), {**light, **option}).scene):
+        with pytest.raises(FileError) as caught:
+            ask()
+        assert caught.value.arguments == option
+        assert "\n" not in str(caught.value)
 
 
-def test_two_luminances_are_refused(tmp_path: Path) -> None:
-    some_scene().save(tmp_path / "a.h5")
-    asked = SceneRequest(str(tmp_path / "a.h5"), mean_luminance_cd_m2=40.0, options={"mean_luminance_cd_m2": 10})
-    with pytest.raises(InputError, match=r"mean_luminance_cd_m2 is said twice, 40\.0 and 10; say it once"):
-        asked.scene()
-    for scene in (asked, SceneRequest("uniform", mean_luminance_cd_m2=1e300)):
-        with pytest.raises(InputError, match=r"at most 1e\+20, not 1e\+300|said twice"):
-            scene.scene()
+def test_options_given_twice_must_agree() -> None:
+    grid = [500.0, 600.0]
+    assert merged_options({"wavelength_nm": grid, "units": "percent"}, {"wavelength_nm": tuple(grid)})["units"]
+    with pytest.raises(InputError) as caught:
+        merged_options({"mean_luminance_cd_m2": 40.0}, {"mean_luminance_cd_m2": 10})
+    assert (caught.value.what, caught.value.value) == ("mean_luminance_cd_m2", 10)
 
 
-def test_what_is_said_twice_and_the_same_is_no_contradiction(tmp_path: Path) -> None:
-    stack = np.ones((3, 4, 5), np.float32)
-    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack", metadata=None)
-    grid = [500, 600, 700]
-    said: dict[str, Any] = {"wavelength_nm": np.array(grid), "units": "W/sr/m2/nm"}
-    scene = SceneRequest(str(tmp_path / "a.tif"), **said, options={"wavelength_nm": grid}).scene()
-    assert scene.wavelength_nm.tolist() == grid
-    with pytest.raises(InputError, match="wavelength_nm is said twice"):
-        SceneRequest(str(tmp_path / "a.tif"), **said, options={"wavelength_nm": [500, 600, 710]}).scene()
-
-
-def test_a_name_without_ending_leads_to_the_header(tmp_path: Path) -> None:
-    (tmp_path / "numbers").write_bytes(bytes(64))
-    with pytest.raises(FileError, match=r"has no ending \(of an ENVI image, give the \.hdr\); known are"):
-        format_of(tmp_path / "numbers")
-
-
-def test_a_place_in_a_camera_file_is_advised_in_its_words(tmp_path: Path) -> None:
+def test_an_error_of_a_camera_file_is_written_with_its_fields(tmp_path: Path) -> None:
     write_scene(ps.charts.macbeth("A", 40), tmp_path / "a.csv")
     place = Place(tmp_path / "camera.yaml", 3)
-    with pytest.raises(
-        FileError, match=r"camera\.yaml:3: scene: .*a\.csv: .*\(illuminant: D65, luminance_cd_m2: 100\)"
-    ):
-        SceneRequest(str(tmp_path / "a.csv"), place=place).scene()
-
-
-def test_the_usual_names_of_options_lead_to_photosites() -> None:
-    with pytest.raises(InputError, match=r"no option 'luminance'; did you mean 'mean_luminance_cd_m2'\?"):
-        read_scene("a.h5", luminance=40)
+    with pytest.raises(FileError) as caught:
+        SceneRequest(str(tmp_path / "a.csv"), {"tolerance": 0.2}, place).scene()
+    assert (caught.value.path, caught.value.line) == (str(tmp_path / "camera.yaml"), 3)
+    assert caught.value.where == f"scene: {tmp_path / 'a.csv'}"
+    assert caught.value.hint == "Omit tolerance: 0.2"
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
-def test_temporary_folders_go_at_once(tmp_path: Path, version: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_temporary_folders_are_removed_at_once(tmp_path: Path, version: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     write_scene(some_scene(), tmp_path / "a.mat", version=version)
@@ -329,22 +341,25 @@ def test_temporary_folders_go_at_once(tmp_path: Path, version: str, monkeypatch:
     assert not list((tmp_path / "temporary").glob("photosite-mat-*"))
 
 
-def test_bands_of_a_scenes_own_file(tmp_path: Path) -> None:
+def test_a_band_range_of_photosites_own_file(tmp_path: Path) -> None:
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     chart.save(tmp_path / "a.h5")
     part = read_scene(tmp_path / "a.h5", band_range_nm=(450, 600))
     assert part.wavelength_nm.tolist() == GRID[5:21].tolist()
     assert radiance(part) == pytest.approx(radiance(chart)[..., 5:21])
     assert part.light() == pytest.approx(chart.light()[5:21])
-    with pytest.raises(FileError, match=r"a\.h5: there is no band in band_range_nm of those from 400 to 700 nm"):
+    with pytest.raises(FileError) as caught:
         read_scene(tmp_path / "a.h5", band_range_nm=(401, 409))
+    assert caught.value.path == str(tmp_path / "a.h5")
+    assert "band_range_nm" in caught.value.what
     light = ps.Spectrum([450.0, 600.0], [1.0, 1.0])
-    with pytest.raises(FileError, match=r"a\.h5: illuminant spectrum.*band_range_nm=\(450, 600\)"):
+    with pytest.raises(FileError) as caught:
         read_scene(tmp_path / "a.h5", illuminant=light)
+    assert caught.value.arguments == {"band_range_nm": (450, 600)}
     assert read_scene(tmp_path / "a.h5", illuminant=light, band_range_nm=(450, 600)).shape == chart.shape
 
 
-def test_the_error_of_some_bands_is_no_less_than_it_is(tmp_path: Path) -> None:
+def test_the_error_of_a_band_range_is_not_too_small(tmp_path: Path) -> None:
     fine = some_scene()
     coarse = Scene.from_radiance(radiance(fine), GRID, tolerance=0.05)
     coarse.save(tmp_path / "a.h5")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import photosite.scene.io.store as store_module
-import photosite.scene.reduce as reduce_module
+import photosite.scene.reduction as reduction_module
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, CubeHead
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import reduce_cube, reduced
+from photosite.scene.reduce import reduce_cube
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
 
@@ -44,9 +44,9 @@ def rms(array: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-3, 1e-5])
-def test_fewest_spectra_that_keep_the_tolerance_and_the_error_is_the_measured_one(tolerance: float) -> None:
+def test_fewest_spectra_keep_the_tolerance_and_the_error_is_measured(tolerance: float) -> None:
     array = values()
-    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=tolerance))
+    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=tolerance)).scene
     singular = np.linalg.svd(array.reshape(-1, GRID.size), compute_uv=False)
     left_over = np.sqrt((singular[::-1] ** 2).cumsum()[::-1] / (singular**2).sum())
     assert len(scene.basis) == int((left_over > tolerance).sum())
@@ -58,17 +58,17 @@ def test_fewest_spectra_that_keep_the_tolerance_and_the_error_is_the_measured_on
 @pytest.mark.parametrize("block_bytes", [1, 17 * GRID.size * 8 * 5, 1 << 30])
 def test_blocks_of_any_size_make_the_same_scene(monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
     array = values()
-    whole = radiance(reduce_cube(cube_of(array)))
-    monkeypatch.setattr(reduce_module, "_BLOCK_BYTES", block_bytes)
-    assert radiance(reduce_cube(cube_of(array))) == pytest.approx(whole, rel=1e-5)
+    whole = radiance(reduce_cube(cube_of(array)).scene)
+    monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", block_bytes)
+    assert radiance(reduce_cube(cube_of(array)).scene) == pytest.approx(whole, rel=1e-5)
 
 
 def test_large_weights_go_to_a_file_and_come_back_mapped(monkeypatch: pytest.MonkeyPatch) -> None:
     array = values()
-    in_memory = reduce_cube(cube_of(array))
+    in_memory = reduce_cube(cube_of(array)).scene
     monkeypatch.setattr(store_module, "_LARGE_BYTES", 100)
-    monkeypatch.setattr(reduce_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
-    mapped = reduce_cube(cube_of(array))
+    monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
+    mapped = reduce_cube(cube_of(array)).scene
     assert isinstance(mapped.weights.base, MappedWeights)
     assert mapped.weights == pytest.approx(in_memory.weights, rel=1e-6)
     monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
@@ -78,16 +78,17 @@ def test_large_weights_go_to_a_file_and_come_back_mapped(monkeypatch: pytest.Mon
 
 def test_energy_becomes_photons() -> None:
     array = values()
-    scene = reduce_cube(cube_of(array, "energy radiance"), ReadOptions(tolerance=1e-6))
+    scene = reduce_cube(cube_of(array, "energy radiance"), ReadOptions(tolerance=1e-6)).scene
     wanted = photons_from_energy(array, GRID)
     assert rms(radiance(scene) - wanted) <= 1.1e-6 * rms(wanted)
 
 
 def test_relative_values_need_a_luminance() -> None:
-    with pytest.raises(FileError, match="relative values; say how bright"):
+    with pytest.raises(FileError, match="holds relative values") as caught:
         reduce_cube(cube_of(values(), "relative"))
+    assert list(caught.value.arguments) == ["mean_luminance_cd_m2"]
     array = values()
-    scene = reduce_cube(cube_of(array, "relative"), ReadOptions(tolerance=1e-6, mean_luminance_cd_m2=55))
+    scene = reduce_cube(cube_of(array, "relative"), ReadOptions(tolerance=1e-6, mean_luminance_cd_m2=55)).scene
     assert scene.mean_luminance_cd_m2() == pytest.approx(55, rel=1e-6)
     wanted = photons_from_energy(array, GRID)
     wanted *= 55 / luminance_cd_m2(wanted, GRID).mean()
@@ -96,12 +97,14 @@ def test_relative_values_need_a_luminance() -> None:
 
 def test_reflectances_stay_exact_under_any_light() -> None:
     array = values() / 10
-    with pytest.raises(FileError, match="holds reflectances; say the light on them"):
+    with pytest.raises(FileError, match="holds reflectances") as caught:
         reduce_cube(cube_of(array, "reflectance"))
-    with pytest.raises(FileError, match="say how bright they are lit"):
+    assert list(caught.value.arguments) == ["illuminant", "mean_luminance_cd_m2"]
+    with pytest.raises(FileError, match="holds reflectances") as caught:
         reduce_cube(cube_of(array, "reflectance"), ReadOptions(illuminant="A"))
-    said = ReadOptions(illuminant="A", mean_luminance_cd_m2=40, tolerance=1e-3)
-    scene = reduce_cube(cube_of(array, "reflectance"), said)
+    assert list(caught.value.arguments) == ["mean_luminance_cd_m2"]
+    options = ReadOptions(illuminant="A", mean_luminance_cd_m2=40, tolerance=1e-3)
+    scene = reduce_cube(cube_of(array, "reflectance"), options).scene
     assert scene.reflectance is not None
     again = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.reflectance)
     assert rms(again - array) <= 1e-3 * rms(array)
@@ -114,15 +117,15 @@ def test_reflectances_stay_exact_under_any_light() -> None:
             assert rms(radiance(scene) - wanted) <= 1.01e-3 * rms(wanted)
 
 
-def test_a_radiance_whose_light_is_known_can_be_lit_anew() -> None:
+def test_a_radiance_under_a_known_light_can_be_relit() -> None:
     array = values() / 10
     light = photons_from_energy(illuminant("A", GRID), GRID) * 1e-3
     cube = cube_of(array * light, light=light)
-    scene = reduce_cube(cube, ReadOptions(illuminant="D65", mean_luminance_cd_m2=40, tolerance=1e-4))
+    scene = reduce_cube(cube, ReadOptions(illuminant="D65", mean_luminance_cd_m2=40, tolerance=1e-4)).scene
     wanted = array * photons_from_energy(illuminant("D65", GRID), GRID)
     wanted *= 40 / luminance_cd_m2(wanted, GRID).mean()
     assert rms(radiance(scene) - wanted) <= 1e-3 * rms(wanted)
-    with pytest.raises(FileError, match="a light that it does not say"):
+    with pytest.raises(FileError, match="radiance under an unknown light"):
         reduce_cube(cube_of(array), ReadOptions(illuminant="D65"))
 
 
@@ -131,7 +134,7 @@ def test_bands_are_sorted_where_wanted() -> None:
     mixed = cube_of(array[:, :, order], wavelength_nm=GRID[order])
     with pytest.raises(FileError, match="not sorted"):
         reduce_cube(mixed)
-    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=1e-5))
+    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=1e-5)).scene
     assert scene.wavelength_nm.tolist() == GRID.tolist()
     assert rms(radiance(scene) - array) <= 1.01e-5 * rms(array)
     assert scene.relative_error <= 1.01e-5
@@ -140,7 +143,7 @@ def test_bands_are_sorted_where_wanted() -> None:
 def test_the_error_of_mixed_bands_of_energy_is_that_of_photons() -> None:
     array, order = values(), RNG.permutation(GRID.size)
     mixed = cube_of(array[:, :, order], "energy radiance", wavelength_nm=GRID[order])
-    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=0.02))
+    scene = reduce_cube(mixed, ReadOptions(sort_bands=True, tolerance=0.02)).scene
     wanted = photons_from_energy(array, GRID)
     assert scene.relative_error == pytest.approx(rms(radiance(scene) - wanted) / rms(wanted), rel=1e-3)
     assert scene.relative_error > 1e-3
@@ -154,7 +157,7 @@ def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
     lines = Spectrum(GRID, np.where(blue > 0, 1e-3, 1.0))
     scene = reduce_cube(
         cube_of(array, "reflectance"), ReadOptions(illuminant=lines, mean_luminance_cd_m2=10, tolerance=0.01)
-    )
+    ).scene
     wanted = array * photons_from_energy(lines.values, GRID)
     wanted *= 10 / luminance_cd_m2(wanted, GRID).mean()
     assert rms(radiance(scene) - wanted) <= 0.01 * rms(wanted)
@@ -162,37 +165,38 @@ def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, -0.5])
-def test_what_is_missing_or_negative_is_refused_with_its_place_or_made_0(bad: float) -> None:
+def test_missing_and_negative_values_are_refused_or_replaced_by_0(bad: float) -> None:
     array = values()
     array[5, 3, 7] = bad
     option = "no_data" if np.isnan(bad) else "negative"
-    with pytest.raises(FileError, match=rf"at row 5, column 3, band 8 \(470 nm\).*{option}='zero'"):
+    with pytest.raises(FileError, match=r"at row 5, column 3, band 8 \(470 nm\)") as caught:
         reduce_cube(cube_of(array))
-    done = reduced(cube_of(array), ReadOptions(tolerance=1e-5, **{option: "zero"}))
+    assert caught.value.arguments == {option: "zero"}
+    done = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-5, **{option: "zero"}))
     assert (done.no_data_values, done.negative_values) == ((1, 0) if np.isnan(bad) else (0, 1))
     array[5, 3, 7] = 0.0
     assert rms(radiance(done.scene) - array) <= 1.01e-5 * rms(array)
 
 
-def test_infinite_values_are_refused_always() -> None:
+def test_infinite_values_are_always_refused() -> None:
     array = values()
     array[0, 0, 0] = np.inf
     for no_data in ("refuse", "zero"):
-        with pytest.raises(FileError, match=r"infinite value at row 0, column 0, band 1 .*mend the file") as caught:
+        with pytest.raises(FileError, match="infinite value at row 0, column 0, band 1 ") as caught:
             reduce_cube(cube_of(array), ReadOptions(no_data=no_data))  # type: ignore[arg-type]
-        assert "zero" not in str(caught.value)
+        assert not caught.value.arguments
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [1e99, 1e200, 1.7e308])
 @pytest.mark.parametrize("quantity", ["photon radiance", "energy radiance"])
 def test_values_too_large_to_be_squared_or_summed(size: float, quantity: str) -> None:
-    with pytest.raises(FileError, match="are its units right"):
+    with pytest.raises(FileError, match="far above any light"):
         reduce_cube(cube_of(np.full((20, 30, GRID.size), size), quantity))
 
 
-def test_darkness_is_dark() -> None:
-    scene = reduce_cube(cube_of(np.zeros((4, 5, GRID.size))))
+def test_a_dark_cube_is_dark() -> None:
+    scene = reduce_cube(cube_of(np.zeros((4, 5, GRID.size)))).scene
     assert not scene.weights.any()
     assert scene.relative_error == 0.0
     with pytest.raises(FileError, match="is dark"):
@@ -201,23 +205,23 @@ def test_darkness_is_dark() -> None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FailingCube(CubeHead):
-    """A cube on a disk that breaks."""
+    """A cube on a disk that fails."""
 
     def blocks(self, rows: int) -> Iterator[Block]:
         raise OSError(5, "Input/output error")
         yield
 
 
-def test_a_disk_that_breaks_is_a_line() -> None:
+def test_a_disk_that_fails_is_an_error() -> None:
     cube = FailingCube(name="cube.hdr", shape=(2, 2, GRID.size), wavelength_nm=GRID, quantity="photon radiance")
     with pytest.raises(FileError, match=r"cube.hdr: cannot be read: Input/output error"):
         reduce_cube(cube)
 
 
 def test_progress_counts_both_passes() -> None:
-    told: list[tuple[int, int]] = []
-    reduce_cube(cube_of(values()), progress=lambda done, total, what: told.append((done, total)))
-    assert told[-1] == (46, 46)
+    calls: list[tuple[int, int]] = []
+    reduce_cube(cube_of(values()), progress=lambda done, total, unit: calls.append((done, total)))
+    assert calls[-1] == (46, 46)
 
 
 def test_small_differences_survive_double_precision() -> None:
@@ -225,12 +229,13 @@ def test_small_differences_survive_double_precision() -> None:
     strong, weak = RNG.random(GRID.size), RNG.random(GRID.size)
     share = RNG.random((300, 40, 1))
     array = 1e3 + share * strong + 3e-2 * RNG.random((300, 40, 1)) * weak
-    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-6))
+    scene = reduce_cube(cube_of(array), ReadOptions(tolerance=1e-6)).scene
     assert len(scene.basis) == 3
     assert replace(scene).relative_error < 1e-7  # what float32 weights leave
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 9e-7])
-def test_tolerances_that_single_precision_does_not_keep_are_refused(tolerance: float) -> None:
-    with pytest.raises(InputError, match=r"from 1e-6 to below 1.*single precision"):
+def test_tolerances_below_single_precision_are_refused(tolerance: float) -> None:
+    with pytest.raises(InputError) as caught:
         ReadOptions(tolerance=tolerance)
+    assert (caught.value.what, caught.value.value) == ("tolerance", tolerance)

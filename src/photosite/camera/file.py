@@ -27,8 +27,8 @@ from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.protocols import Optics
 from photosite.scene.io.section import parse_scene
-from photosite.scene.request import PlanesRequest, SceneRequest
 from photosite.scene.scene import DEFAULT_DISTANCE_M
+from photosite.scene.scene_request import PlanesRequest, SceneRequest
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.exposure import parse_exposure
@@ -38,7 +38,7 @@ DEFAULT_SENSOR = "nikon-d200"
 DEFAULT_F_NUMBER = 8.0
 DEFAULT_FOCAL_LENGTH_MM = 50.0
 DEFAULT_EXPOSURE_S = 1 / 3
-"""The 2008 paper's set-up; its scene's defaults stand in `photosite.scene.request`."""
+"""The 2008 paper's set-up; `photosite.scene.built_in` has the defaults of its scene."""
 
 _KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integration", "cells_per_pixel")
 
@@ -86,7 +86,7 @@ class SetUp:
 
     @property
     def seen(self) -> SceneRequest | PlanesRequest:
-        """The scene, edges by formula drawn as finely as the camera's cells: they would be staircases otherwise.
+        """The scene, with built-in edges drawn as finely as the camera's cells, without visible steps.
 
         Raises
         ------

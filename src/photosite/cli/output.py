@@ -1,4 +1,4 @@
-"""What commands print: one JSON object, aligned tables, and progress for whoever watches."""
+"""Output of the commands: one JSON object, aligned tables, and progress on standard error."""
 
 from __future__ import annotations
 
@@ -6,38 +6,41 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """One JSON object on standard output.
+    """Print one JSON object on standard output.
 
     Raises
     ------
     ValueError
-        If a number is not finite: a result holds none, so that is a bug.
+        If a number is not finite: results hold none, so this is a bug.
     """
     click.echo(json.dumps(content, allow_nan=False, ensure_ascii=False, default=_plain))
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's scalars and paths as JSON has them."""
+    """NumPy scalars and paths as JSON values."""
     if hasattr(value, "item"):
         return value.item()
     if hasattr(value, "__fspath__"):
         return str(value)
-    raise TypeError(f"{type(value).__name__} has no place in JSON")
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
 def table(rows: Sequence[Sequence[str]], align: str) -> str:
-    """Rows of text in columns, two spaces apart; the first row is the heading.
+    """Return rows of text in columns, two spaces apart.
 
     Parameters
     ----------
     rows
-        All of one length.
+        All of one length; the first is the heading.
     align
         One of `<` and `>` per column.
 
@@ -56,52 +59,56 @@ def table(rows: Sequence[Sequence[str]], align: str) -> str:
 
 
 def say(message: str) -> None:
-    """A line for the reader on standard error."""
+    """Print a line on standard error."""
     click.echo(message, err=True)
 
 
 def say_if_compiling() -> None:
-    """Say why the first computation takes longer than any later one; nothing where the kernels lie ready."""
+    """Announce the compilation of the kernels, which makes the first computation slower than later ones."""
     from photosite.engine.jit import kernels_are_cached
 
     if not kernels_are_cached():
         say("compiling kernels (once; about 20 s) ...")
 
 
-_LINE_EVERY_S = 10.0
-"""Where standard error goes to a file: for a log of a long stage that still says that it moves."""
+_LOG_EVERY_S = 10.0
+"""Interval of the lines where standard error is not a terminal."""
 
 
 class Stages:
-    """Progress on standard error: a line per stage, and a count within it; in a file, a line every ten seconds.
+    """Progress on standard error: a line per stage and, on a terminal, a bar; in a log, a line every ten seconds.
 
-    An instance is called as `progress(done, total, what)`, which is what the library's long functions ask for.
+    An instance is called as `progress(done, total, unit)`, as the library's long functions do.
     """
 
     def __init__(self) -> None:
-        self._watched = sys.stderr.isatty()
-        self._what = ""
-        self._shown_s = time.monotonic()
+        self._bar: tqdm[Any] | None = None
+        self._logged_s = time.monotonic()
 
     def stage(self, what: str) -> None:
         """Begin a stage."""
-        self._clear()
-        self._what = what
-        self._shown_s = time.monotonic()
+        self._close()
+        self._logged_s = time.monotonic()
         say(f"{what} ...")
 
-    def __call__(self, done: int, total: int, what: str = "frames") -> None:
-        """Tell how far the stage is: at most ten times a second to a terminal, else every ten seconds."""
-        now = time.monotonic()
-        if self._watched and (now - self._shown_s > 0.1 or done == total):
-            self._shown_s = now
-            click.echo(f"\r\x1b[K  {done} of {total} {what}", nl=False, err=True)
-            if done == total:
-                self._clear()
-        elif not self._watched and now - self._shown_s >= _LINE_EVERY_S:
-            self._shown_s = now
-            say(f"  {done} of {total} {what}")
+    def __call__(self, done: int, total: int, unit: str = "frames") -> None:
+        """Show how much of a stage is done."""
+        if not sys.stderr.isatty():
+            now = time.monotonic()
+            if now - self._logged_s >= _LOG_EVERY_S:
+                self._logged_s = now
+                say(f"  {done} of {total} {unit}")
+            return
+        if self._bar is None or (self._bar.total, self._bar.unit) != (total, f" {unit}"):
+            from tqdm import tqdm
 
-    def _clear(self) -> None:
-        if self._watched:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            self._close()
+            self._bar = tqdm(total=total, unit=f" {unit}", leave=False)
+        self._bar.update(done - self._bar.n)
+        if done >= total:
+            self._close()
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

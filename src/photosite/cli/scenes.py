@@ -1,4 +1,4 @@
-"""`photosite scenes`: which scenes there are, what a scene's file says, and what it looks like."""
+"""`photosite scenes`: list the built-in scenes, and show scenes and scene files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Group
 from photosite.cli.output import print_json, table
-from photosite.cli.words import told_in_options
 
 if TYPE_CHECKING:
     from photosite.scene.scene import Scene
@@ -21,9 +20,9 @@ if TYPE_CHECKING:
 @options.json_option
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:
-    """List the scenes by formula, or look at scenes and their files.
+    """List the built-in scenes, or show scenes and scene files.
 
-    Without a subcommand, lists the formulas with their options and defaults.
+    Without a subcommand, lists the built-in scenes with their options and defaults, and the file formats.
 
     Example: photosite scenes show siemens-star --picture star.png
     """
@@ -34,7 +33,7 @@ def command(ctx: click.Context, as_json: bool) -> None:
 @command.command("list")
 @options.json_option
 def list_(as_json: bool) -> None:
-    """List the scenes by formula with their options, as without a subcommand.
+    """List the built-in scenes with their options, as without a subcommand.
 
     Example: photosite scenes list --json
     """
@@ -42,29 +41,32 @@ def list_(as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from photosite.scene.io.files import FORMATS
-    from photosite.scene.request import FORMULAS, formula, formula_options
+    from photosite.scene.built_in import BUILT_IN_SCENES, chart_function, chart_options
+    from photosite.scene.io.formats import FORMATS
 
-    told = {name: ((formula(name).__doc__ or "").strip().splitlines()[0], formula_options(name)) for name in FORMULAS}
+    scenes = {
+        name: ((chart_function(name).__doc__ or "").strip().splitlines()[0], chart_options(name))
+        for name in BUILT_IN_SCENES
+    }
     if as_json:
         listed = {
             name: {"summary": line, "options": {key: _json(value) for key, value in known.items()}}
-            for name, (line, known) in told.items()
+            for name, (line, known) in scenes.items()
         }
         print_json({"scenes": listed})
         return
-    rows = [(name, line) for name, (line, _) in told.items()]
-    click.echo(table([("scene", "what it is"), *rows], "<<"))
-    click.echo("\nOptions of each, with their defaults (--scene-option NAME=VALUE):")
-    for name, (_, known) in told.items():
+    rows = [(name, line) for name, (line, _) in scenes.items()]
+    click.echo(table([("scene", "description"), *rows], "<<"))
+    click.echo("\nOptions with their defaults (--scene-option NAME=VALUE):")
+    for name, (_, known) in scenes.items():
         click.echo(f"  {name}: {', '.join(f'{key}={_written(value)}' for key, value in known.items()) or 'none'}")
-    click.echo("\nFiles (docs/scenes.md):")
+    click.echo("\nFile formats (docs/scenes.md):")
     for kind in FORMATS:
         click.echo(f"  {kind.name}: {' '.join(kind.suffixes)}")
 
 
 def _json(value: Any) -> Any:
-    """A default as JSON has it: infinity is the text that --scene-option takes."""
+    """A default in JSON: infinity is the text that --scene-option takes."""
     return "inf" if value == math.inf else value
 
 
@@ -78,20 +80,19 @@ def _written(value: Any) -> str:
     "--picture",
     type=options.output_file(*options.PICTURE_SUFFIXES),
     metavar="FILE",
-    help="Also write what an eye adapted to its light would see (PNG).",
+    help="Also write a preview as an eye adapted to the scene's light would see it (PNG).",
 )
 @options.json_option
-def show(picture: Path | None, as_json: bool, **told: Any) -> None:
-    """Tell what a scene is: samples, spectra, light, distance.
+def show(picture: Path | None, as_json: bool, **given: Any) -> None:
+    """Show a scene's samples, spectra, luminance and distance.
 
     Example: photosite scenes show cube.hdr --picture cube.png
     """
     from photosite.develop.picture import save_picture
     from photosite.scene.preview import preview
-    from photosite.scene.request import SceneRequest
+    from photosite.scene.scene_request import SceneRequest
 
-    with told_in_options():
-        scene = options.request_of(SceneRequest(), told).scene()
+    scene = options.request_of(SceneRequest(), given).scene()
     if picture is not None:
         save_picture(preview(scene), picture)
     facts = _facts(scene)

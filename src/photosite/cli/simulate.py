@@ -12,7 +12,6 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import print_json, say_if_compiling
-from photosite.cli.words import told_in_options
 from photosite.errors import InputError
 from photosite.values.exposure import format_exposure
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
     from photosite.optics.protocols import Optics
     from photosite.scene.planes import Planes
-    from photosite.scene.request import PlanesRequest, SceneRequest
     from photosite.scene.scene import Scene
+    from photosite.scene.scene_request import PlanesRequest, SceneRequest
 
 
 @click.command("simulate", cls=Command)
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     "camera_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Camera file (YAML): sensor, optics and scene in one place; other options go before it.",
+    help="Camera file (YAML): sensor, optics and scene together. Other options override it.",
 )
 @options.sensor_option(default=None)
 @options.size_options
@@ -45,7 +44,9 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Optics file (YAML, or ISETPARMS.txt).",
 )
-@click.option("--f-number", type=options.above(), metavar="N", help="f-number of a perfect lens.  [default: 8]")
+@click.option(
+    "--f-number", type=options.above(), metavar="N", help="f-number of a diffraction-limited lens.  [default: 8]"
+)
 @click.option(
     "--focal-length", "focal_length_mm", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]"
 )
@@ -54,14 +55,14 @@ if TYPE_CHECKING:
     "exposure_s",
     type=options.exposure_time,
     metavar="SECONDS",
-    help="Exposure time in s.  [default: 1/3]",
+    help="Exposure time in s, such as 0.01 or 1/100.  [default: 1/3]",
 )
 @click.option(
     "--cells",
     "cells_per_pixel",
     type=click.IntRange(1),
     metavar="ODD",
-    help="Cells across a pixel on which the scene is laid: 3 or more for edges that are to be measured.  [default: 1]",
+    help="Cells across a pixel in which the image is computed: 3 or more for edges to be measured.  [default: 1]",
 )
 @options.seed_option()
 @options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif, .png or .h5.")
@@ -73,30 +74,36 @@ if TYPE_CHECKING:
 )
 @options.json_option
 def command(
-    camera_file: Path | None, exposure_s: float | None, seed: int, output: Path, preview: Path | None, **told: Any
+    camera_file: Path | None,
+    exposure_s: float | None,
+    seed: int,
+    output: Path,
+    preview: Path | None,
+    as_json: bool,
+    **given: Any,
 ) -> None:
     """Simulate a raw frame of a scene.
 
-    The defaults are the paper's: a Nikon D200 with a 50 mm lens at f/8, a ColorChecker of 40 cd/m2 under tungsten
-    light (CIE A), 1/3 s. The same seed gives the same frame; the sensor's fixed pattern belongs to its serial and is
+    The defaults are the 2008 paper's: a Nikon D200 with a 50 mm lens at f/8, a ColorChecker of 40 cd/m2 under tungsten
+    light (CIE A), 1/3 s. The same seed gives the same frame. The sensor's fixed pattern belongs to its serial and is
     the same in all frames.
 
-    A scene is a formula's name (photosite scenes lists them) or a file: a spectral cube, a render, a measured chart or
-    a picture. Files have their own light, where they say so; --illuminant lights reflectances and pictures, --luminance
-    scales. A lens is --f-number and --focal-length, or --optics FILE. --camera FILE holds all of it.
+    A scene is a built-in scene (`photosite scenes` lists them) or a file: a spectral cube, a render, a measured chart
+    or a picture. A file may state its own light; --illuminant sets the light on reflectances and pictures, --luminance
+    scales the scene. A lens is given by --f-number and --focal-length, or by --optics FILE. --camera FILE holds all of
+    it.
 
-    Where the ColorChecker's patches stand, for validate's --corners: their field reaches 62 P above and below the
-    frame's middle and 94 P to its left and right, P = max(cols / 196, rows / 132) pixels (square ones). The D200's
+    Corners of the ColorChecker for `photosite validate --corners`: its patches extend 62 P above and below the frame's
+    centre and 94 P to its left and right, with P = max(cols / 196, rows / 132) pixels (square ones). The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
     """
-    as_json = told.pop("as_json")
-    set_up = _set_up(camera_file, told)
+    set_up = _set_up(camera_file, given)
     camera, time_s = set_up.camera, set_up.exposure_s if exposure_s is None else exposure_s
-    scene = _scene(set_up.seen)
+    scene = set_up.seen.scene()
     say_if_compiling()
-    raw = _balanced(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
+    raw = _with_white_balance(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
     _save(raw, output, preview)
     facts = _facts(raw, output, preview)
     if as_json:
@@ -111,65 +118,61 @@ def command(
         click.echo(f"wrote {preview}")
 
 
-def _set_up(camera_file: Path | None, told: dict[str, Any]) -> SetUp:
-    """The camera file's set-up, or the paper's, with what the options say put in its place."""
+def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
+    """The camera file's set-up, or the paper's, changed by the options."""
     from photosite.camera.file import SetUp, load_camera
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
     sensor = base.sensor
-    if told["sensor_name"] is not None:
-        sensor = options.load_sensor_resized(told["sensor_name"], None, None)
-    changes = {"rows": told["rows"], "cols": told["cols"], "black_level_dn": told["black_level_dn"]}
+    if given["sensor_name"] is not None:
+        sensor = options.load_sensor_resized(given["sensor_name"], None, None)
+    changes = {name: given[name] for name in ("rows", "cols", "black_level_dn") if given[name] is not None}
+    cells = given["cells_per_pixel"]
     return replace(
         base,
-        sensor=sensor.with_(**{name: value for name, value in changes.items() if value is not None}),
-        optics=_optics(base.optics, told),
-        scene=_request(base.scene, told),
-        cells_per_pixel=base.cells_per_pixel if told["cells_per_pixel"] is None else told["cells_per_pixel"],
+        sensor=sensor.with_(**changes),
+        optics=_optics(base.optics, given),
+        scene=_request(base.scene, given),
+        cells_per_pixel=base.cells_per_pixel if cells is None else cells,
     )
 
 
-def _optics(base: Optics, told: dict[str, Any]) -> Optics:
+def _optics(base: Optics, given: dict[str, Any]) -> Optics:
     from photosite.optics.diffraction import DiffractionLimited
 
-    marks = {"f_number": told["f_number"], "focal_length_mm": told["focal_length_mm"]}
-    marks = {name: value for name, value in marks.items() if value is not None}
-    if told["optics_file"] is not None:
+    changes = {name: given[name] for name in ("f_number", "focal_length_mm") if given[name] is not None}
+    if given["optics_file"] is not None:
         from photosite.optics.io.formats import load_optics
 
-        base = load_optics(told["optics_file"])
-    if not marks:
+        base = load_optics(given["optics_file"])
+    if not changes:
         return base
-    if told["optics_file"] is not None or not isinstance(base, DiffractionLimited):
-        option = "--" + next(iter(marks)).removesuffix("_mm").replace("_", "-")
-        raise InputError(f"{option} is said by the lens's file; leave one of them out, or change the file")
-    return replace(base, **marks)
+    if given["optics_file"] is not None or not isinstance(base, DiffractionLimited):
+        name, value = next(iter(changes.items()))
+        raise InputError(
+            "the optics file defines the lens",
+            hint=f"Omit {{{name}}}, or change the file",
+            arguments={name: value},
+        )
+    return replace(base, **changes)
 
 
-def _request(base: SceneRequest | PlanesRequest, told: dict[str, Any]) -> SceneRequest | PlanesRequest:
-    from photosite.scene.request import SceneRequest
+def _request(base: SceneRequest | PlanesRequest, given: dict[str, Any]) -> SceneRequest | PlanesRequest:
+    from photosite.scene.scene_request import SceneRequest
 
     if isinstance(base, SceneRequest):
-        return options.request_of(base, told)
-    if told["scene_source"] is not None:
-        return options.request_of(SceneRequest(), told)
-    if options.said_of_scene(told):
-        raise InputError("a scene of planes says the light and place of each in its camera file; change them there")
+        return options.request_of(base, given)
+    if given["scene_source"] is not None:
+        return options.request_of(SceneRequest(), given)
+    if options.options_of_scene(given):
+        raise InputError(
+            "options cannot change a scene of planes", hint="Change light and place of each plane in the camera file"
+        )
     return base
 
 
-def _scene(request: SceneRequest | PlanesRequest) -> Scene | Planes:
-    """What is seen; where options could mend it, errors name them."""
-    from photosite.scene.request import SceneRequest
-
-    if not isinstance(request, SceneRequest):  # a plane's light and units are said in the camera file alone
-        return request.scene()
-    with told_in_options():
-        return request.scene()
-
-
 def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scene | None:
-    """A field of the scene's light, where it is known: as it was asked for, or as the scene's reflectances tell."""
+    """A field of the scene's light, where it is known from the request or from the scene's reflectances."""
     from photosite.scene.charts import uniform
     from photosite.scene.scene import Scene
 
@@ -180,15 +183,15 @@ def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scen
     return None
 
 
-def _balanced(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
-    """The frame with what gray reads under its light: a DNG keeps it as its white balance."""
+def _with_white_balance(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
+    """The frame with the camera's response to grey under its light, which a DNG stores as its white balance."""
     if light is None or (neutral := camera.as_shot_neutral(light)) is None:
         return raw
     return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))
 
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:
-    """Both are made before either is written."""
+    """Write frame and preview; both are made before either is written."""
     from photosite.develop.develop import develop
     from photosite.develop.picture import save_picture
 

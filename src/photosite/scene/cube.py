@@ -1,7 +1,6 @@
-"""Spectral cubes: images of many bands that are looked at some rows at a time, wherever they lie.
+"""Spectral cubes: images of many bands, read a few rows at a time from memory or from a file.
 
-What a cube's numbers mean stands in its head; a reader brings them to SI. What becomes of them is
-`photosite.scene.reduce`'s business.
+A reader fills the header and converts the values to SI. `photosite.scene.reduce` makes scenes of cubes.
 """
 
 from __future__ import annotations
@@ -14,40 +13,37 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError
 from photosite.files.temporary import TemporaryFolder
-from photosite.scene.scene import Scene
 from photosite.scene.units import Quantity
 
 Array = NDArray[np.float64]
 Block = tuple[int, Array]
 """First row, and (n, cols, bands) values."""
 
-_ROUNDING = 1e-6
-"""Of the RMS radiance: what weights in single precision may leave below 0."""
 Interleave = Literal["bsq", "bil", "bip"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CubeHead:
-    """What is known of a cube before any of its values is read.
+    """What is known of a cube before its values are read.
 
     Parameters
     ----------
     name
-        What to call it in messages: its file.
+        The cube's name in messages: its file.
     shape
         (rows, cols, bands).
     wavelength_nm
-        (bands,) in the order of the bands; whether they increase is checked when the cube is reduced.
+        (bands,) in the order of the bands; the reduction checks that they increase.
     quantity
         What the values are: see `photosite.scene.units.Quantity`.
     light
-        (bands,) photons/s/sr/m2/nm from a perfect white, where the file says so.
+        (bands,) photons/s/sr/m2/nm from a perfect white, where the file gives it.
     distance_m, width_m
-        Of the scene, where the file says so.
+        Of the scene, where the file gives them.
     title
-        The scene's own name, where the file says so.
+        The scene's own name, where the file gives it.
     """
 
     name: str
@@ -60,20 +56,22 @@ class CubeHead:
     title: str | None = None
 
     def __post_init__(self) -> None:
-        if len(self.wavelength_nm) != self.shape[2]:
+        bands = self.shape[2]
+        if len(self.wavelength_nm) != bands:
             raise FileError(
                 self.name,
-                f"has {self.shape[2]} bands and {len(self.wavelength_nm)} wavelengths; give one for each band "
-                "(wavelength_nm=[...])",
+                f"has {bands} bands and {len(self.wavelength_nm)} wavelengths",
+                hint="Pass one for each band: {wavelength_nm}",
+                arguments={"wavelength_nm": [400, 410, 420]},
             )
-        if self.light is not None and self.light.shape != (self.shape[2],):
-            raise FileError(self.name, f"has a light of {self.light.size} values for {self.shape[2]} bands")
+        if self.light is not None and self.light.shape != (bands,):
+            raise FileError(self.name, f"has a light of {self.light.size} values for {bands} bands")
         if 0 in self.shape:
             raise FileError(self.name, f"is empty: {self.shape} rows, columns and bands")
 
 
 class SpectralCube(Protocol):
-    """What the reduction asks of a cube; the first five are a `CubeHead`'s."""
+    """A cube as the reduction reads it; all attributes are those of `CubeHead`."""
 
     @property
     def name(self) -> str: ...
@@ -93,23 +91,23 @@ class SpectralCube(Protocol):
     def title(self) -> str | None: ...
 
     def blocks(self, rows: int) -> Iterator[Block]:
-        """All rows in order, at most so many at a time, in SI; NaN where the file says that it has no data.
+        """Yield all rows in order, at most `rows` at a time, in SI; NaN where the file has no data.
 
-        A block may be overwritten by the next one.
+        The next block may overwrite the previous one.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArrayCube(CubeHead):
-    """A cube whose values are in memory, or in something that is sliced like an array.
+    """A cube whose values are in memory, or in an object that is sliced like an array.
 
     Parameters
     ----------
     values
         (rows, cols, bands).
     scale
-        Times a value gives SI; one number or one per band.
+        Factor from a value to SI; one number or one per band.
     """
 
     values: Any
@@ -123,26 +121,26 @@ class ArrayCube(CubeHead):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RawCube(CubeHead):
-    """A cube of plain numbers in a file, read piece by piece: nothing of it is mapped, so that memory stays as it is.
+    """A cube of plain numbers in a file, read block by block without mapping it, so that memory stays bounded.
 
     Parameters
     ----------
     path
         The file.
     dtype
-        Of the numbers, byte order included.
+        Type of the numbers, byte order included.
     interleave
         "bsq" (band after band), "bil" (row after row, in it band after band), "bip" (spectrum after spectrum).
     offset
         Bytes before the first number.
     band_offsets
-        Where bands lie apart ("bsq" only): the first byte of each, in place of `offset`.
+        First byte of each band, where bands are apart ("bsq" only); replaces `offset`.
     scale
-        Times a number gives SI; one for all or one per band.
+        Factor from a number to SI; one for all or one per band.
     no_data
-        The number that stands for none.
+        The number that marks a missing value.
     keep
-        The temporary folder that the file is in, which lives as long as the cube.
+        The temporary folder that the file is in, kept as long as the cube.
     """
 
     path: Path
@@ -166,32 +164,32 @@ class RawCube(CubeHead):
         rows = min(rows, total)
         by_band = self.interleave != "bip"
         values = np.empty((bands, rows, cols) if by_band else (rows, cols, bands))
-        room = np.empty((cols * rows * bands,), self.dtype)
+        buffer = np.empty((cols * rows * bands,), self.dtype)
         scale = np.broadcast_to(np.asarray(self.scale, np.float64), (bands,))
         with self.path.open("rb", buffering=0) as file:
             for first in range(0, total, rows):
                 count = min(rows, total - first)
-                raw = self._read(file, room, first, count)
+                raw = self._read(file, buffer, first, count)
                 block = values[:, :count] if by_band else values[:count]
-                with np.errstate(over="ignore"):  # what becomes infinite is refused where it is looked at
+                with np.errstate(over="ignore"):  # the reduction refuses infinite values
                     np.multiply(raw, scale[:, None, None] if by_band else scale, out=block)
                 if self.no_data is not None:
                     block[raw == self.no_data] = np.nan
                 yield first, (np.moveaxis(block, 0, 2) if by_band else block)
 
-    def _read(self, file: Any, room: NDArray[Any], first: int, count: int) -> NDArray[Any]:
-        """(bands, count, cols), or of "bip" (count, cols, bands), as stored."""
+    def _read(self, file: Any, buffer: NDArray[Any], first: int, count: int) -> NDArray[Any]:
+        """(bands, count, cols), or for "bip" (count, cols, bands), as stored."""
         total, cols, bands = self.shape
         size = self.dtype.itemsize
         if self.interleave == "bsq":
-            raw = room[: bands * count * cols].reshape(bands, count, cols)
+            raw = buffer[: bands * count * cols].reshape(bands, count, cols)
             for band in range(bands):
                 begin = self.offset + band * total * cols * size
                 if self.band_offsets is not None:
                     begin = self.band_offsets[band]
                 self._fill(file, begin + first * cols * size, raw[band])
             return raw
-        flat = room[: bands * count * cols]
+        flat = buffer[: bands * count * cols]
         self._fill(file, self.offset + first * cols * bands * size, flat)
         if self.interleave == "bil":
             return flat.reshape(count, bands, cols).transpose(1, 0, 2)
@@ -200,18 +198,18 @@ class RawCube(CubeHead):
     def _fill(self, file: Any, begin: int, part: NDArray[Any]) -> None:
         view = memoryview(part.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
         file.seek(begin)
-        got = 0
-        while got < len(view):
-            more = file.readinto(view[got:])
+        done = 0
+        while done < len(view):
+            more = file.readinto(view[done:])
             if not more:
                 raise FileError(
-                    self.name, f"is truncated: it ends at byte {begin + got}, within a cube of {self.shape} values"
+                    self.name, f"is truncated: it ends at byte {begin + done}, within a cube of {self.shape} values"
                 )
-            got += more
+            done += more
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PickedBands(CubeHead):
+class SelectedBands(CubeHead):
     """Some bands of a cube.
 
     Parameters
@@ -219,7 +217,7 @@ class PickedBands(CubeHead):
     whole
         The cube.
     bands
-        (n,) indices of its bands, in their order.
+        (n,) indices of the bands, in their order.
     """
 
     whole: SpectralCube
@@ -227,7 +225,7 @@ class PickedBands(CubeHead):
 
     @property
     def path(self) -> Path:
-        """The file that the values are read from."""
+        """The file that holds the values."""
         return Path(getattr(self.whole, "path", self.name))
 
     def blocks(self, rows: int) -> Iterator[Block]:
@@ -236,31 +234,26 @@ class PickedBands(CubeHead):
             yield first, block[:, :, self.bands]
 
 
-def picked(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
-    """Some bands of a cube.
+def select_bands(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
+    """Return a cube of some bands; the cube itself where all are wanted.
 
     Parameters
     ----------
     cube
         The cube.
     wanted
-        (bands,) whether each is one of them.
-
-    Returns
-    -------
-    SpectralCube
-        The cube itself where all are wanted.
+        (bands,) whether to keep each band.
 
     Raises
     ------
     FileError
-        If none is.
+        If no band is left.
 
     Examples
     --------
     >>> whole = ArrayCube(name="pair", shape=(1, 1, 2), wavelength_nm=np.array([500.0, 900.0]),
     ...                   quantity="relative", values=np.array([[[1.0, 2.0]]]))
-    >>> cube = picked(whole, whole.wavelength_nm < 800)
+    >>> cube = select_bands(whole, whole.wavelength_nm < 800)
     >>> cube.wavelength_nm.tolist(), [block.tolist() for _, block in cube.blocks(8)]
     ([500.0], [[[[1.0]]]])
     """
@@ -268,9 +261,11 @@ def picked(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
         return cube
     if not wanted.any():
         grid = cube.wavelength_nm
-        raise FileError(cube.name, f"has no band left of those from {grid.min():g} to {grid.max():g} nm; choose others")
+        raise FileError(
+            cube.name, f"no band is left of those from {grid.min():g} to {grid.max():g} nm", hint="Choose another range"
+        )
     rows, cols, _ = cube.shape
-    return PickedBands(
+    return SelectedBands(
         name=cube.name,
         shape=(rows, cols, int(wanted.sum())),
         wavelength_nm=np.asarray(cube.wavelength_nm, np.float64)[wanted],
@@ -285,68 +280,9 @@ def picked(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
 
 
 def release(cube: SpectralCube) -> None:
-    """Remove what was laid out for a cube in temporary folders; it cannot be read any more."""
+    """Remove a cube's temporary folders; it cannot be read afterwards."""
     for inner in ("whole", "coefficients"):
         if (within := getattr(cube, inner, None)) is not None:
             release(within)
     if (folder := getattr(cube, "keep", None)) is not None:
         folder.close()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SceneCube(CubeHead):
-    """The radiance of a scene, sample by sample: what cube files are written from.
-
-    What a scene of few spectra has below 0 is 0 here, which is closer to what the scene was made from.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    """
-
-    scene: Scene
-
-    def blocks(self, rows: int) -> Iterator[Block]:
-        """See `SpectralCube`.
-
-        Raises
-        ------
-        InputError
-            After the last block: if more of the radiance is below 0 than the scene's own error explains.
-        """
-        below = power = 0.0
-        for first in range(0, self.shape[0], rows):
-            weights = self.scene.weights[:, first : first + rows].astype(np.float64)
-            radiance = np.tensordot(self.scene.basis.T, weights, axes=1)
-            power += float(np.vdot(radiance, radiance))
-            negative = np.minimum(radiance, 0.0)
-            below += float(np.vdot(negative, negative))
-            yield first, np.moveaxis(np.maximum(radiance, 0.0, out=radiance), 0, 2)
-        if below > (self.scene.relative_error + _ROUNDING) ** 2 * power:
-            raise InputError(
-                f"the scene '{self.name}' has a negative radiance somewhere, of {np.sqrt(below / power):.1e} of its "
-                "RMS; its weights and basis must make radiances of 0 or more"
-            )
-
-
-def cube_of_scene(scene: Scene) -> SceneCube:
-    """The scene's photon radiance as a cube.
-
-    Examples
-    --------
-    >>> cube = cube_of_scene(Scene.uniform([1e14, 2e14], [500, 600]))
-    >>> cube.shape, [block.tolist() for _, block in cube.blocks(8)]
-    ((1, 1, 2), [[[[100000000000000.0, 200000000000000.0]]]])
-    """
-    return SceneCube(
-        name=scene.name,
-        shape=(*scene.shape, scene.wavelength_nm.size),
-        wavelength_nm=scene.wavelength_nm,
-        quantity="photon radiance",
-        light=None if scene.reflectance is None else scene.light(),
-        distance_m=scene.distance_m,
-        width_m=scene.width_m,
-        title=scene.name,
-        scene=scene,
-    )

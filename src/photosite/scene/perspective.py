@@ -1,4 +1,4 @@
-"""A flat chart seen from the side: where its points fall in a frame, and the scene that a camera then sees."""
+"""A flat chart in perspective: the positions of its points in a frame, and the scene of it."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from photosite.scene.scene import Scene
 from photosite.values.region import ROUNDING_PX, Corners, Patch, Quadrilateral, turning
 
 SAMPLES_PER_PATCH = 32
-"""Samples of a seen chart on the shorter side of its smallest patch: what a border between patches is blurred by."""
+"""Samples on the shorter side of the smallest patch in perspective; a border is blurred by one sample."""
 
 _MOST_SAMPLES = 1e6
-"""Of a seen chart, for its weights to fit in memory; where the chart is small in the frame, its borders blur more."""
+"""Limits the memory of the weights; a chart that is small in the frame gets more blurred borders."""
 
 _CELLS = 4
-"""A sample is the mean over so many points on each axis."""
+"""Points per axis that a sample is the mean of."""
 
 
 @dataclass(frozen=True, eq=False)
 class Homography:
-    """A projective map of one plane to another, as a camera's without distortion maps a flat chart to its frame.
+    """A projective map of a plane to another, such as of a flat chart to the frame of a camera without distortion.
 
     Parameters
     ----------
     matrix
-        (3, 3): (a, b, 1) of the one plane becomes a multiple of (a', b', 1) of the other.
+        (3, 3): maps (a, b, 1) of one plane to a multiple of (a', b', 1) of the other.
 
     Notes
     -----
@@ -41,17 +41,17 @@ class Homography:
 
     @classmethod
     def between(cls, source: ArrayLike, target: ArrayLike) -> Homography:
-        """The map that carries four points to four others, or, for more, the one of least algebraic error.
+        """Return the map of four points to four others; for more points, the one of least algebraic error.
 
         Parameters
         ----------
         source, target
-            (points, 2) each, four or more; no three of four in a line.
+            (points, 2) each, four or more; no three of four on a line.
 
         Raises
         ------
         InputError
-            If there are too few points, or they lie in a line.
+            If there are too few points, or they are on a line.
 
         Examples
         --------
@@ -63,9 +63,7 @@ class Homography:
         """
         one, other = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
         if one.ndim != 2 or one.shape != other.shape or one.shape[1] != 2 or len(one) < 4:
-            raise InputError(
-                f"a perspective needs four points or more in each plane, not {one.shape} and {other.shape}"
-            )
+            raise InputError("target", value=other.shape, expected=f"four or more points, as source {one.shape}")
         scale_one, scale_other = _centring(one), _centring(other)
         (a, b), (c, d) = _apply(scale_one, one).T, _apply(scale_other, other).T
         nil, unit = np.zeros_like(a), np.ones_like(a)
@@ -77,16 +75,16 @@ class Homography:
         )
         _, size, directions = np.linalg.svd(rows)
         if size[7] < 1e-9 * size[0]:
-            raise InputError("the points of a perspective lie in a line; give corners that span an area")
+            raise InputError("source", expected="points that span an area, not on one line")
         return cls(np.asarray(np.linalg.inv(scale_other) @ directions[-1].reshape(3, 3) @ scale_one))
 
     @property
     def inverse(self) -> Homography:
-        """The way back."""
+        """The inverse map."""
         return Homography(np.asarray(np.linalg.inv(self.matrix)))
 
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
-        """(..., 2) points mapped."""
+        """Return mapped points (..., 2)."""
         return _apply(self.matrix, np.asarray(points, dtype=np.float64))
 
 
@@ -96,7 +94,7 @@ def _apply(matrix: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[
 
 
 def _centring(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3): moves the points' middle to 0 and scales them to unit size, for rounding's sake (Hartley)."""
+    """(3, 3): centres the points and scales them to unit size, against rounding errors (Hartley)."""
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
     scale = 1.0 / size if size > 0 else 1.0
@@ -104,33 +102,37 @@ def _centring(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
-    """Whether four corners can be those of a chart in a frame of (rows, cols) pixels.
+    """Check the four corners of a chart in a frame of (rows, cols) pixels.
 
     Raises
     ------
     InputError
-        If they are not finite, lie outside the frame, or do not go round a convex shape.
+        If they are not finite, are outside the frame, or are not the corners of a convex shape in order.
     """
     points = np.asarray(corners, dtype=np.float64)
     if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise InputError(f"a chart has four corners, each row,col in pixels, not {corners}")
+        raise InputError("corners", value=corners, expected="four of (row, col) in pixels")
     outside = (points < -ROUNDING_PX) | (points > np.asarray(shape) + ROUNDING_PX)
     if outside.any():
         worst = points[outside.any(axis=1)][0]
         raise InputError(
-            f"the chart's corner {worst[0]:g},{worst[1]:g} lies outside the frame of {shape[0]} x {shape[1]} pixels; "
-            "corners are row,col, rows counted from the top"
+            "corners",
+            value=(float(worst[0]), float(worst[1])),
+            expected=f"within the frame of {shape[0]} x {shape[1]} pixels",
+            hint="Give row,col with rows counted from the top",
         )
     turns = turning(corners)
     if not (turns.min() > 0 or turns.max() < 0):
         raise InputError(
-            "the chart's corners do not go round a convex shape; give them in order: top left, top right, bottom "
-            "right, bottom left"
+            "corners",
+            value=corners,
+            expected="the corners of a convex shape in order",
+            hint="Give top left, top right, bottom right, bottom left",
         )
 
 
 def field_corners(chart: Scene) -> Corners:
-    """The corners of a chart's field of patches, in samples: top left, top right, bottom right, bottom left.
+    """Return the corners of a chart's patches in samples: top left, top right, bottom right, bottom left.
 
     Parameters
     ----------
@@ -146,22 +148,22 @@ def field_corners(chart: Scene) -> Corners:
     lit = np.any(chart.weights != 0, axis=0)
     rows, cols = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
     if not rows.size:
-        raise InputError("a chart without light has no corners")
+        raise InputError("a dark chart has no corners")
     top, bottom, left, right = float(rows[0]), float(rows[-1] + 1), float(cols[0]), float(cols[-1] + 1)
     return (top, left), (top, right), (bottom, right), (bottom, left)
 
 
 def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrilateral, ...]:
-    """Where a chart's patches lie in a frame: the inner part of each.
+    """Return the inner parts of a chart's patches in a frame.
 
     Parameters
     ----------
     chart
         A chart with regions, facing the camera.
     corners
-        Of its field of patches in the frame, as `field_corners` orders them.
+        Of its patches in the frame, in the order of `field_corners`.
     inner
-        Part of each patch's side that is taken, about its middle; above 0, at most 1.
+        Part of each patch's side to keep, around its centre; above 0, at most 1.
 
     Examples
     --------
@@ -171,7 +173,7 @@ def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrila
     (24, 'dark skin')
     """
     if not 0 < inner <= 1:
-        raise InputError(f"the inner part of a patch is above 0 and at most 1, not {inner}")
+        raise InputError("inner", value=inner, expected="above 0 and at most 1")
     view = Homography.between(field_corners(chart), corners)
     found = []
     for region in chart.regions:
@@ -184,7 +186,7 @@ def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrila
 
 
 def _whole_patch(chart: Scene, region: Patch) -> tuple[int, int, int, int]:
-    """First and last row and column of the patch that a region lies in, the last excluded."""
+    """First and last row and column of the patch around a region, the last excluded."""
     row, col = (region.r0 + region.r1) // 2, (region.c0 + region.c1) // 2
     colour = chart.weights[:, row, col]
     alike = (chart.weights == colour[:, None, None]).all(axis=0)
@@ -193,24 +195,24 @@ def _whole_patch(chart: Scene, region: Patch) -> tuple[int, int, int, int]:
 
 
 def _run(alike: NDArray[np.bool_], at: int) -> tuple[int, int]:
-    """The run of true entries about one of them."""
+    """The run of true entries around one of them."""
     changes = np.flatnonzero(~alike)
     before, after = changes[changes < at], changes[changes > at]
     return int(before[-1]) + 1 if before.size else 0, int(after[0]) if after.size else alike.size
 
 
 def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int], *, pixel_aspect: float = 1.0) -> Scene:
-    """The scene of a chart whose field of patches has given corners in the frame, and black around it.
+    """Return the scene of a chart whose patches have given corners in the frame, with black around it.
 
-    Its samples are pixels or squares of pixels, each the mean of the chart over its area, fine enough that the inner
-    part of a patch is of one colour.
+    Its samples are pixels or squares of pixels, each the mean of the chart over its area, small enough that the inner
+    part of a patch has one colour.
 
     Parameters
     ----------
     chart
         The chart, facing the camera.
     corners
-        Of its field of patches in the frame, as `field_corners` orders them.
+        Of its patches in the frame, in the order of `field_corners`.
     frame_shape
         (rows, cols) of the frame, in pixels.
     pixel_aspect
@@ -224,11 +226,11 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
     Raises
     ------
     InputError
-        If the corners cannot be.
+        If the corners are invalid.
 
     Notes
     -----
-    The chart's radiance does not change with the angle it is seen from: its patches are taken as matte.
+    The chart's radiance does not depend on the viewing angle: its patches are matte.
 
     Examples
     --------
@@ -258,14 +260,14 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
 
 
 def _labels(chart: Scene) -> NDArray[np.intp]:
-    """(rows, cols): 1 + which spectrum a sample shows, 0 for none."""
+    """(rows, cols): 1 + the index of a sample's spectrum, 0 for black."""
     if not np.isin(chart.weights, (0.0, 1.0)).all() or (chart.weights.sum(axis=0) > 1).any():
-        raise InputError("a chart in perspective shows one spectrum at each sample, evenly lit")
+        raise InputError("chart", expected="evenly lit, with one spectrum in each sample")
     return np.where(chart.weights.any(axis=0), chart.weights.argmax(axis=0) + 1, 0)
 
 
 def _looked_up(labels: NDArray[np.intp], at: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The labels at (..., 2) points of the chart; 0 beyond it."""
+    """The labels at (..., 2) points of the chart; 0 outside it."""
     row, col = np.floor(at[..., 0]), np.floor(at[..., 1])
     on = (row >= 0) & (row < labels.shape[0]) & (col >= 0) & (col < labels.shape[1])
     found = np.zeros(row.shape, dtype=np.intp)

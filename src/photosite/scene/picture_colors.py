@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colour_science import colour_science
 from photosite.errors import InputError, did_you_mean
+from photosite.values.validated import check_choice
 
 Array = NDArray[np.float64]
 
+Method = Literal["mallett-yuksel", "jakob-hanika"]
 OutOfGamut = Literal["refuse", "clip"]
 
 SPACES: dict[str, str] = {
@@ -210,18 +212,6 @@ def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) ->
     return np.asarray(adapt @ to_xyz, dtype=np.float64)
 
 
-def check_out_of_gamut(said: object) -> None:
-    """Refuse what is no `OutOfGamut`.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    if said not in get_args(OutOfGamut):
-        raise InputError(f"out_of_gamut is 'refuse' or 'clip', not {said!r:.40}")
-
-
 def srgb_weights(
     codes: NDArray[Any], space: str, *, linear: bool, out_of_gamut: OutOfGamut, highest: float = 1.0
 ) -> NDArray[np.float32]:
@@ -251,7 +241,7 @@ def srgb_weights(
     >>> srgb_weights(codes, "sRGB", linear=False, out_of_gamut="refuse").ravel().round(4)
     array([0.    , 0.2159, 1.    ], dtype=float32)
     """
-    check_out_of_gamut(out_of_gamut)
+    check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     bounded = bool(np.isfinite(highest))
     to_linear = _linear(codes, _known(space), linear)
     weights = np.empty((3, *codes.shape[:2]), np.float32)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +16,10 @@ from photosite.color.colour_science import colour_science
 from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, photons_from_energy, wavelength_grid
 from photosite.color.tristimulus import luminance_cd_m2
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import InputError
 from photosite.scene.picture_colors import (
+    Method,
     OutOfGamut,
-    check_out_of_gamut,
     checked_picture,
     display_values,
     linear_srgb_of,
@@ -28,8 +27,7 @@ from photosite.scene.picture_colors import (
 )
 from photosite.scene.raised import raised
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
-
-Method = Literal["mallett-yuksel", "jakob-hanika"]
+from photosite.values.validated import check_choice
 
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
 """The grid of the basis reflectances. On one of 10 nm the spiky D65 alone turns a raised red by a CIEDE2000 of 0.6;
@@ -74,24 +72,6 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
             f"not from {grid[0]:g} to {grid[-1]:g} nm"
         )
     return np.stack([np.interp(grid, table, row) for row in values])
-
-
-def check_method(method: object) -> None:
-    """Refuse what is no `Method`.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-
-    Examples
-    --------
-    >>> check_method("jakob-hannika")
-    Traceback (most recent call last):
-    photosite.errors.InputError: no method 'jakob-hannika'; did you mean 'jakob-hanika'?
-    """
-    if method not in get_args(Method):
-        raise InputError(f"no method '{method!s:.40}'; {did_you_mean(str(method), get_args(Method))}")
 
 
 def from_rgb(
@@ -165,8 +145,8 @@ def from_rgb(
     ((3, 4, 6), 0.25)
     """
     grid = wavelength_grid(wavelength_nm)
-    check_method(method)
-    check_out_of_gamut(out_of_gamut)
+    check_choice("method", method, Method)
+    check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     codes = checked_picture(picture, out_of_gamut)
     if not codes.any():
         raise InputError("a black picture cannot be given a luminance: all its values are 0")

@@ -1,4 +1,4 @@
-"""Where a scene's samples fall on a grid of pixels."""
+"""The position of a scene's samples on a grid of pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from photosite.values.region import Region
 class Placement:
     """An upright scene on a grid of pixels: sample coordinate = start + step * pixel coordinate, on each axis.
 
-    Coordinates run over borders: pixel i covers i to i + 1. Beyond its border the scene repeats its border samples.
+    Coordinates are from border to border: pixel i covers i to i + 1. Outside its border the scene repeats its border
+    samples.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ class Placement:
     shape: tuple[int, int]
 
     def regions(self, sample_regions: Iterable[Region]) -> tuple[Region, ...]:
-        """The same regions in pixels: the whole pixels inside them, cut at the frame.
+        """Return regions in pixels: the whole pixels inside them, within the frame.
 
         Raises
         ------
@@ -48,7 +49,7 @@ class Placement:
         return self.whole_pixels(region.name, (rows[0], rows[1]), (cols[0], cols[1]))
 
     def whole_pixels(self, name: str, rows: tuple[float, float], cols: tuple[float, float]) -> Region:
-        """The pixels that lie wholly between two rows and two columns, which are given in pixels; cut at the frame.
+        """Return the whole pixels between two rows and two columns in pixels, within the frame.
 
         Raises
         ------
@@ -59,14 +60,14 @@ class Placement:
         c0, c1 = self._inside(*cols, self.shape[1])
         if r0 >= r1 or c0 >= c1:
             raise InputError(
-                f"region '{name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame; "
-                "use a larger frame or a scene that fills it"
+                f"region '{name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame",
+                hint="Use a larger frame or a scene that fills it",
             )
         return Region(name, r0, r1, c0, c1)
 
     @staticmethod
     def _inside(low: float, high: float, size: int) -> tuple[int, int]:
-        # The 1e-9 keeps a border that falls on a pixel's border, but for rounding, on it.
+        # 1e-9 absorbs rounding where a border is on a pixel's border.
         first, end = math.ceil(low - 1e-9), math.floor(high + 1e-9)
         return max(first, 0), min(end, size)
 

@@ -1,4 +1,4 @@
-"""What a scene looks like to the standard observer: a picture of its radiance, without a camera."""
+"""Preview of a scene for the standard observer, without a camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STRIP = 256
 
 
 def tristimulus(scene: Scene) -> NDArray[np.float32]:
-    """(rows, cols, 3): CIE 1931 tristimulus values of every sample, Y in cd/m2.
+    """Return the CIE 1931 tristimulus values (rows, cols, 3) of every sample, Y in cd/m2.
 
     Examples
     --------
@@ -34,18 +34,18 @@ def tristimulus(scene: Scene) -> NDArray[np.float32]:
 def preview(
     scene: Scene, white_cd_m2: float | None = None, *, white_xy: tuple[float, float] | None = None
 ) -> NDArray[np.float32]:
-    """(rows, cols, 3) display sRGB, 0 to 1, of a scene as an eye adapted to its light would see it.
+    """Return display sRGB (rows, cols, 3), 0 to 1, of a scene as an eye adapted to its light would see it.
 
     Parameters
     ----------
     scene
         The scene.
     white_cd_m2
-        Luminance that becomes display white; more is white too. None: that of the brightest 1 % of samples, or of the
-        brightest one where these are dark.
+        Luminance of display white; brighter samples are white too. None: that of the brightest 1 % of samples, or of
+        the brightest one where these are dark.
     white_xy
-        Chromaticity that becomes display white, by von Kries' adaptation in CAT02. None: that of the scene's light, or
-        of its mean where the light is not known.
+        Chromaticity of display white, by von Kries adaptation in CAT02. None: that of the scene's light, or of its mean
+        where the light is not known.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def preview(
 
     Notes
     -----
-    For looking at: what a display cannot show (colours outside sRGB, light above white) is cut off.
+    Colours outside sRGB and light above white are clipped.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def preview(
     luminance = values[..., 1]
     white = float(np.quantile(luminance, 0.99) or luminance.max()) if white_cd_m2 is None else white_cd_m2
     if not white > 0:
-        raise InputError("a scene without light has no picture; give it a luminance, or say which one is white")
+        raise InputError("white_cd_m2", value=white, expected="above 0; the scene is dark")
     adapted = _adapted_to(scene, values) if white_xy is None else colour.xy_to_XYZ(white_xy)
     d65 = colour.xy_to_XYZ(colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"])
     adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(adapted / adapted[1], d65, transform="CAT02")
@@ -78,9 +78,9 @@ def preview(
 
 
 def _adapted_to(scene: Scene, values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(3,) tristimulus values of the scene's light, where it is known and to be seen; else of the mean sample."""
+    """(3,) tristimulus values of the scene's light, where it is known and visible; else of the mean sample."""
     if scene.reflectance is not None:
-        # 0 at wavelengths that nothing reflects; where those are all that the eye sees, the mean has to do.
+        # The light is 0 at wavelengths that nothing reflects; without any visible ones, use the mean.
         light = xyz(scene.light(), scene.wavelength_nm)
         if light.min() > 0:
             return light

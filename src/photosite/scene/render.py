@@ -1,15 +1,14 @@
-"""Scenes from a renderer: Mitsuba 3 renders, band by band, what photosite's cameras then see.
+"""Scenes rendered by Mitsuba 3, band by band.
 
-What Mitsuba calls spectral radiance is taken as W/sr/m2/nm: the unit of its `blackbody`, and of any emitter whose
-spectrum is given in it. Its own film would turn spectra to colour; a rendering here has one sample per pixel, band and
-square of the scene, and nothing else is done to it.
+Mitsuba's spectral radiance is W/sr/m2/nm: the unit of its `blackbody`, and of any emitter whose spectrum is given in it.
+Mitsuba's default film converts spectra to colour; here a film records the radiance of each pixel in each band.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -24,33 +23,31 @@ from photosite.errors import FileError, InputError, PhotositeWarning, did_you_me
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduce import reduce_cube
+from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
 
 VARIANTS = ("scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral")
-"""Of Mitsuba, that render spectra. The first needs nothing beside Mitsuba; the others need LLVM or an NVIDIA GPU."""
+"""Variants of Mitsuba that render spectra. The first needs Mitsuba alone; the others need LLVM or an NVIDIA GPU."""
 
 RENDER_WAVELENGTH_NM: NDArray[np.float64] = np.arange(400.0, 701.0, 10.0)
 RENDER_WAVELENGTH_NM.flags.writeable = False
 
 EXAMPLE = Path(__file__).parent / "examples" / "still_life.xml"
-"""A table of painted things under a lamp of 3200 K, in metres and W/sr/m2/nm."""
+"""Painted objects on a table under a lamp of 3200 K, in metres and W/sr/m2/nm."""
 
 _LANES = 4
-"""Wavelengths that Mitsuba carries along a path, a quarter of the film's range apart."""
+"""Wavelengths per path in Mitsuba, a quarter of the film's range apart."""
 _EDGE = 1 / 2000
-"""Width of a band's edge, of the band: a path near one counts for both bands in part."""
+"""Width of a band's edge relative to the band: a path near an edge counts partly for both bands."""
 _FILM_KEEPS = {"width", "height", "crop_offset_x", "crop_offset_y", "crop_width", "crop_height"}
 _FILM_KNOWS = _FILM_KEEPS | {"file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner"}
 """Properties of Mitsuba's films; any other is a misspelling, unless it is an object (a filter, a response)."""
 _NO_SCALE = {"d65", "srgb_d65", "envmap", "sunsky", "sky", "sun"}
 
-Progress = Callable[[int, int, str], object]
-"""Told (done, total, what)."""
-
 
 @dataclass(frozen=True)
 class _View:
-    """What a rendering's camera sees, in scene units."""
+    """Distance and field of view of the rendering's camera, in scene units."""
 
     distance: float | None
     width_at_1: float | None
@@ -73,7 +70,7 @@ def render_mitsuba(
     tolerance: float = 1e-3,
     progress: Progress | None = None,
 ) -> Scene:
-    """A scene that Mitsuba 3 renders.
+    """Render a scene with Mitsuba 3.
 
     Parameters
     ----------
@@ -85,11 +82,11 @@ def render_mitsuba(
     spp
         Paths per pixel and group of four bands.
     seed
-        Of the paths. All groups use the same, so that noise changes the brightness of a sample and not its hue.
+        Of the paths. All groups use the same seed, so that noise changes the brightness of a sample, not its hue.
     rows, cols
-        Of the picture; None as the scene's film says.
+        Of the picture; None: those of the scene's film.
     sensor
-        Which of the scene's cameras.
+        Index of the camera in the scene.
     variant
         Of Mitsuba: "scalar_spectral", "llvm_ad_spectral" or "cuda_ad_spectral".
     parameters
@@ -97,33 +94,33 @@ def render_mitsuba(
     unit_m
         Metres in a unit of the scene.
     distance_m
-        From the lens to the scene. None: where the scene's camera is focused, or what it sees in the middle of the
-        picture, or 1.2 m where there is nothing.
+        From the lens to the scene. None: the focus distance of the scene's camera; else the distance of the object in
+        the centre of the picture; else 1.2 m.
     mean_luminance_cd_m2
-        To scale the scene to; for lights that have no absolute scale (RGB, D65, environment pictures).
+        Mean luminance to scale the scene to, for lights without an absolute scale (RGB, D65, environment pictures).
     tolerance
-        Largest RMS error of the radiance relative to its RMS that the reduction to few spectra may make.
+        Largest RMS error of the radiance, relative to its RMS, of the reduction to few basis spectra.
     progress
-        Told how far it is, in bands.
+        Called with the bands done.
 
     Returns
     -------
     Scene
-        Its width is what the camera's field of view spans at the distance.
+        Its width is that of the camera's field of view at the distance.
 
     Raises
     ------
     InputError
-        If the extra is missing, or a parameter cannot be.
+        If the extra `render` is not installed, or a parameter is invalid.
     FileError
-        If the scene file is missing or Mitsuba refuses it, or the rendering has values that are no numbers.
+        If the scene file is missing or Mitsuba rejects it, or the rendering has values that are NaN or infinite.
 
     Notes
     -----
     Film: `specfilm` with a box filter, a sample being the mean over its own square, and one box-shaped response per
-    band, whose integral over the radiance is divided by its width. Four bands side by side make one rendering:
-    Mitsuba spaces the four wavelengths of a path by a quarter of the range, so that each band gets one of every path
-    and none is left to chance. W. Jakob and others, Mitsuba 3, version 3.6 or later.
+    band, whose integral over the radiance is divided by its width. Four adjacent bands make one rendering:
+    Mitsuba spaces the four wavelengths of a path by a quarter of the range, so that every path has exactly one in each
+    band. W. Jakob and others, Mitsuba 3, version 3.6 or later.
 
     Examples
     --------
@@ -138,23 +135,24 @@ def render_mitsuba(
     >>> scene.shape, energy_from_photons(scene.radiance(0, 0), scene.wavelength_nm).round(3)
     ((4, 6), array([2., 2., 2.]))
     """
-    said = ReadOptions(distance_m=distance_m, mean_luminance_cd_m2=mean_luminance_cd_m2, tolerance=tolerance)
+    options = ReadOptions(distance_m=distance_m, mean_luminance_cd_m2=mean_luminance_cd_m2, tolerance=tolerance)
     grid, width_nm = _bands(wavelength_nm)
     for name, value in (("spp", spp), ("rows", rows), ("cols", cols)):
         if value is not None and value < 1:
-            raise InputError(f"{name} of a rendering is 1 or more, not {value}")
+            raise InputError(name, value=value, expected="1 or more")
     if not 0 <= seed < 1 << 32:
-        raise InputError(f"the seed of a rendering is from 0 to 4294967295, not {seed}")
+        raise InputError("seed", value=seed, expected="from 0 to 4294967295")
     if not (math.isfinite(unit_m) and unit_m > 0):
-        raise InputError(f"unit_m, the metres in a unit of the scene, must be above 0, not {unit_m}")
+        raise InputError("unit_m", value=unit_m, expected="above 0")
     if variant not in VARIANTS:
-        raise InputError(f"Mitsuba's variant '{variant}' renders no spectra; {did_you_mean(variant, VARIANTS)}")
+        hint = did_you_mean(variant, VARIANTS)
+        raise InputError("variant", value=variant, expected="a variant of Mitsuba that renders spectra", hint=hint)
     source = _Source(scene, parameters or {}, sensor)
     with _mitsuba(variant) as mitsuba, source.errors():
         values = np.concatenate(
             [
                 source.rendered(mitsuba, grid[first : first + _LANES], width_nm, (rows, cols), spp, seed)
-                for first in _told(range(0, grid.size, _LANES), grid.size, progress)
+                for first in _with_progress(range(0, grid.size, _LANES), grid.size, progress)
             ],
             axis=2,
         )
@@ -163,8 +161,10 @@ def render_mitsuba(
     if no_scale and mean_luminance_cd_m2 is None:
         warnings.warn(
             PhotositeWarning(
-                f"{source.name}: has light of '{', '.join(no_scale)}', which has no absolute scale; its numbers are "
-                "taken as W/sr/m2/nm; say how bright the scene is (mean_luminance_cd_m2)"
+                f"light of '{', '.join(no_scale)}' has no absolute scale; its values are read as W/sr/m2/nm",
+                where=source.name,
+                hint="Pass the luminance of the scene: {mean_luminance_cd_m2}",
+                arguments={"mean_luminance_cd_m2": 100},
             ),
             stacklevel=2,
         )
@@ -179,13 +179,13 @@ def render_mitsuba(
         title=Path(source.name).stem,
         values=values,
     )
-    return reduce_cube(cube, said)
+    return reduce_cube(cube, options).scene
 
 
 def example_scene(
     *, rows: int = 160, cols: int = 240, spp: int = 64, seed: int = 0, progress: Progress | None = None
 ) -> Scene:
-    """The example scene that comes with photosite, rendered: painted things on a table under a lamp of 3200 K.
+    """Render the built-in example: painted objects on a table under a lamp of 3200 K.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def example_scene(
     Raises
     ------
     InputError
-        If the extra is missing, or a parameter cannot be.
+        If the extra `render` is not installed, or a parameter is invalid.
     """
     return render_mitsuba(EXAMPLE, rows=rows, cols=cols, spp=spp, seed=seed, progress=progress)
 
@@ -206,11 +206,11 @@ def _bands(wavelength_nm: ArrayLike) -> tuple[NDArray[np.float64], float]:
         return grid, 10.0
     step = np.diff(grid)
     if not np.allclose(step, step[0], rtol=1e-6):
-        raise InputError("the wavelengths of a rendering lie in equal steps; give them so (400, 410, ...)")
+        raise InputError("wavelength_nm", expected="in equal steps, such as 400, 410, ...")
     return grid, float(step.mean())
 
 
-def _told(steps: range, total: int, progress: Progress | None) -> Iterator[int]:
+def _with_progress(steps: range, total: int, progress: Progress | None) -> Iterator[int]:
     for first in steps:
         yield first
         if progress is not None:
@@ -219,18 +219,19 @@ def _told(steps: range, total: int, progress: Progress | None) -> Iterator[int]:
 
 @contextmanager
 def _mitsuba(variant: str) -> Iterator[Any]:
-    """The library in a variant that renders spectra; afterwards in the variant it was in."""
+    """Mitsuba in a variant that renders spectra; the previous variant is restored afterwards."""
     try:
         import mitsuba
     except ImportError:
-        raise InputError("rendering needs the extra 'render': pip install 'photosite[render]'") from None
+        raise InputError("the extra 'render' is not installed", hint="pip install 'photosite[render]'") from None
     if variant not in mitsuba.variants():
-        raise InputError(f"this Mitsuba has no variant '{variant}'; it has {', '.join(mitsuba.variants())}")
+        known = ", ".join(mitsuba.variants())
+        raise InputError("variant", value=variant, expected=f"a variant of the installed Mitsuba ({known})")
     before = mitsuba.variant()
     try:
         mitsuba.set_variant(variant)
     except (ImportError, RuntimeError) as error:
-        raise InputError(f"Mitsuba's variant '{variant}' does not start: {_line(error)}; leave it out") from None
+        raise InputError(f"the variant '{variant}' of Mitsuba does not start: {_line(error)}") from None
     level = mitsuba.log_level()
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     try:
@@ -242,7 +243,7 @@ def _mitsuba(variant: str) -> Iterator[Any]:
 
 
 class _Source:
-    """A scene's description, rendered with a film for a few bands at a time."""
+    """The description of a scene, rendered a few bands at a time."""
 
     def __init__(
         self, scene: str | PathLike[str] | Mapping[str, Any], parameters: Mapping[str, object], sensor: int
@@ -255,21 +256,21 @@ class _Source:
         self.view = _View(None, None)
         if isinstance(self._scene, dict):
             if self._parameters:
-                raise InputError("parameters are for scene files; put the values into the dictionary")
+                raise InputError("parameters apply to scene files", hint="Write the values into the dictionary")
             if self._scene.get("type") != "scene":
-                raise InputError("a scene's dictionary has the entry 'type': 'scene'; it is missing")
+                raise InputError("scene", expected="a dictionary with the entry 'type': 'scene'")
         elif not Path(self._scene).is_file():
             raise FileError(self._scene, "cannot be read: there is no such file")
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """What Mitsuba says of the scene, as one line."""
+        """Raise Mitsuba's errors about the scene as one line."""
         try:
             yield
         except RuntimeError as error:
             if isinstance(self._scene, dict):
-                raise InputError(f"Mitsuba refuses the scene: {_line(error)}") from None
-            raise FileError(self._scene, f"Mitsuba refuses the scene: {_line(error)}") from None
+                raise InputError(f"Mitsuba rejects the scene: {_line(error)}") from None
+            raise FileError(self._scene, f"Mitsuba rejects the scene: {_line(error)}") from None
 
     def rendered(
         self,
@@ -284,12 +285,12 @@ class _Source:
         names = [f"band{k}" for k in range(_LANES)]
         loaded = self._loaded(mitsuba, names, float(centres_nm[0]), width_nm, shape)
         if not loaded.sensors():
-            raise InputError(f"{self.name}: has no camera; give it a sensor")
+            raise InputError("the scene has no camera", where=self.name, hint="Add a sensor")
         if not loaded.emitters():
-            raise InputError(f"{self.name}: has no light, and would be dark; give it an emitter")
+            raise InputError("the scene has no light", where=self.name, hint="Add an emitter")
         camera = loaded.sensors()[0]
         self.view = _view(mitsuba, loaded, camera)
-        # RGB numbers, and a lone number too, become multiples of D65 as emission.
+        # As emission, RGB values and single numbers become multiples of D65.
         if any("D65Spectrum" in str(emitter) for emitter in loaded.emitters()):
             self.plugins.add("d65")
         mitsuba.render(loaded, sensor=camera, spp=spp, seed=seed)
@@ -297,7 +298,7 @@ class _Source:
         channels = [field.name for field in bitmap.struct_()]
         values = np.array(bitmap, dtype=np.float32)[:, :, [channels.index(name) for name in names[: centres_nm.size]]]
         if not np.isfinite(values).all():
-            raise FileError(self.name, "renders to values that are no numbers; look for degenerate shapes or materials")
+            raise FileError(self.name, "renders to NaN or infinity", hint="Check for degenerate shapes or materials")
         return values / np.float32(width_nm)
 
     def _loaded(
@@ -316,7 +317,8 @@ class _Source:
         self.plugins = {node.props.plugin_name() for node in state.nodes}
         sensors = _nodes(mitsuba, state, "Sensor")
         if not 0 <= self._sensor < max(len(sensors), 1):
-            raise InputError(f"{self.name}: has {len(sensors)} cameras; sensor is 0 to {len(sensors) - 1}")
+            expected = f"from 0 to {len(sensors) - 1}, one of the scene's cameras"
+            raise InputError("sensor", where=self.name, value=self._sensor, expected=expected)
         for film in _nodes(mitsuba, state, "Film"):
             self._check_film(mitsuba, film.props)
             _as_spectral(mitsuba, film.props, names, first_nm, width_nm, shape)
@@ -324,11 +326,12 @@ class _Source:
         return loaded[0] if isinstance(loaded, list) else loaded
 
     def _check_film(self, mitsuba: Any, film: Any) -> None:
-        """Mitsuba itself looks for misspellings, but a film is altered before it can."""
+        """Refuse misspelled properties: the film is replaced before Mitsuba can check them."""
         kinds = mitsuba.Properties.Type
         for name in set(film.keys()) - _FILM_KNOWS:
             if film.type(name) not in (kinds.Object, kinds.Reference, kinds.ResolvedReference):
-                raise InputError(f"{self.name}: its film has no '{name}'; {did_you_mean(name, sorted(_FILM_KNOWS))}")
+                hint = did_you_mean(name, sorted(_FILM_KNOWS))
+                raise InputError(f"the film has no property '{name}'", where=self.name, hint=hint)
 
 
 def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
@@ -343,7 +346,7 @@ def _as_spectral(
     width_nm: float,
     shape: tuple[int | None, int | None],
 ) -> None:
-    """Make a film of any kind one that integrates radiance over bands, square by square."""
+    """Turn a film of any kind into one that integrates radiance over bands, pixel by pixel."""
     for name in list(film.keys()):
         if name not in _FILM_KEEPS or (name.startswith("crop") and shape != (None, None)):
             del film[name]
@@ -358,7 +361,7 @@ def _as_spectral(
 
 
 def _response(k: int, begin_nm: float, width_nm: float) -> dict[str, str]:
-    """1 in the k-th of four bands, 0 in the others; their sum is 1 from end to end, and each has a band's area."""
+    """1 in the k-th of four bands, 0 in the others; their sum is 1 everywhere, and each has a band's area."""
     low, high, half = begin_nm + k * width_nm, begin_nm + (k + 1) * width_nm, width_nm * _EDGE / 2
     rise = [(low, 1)] if k == 0 else [(low - half, 0), (low + half, 1)]
     fall = [(high, 1)] if k == _LANES - 1 else [(high - half, 1), (high + half, 0)]
@@ -371,11 +374,11 @@ def _response(k: int, begin_nm: float, width_nm: float) -> dict[str, str]:
 
 
 def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
-    """Distance along the axis, and what the field spans at a distance of 1."""
+    """Distance along the axis, and the width of the field at a distance of 1."""
     found = mitsuba.traverse(camera)
     span = None
     if "x_fov" in found:
-        part = _number(found["film.crop_size"]) / _number(found["film.size"])  # of the columns; the field is all
+        part = _number(found["film.crop_size"]) / _number(found["film.size"])  # cropped columns; the field of view is of all
         span = 2 * math.tan(math.radians(_number(found["x_fov"])) / 2) * part
     if "focus_distance" in found:
         return _View(_number(found["focus_distance"]), span)
@@ -383,18 +386,18 @@ def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
     hit = scene.ray_intersect(ray)
     if not np.isfinite(_number(hit.t)):
         return _View(None, span)
-    # The ray starts at the near clipping plane, and the middle of a cropped film looks aside.
+    # The ray starts at the near clipping plane, and the centre of a cropped film is off the axis.
     to_world = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
     depth = (np.array(hit.p, dtype=np.float64).ravel() - to_world[:3, 3]) @ to_world[:3, 2]
     return _View(float(depth), span)
 
 
 def _number(value: Any) -> float:
-    """The first number of a scalar, a point or an array of one of either, whatever the variant makes of it."""
+    """The first number of a scalar, a point, or an array of one, in any variant."""
     return float(np.asarray(value).ravel()[0])
 
 
 def _line(error: BaseException) -> str:
-    """The end of a message of several lines, where Mitsuba says what it is, on one."""
+    """The end of a message of several lines, where Mitsuba gives the cause, as one line."""
     lines = [line.strip(" -─╰╭│") for line in str(error).splitlines() if line.strip()]
     return " ".join(" ".join(lines).split())[-220:]

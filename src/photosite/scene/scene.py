@@ -13,24 +13,27 @@ from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import Rule, Spectrum, integration_weights, photons_from_energy, wavelength_grid
 from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
+from photosite.scene.cube import ArrayCube
+from photosite.scene.options import ReadOptions
+from photosite.scene.reduction import reduce_to_components, sorted_bands
 from photosite.scene.weights import checked_weights, component_means
 from photosite.values.region import Region
 
 DEFAULT_DISTANCE_M = 1.2
 
 _ONE_LIGHT = 1e-4
-"""Largest part of a basis that reflectance times one light may leave over: files keep spectra in few digits."""
+"""Largest part of a basis that reflectance times one light may leave over: files store spectra in few digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What stands in front of the camera: photon radiance `sum_k weights[k] * basis[k]`.
+    """What the camera sees: photon radiance `sum_k weights[k] * basis[k]`.
 
     Parameters
     ----------
     weights
-        (K, rows, cols) float32; signed weights are allowed, the radiance they make is not negative.
-        A sample is the mean over its own rectangle; the radiance is taken as constant within it.
+        (K, rows, cols) float32. Weights may be negative; the radiance that they make is not. A sample is the mean over
+        its own rectangle, and the radiance is constant within it.
     basis
         (K, wavelengths) photons/s/sr/m2/nm.
     wavelength_nm
@@ -38,18 +41,19 @@ class Scene:
     distance_m
         From the lens to the scene.
     width_m
-        Width of the scene at its distance. None: the scene fills the sensor, scaled evenly until it covers it.
+        Width of the scene at its distance. None: the scene is scaled evenly until it covers the sensor.
     regions
-        Named rectangles of samples, a chart's patches.
+        Named rectangles of samples, such as a chart's patches.
     name
-        What to call it.
+        Name of the scene.
     reflectance
-        (K, wavelengths) where one light falls on everything: the basis is the reflectance times that light's photons
-        from a perfect white. It lets the light be changed (`with_illuminant`). None where that is not known.
+        (K, wavelengths) where a single light falls on the whole scene: the basis is the reflectance times that light's
+        photons from a perfect white. `with_illuminant` needs it. None where it is not known.
     relative_error
         RMS error of the radiance relative to its RMS, where it was reduced from more spectra; 0 where it is exact.
     patches
-        Whether it is a chart whose luminance is said of its patches, the regions, and not of the black between them.
+        Whether the scene is a chart whose luminance is the mean of its patches, the regions, without the black between
+        them.
 
     Raises
     ------
@@ -81,22 +85,22 @@ class Scene:
         grid = wavelength_grid(self.wavelength_nm)
         if weights.ndim != 3 or 0 in weights.shape or basis.shape != (weights.shape[0], grid.size):
             raise InputError(
-                "a scene is weights (K, rows, cols) and basis (K, wavelengths): got weights "
-                f"{weights.shape}, basis {basis.shape}, {grid.size} wavelengths"
+                f"weights {weights.shape} and basis {basis.shape} do not fit {grid.size} wavelengths",
+                hint="Give weights (K, rows, cols) and basis (K, wavelengths)",
             )
         if not (finite and np.isfinite(basis).all()):
-            raise InputError("a scene's weights and basis must be finite; some are NaN or infinite")
-        if not (np.isfinite(self.distance_m) and self.distance_m > 0):
-            raise InputError(f"a scene's distance must be above 0 m, not {self.distance_m}")
-        if self.width_m is not None and not (np.isfinite(self.width_m) and self.width_m > 0):
-            raise InputError(f"a scene's width must be above 0 m, not {self.width_m}")
+            raise InputError("weights and basis must be finite; some values are NaN or infinite")
+        for name in ("distance_m", "width_m"):
+            value = getattr(self, name)
+            if not (value is None and name == "width_m") and not (np.isfinite(value) and value > 0):
+                raise InputError(name, value=value, expected="above 0")
         rows, cols = weights.shape[1:]
         if self.patches and any(part.r1 > rows or part.c1 > cols for part in self.regions):
-            raise InputError(f"a chart's patches lie on its {rows} x {cols} samples, and one of these does not")
+            raise InputError("regions", expected=f"within the chart of {rows} x {cols} samples")
         for name, value in (("weights", weights), ("basis", basis), ("wavelength_nm", grid)):
             object.__setattr__(self, name, value)
         if self.reflectance is not None:
-            object.__setattr__(self, "reflectance", _reflectance_of(basis, self.reflectance))
+            object.__setattr__(self, "reflectance", _checked_reflectance(basis, self.reflectance))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -111,7 +115,7 @@ class Scene:
         distance_m: float = DEFAULT_DISTANCE_M,
         name: str = "uniform field",
     ) -> Scene:
-        """A field of one spectrum everywhere.
+        """Return a field with the same spectrum everywhere.
 
         Parameters
         ----------
@@ -122,20 +126,16 @@ class Scene:
         distance_m
             From the lens to the field.
         name
-            What to call it.
+            Name of the scene.
 
         Raises
         ------
         InputError
             If lengths differ or a value is negative or not finite.
         """
-        radiance = _radiance(photon_radiance, 1)
+        radiance = _checked_radiance(photon_radiance, 1)
         return cls(
-            np.ones((1, 1, 1), np.float32),
-            radiance[None],
-            wavelength_grid(wavelength_nm),
-            distance_m,
-            name=name,
+            np.ones((1, 1, 1), np.float32), radiance[None], wavelength_grid(wavelength_nm), distance_m, name=name
         )
 
     @classmethod
@@ -149,7 +149,7 @@ class Scene:
         tolerance: float = 1e-3,
         name: str = "scene",
     ) -> Scene:
-        """A scene from its radiance at every sample, by truncated singular value decomposition.
+        """Return a scene of the radiance of every sample, by truncated singular value decomposition.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Scene:
         distance_m, width_m, name
             As for `Scene`.
         tolerance
-            Largest RMS error of the radiance relative to its RMS; the fewest basis spectra that keep it are used.
+            Largest RMS error of the radiance relative to its RMS. The scene has the fewest basis spectra that keep it.
 
         Raises
         ------
@@ -173,43 +173,44 @@ class Scene:
         >>> Scene.from_radiance(ramp, np.arange(400, 701, 10)).weights.shape   # one spectrum is enough
         (1, 6, 8)
         """
-        from photosite.scene.cube import ArrayCube
-        from photosite.scene.options import ReadOptions
-        from photosite.scene.reduce import reduce_cube
-
-        radiance = _radiance(photon_radiance, 3)
+        radiance = _checked_radiance(photon_radiance, 3)
         grid = wavelength_grid(wavelength_nm)
         if radiance.shape[2] != grid.size:
-            raise InputError(
-                f"the radiance has {radiance.shape[2]} values a sample and there are {grid.size} wavelengths"
-            )
+            raise InputError(f"the radiance has {radiance.shape[2]} values in a sample, for {grid.size} wavelengths")
+        options = ReadOptions(tolerance=tolerance, distance_m=distance_m, width_m=width_m)
         rows, cols, bands = radiance.shape
         cube = ArrayCube(
-            name=name,
-            shape=(rows, cols, bands),
-            wavelength_nm=grid,
-            quantity="photon radiance",
-            title=name,
-            values=radiance,
+            name=name, shape=(rows, cols, bands), wavelength_nm=grid, quantity="photon radiance", values=radiance
         )
-        return reduce_cube(cube, ReadOptions(tolerance=tolerance, distance_m=distance_m, width_m=width_m))
+        order, _ = sorted_bands(cube)
+        ones = np.ones(grid.size)
+        parts = reduce_to_components(cube, order, options, ones, ones)
+        return cls(
+            parts.weights,
+            parts.spectra * parts.to_photons,
+            grid,
+            distance_m,
+            width_m,
+            name=name,
+            relative_error=parts.relative_error,
+        )
 
     def radiance(self, row: int, col: int) -> NDArray[np.float64]:
-        """(wavelengths,) photon radiance of one sample."""
+        """Return the photon radiance (wavelengths,) of one sample."""
         return self.weights[:, row, col].astype(np.float64) @ self.basis
 
     def mean_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
-        """Mean luminance over all samples, in cd/m2; a chart's black gaps count too."""
+        """Return the mean luminance of all samples in cd/m2, a chart's black gaps included."""
         return float(luminance_cd_m2(component_means(self.weights) @ self.basis, self.wavelength_nm, rule))
 
-    def said_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
-        """Luminance as one says it of such a scene: the mean of a chart's patches, of another scene's samples.
+    def nominal_luminance_cd_m2(self, rule: Rule = "trapezoid") -> float:
+        """Return the luminance that a scene is specified by: the mean of a chart's patches, else of all samples.
 
         Examples
         --------
         >>> from photosite.scene.charts import macbeth
         >>> chart = macbeth("A", 40)
-        >>> round(chart.said_luminance_cd_m2(), 4), round(chart.mean_luminance_cd_m2(), 4)
+        >>> round(chart.nominal_luminance_cd_m2(), 4), round(chart.mean_luminance_cd_m2(), 4)
         (40.0, 29.0909)
         """
         if not (self.patches and self.regions):
@@ -217,43 +218,43 @@ class Scene:
         means = [component_means(self.weights[:, part.r0 : part.r1, part.c0 : part.c1]) for part in self.regions]
         return float(luminance_cd_m2(np.mean(means, axis=0) @ self.basis, self.wavelength_nm, rule))
 
-    def with_said_luminance(self, luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
-        """The same scene, brighter or darker, so that its `said_luminance_cd_m2` is the one given.
+    def with_nominal_luminance(self, luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
+        """Return the scene scaled to a `nominal_luminance_cd_m2`.
 
         Raises
         ------
         InputError
-            As `with_mean_luminance`.
+            As for `with_mean_luminance`.
         """
-        return self._brighter(self.said_luminance_cd_m2(rule), luminance_cd_m2)
+        return self._scaled_to(luminance_cd_m2, self.nominal_luminance_cd_m2(rule))
 
     def with_mean_luminance(self, mean_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
-        """The same scene, brighter or darker, so that its mean luminance is the one given.
+        """Return the scene scaled to a mean luminance of all samples.
 
         Raises
         ------
         InputError
             If the luminance is negative, or the scene is dark.
         """
-        return self._brighter(self.mean_luminance_cd_m2(rule), mean_luminance_cd_m2)
+        return self._scaled_to(mean_luminance_cd_m2, self.mean_luminance_cd_m2(rule))
 
-    def _brighter(self, now_cd_m2: float, wanted_cd_m2: float) -> Scene:
+    def _scaled_to(self, wanted_cd_m2: float, now_cd_m2: float) -> Scene:
         if not (np.isfinite(wanted_cd_m2) and wanted_cd_m2 >= 0):
-            raise InputError(f"a mean luminance is 0 cd/m2 or more, not {wanted_cd_m2}")
+            raise InputError("mean_luminance_cd_m2", value=wanted_cd_m2, expected="0 or more")
         if now_cd_m2 <= 0:
-            raise InputError("a scene without light cannot be given a luminance; give it a radiance first")
+            raise InputError("a dark scene cannot be scaled to a luminance", hint="Give it a radiance first")
         return self.scaled(wanted_cd_m2 / now_cd_m2)
 
     def scaled(self, factor: float) -> Scene:
-        """The same scene with its radiance multiplied by a factor; what it reflects stays."""
+        """Return the scene with its radiance multiplied by a factor; the reflectance does not change."""
         if not (np.isfinite(factor) and factor >= 0):
-            raise InputError(f"radiance is multiplied by 0 or more, not {factor}")
+            raise InputError("factor", value=factor, expected="0 or more")
         return replace(self, basis=self.basis * factor)
 
     def light(self) -> NDArray[np.float64]:
-        """(wavelengths,) photons/s/sr/m2/nm that a perfect white in the scene sends out.
+        """Return the photons/s/sr/m2/nm (wavelengths,) that a perfect white in the scene sends out.
 
-        0 at a wavelength that nothing in the scene reflects, where the light cannot be told.
+        0 at a wavelength that nothing in the scene reflects, where the light is unknown.
 
         Raises
         ------
@@ -261,7 +262,7 @@ class Scene:
             If the scene's reflectance is not known.
         """
         if self.reflectance is None:
-            raise InputError(_no_reflectance(self.name))
+            raise _no_reflectance(self.name)
         return _light(self.basis, self.reflectance)
 
     def with_illuminant(
@@ -270,21 +271,21 @@ class Scene:
         mean_luminance_cd_m2: float | None = None,
         rule: Rule = "trapezoid",
     ) -> Scene:
-        """The same things under another light.
+        """Return the scene under another light.
 
         Parameters
         ----------
         illuminant
             As for `photosite.color.illuminants.illuminant`.
         mean_luminance_cd_m2
-            Mean over all samples under the new light; None keeps the mean that the scene has.
+            Mean of all samples under the new light; None keeps the scene's mean.
         rule
             Integration rule of the luminance.
 
         Raises
         ------
         InputError
-            If the scene's reflectance is not known, the illuminant is unknown or does not reach the scene's
+            If the scene's reflectance is not known, the illuminant is unknown or does not cover the scene's
             wavelengths, or the scene is dark.
 
         Examples
@@ -296,14 +297,14 @@ class Scene:
         1.0
         """
         if self.reflectance is None:
-            raise InputError(_no_reflectance(self.name))
+            raise _no_reflectance(self.name)
         wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
         light = photons_from_energy(relative_energy(illuminant, self.wavelength_nm), self.wavelength_nm)
         relit = replace(self, basis=self.reflectance * light, name=_relit_name(self.name, illuminant))
         return relit.with_mean_luminance(wanted, rule)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the scene to a file, which appears whole or not at all; `.h5` keeps everything of it.
+        """Write the scene to a file, which appears whole or not at all; `.h5` keeps all of it.
 
         Parameters
         ----------
@@ -313,23 +314,23 @@ class Scene:
         Raises
         ------
         FileError
-            If the name's ending is of no format that can be written, or the file cannot.
+            If the suffix is of no format that can be written, or the file cannot be written.
         """
         from photosite.scene.io.files import write_scene
 
         write_scene(self, path)
 
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
-        """Share of a response's area that lies beyond the scene's wavelengths, where the scene says nothing.
+        """Return the share of a response's area outside the scene's wavelengths, where the radiance is unknown.
 
         Parameters
         ----------
         wavelength_nm, response
-            (n,) the response, a quantum efficiency say.
+            (n,) the response, such as a quantum efficiency.
         """
         response_grid = wavelength_grid(wavelength_nm)
         first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
-        if first == last:  # a line: it says that there is no other light
+        if first == last:  # a spectral line: there is no other light
             return 0.0
         if response_grid.size == 1:
             return 0.0 if first <= response_grid[0] <= last else 1.0
@@ -343,7 +344,7 @@ class Scene:
 
 
 def light_title(light: str | float | Spectrum) -> str:
-    """What a scene's name says of its light."""
+    """Return the light's part of a scene's name."""
     return "as given" if isinstance(light, Spectrum) else f"{light}"
 
 
@@ -352,39 +353,39 @@ def _relit_name(name: str, light: str | float | Spectrum) -> str:
     return re.sub(r"(, illuminant )[^,]*$", lambda found: found[1] + light_title(light), name)
 
 
-def _radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
+def _checked_radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     radiance = np.asarray(photon_radiance, dtype=np.float64)
     if radiance.ndim != ndim or radiance.size == 0:
-        wanted = "(wavelengths,)" if ndim == 1 else "(rows, cols, wavelengths)"
-        raise InputError(f"photon radiance is an array {wanted}, not of shape {radiance.shape}")
+        shape = "(wavelengths,)" if ndim == 1 else "(rows, cols, wavelengths)"
+        raise InputError("photon_radiance", value=radiance.shape, expected=f"an array {shape}")
     if not np.isfinite(radiance).all() or (radiance < 0).any():
-        raise InputError("photon radiance must be finite and not negative; some values are not")
+        raise InputError("photon_radiance", expected="finite and not negative everywhere")
     return radiance
 
 
-def _no_reflectance(name: str) -> str:
-    return (
-        f"the reflectances in '{name}' are not known, only the light that comes from it, so its light cannot be "
-        "changed; use a scene made from reflectances, such as a chart or a picture under one light"
+def _no_reflectance(name: str) -> InputError:
+    return InputError(
+        f"the light of '{name}' cannot be changed: only its radiance is known, not its reflectances",
+        hint="Use a scene made from reflectances, such as a chart or a picture under one light",
     )
 
 
-def _reflectance_of(basis: NDArray[np.float64], reflectance: ArrayLike) -> NDArray[np.float64]:
+def _checked_reflectance(basis: NDArray[np.float64], reflectance: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(reflectance, dtype=np.float64)
     if values.shape != basis.shape or not np.isfinite(values).all():
         raise InputError(
-            f"a scene's reflectance has a finite value for each of its basis, {basis.shape}, not shape {values.shape}"
+            "reflectance", value=values.shape, expected=f"finite and of the shape of the basis {basis.shape}"
         )
     if np.abs(basis - values * _light(basis, values)).max() > _ONE_LIGHT * np.abs(basis).max():
         raise InputError(
-            "a scene's basis is its reflectance times the photons of one light; these are no multiples of each other "
-            "by one factor per wavelength (leave the reflectance out where several lights mix)"
+            "basis and reflectance differ by more than one factor per wavelength",
+            hint="Give a basis that is the reflectance times one light, or omit reflectance",
         )
     return values
 
 
 def _light(basis: NDArray[np.float64], reflectance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The light that least squares find: exact where basis = reflectance * light."""
+    """The light by least squares: exact where basis = reflectance * light."""
     power = (reflectance**2).sum(axis=0)
     light: NDArray[np.float64] = np.divide(
         (basis * reflectance).sum(axis=0), power, out=np.zeros_like(power), where=power > 0

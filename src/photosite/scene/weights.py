@@ -1,4 +1,4 @@
-"""Weights of a scene that may be larger than memory: looked through in blocks, and mapped from their file."""
+"""Weights of a scene that can be larger than memory: mapped from their file and checked in blocks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ _BLOCK_VALUES = 1 << 22
 
 
 class MappedWeights(np.memmap):
-    """Weights that lie in a file, mapped read-only; who opened them has looked at every one."""
+    """Weights in a file, mapped read-only; whoever opened the file checked every value."""
 
 
 def checked_weights(weights: ArrayLike) -> tuple[NDArray[np.float32], bool]:
-    """Weights as float32, and whether all are finite. What is float32 already, mapped files too, is not copied."""
+    """Return weights as float32, not copied where they are already, and whether all are finite."""
     array: NDArray[np.float32] = np.asarray(weights, dtype=np.float32)
     owner: Any = array
     while isinstance(owner, np.ndarray):
-        # The product of one lies in memory, and is none.
+        # An array computed from mapped weights has the class too, but is in memory.
         if isinstance(owner, MappedWeights) and getattr(owner, "_mmap", None) is not None:
             return array, True
         owner = owner.base
@@ -28,7 +28,7 @@ def checked_weights(weights: ArrayLike) -> tuple[NDArray[np.float32], bool]:
 
 
 def all_finite(array: NDArray[np.float32]) -> bool:
-    """Whether every value is finite; of a mapped file no more than a block stays in memory."""
+    """Return whether every value is finite; of a mapped file at most a block stays in memory."""
     if array.size <= _BLOCK_VALUES or not array.flags.c_contiguous:
         return bool(np.isfinite(array).all())
     mapped = _mapping(array)
@@ -42,7 +42,7 @@ def all_finite(array: NDArray[np.float32]) -> bool:
 
 
 def component_means(weights: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(K,) mean of each component over all samples; of a mapped file no more than a block stays in memory."""
+    """Return the mean (K,) of each component over all samples; of a mapped file at most a block stays in memory."""
     if not weights.flags.c_contiguous:
         return np.asarray(weights.mean(axis=(1, 2), dtype=np.float64))
     mapped = _mapping(weights)
@@ -58,7 +58,7 @@ def component_means(weights: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
-    """The read-only file mapping that an array lies in, where it does: its pages may be dropped, to be read again."""
+    """The read-only mapping of a file that holds an array, if any; its pages can be dropped and read again."""
     owner: Any = array
     while isinstance(owner, np.ndarray):
         owner = owner.base

@@ -46,8 +46,3 @@ def test_macbeth_regions_of_a_frame_follow_the_cover_rule() -> None:
     assert [(r.r0, r.c1) for r in regions] == [(3 * r.r0, 3 * r.c1) for r in chart.regions]
     with pytest.raises(InputError, match="holds no whole pixel"):
         charts.macbeth_regions(4, 6)
-
-
-def test_reflectance_is_not_stretched() -> None:
-    with pytest.raises(InputError, match="380 to 780"):
-        charts.macbeth_reflectance(np.arange(350.0, 700.0, 10))

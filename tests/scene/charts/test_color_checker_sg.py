@@ -9,7 +9,6 @@ from photosite.color.colour_science import colour_science
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, photons_from_energy
 from photosite.color.tristimulus import xyz
-from photosite.errors import InputError
 from photosite.scene import charts
 
 
@@ -58,10 +57,3 @@ def test_the_middle_of_the_chart_is_a_color_checker_classic() -> None:
         for r in (raised, charts.macbeth_reflectance())
     ]
     assert colour.delta_E(*lab, method="CIE 2000").max() < 10.0
-
-
-def test_editions_and_wavelengths_that_cannot_be() -> None:
-    with pytest.raises(InputError, match="did you mean 'after 2014'"):
-        charts.color_checker_sg(edition="after2014")
-    with pytest.raises(InputError, match="from 380 to 780 nm, not from 370"):
-        charts.color_checker_sg_reflectance([370.0, 700.0])

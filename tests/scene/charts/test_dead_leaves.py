@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from photosite.errors import InputError
 from photosite.scene import charts
 
 
@@ -87,20 +86,3 @@ def test_seeds_and_contrast() -> None:
     assert (first != other).mean() > 0.9
     assert 0.2 <= first.min() < 0.25
     assert 0.95 < first.max() <= 1.0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"smallest_radius": 0.1}, "not from 0.1"),
-        ({"largest_radius": 0.7}, "not from 1.0 to 0.7"),
-        ({"seed": -1}, "whole number from 0 on"),
-        ({"seed": 1.5}, "whole number from 0 on"),
-        ({"supersampling": 0}, "from 1 to 32"),
-        ({"rows": 8000, "cols": 8000}, "too many"),
-        ({"contrast": 0.3}, "above 1"),
-    ],
-)
-def test_leaves_that_cannot_be(options: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        charts.dead_leaves(**options)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from photosite.errors import InputError
 from photosite.scene import charts
 from photosite.scene.charts import coverage
 
@@ -70,22 +69,3 @@ def test_points_of_one_sample() -> None:
     assert grid[17, 20] == grid[7, 30] == 1.0
     assert (grid == 1.0).sum() == 3 * 5  # rows 7, 17, 27; columns 0, 10, .. 40
     assert grid.min() == pytest.approx(0.01)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: charts.ramp(contrast=math.inf, logarithmic=True), "begins above black"),
-        (lambda: charts.ramp(rows=0), "rows are a whole number"),
-        (lambda: charts.ramp(cols=4.5), "cols are a whole number"),
-        (lambda: charts.ramp(rows=1 << 15, cols=1 << 15), "fewer rows or cols"),
-        (lambda: charts.checkerboard(square=0.5), "square is from 1 to"),
-        (lambda: charts.checkerboard(square=math.nan), "square is from 1 to"),
-        (lambda: charts.point_grid(pitch=1), "pitch is a whole number"),
-        (lambda: charts.point_grid(pitch=8, diameter=9.0), "up to the pitch of 8"),
-        (lambda: charts.point_grid(contrast=1.0), "above 1, not 1.0"),
-    ],
-)
-def test_fields_that_cannot_be(call: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        call()  # type: ignore[operator]

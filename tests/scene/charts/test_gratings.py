@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from photosite.errors import InputError
 from photosite.scene import charts
 
 FINE = 60
@@ -136,24 +135,3 @@ def test_siemens_star_greys_are_equal_steps_and_stand_clear_of_it() -> None:
         assert inside == pytest.approx(np.full(inside.shape, level / 15), abs=1e-6)
         far = math.hypot((region.c0 + region.c1) / 2 - 320, (region.r0 + region.r1) / 2 - 256)
         assert far > 0.45 * 512 + 0.07 * 512 / 2
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: charts.sinusoid(frequency=0.6), "up to 0.5 cycles per sample, not 0.6"),
-        (lambda: charts.sinusoid(frequency=0), "above 0"),
-        (lambda: charts.sinusoid(direction_deg=math.inf), "direction_deg is a finite"),
-        (lambda: charts.sinusoid(waveform="sin"), "did you mean 'sine'"),
-        (lambda: charts.frequency_sweep(lowest=0.2, highest=0.1), "not from 0.2 to 0.1"),
-        (lambda: charts.frequency_sweep(highest=0.7), "at most 0.5"),
-        (lambda: charts.zone_plate(highest=math.nan), "not nan"),
-        (lambda: charts.siemens_star(cycles=0), "from 1 to 1024"),
-        (lambda: charts.siemens_star(waveform="squares"), "did you mean 'square'"),
-        (lambda: charts.siemens_star(rows=40, cols=40), "patches=False"),
-        (lambda: charts.siemens_star(contrast=1.0), "above 1"),
-    ],
-)
-def test_waves_that_cannot_be(call: Callable[[], object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        call()

@@ -14,11 +14,12 @@ from numpy.testing import assert_allclose
 import photosite as ps
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, PhotositeWarning
-from photosite.scene.cube import Block, SceneCube
+from photosite.scene.cube import Block
 from photosite.scene.io import exr
 from photosite.scene.io.exr_names import channel_name, spectral_channel
 from photosite.scene.io.files import open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import SceneCube
 
 OpenEXR = pytest.importorskip("OpenEXR")
 

@@ -15,8 +15,8 @@ from photosite.scene.charts import macbeth
 from photosite.scene.io.convert import convert
 from photosite.scene.io.files import read_scene, write_scene
 from photosite.scene.pictures import from_srgb
-from photosite.scene.request import SceneRequest
 from photosite.scene.scene import Scene
+from photosite.scene.scene_request import SceneRequest
 
 CODES = np.random.default_rng(6).integers(30, 220, (5, 7, 3)).astype(np.uint8)
 SMOOTH: dict[str, Any] = {"method": "jakob-hanika", "mean_luminance_cd_m2": 40.0}

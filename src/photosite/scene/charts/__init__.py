@@ -1,16 +1,20 @@
-"""Test charts and patterns by formula, as scenes: a file a kind.
+"""Charts and patterns as scenes: one file per kind.
 
-Colours and greys are reflectances under one light, so that the light can be changed. A sample holds the mean of the
-pattern over its own rectangle, by a closed form where there is one.
+Each is a reflectance, which a light falls on. `charts.ramp("D65", 100, contrast=50)` returns the scene under a light;
+`charts.ramp.chart(contrast=50)` returns the reflectances, to be put `.under(light, luminance)`. The arguments of the
+light and the place are those of `photosite.scene.charts.chart.Chart.under`; the luminance is the mean of the patches
+(`macbeth`, `color_checker_sg`, `hdr_patches`), of all samples of the others. A sample holds the mean of the pattern
+over its own rectangle, in closed form where there is one.
 """
 
+from photosite.scene.charts.chart import Chart as Chart
 from photosite.scene.charts.color_checker import MACBETH_NAMES as MACBETH_NAMES
+from photosite.scene.charts.color_checker import SG_NAMES as SG_NAMES
+from photosite.scene.charts.color_checker import color_checker_sg as color_checker_sg
+from photosite.scene.charts.color_checker import color_checker_sg_reflectance as color_checker_sg_reflectance
 from photosite.scene.charts.color_checker import macbeth as macbeth
 from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
-from photosite.scene.charts.color_checker_sg import SG_NAMES as SG_NAMES
-from photosite.scene.charts.color_checker_sg import color_checker_sg as color_checker_sg
-from photosite.scene.charts.color_checker_sg import color_checker_sg_reflectance as color_checker_sg_reflectance
 from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
 from photosite.scene.charts.edges import edge_star as edge_star
 from photosite.scene.charts.edges import slanted_edge as slanted_edge

@@ -1,20 +1,24 @@
-"""The ColorChecker Classic: 24 patches of measured reflectance."""
+"""The ColorChecker Classic, of measured reflectances, and the ColorChecker SG, of published colours."""
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.colour_science import colour_science
 from photosite.color.illuminants import illuminant as relative_energy
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum, photons_from_energy, wavelength_grid
+from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, integration_weights, wavelength_grid
+from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
-from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions
+from photosite.scene.charts.chart import Chart, lit
+from photosite.scene.charts.patches import PATCH, patch_grid, patch_regions, reflectance_chart
 from photosite.scene.placement import place
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene, light_title
+from photosite.scene.sigmoid import sigmoid_coefficients, sigmoid_reflectance
 from photosite.values.region import Region
+from photosite.values.validated import check_choice
 
 MACBETH_NAMES: tuple[str, ...] = (
     "dark skin",
@@ -44,13 +48,20 @@ MACBETH_NAMES: tuple[str, ...] = (
 )
 """The ColorChecker's patches, along the rows from the top left."""
 
+SG_NAMES: tuple[str, ...] = tuple(f"{letter}{number}" for number in range(1, 11) for letter in "ABCDEFGHIJKLMN")
+"""The ColorChecker SG's patches, along the rows from the top left: A1 to N1, A2 to N2 and so on."""
+
+Edition = Literal["after 2014", "before 2014"]
+
 _ROWS, _COLS = 4, 6
 _SHAPE, _CORNERS = patch_grid(_ROWS, _COLS)
 """132 x 196 samples, nearly 3 : 2."""
 
-
-def _regions() -> tuple[Region, ...]:
-    return patch_regions(MACBETH_NAMES, _CORNERS)
+_TABLES: dict[str, str] = {
+    "after 2014": "ColorCheckerSG - After November 2014",
+    "before 2014": "ColorCheckerSG - Before November 2014",
+}
+_SG_WAVELENGTH_NM = np.arange(380.0, 781.0, 5.0)
 
 
 @lru_cache(maxsize=1)
@@ -60,13 +71,21 @@ def _macbeth_table() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.asarray(patches[0].wavelengths, np.float64), np.array([p.values for p in patches], np.float64)
 
 
+def _check_range(name: str, grid: NDArray[np.float64], table: NDArray[np.float64]) -> None:
+    if grid[0] < table[0] or grid[-1] > table[-1]:
+        expected = f"within {table[0]:g} to {table[-1]:g} nm for the {name}"
+        raise InputError("wavelength_nm", value=(float(grid[0]), float(grid[-1])), expected=expected)
+
+
 def macbeth_reflectance(wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDArray[np.float64]:
-    """(24, wavelengths) reflectance of the ColorChecker's patches, along the rows; linear between 5 nm entries.
+    """Return the reflectance (24, wavelengths) of the ColorChecker's patches, along the rows.
+
+    Linear between the 5 nm entries of the table.
 
     Raises
     ------
     InputError
-        If a wavelength lies outside 380 to 780 nm.
+        If a wavelength is outside 380 to 780 nm.
 
     Notes
     -----
@@ -80,49 +99,28 @@ def macbeth_reflectance(wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDA
     """
     grid = wavelength_grid(wavelength_nm)
     table, values = _macbeth_table()
-    if grid[0] < table[0] or grid[-1] > table[-1]:
-        raise InputError(
-            f"the ColorChecker's reflectance is known from {table[0]:g} to {table[-1]:g} nm, "
-            f"not from {grid[0]:g} to {grid[-1]:g} nm"
-        )
+    _check_range("ColorChecker", grid, table)
     return np.stack([np.interp(grid, table, row) for row in values])
 
 
-def macbeth(
-    illuminant: str | float | Spectrum = "A",
-    mean_luminance_cd_m2: float = 40.0,
-    *,
-    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-) -> Scene:
-    """The 24-patch ColorChecker, evenly lit, patches parted by black.
+@lit("A")
+def macbeth(*, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> Chart:
+    """ColorChecker Classic: 24 patches with black between them, by default under the 2008 paper's tungsten light.
 
     Parameters
     ----------
-    illuminant
-        As for `photosite.color.illuminants.illuminant`; "A" is the paper's tungsten light.
-    mean_luminance_cd_m2
-        Mean luminance of the 24 patches (of the patches, not of the black between them).
     wavelength_nm
-        (wavelengths,) of the scene.
-    distance_m
-        From the lens to the chart.
-    width_m
-        Width of the chart with its border; None fills the sensor.
-    rule
-        Integration rule of the luminance.
+        (wavelengths,) of the scene, from 380 to 780 nm.
 
     Returns
     -------
-    Scene
+    Chart
         132 x 196 samples, 24 regions named as `MACBETH_NAMES`.
 
     Raises
     ------
     InputError
-        If the illuminant is unknown, or a wavelength lies outside 380 to 780 nm.
+        If a wavelength is outside 380 to 780 nm.
 
     Examples
     --------
@@ -131,34 +129,16 @@ def macbeth(
     ((132, 196), 24, 'white')
     """
     grid = wavelength_grid(wavelength_nm)
-    light = photons_from_energy(relative_energy(illuminant, grid), grid)
     reflectance = macbeth_reflectance(grid)
-    spectra = reflectance * light
-    weights = np.zeros((len(spectra), *_SHAPE), np.float32)
+    weights = np.zeros((len(reflectance), *_SHAPE), np.float32)
     for patch, (r, c) in enumerate(_CORNERS):
         weights[patch, r : r + PATCH, c : c + PATCH] = 1.0
-    chart = Scene(
-        weights,
-        spectra,
-        grid,
-        distance_m,
-        width_m,
-        _regions(),
-        f"ColorChecker, illuminant {light_title(illuminant)}",
-        reflectance,
-        patches=True,
-    )
-    # The patches have equal areas, so their mean luminance is that of the mean spectrum.
-    patches = Scene.uniform(spectra.mean(axis=0), grid).mean_luminance_cd_m2(rule)
-    if not (np.isfinite(mean_luminance_cd_m2) and mean_luminance_cd_m2 >= 0):
-        raise InputError(f"a mean luminance is 0 cd/m2 or more, not {mean_luminance_cd_m2}")
-    if not patches > 0:
-        raise InputError("the illuminant has no light that the eye sees, so the chart cannot be given a luminance")
-    return chart.scaled(mean_luminance_cd_m2 / patches)
+    regions = patch_regions(MACBETH_NAMES, _CORNERS)
+    return Chart(weights, "ColorChecker", grid, reflectance, regions, patches=True, patch_reflectance=reflectance)
 
 
 def macbeth_regions(rows: int, cols: int) -> tuple[Region, ...]:
-    """Where the 24 patches of a ColorChecker that fills a frame lie, as `macbeth` fills it.
+    """Return the regions of the 24 patches in a frame that a ColorChecker fills, as `macbeth` fills it.
 
     Parameters
     ----------
@@ -175,4 +155,86 @@ def macbeth_regions(rows: int, cols: int) -> tuple[Region, ...]:
     >>> macbeth_regions(1296, 1936)[0].name
     'dark skin'
     """
-    return place(_SHAPE, (rows, cols)).regions(_regions())
+    return place(_SHAPE, (rows, cols)).regions(patch_regions(MACBETH_NAMES, _CORNERS))
+
+
+def color_checker_sg_reflectance(
+    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM, edition: Edition = "after 2014"
+) -> NDArray[np.float64]:
+    """Return smooth reflectances (140, wavelengths) with the ColorChecker SG's published colours under D50.
+
+    Under another light their colours are those of smooth spectra, not of the chart's pigments. For these, measure a
+    chart (`photosite.scene.charts.reflectance_chart`).
+
+    Parameters
+    ----------
+    wavelength_nm
+        (wavelengths,) from 380 to 780 nm.
+    edition
+        Of the chart: its pigments changed in November 2014.
+
+    Raises
+    ------
+    InputError
+        If the edition is unknown, or a wavelength is outside 380 to 780 nm.
+
+    Notes
+    -----
+    Colours: X-Rite, CIE L*a*b* under D50, 2 degrees, as tabulated in colour-science, converted by
+    `photosite.scene.sigmoid`. Integrated again on a grid of 5 nm they differ by a CIEDE2000 below 0.01.
+
+    Examples
+    --------
+    >>> values = color_checker_sg_reflectance()
+    >>> values.shape, bool(values.min() > 0), bool(values.max() < 1)
+    ((140, 41), True, True)
+    """
+    grid = wavelength_grid(wavelength_nm)
+    check_choice("edition", edition, Edition)
+    _check_range("ColorChecker SG", grid, _SG_WAVELENGTH_NM)
+    return sigmoid_reflectance(_sg_coefficients(edition), grid)
+
+
+@lru_cache(maxsize=2)
+def _sg_coefficients(edition: str) -> NDArray[np.float64]:
+    colour = colour_science()
+    table = colour.CCS_COLOURCHECKERS[_TABLES[edition]].data
+    tristimulus = np.stack([colour.xyY_to_XYZ(table[name]) for name in SG_NAMES])
+    light = relative_energy("D50", _SG_WAVELENGTH_NM)
+    weights = color_matching_functions(_SG_WAVELENGTH_NM) * integration_weights(_SG_WAVELENGTH_NM) * light
+    return sigmoid_coefficients(tristimulus, weights / weights[1].sum(), _SG_WAVELENGTH_NM)
+
+
+@lit("A")
+def color_checker_sg(*, edition: Edition = "after 2014", wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> Chart:
+    """ColorChecker SG: 140 patches of smooth reflectances from published colours, with black between them.
+
+    Parameters
+    ----------
+    edition, wavelength_nm
+        As for `color_checker_sg_reflectance`, which says how far these reflectances can be trusted.
+
+    Returns
+    -------
+    Chart
+        324 x 452 samples, 140 regions named as `SG_NAMES`.
+
+    Raises
+    ------
+    InputError
+        If the edition is unknown, or a wavelength is outside 380 to 780 nm.
+
+    Examples
+    --------
+    >>> chart = color_checker_sg("D50", 100)
+    >>> chart.shape, chart.regions[14].name
+    ((324, 452), 'A2')
+    """
+    return reflectance_chart(
+        color_checker_sg_reflectance(wavelength_nm, edition),
+        wavelength_nm,
+        rows=10,
+        cols=14,
+        names=SG_NAMES,
+        name="ColorChecker SG raised from its colours under D50",
+    )

@@ -1,18 +1,25 @@
-"""Exact shares of samples: how much of each unit square a shape covers.
+"""Shares of samples that a shape covers: lines, discs, square waves and the sectors of a star.
 
-Coordinates are in samples and run over borders: sample i covers i to i + 1.
+Coordinates are in samples, from border to border: sample i covers i to i + 1.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_LINES = 16
+"""Lines through each sample, along which lengths are exact. Even, so that none passes through the centre."""
+_CENTRE, _CENTRE_LINES = 16, 512
+"""Side of the central square, where edges of all directions meet in a sample, and the lines there."""
+
 
 def left_of_line(offset: Array, slope: float) -> Array:
-    """Share of a unit square left of a line that crosses its centre row at `offset` and drifts by `slope` per row.
+    """Return the share of a unit square left of a line at `offset` in its centre row, moving by `slope` per row.
 
     The mean over the square's height of clip(offset + slope s, 0, 1), s in -1/2 .. 1/2: the integral of a ramp.
 
@@ -32,7 +39,7 @@ def left_of_line(offset: Array, slope: float) -> Array:
 
 
 def disc(rows: int, cols: int, center_row: float, center_col: float, radius: float) -> Array:
-    """(rows, cols) share of each sample that a disc covers.
+    """Return the share (rows, cols) of each sample that a disc covers.
 
     Parameters
     ----------
@@ -56,18 +63,18 @@ def disc(rows: int, cols: int, center_row: float, center_col: float, radius: flo
 
     def under_arc(u: Array) -> Array:
         """Integral of s from -R to u."""
-        half_chord = np.sqrt(np.maximum(radius**2 - u**2, 0.0))  # u = R but for rounding
+        half_chord = np.sqrt(np.maximum(radius**2 - u**2, 0.0))  # rounding can put |u| above R
         return (u * half_chord + radius**2 * np.arcsin(u / radius)) / 2 + np.pi * radius**2 / 4
 
     reach = np.sqrt(np.maximum(radius**2 - y**2, 0.0))  # where |u| is below it, s(u) > |y|
     beyond = under_arc(np.minimum(x, -reach)) + under_arc(np.maximum(x, reach)) - under_arc(reach)
     area = under_arc(x) + np.sign(y) * beyond + y * (np.clip(x, -reach, reach) + reach)
     share: Array = np.diff(np.diff(area, axis=0), axis=1)
-    return np.clip(share, 0.0, 1.0)  # differences of areas: rounding only, 1e-16 of the disc's
+    return np.clip(share, 0.0, 1.0)  # clips rounding errors of 1e-16 of the disc's area
 
 
 def square_wave(phase: Array, width: float) -> Array:
-    """Mean of a square wave of period 1, +1 from 0 to 1/2 and -1 from 1/2 to 1, over `width` periods round a phase.
+    """Return the mean of a square wave over `width` periods around a phase: +1 from 0 to 1/2, -1 from 1/2 to 1.
 
     Examples
     --------
@@ -79,3 +86,72 @@ def square_wave(phase: Array, width: float) -> Array:
         return 0.5 - np.abs(np.mod(p, 1.0) - 0.5)
 
     return (integral(phase + width / 2) - integral(phase - width / 2)) / width
+
+
+def sector_share(rows: int, cols: int, cycles: int, angle_deg: float) -> Array:
+    """Return the share (rows, cols) of each sample in the bright sectors of a star at the field's centre.
+
+    The star has `cycles` bright sectors; the first begins at an angle, clockwise from straight up. Bright lengths are
+    exact along rows where a sample is more above or below the centre than beside it, elsewhere along columns: across
+    the edges. A share is the mean over 16 such lines in a sample, 512 in the centre of the star.
+
+    Examples
+    --------
+    >>> sector_share(2, 2, 2, 0.0).round(6).tolist()   # four quadrants
+    [[0.0, 1.0], [1.0, 0.0]]
+    """
+    angle = math.radians(angle_deg)
+    share = _share(rows, cols, cycles, angle, _LINES)
+    r, c = (min(_CENTRE - count % 2, count) for count in (rows, cols))
+    r0, c0 = (rows - r) // 2, (cols - c) // 2
+    share[r0 : r0 + r, c0 : c0 + c] = _share(r, c, cycles, angle, _CENTRE_LINES)
+    return share
+
+
+def _share(rows: int, cols: int, cycles: int, angle: float, lines: int) -> Array:
+    along_rows = _mean_along(rows, cols, cycles, angle, lines, across=False)
+    along_cols = _mean_along(cols, rows, cycles, angle, lines, across=True).T
+    up = np.abs(np.arange(rows) + 0.5 - rows / 2)[:, None]
+    beside = np.abs(np.arange(cols) + 0.5 - cols / 2)[None, :]
+    return np.where(up >= beside, along_rows, along_cols)
+
+
+def _mean_along(count: int, samples: int, cycles: int, angle: float, lines: int, *, across: bool) -> Array:
+    """(count, samples) shares from bright lengths along rows, or with `across` along columns; `lines` in each."""
+    place = (np.arange(count * lines) + 0.5) / lines - count / 2
+    borders = np.arange(samples + 1) - samples / 2
+    far = 2.0 * samples * lines  # outside the field on the line nearest to the centre
+    lengths = {side: _bright_length(cycles, angle, side, far, across=across) for side in (-1, 1)}
+    share = np.zeros((count, samples))
+    for line, distance in enumerate(place):
+        # Coordinates increase to the right along a row, downwards along a column.
+        ratio, length = lengths[1 if distance > 0 else -1]
+        share[line // lines] += abs(distance) * np.diff(np.interp(borders / abs(distance), ratio, length))
+    return np.clip(share / lines, 0.0, 1.0)  # rounding only
+
+
+def _bright_length(cycles: int, angle: float, side: int, far: float, *, across: bool) -> tuple[Array, Array]:
+    """Bright length along a line at distance 1 from the centre, from the foot of its normal: places, and lengths there.
+
+    For a line at another distance, both scale with it.
+    """
+    edges = angle + np.arange(2 * cycles) * math.pi / cycles
+    # (down, right) of a unit step along each edge.
+    down, right = -np.cos(edges), np.sin(edges)
+    away, along = (right, down) if across else (down, right)
+    met = side * away * far > 1.0  # the other edges meet the line outside the field, or never
+    places = np.sort(along[met] / np.abs(away[met]))
+    places = np.concatenate([[-far], places, [far]])
+    middles = np.concatenate([[places[1] - 1.0], (places[1:-2] + places[2:-1]) / 2, [places[-2] + 1.0]])
+    down_of, right_of = (middles, float(side)) if across else (float(side), middles)
+    turn = (np.arctan2(right_of, -np.asarray(down_of)) - angle) * cycles / (2 * math.pi)
+    bright = np.mod(turn, 1.0) < 0.5
+    # Summed outwards from 0, so that lengths near the foot keep their digits.
+    nodes = np.union1d(places, [0.0])
+    state = bright[np.searchsorted(places, (nodes[:-1] + nodes[1:]) / 2) - 1]
+    steps = np.where(state, np.diff(nodes), 0.0)
+    zero = int(np.searchsorted(nodes, 0.0))
+    length = np.zeros(nodes.size)
+    length[zero + 1 :] = np.cumsum(steps[zero:])
+    length[:zero] = -np.cumsum(steps[:zero][::-1])[::-1]
+    return nodes, length

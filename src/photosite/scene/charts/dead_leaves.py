@@ -1,48 +1,42 @@
-"""Dead leaves: discs of random size and grey that hide one another, as texture that no filter can foresee."""
+"""Dead leaves: discs of random size and grey that occlude one another, a texture without regularity."""
 
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from pydantic import Field
 
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
 from photosite.errors import InputError
-from photosite.scene.charts.grey import between, check_size, dark_share, grey_scene
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.scene.charts.chart import Chart, Contrast, Samples, between, grey_chart, lit
 
 _MOST_POINTS = 1 << 28
 _BATCH = 1 << 13
-"""Leaves drawn together; those that nothing would be seen of are put aside before the next look at each."""
+"""Leaves drawn together; hidden ones are discarded before each is drawn."""
+
+Radius = Annotated[float, Field(ge=0.5, allow_inf_nan=False)]
 
 
+@lit()
 def dead_leaves(
-    illuminant: str | float | Spectrum = "D65",
-    mean_luminance_cd_m2: float = 40.0,
     *,
-    smallest_radius: float = 1.0,
-    largest_radius: float | None = None,
-    contrast: float = 4.0,
-    seed: int = 0,
-    supersampling: int = 8,
-    rows: int = 384,
-    cols: int = 384,
-    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-) -> Scene:
-    """Grey discs that hide one another until they cover the field (after ISO/TS 19567-2).
+    smallest_radius: Radius = 1.0,
+    largest_radius: Radius | None = None,
+    contrast: Contrast = 4.0,
+    seed: Annotated[int, Field(ge=0, lt=1 << 128)] = 0,
+    supersampling: Annotated[int, Field(ge=1, le=32)] = 8,
+    rows: Samples = 384,
+    cols: Samples = 384,
+) -> Chart:
+    """Dead leaves: grey discs that occlude one another until they cover the field (after ISO/TS 19567-2).
 
-    Their radii have the probability density of r^-3, so that the texture looks alike at every scale between the
-    smallest and the largest; their greys are uniform. Whether a camera keeps such texture or smooths it away tells what
-    its noise reduction does.
+    Their radii have the probability density r^-3, so that the texture is alike at every scale between the smallest and
+    the largest; their greys are uniform. The camera's rendering of such texture measures its noise reduction.
 
     Parameters
     ----------
-    illuminant, mean_luminance_cd_m2, wavelength_nm, distance_m, width_m, rule
-        As for `photosite.scene.charts.macbeth`; the mean luminance is that of the whole field.
     smallest_radius, largest_radius
         In samples, 0.5 or more. None: a quarter of the field's smaller side.
     contrast
@@ -51,25 +45,25 @@ def dead_leaves(
     seed
         0 or more; the same seed gives the same leaves.
     supersampling
-        Points along a sample's side at which it is looked which leaf lies on top, from 1 to 32.
+        Points along a sample's side at which the top leaf is found, from 1 to 32.
     rows, cols
         Samples.
 
     Returns
     -------
-    Scene
-        Samples that borders of leaves cut hold the mean of their points. Over a field of leaves from 1 sample on, the
-        RMS of what that is off, against 32 points a side, is 1.0 % of the greys' range at 4 points a side and 0.36 %
-        at 8 (`tests/scene/charts/test_dead_leaves.py`).
+    Chart
+        Samples that borders of leaves cut hold the mean of their points. With leaves of 1 sample and more, the RMS
+        error of that, against 32 points a side, is 1.0 % of the greys' range at 4 points a side and 0.36 % at 8
+        (`tests/scene/charts/test_dead_leaves.py`).
 
     Raises
     ------
     InputError
-        If the radii, contrast, seed or supersampling cannot be.
+        If an option is invalid.
 
     Notes
     -----
-    Two points at a distance x lie on one leaf with the probability g(x) / (2 g(0) - g(x)), where g is the mean area
+    Two points at a distance x are on one leaf with the probability g(x) / (2 g(0) - g(x)), where g is the mean area
     that a leaf and itself moved by x share; the covariance of the greys is that times their variance (J. Serra, Image
     Analysis and Mathematical Morphology, 1982; A. Lee, D. Mumford and J. Huang, IJCV 41, 2001). Random numbers are
     NumPy's Philox, keyed by the seed.
@@ -80,50 +74,30 @@ def dead_leaves(
     >>> leaves.shape, bool((leaves.weights >= 0.25).all() and (leaves.weights <= 1).all())
     ((48, 64), True)
     """
-    check_size(rows, cols)
     largest = min(rows, cols) / 4 if largest_radius is None else largest_radius
-    dark_share(contrast)  # before the work
-    _check(smallest_radius, largest, seed, supersampling, rows, cols)
-    random = np.random.Generator(np.random.Philox(key=seed))
-    share = _leaves(rows, cols, smallest_radius, largest, supersampling, random)
-    return grey_scene(
-        between(share, contrast),
-        illuminant,
-        mean_luminance_cd_m2,
-        wavelength_nm=wavelength_nm,
-        distance_m=distance_m,
-        width_m=width_m,
-        rule=rule,
-        name=f"dead leaves of {smallest_radius:g} to {largest:g} samples, seed {seed}",
-    )
-
-
-def _check(smallest: float, largest: float, seed: int, supersampling: int, rows: int, cols: int) -> None:
-    if not 0.5 <= smallest < largest < math.inf:
-        raise InputError(
-            f"the radii of leaves rise from 0.5 samples or more to a larger one, not from {smallest} to {largest}"
-        )
-    if not isinstance(seed, int | np.integer) or not 0 <= seed < 1 << 128:
-        raise InputError(f"a seed is a whole number from 0 on, not {seed}")
-    if not isinstance(supersampling, int | np.integer) or not 1 <= supersampling <= 32:
-        raise InputError(f"supersampling is a whole number of points along a side from 1 to 32, not {supersampling}")
+    if not smallest_radius < largest:
+        raise InputError("largest_radius", value=largest, expected=f"above smallest_radius, {smallest_radius:g}")
     if rows * cols * supersampling**2 > _MOST_POINTS:
         raise InputError(
-            f"{rows} x {cols} samples of {supersampling} x {supersampling} points are too many; "
-            "ask for fewer samples or less supersampling"
+            f"{rows} x {cols} samples of {supersampling} x {supersampling} points are too many",
+            hint="Use fewer samples or less supersampling",
         )
+    random = np.random.Generator(np.random.Philox(key=seed))
+    share = _leaves(rows, cols, smallest_radius, largest, supersampling, random)
+    name = f"dead leaves of {smallest_radius:g} to {largest:g} samples, seed {seed}"
+    return grey_chart(between(share, contrast), name)
 
 
 def _leaves(
     rows: int, cols: int, smallest: float, largest: float, fine: int, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """(rows, cols) mean greys from 0 to 1, laid from the front: a leaf is seen where none before it lies."""
+    """(rows, cols) mean greys from 0 to 1, from the front: a leaf is visible where no earlier one is."""
     bare = np.ones((rows * fine, cols * fine), np.bool_)
     grey = np.empty(bare.shape, np.float32)
     while bare.any():
         down = random.uniform(-largest, rows + largest, _BATCH)
         along = random.uniform(-largest, cols + largest, _BATCH)
-        # The share of leaves larger than r falls with r^-2 from the smallest to the largest.
+        # The share of leaves larger than r decreases as r^-2 from the smallest to the largest.
         rest = random.uniform(0.0, 1.0, _BATCH)
         radius = (smallest**-2 - rest * (smallest**-2 - largest**-2)) ** -0.5
         shade = random.uniform(0.0, 1.0, _BATCH).astype(np.float32)
@@ -141,7 +115,7 @@ def _touches(
     along: NDArray[np.float64],
     radius: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Whether the rectangle round each leaf holds a sample with a bare point: sums over rectangles from one table."""
+    """Whether the rectangle around each leaf holds a sample with a bare point, from a summed-area table."""
     rows, cols = bare.shape[0] // fine, bare.shape[1] // fine
     table = np.zeros((rows + 1, cols + 1), np.int64)
     table[1:, 1:] = bare.reshape(rows, fine, cols, fine).any(axis=(1, 3)).cumsum(axis=0).cumsum(axis=1)

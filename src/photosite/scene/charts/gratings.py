@@ -1,69 +1,57 @@
 """Waves: sinusoids and bars in any direction, frequency sweeps, the zone plate. All means over samples are exact.
 
-Frequencies are in cycles per sample, so that 0.5 is the finest that the samples can show. What a camera makes of them
-depends on how many of its pixels a sample covers.
+Frequencies are in cycles per sample; 0.5 is the highest that samples can show. What a camera resolves depends on the
+number of its pixels per sample.
 """
 
 from __future__ import annotations
 
 import math
-from typing import get_args
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from photosite.color.spectrum import DEFAULT_WAVELENGTH_NM, Rule, Spectrum
-from photosite.errors import InputError, did_you_mean
-from photosite.scene.charts.grey import between, check_size, grey_scene
-from photosite.scene.charts.siemens import Waveform
-from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.errors import InputError
+from photosite.scene.charts.chart import Chart, Contrast, Degrees, Frequency, Samples, between, grey_chart, lit
 
 Array = NDArray[np.float64]
-
-_FINEST = 0.5
-"""Cycles per sample that alternate samples show."""
+Waveform = Literal["sine", "square"]
 
 
+@lit()
 def sinusoid(
-    illuminant: str | float | Spectrum = "D65",
-    mean_luminance_cd_m2: float = 40.0,
     *,
-    frequency: float = 0.05,
-    direction_deg: float = 0.0,
-    phase_deg: float = 0.0,
+    frequency: Frequency = 0.05,
+    direction_deg: Degrees = 0.0,
+    phase_deg: Degrees = 0.0,
     waveform: Waveform = "sine",
-    contrast: float = math.inf,
-    rows: int = 256,
-    cols: int = 256,
-    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-) -> Scene:
-    """A wave of one spatial frequency: a sine, or bars.
+    contrast: Contrast = math.inf,
+    rows: Samples = 256,
+    cols: Samples = 256,
+) -> Chart:
+    """Wave of one spatial frequency: a sine, or bars.
 
     Parameters
     ----------
-    illuminant, mean_luminance_cd_m2, wavelength_nm, distance_m, width_m, rule
-        As for `photosite.scene.charts.macbeth`; the mean luminance is that of the whole field.
     frequency
         Cycles per sample, above 0 and up to 0.5.
     direction_deg
-        In which the wave runs: 0 to the right (its bars stand upright), 90 down.
+        Direction of the wave: 0 to the right (vertical bars), 90 down.
     phase_deg
-        Of the wave at the field's centre; at 0 a sine is brightest there, and bars have a bright one's middle.
+        Phase at the field's centre; at 0 a sine has its maximum there, and bars the centre of a bright one.
     waveform
         "sine" or "square".
     contrast
-        Radiance of the brightest over that of the darkest, above 1, before it is averaged over samples; `math.inf` for
-        full modulation. A sine of contrast c has the modulation (c - 1) / (c + 1).
+        Radiance of the brightest over that of the darkest, above 1, before averaging over samples; `math.inf` for full
+        modulation. A sine of contrast c has the modulation (c - 1) / (c + 1).
     rows, cols
         Samples.
 
     Raises
     ------
     InputError
-        If the frequency, direction, phase, waveform or contrast cannot be.
+        If an option is invalid.
 
     Notes
     -----
@@ -76,14 +64,6 @@ def sinusoid(
     >>> (2 * wave.weights[0, 0].astype(float) - 1).round(4).tolist()   # sinc(1/4) = 0.9003
     [-0.9003, 0.0, 0.9003, 0.0]
     """
-    check_size(rows, cols)
-    if not 0 < frequency <= _FINEST:
-        raise InputError(f"a wave's frequency is above 0 and up to 0.5 cycles per sample, not {frequency}")
-    for name, value in (("direction_deg", direction_deg), ("phase_deg", phase_deg)):
-        if not math.isfinite(value):
-            raise InputError(f"a wave's {name} is a finite number of degrees, not {value}")
-    if waveform not in get_args(Waveform):
-        raise InputError(f"no waveform '{waveform}'; {did_you_mean(str(waveform), get_args(Waveform))}")
     along, down = (frequency * turn(math.radians(direction_deg)) for turn in (math.cos, math.sin))
     row, col = (np.arange(count) + 0.5 - count / 2 for count in (rows, cols))
     cycles = down * row[:, None] + along * col[None, :] + phase_deg / 360
@@ -91,20 +71,12 @@ def sinusoid(
         wave = np.sinc(along) * np.sinc(down) * np.cos(2 * math.pi * cycles)
     else:
         wave = _bars(cycles, abs(along), abs(down))
-    return grey_scene(
-        between(0.5 + 0.5 * wave, contrast),
-        illuminant,
-        mean_luminance_cd_m2,
-        wavelength_nm=wavelength_nm,
-        distance_m=distance_m,
-        width_m=width_m,
-        rule=rule,
-        name=f"{waveform} wave of {frequency:g} cycles per sample, {direction_deg:g} degrees",
-    )
+    name = f"{waveform} wave of {frequency:g} cycles per sample, {direction_deg:g} degrees"
+    return grey_chart(between(0.5 + 0.5 * wave, contrast), name)
 
 
 def _bars(cycles: Array, along: float, down: float) -> Array:
-    """Means over samples of bars, +1 from -1/4 to 1/4 of a cycle and -1 to 3/4; the sides span `along` and `down`."""
+    """Means over samples of bars, +1 from -1/4 to 1/4 of a cycle and -1 to 3/4; a sample spans `along` and `down`."""
 
     def once(p: Array) -> Array:
         """The wave's integral: a triangle."""
@@ -116,34 +88,27 @@ def _bars(cycles: Array, along: float, down: float) -> Array:
         x = np.where(turn < 0.5, turn - 0.25, turn - 0.75)
         return np.where(turn < 0.5, 1.0, -1.0) * (x**2 / 2 - 1 / 32)
 
-    p = np.mod(cycles, 1.0)  # before differences are taken, so that they lose no digits
+    p = np.mod(cycles, 1.0)  # before the differences, to keep digits
     wide, narrow = max(along, down), min(along, down)
-    if narrow < 1e-6 * wide:  # bars along a border; what their lean would change is smaller still
+    if narrow < 1e-6 * wide:  # bars along a border; the tilt has no effect
         return (once(p + wide / 2) - once(p - wide / 2)) / wide
     far, near = (wide + narrow) / 2, (wide - narrow) / 2
     return (twice(p + far) + twice(p - far) - twice(p + near) - twice(p - near)) / (wide * narrow)
 
 
+@lit()
 def frequency_sweep(
-    illuminant: str | float | Spectrum = "D65",
-    mean_luminance_cd_m2: float = 40.0,
     *,
-    lowest: float = 0.005,
-    highest: float = 0.5,
-    contrast: float = math.inf,
-    rows: int = 64,
-    cols: int = 1024,
-    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-) -> Scene:
-    """A sine whose frequency grows by equal factors in equal steps from the left border to the right one.
+    lowest: Frequency = 0.005,
+    highest: Frequency = 0.5,
+    contrast: Contrast = math.inf,
+    rows: Samples = 64,
+    cols: Samples = 1024,
+) -> Chart:
+    """Sine whose frequency increases exponentially from the left border to the right one.
 
     Parameters
     ----------
-    illuminant, mean_luminance_cd_m2, wavelength_nm, distance_m, width_m, rule
-        As for `photosite.scene.charts.macbeth`; the mean luminance is that of the whole field.
     lowest, highest
         Frequencies at the left and right borders, in cycles per sample, above 0 and up to 0.5.
     contrast
@@ -154,12 +119,12 @@ def frequency_sweep(
     Raises
     ------
     InputError
-        If the frequencies or contrast cannot be.
+        If an option is invalid.
 
     Notes
     -----
     The frequency at the share x of the width is lowest (highest / lowest)^x. A sample's mean is by Gauss-Legendre
-    quadrature with 16 points, exact to rounding: the phase turns by half a cycle or less.
+    quadrature with 16 points, exact to rounding: the phase changes by half a cycle or less.
 
     Examples
     --------
@@ -167,53 +132,31 @@ def frequency_sweep(
     >>> sweep.shape, bool(sweep.weights.min() >= 0)
     ((64, 400), True)
     """
-    check_size(rows, cols)
-    if not 0 < lowest < highest <= _FINEST:
-        raise InputError(
-            f"a sweep's frequencies rise from above 0 to at most 0.5 cycles per sample, not from {lowest} to {highest}"
-        )
+    if not lowest < highest:
+        raise InputError("highest", value=highest, expected=f"above lowest, {lowest:g}")
     steepness = math.log(highest / lowest)
     nodes, shares = np.polynomial.legendre.leggauss(16)
     place = (np.arange(cols)[:, None] + 0.5 + nodes / 2) / cols
     cycles = lowest * cols / steepness * np.expm1(steepness * place)
     line = np.cos(2 * math.pi * cycles) @ (shares / 2)
-    return grey_scene(
-        np.broadcast_to(between(0.5 + 0.5 * line, contrast), (rows, cols)),
-        illuminant,
-        mean_luminance_cd_m2,
-        wavelength_nm=wavelength_nm,
-        distance_m=distance_m,
-        width_m=width_m,
-        rule=rule,
-        name=f"sweep from {lowest:g} to {highest:g} cycles per sample",
-    )
+    pattern = np.broadcast_to(between(0.5 + 0.5 * line, contrast), (rows, cols))
+    return grey_chart(pattern, f"sweep from {lowest:g} to {highest:g} cycles per sample")
 
 
+@lit()
 def zone_plate(
-    illuminant: str | float | Spectrum = "D65",
-    mean_luminance_cd_m2: float = 40.0,
-    *,
-    highest: float = 0.5,
-    contrast: float = math.inf,
-    rows: int = 512,
-    cols: int = 512,
-    wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM,
-    distance_m: float = DEFAULT_DISTANCE_M,
-    width_m: float | None = None,
-    rule: Rule = "trapezoid",
-) -> Scene:
-    """Rings whose frequency grows in proportion to the distance from the centre, in every direction.
+    *, highest: Frequency = 0.5, contrast: Contrast = math.inf, rows: Samples = 512, cols: Samples = 512
+) -> Chart:
+    """Zone plate: rings whose frequency is proportional to the distance from the centre.
 
-    Where the camera's pixels are too coarse for the rings they show rings that are not there, round other centres:
-    each false centre stands where the frequency is that of the grid, or of the colours' grid.
+    Pixels that are too coarse for the rings show aliases: false rings around other centres, where the frequency is that
+    of the pixel grid, or of the grid of one colour.
 
     Parameters
     ----------
-    illuminant, mean_luminance_cd_m2, wavelength_nm, distance_m, width_m, rule
-        As for `photosite.scene.charts.macbeth`; the mean luminance is that of the whole field.
     highest
-        Frequency in the middle of the field's longer borders' ends, cols / 2 or rows / 2 samples from the centre,
-        whichever is more; above 0 and up to 0.5 cycles per sample.
+        Frequency at the ends of the longer axis, cols / 2 or rows / 2 samples from the centre, whichever is more; above
+        0 and up to 0.5 cycles per sample.
     contrast
         As for `sinusoid`.
     rows, cols
@@ -222,13 +165,13 @@ def zone_plate(
     Raises
     ------
     InputError
-        If the frequency or contrast cannot be.
+        If an option is invalid.
 
     Notes
     -----
     1/2 + 1/2 cos(k r^2) with k = 2 pi highest / side. cos(k (x^2 + y^2)) is the real part of a product of a function
-    of x and one of y, whose means over samples are Fresnel integrals: exact. In the corners the frequency is higher,
-    up to 1.41 times, and the mean over a sample fades it as it should.
+    of x and one of y, whose means over samples are Fresnel integrals: exact. In the corners the frequency is up to 1.41
+    times higher, and the mean over a sample reduces its modulation accordingly.
 
     Examples
     --------
@@ -238,9 +181,6 @@ def zone_plate(
     """
     from scipy.special import fresnel
 
-    check_size(rows, cols)
-    if not 0 < highest <= _FINEST:
-        raise InputError(f"a zone plate's frequency is above 0 and up to 0.5 cycles per sample, not {highest}")
     # fresnel integrates cos and sin of pi t^2 / 2, and k x^2 is that at t = x sqrt(2 k / pi).
     scale = math.sqrt(4 * highest / max(rows, cols))
 
@@ -250,13 +190,4 @@ def zone_plate(
         return means
 
     wave = (mean(rows)[:, None] * mean(cols)[None, :]).real
-    return grey_scene(
-        between(0.5 + 0.5 * wave, contrast),
-        illuminant,
-        mean_luminance_cd_m2,
-        wavelength_nm=wavelength_nm,
-        distance_m=distance_m,
-        width_m=width_m,
-        rule=rule,
-        name=f"zone plate to {highest:g} cycles per sample",
-    )
+    return grey_chart(between(0.5 + 0.5 * wave, contrast), f"zone plate to {highest:g} cycles per sample")

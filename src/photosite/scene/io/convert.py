@@ -1,4 +1,4 @@
-"""One scene file into another; a cube into photosite's own file without either of them ever being in memory."""
+"""Conversion of scene files; a cube of any size is reduced into photosite's own format in bounded memory."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 from photosite.errors import FileError
 from photosite.scene.cube import SpectralCube, release
-from photosite.scene.io.files import FORMATS, format_of, open_scene, read_options, writer_of
-from photosite.scene.needless import check_tolerance
+from photosite.scene.io.files import open_scene, writer_of
+from photosite.scene.io.formats import FORMATS, format_of, not_reduced
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import Progress, Reduction, reduced
+from photosite.scene.reduce import Reduction, reduce_cube
+from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
 
 
@@ -22,33 +23,32 @@ def convert(
     progress: Progress | None = None,
     **options: Any,
 ) -> Reduction:
-    """Bring a scene's file into another format, through the few spectra of a scene.
+    """Convert a scene file to another format, through the few basis spectra of a scene.
 
     Parameters
     ----------
     path
-        A file that `photosite.scene.io.files.read_scene` reads.
+        A file that `photosite.read_scene` reads.
     output
-        The file wanted, as for `photosite.scene.io.files.write_scene`. Into `.h5`, photosite's own, weights are
-        written as
+        The file to write, as for `photosite.write_scene`. Into `.h5`, photosite's own format, weights are written as
         they are computed, so that memory does not grow with the cube.
     progress
-        Told (done, total, what).
+        Called with (done, total, unit).
     **options
         As for `read_scene`.
 
     Returns
     -------
     Reduction
-        The scene, and what the reduction took.
+        The scene, and how it was reduced.
 
     Raises
     ------
     FileError
-        If a file cannot be read or written, or does not say what is needed; if the output would replace what is read,
-        or a tolerance is given for a file that holds a scene of few spectra already.
+        If a file cannot be read or written, or lacks information; if the output would overwrite the input; or if a
+        tolerance is given for a file that holds a scene of few basis spectra.
     InputError
-        If an option cannot be.
+        If an option is unknown or invalid.
 
     Examples
     --------
@@ -59,36 +59,36 @@ def convert(
     >>> done.bands, done.components, done.scene.relative_error < 0.01
     (41, 8, True)
     """
-    said, target = read_options(options), Path(output)
+    read_options, target = ReadOptions(**options), Path(output)
     write = writer_of(target)
-    found = open_scene(Path(path), said)
+    found = open_scene(Path(path), read_options)
     _check_apart(Path(path), found, target)
     if isinstance(found, Scene):
-        if "tolerance" in options:
-            check_tolerance(Path(path), found, said)
+        raised = read_options.method == "jakob-hanika"  # spectra of single colours are reduced as a cube's are
+        if "tolerance" in options and not raised:
+            raise not_reduced(Path(path), found, read_options)
         write(found, target)
-        # Spectra that were raised one by one are reduced as a cube's are.
-        return Reduction(found, found.wavelength_nm.size, reduced=said.method == "jakob-hanika")
+        return Reduction(found, found.wavelength_nm.size, reduced=raised)
     try:
-        return _reduced_into(target, found, said, progress)
+        return _reduce_into(target, found, read_options, progress)
     finally:
         release(found)
 
 
-def _reduced_into(target: Path, cube: SpectralCube, said: ReadOptions, progress: Progress | None) -> Reduction:
+def _reduce_into(target: Path, cube: SpectralCube, options: ReadOptions, progress: Progress | None) -> Reduction:
     if target.suffix.lower() in FORMATS[0].suffixes:
         from photosite.scene.io.native import reduce_to_native
 
-        return reduce_to_native(lambda store: reduced(cube, said, store=store, progress=progress), target)
-    reduction = reduced(cube, said, progress=progress)
+        return reduce_to_native(lambda store: reduce_cube(cube, options, store=store, progress=progress), target)
+    reduction = reduce_cube(cube, options, progress=progress)
     writer_of(target)(reduction.scene, target)
     return reduction
 
 
 def _check_apart(path: Path, found: SpectralCube | Scene, target: Path) -> None:
-    """Refuse to write over what is read: measured data in many bands cannot be made again from few spectra.
+    """Refuse to overwrite the input: measured data in many bands cannot be restored from few spectra.
 
-    An ENVI image is two files, one of them perhaps given and the other found.
+    An ENVI image is two files, one of them given and the other found beside it.
     """
     sources = {path, Path(getattr(found, "path", path))}
     if format_of(path).module == "envi":
@@ -96,4 +96,4 @@ def _check_apart(path: Path, found: SpectralCube | Scene, target: Path) -> None:
     targets = [target, target.with_suffix(".img")] if target.suffix.lower() == ".hdr" else [target]
     for name in targets:
         if name.resolve() in {source.resolve() for source in sources}:
-            raise FileError(target, f"would be written over {name.name}, which is read; choose another name")
+            raise FileError(target, f"would overwrite the input {name.name}", hint="Choose another name")

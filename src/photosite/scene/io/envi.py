@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, cube_of_scene, picked
+from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, select_bands
 from photosite.scene.io.hdf5_cube import said_units, stated_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units, parse_units
 
 _DATA_SUFFIXES = ("", ".img", ".dat", ".raw", ".bin", ".hyspex", ".bsq", ".bil", ".bip", ".sli")
@@ -93,7 +94,7 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         scale=units.scale if gain is None else units.scale * gain,
         no_data=_number(header_path, header, "data ignore value", any_sign=True),
     )
-    return picked(cube, _good_bands(header_path, header, bands))
+    return select_bands(cube, _good_bands(header_path, header, bands))
 
 
 def _header_of(path: Path) -> Path:

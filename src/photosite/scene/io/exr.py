@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from photosite.color.spectrum import energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Block, CubeHead, SpectralCube, cube_of_scene
+from photosite.scene.cube import Block, CubeHead, SpectralCube
 from photosite.scene.io.exr_names import Kind, SpectralChannel, channel_name, spectral_channels
 from photosite.scene.io.exr_picture import colour_channels, picture_scene
 from photosite.scene.io.hdf5_cube import said_units
 from photosite.scene.io.openexr import LARGEST_HALF, ExrPart, parts_of, write_rows
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units, parse_units
 
 _DISTANCE, _WIDTH, _TITLE = "photosite.distance_m", "photosite.width_m", "photosite.name"

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Block, CubeHead, Interleave, RawCube, SpectralCube, cube_of_scene
+from photosite.scene.cube import Array, Block, CubeHead, Interleave, RawCube, SpectralCube
 from photosite.scene.io.hdf5_file import check_written, numbers, opened, plain
 from photosite.scene.io.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units, parse_units
 
 WAVELENGTH_NAMES = (

@@ -11,8 +11,8 @@ import numpy as np
 
 from photosite.errors import InputError
 from photosite.files.atomic import atomic_path
-from photosite.scene.cube import cube_of_scene
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import cube_of_scene
 
 _MOST_BYTES = 1 << 30
 """Of one variable of version 5, which ends at 2 GiB and is built in memory."""

@@ -27,7 +27,7 @@ from photosite.files.atomic import atomic_path
 from photosite.scene.io.hdf5_file import numbers, plain
 from photosite.scene.io.store import WeightStore
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import Reduction
+from photosite.scene.reduce import Reduction, apply_options
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights, all_finite
 from photosite.values.region import Region
@@ -158,7 +158,7 @@ def read_native(path: Path, file: Any, datasets: dict[str, Any], said: ReadOptio
             patches="patches" in attributes,
             **spectra,
         )
-        return said.applied_to(scene)
+        return apply_options(scene, said)
     except InputError as error:
         raise FileError(path, str(error)) from None
 

@@ -162,11 +162,12 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
             rows=rows,
             cols=cols,
             names=names,
-            illuminant=light,
-            mean_luminance_cd_m2=1.0 if options.mean_luminance_cd_m2 is None else options.mean_luminance_cd_m2,
+            name=title,
+        ).under(
+            light,
+            1.0 if options.mean_luminance_cd_m2 is None else options.mean_luminance_cd_m2,
             distance_m=options.distance_m or DEFAULT_DISTANCE_M,
             width_m=options.width_m,
-            name=title,
         )
     except InputError as error:
         raise FileError(table.path, str(error)) from None

@@ -8,9 +8,7 @@ scene:
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from os import fspath
 from pathlib import Path
 from typing import Any
@@ -19,30 +17,22 @@ from photosite.color.illuminants import illuminant as relative_energy
 from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.yaml import check_keys, line_of, optional_text
-from photosite.scene.io.files import read_options
-from photosite.scene.request import (
-    FORMULAS,
+from photosite.scene.built_in import BUILT_IN_SCENES
+from photosite.scene.scene_request import (
+    DEFAULT_SCENE,
+    FIELDS,
     Place,
     PlaneRequest,
     PlanesRequest,
     SceneRequest,
-    check_options,
-    scene_request,
+    merged_options,
 )
-from photosite.scene.values import is_number
 
-_NUMBERS = {
-    "luminance_cd_m2": "mean_luminance_cd_m2",
-    "distance_m": "distance_m",
-    "width_m": "width_m",
-    "tolerance": "tolerance",
-}
-"""Numbers of the section, and their names in a `SceneRequest`."""
-_KEYS = ("source", "illuminant", "units", "wavelength_nm", "options", *_NUMBERS)
+_KEYS = ("source", "options", *FIELDS)
 
 
 def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesRequest:
-    """What the section asks for.
+    """Return the scene, or the planes, that the section asks for.
 
     Parameters
     ----------
@@ -54,101 +44,70 @@ def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesReq
     Raises
     ------
     FileError
-        If it does not describe a scene; with the line.
+        If the section does not describe a scene; with the line.
     """
-    told, line = data["scene"], line_of(data, "scene")
-    if isinstance(told, list):
-        if not told:
-            raise FileError(file, "scene lists no planes; give one or more, near to far", line)
-        lines = [line_of(told, index) or line for index in range(len(told))]
-        planes = tuple(_plane(file, part, at) for part, at in zip(told, lines, strict=True))
+    section, line = data["scene"], line_of(data, "scene")
+    if isinstance(section, list):
+        if not section:
+            raise FileError(file, "scene", line, value=section, expected="a list of one or more planes, near to far")
+        lines = [line_of(section, index) or line for index in range(len(section))]
+        planes = tuple(_plane(file, part, at) for part, at in zip(section, lines, strict=True))
         return PlanesRequest(planes, Place(file, line))
-    if isinstance(told, str):
-        told = {"source": told}
-    return _one(file, told, line, _KEYS)
+    if isinstance(section, str):
+        section = {"source": section}
+    return _scene(file, section, line, _KEYS)
 
 
-def _plane(file: Path, told: Any, line: int | None) -> PlaneRequest:
-    request = _one(file, told, line, (*_KEYS, "alpha"))
-    alpha = optional_text(file, told, "alpha")
+def _plane(file: Path, section: Any, line: int | None) -> PlaneRequest:
+    request = _scene(file, section, line, (*_KEYS, "alpha"))
+    alpha = optional_text(file, section, "alpha")
     if alpha is not None and not (file.parent / alpha).exists():
-        raise FileError(file, f"scene.alpha '{alpha}' is no file beside this one", line_of(told, "alpha") or line)
+        at = line_of(section, "alpha") or line
+        raise FileError(file, "alpha", at, where="scene", value=alpha, expected="a file, relative to this one")
     return PlaneRequest(request, None if alpha is None else file.parent / alpha)
 
 
-def _one(file: Path, told: Any, line: int | None, known: tuple[str, ...]) -> SceneRequest:
-    if not isinstance(told, Mapping):
-        raise FileError(file, f"scene is a formula's name, a file, or fields, not {told!r:.40}", line)
-    check_keys(file, told, known, "scene")
-    source = optional_text(file, told, "source") or SceneRequest().source
-    with _at(file, told, "source", line):
-        if source not in FORMULAS and not (file.parent / source).exists():
-            hint = "" if Path(source).suffix else f"; {did_you_mean(source, FORMULAS)}"
-            raise InputError(f"scene.source '{source}' is neither a formula nor a file beside this one{hint}")
-    said: dict[str, Any] = {
-        "units": optional_text(file, told, "units"),
-        "illuminant": _illuminant(file, told, line),
-        "place": Place(file, line_of(told, "source") or line),
-    }
-    for key, name in _NUMBERS.items():
-        if (value := told.get(key)) is not None:
-            if not is_number(value) or not (math.isfinite(value) and value > 0):
-                raise FileError(file, f"scene.{key} is a number above 0, not {value!r:.40}", line_of(told, key) or line)
-            said[name] = float(value)
-    _check_of_files(file, told, source, line)
-    if (grid := told.get("wavelength_nm")) is not None:
-        if not isinstance(grid, list) or not all(map(is_number, grid)):
-            raise FileError(file, "scene.wavelength_nm is a list of numbers", line_of(told, "wavelength_nm") or line)
-        said["wavelength_nm"] = [float(value) for value in grid]
-        with _at(file, told, "wavelength_nm", line):  # a file's bands may be said in the file's own order
-            wavelength_grid(grid if source in FORMULAS else sorted(grid))
-    said["options"] = _options(file, told, source, line)
-    return scene_request(source, file.parent, **said)
+def _scene(file: Path, section: Any, line: int | None, known: tuple[str, ...]) -> SceneRequest:
+    if not isinstance(section, Mapping):
+        raise FileError(file, "scene", line, value=section, expected="the name of a built-in scene, a file, or fields")
+    check_keys(file, section, known, "scene")
+    source = optional_text(file, section, "source") or DEFAULT_SCENE
+    at = line_of(section, "source") or line
+    place = Place(file, at)
+    if source not in BUILT_IN_SCENES:
+        path = file.parent / source
+        if not path.exists():
+            hint = None if Path(source).suffix else did_you_mean(source, BUILT_IN_SCENES)
+            expected = "a built-in scene, or a file relative to this one"
+            raise FileError(file, "source", at, where="scene", value=source, expected=expected, hint=hint)
+        source = fspath(path)
+    own = section.get("options") or {}
+    if not isinstance(own, Mapping):
+        line = line_of(section, "options") or line
+        raise FileError(file, "options", line, where="scene", value=own, expected="a mapping of options")
+    options: dict[str, Any] = {}
+    # One by one, so that an error has the line of its option.
+    for key, argument in FIELDS.items():
+        if (value := section.get(key)) is not None:
+            with place.errors(line_of(section, key)):
+                options[argument] = _checked(source, argument, value, file)
+    for key, value in own.items():
+        with place.errors(line_of(own, key) or line_of(section, "options")):
+            options = merged_options(options, {str(key): _checked(source, str(key), value, file)})
+    return SceneRequest(source, options, place)
 
 
-@contextmanager
-def _at(file: Path, told: Mapping[str, Any], key: str, line: int | None) -> Iterator[None]:
-    """What is wrong with a value, or with the file that it names, is said with the line that it stands on."""
-    try:
-        yield
-    except (InputError, FileError) as error:
-        raise FileError(file, str(error), line_of(told, key) or line) from None
-
-
-def _illuminant(file: Path, told: Mapping[str, Any], line: int | None) -> str | float | None:
-    """The light, a lamp's file by its place beside the camera file."""
-    wanted = told.get("illuminant")
-    if wanted is None:
-        return None
-    if not isinstance(wanted, str) and not is_number(wanted):
-        at = line_of(told, "illuminant") or line
-        raise FileError(file, f"scene.illuminant is a name or a temperature in K, not {wanted!r:.40}", at)
-    if isinstance(wanted, str) and wanted.strip().lower().endswith(".csv"):
-        wanted = fspath(file.parent / wanted.strip())
-    with _at(file, told, "illuminant", line):
-        relative_energy(wanted, [560.0])
-    return str(wanted) if isinstance(wanted, str) else float(wanted)
-
-
-def _check_of_files(file: Path, told: Mapping[str, Any], source: str, line: int | None) -> None:
-    """Whether what is said of how a file is read is said of a file, and can be."""
-    for key in ("units", "tolerance"):
-        if told.get(key) is not None:
-            with _at(file, told, key, line):
-                if source in FORMULAS:
-                    raise InputError(f"scene.{key} is said of a scene's file; '{source}' is a formula")
-                read_options({key: told[key]})
-
-
-def _options(file: Path, told: Mapping[str, Any], source: str, line: int | None) -> dict[str, Any]:
-    wanted = told.get("options") or {}
-    if not isinstance(wanted, Mapping):
-        raise FileError(file, f"scene.options are fields, not {wanted!r:.40}", line_of(told, "options") or line)
-    named = {str(key): value for key, value in wanted.items()}
-    for key, value in named.items():
-        with _at(file, wanted, key, line_of(told, "options") or line):
-            if source in FORMULAS:
-                check_options(source, {key: value})
-            else:
-                read_options({key: value})
-    return named
+def _checked(source: str, argument: str, value: Any, file: Path) -> Any:
+    """The value of an argument, once a request accepts it."""
+    if argument == "illuminant":
+        if isinstance(value, str) and value.strip().lower().endswith(".csv"):
+            value = fspath(file.parent / value.strip())
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise InputError("illuminant", value=value, expected="a name, or a temperature in K")
+        relative_energy(value, [560.0])
+    if isinstance(value, list):
+        value = list(value)
+    SceneRequest(source, {argument: value})
+    if argument == "wavelength_nm":  # those of a file's bands can be in any order
+        wavelength_grid(value if source in BUILT_IN_SCENES else sorted(value))
+    return value

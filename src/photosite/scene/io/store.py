@@ -1,4 +1,4 @@
-"""Where the weights of a scene go while they are computed, some rows at a time: memory, or a file and then mapped."""
+"""Stores for the weights of a scene while they are computed: memory, or a file that is mapped afterwards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LARGE_BYTES = 256 << 20
 
 
 class WeightStore(Protocol):
-    """A place for weights (K, rows, cols); a `with` block holds it open."""
+    """A store for weights (K, rows, cols), open within a `with` block."""
 
     def __enter__(self) -> Self: ...
     def __exit__(
@@ -25,21 +25,21 @@ class WeightStore(Protocol):
     ) -> None: ...
 
     def put(self, first: int, weights: NDArray[np.float32]) -> None:
-        """Take (K, n, cols) weights of the rows from `first` on."""
+        """Store the weights (K, n, cols) of the rows from `first` on."""
         ...
 
     def finish(self) -> NDArray[np.float32]:
-        """All of them."""
+        """Return all weights."""
         ...
 
 
 def temporary_store(shape: tuple[int, int, int]) -> WeightStore:
-    """Memory for weights (K, rows, cols) up to 256 MiB, for larger ones a temporary file that goes with them.
+    """Return memory for weights (K, rows, cols) up to 256 MiB, else a temporary file that is deleted with them.
 
     Raises
     ------
     InputError
-        If there is no room for the file.
+        If the disk has no space for the file.
     """
     size = 4 * int(np.prod(shape, dtype=np.int64))
     return _InMemory(shape) if size <= _LARGE_BYTES else _InFile(shape, size)
@@ -65,14 +65,14 @@ class _InMemory:
 
 
 class _InFile:
-    """A file without a name: it goes when nothing maps it any longer."""
+    """A file without a name, which is deleted with its last mapping."""
 
     def __init__(self, shape: tuple[int, int, int], size: int) -> None:
         free = shutil.disk_usage(tempfile.gettempdir()).free
         if size > free:
             raise InputError(
-                f"the scene's weights take {size / 1e9:.1f} GB, and {tempfile.gettempdir()} has {free / 1e9:.1f} GB "
-                "free; set TMPDIR to a larger disk, or write the scene to a file (photosite convert)"
+                f"the scene's weights need {size / 1e9:.1f} GB; {tempfile.gettempdir()} has {free / 1e9:.1f} GB free",
+                hint="Set TMPDIR to a larger disk, or write the scene to a file (photosite convert)",
             )
         self._shape = shape
         self._file: IO[bytes] = tempfile.TemporaryFile(prefix="photosite-scene-")  # noqa: SIM115 - __exit__ closes it
@@ -92,9 +92,7 @@ class _InFile:
                 self._file.seek(4 * (k * rows + first) * cols)
                 self._file.write(np.ascontiguousarray(component).data)
         except OSError as error:
-            raise InputError(
-                f"the scene's weights cannot be kept in {tempfile.gettempdir()}: {error.strerror}"
-            ) from None
+            raise InputError(f"weights cannot be stored in {tempfile.gettempdir()}: {error.strerror}") from None
 
     def finish(self) -> NDArray[np.float32]:
         self._file.flush()

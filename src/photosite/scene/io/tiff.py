@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, PhotositeError
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, RawCube, SpectralCube, cube_of_scene
+from photosite.scene.cube import Array, RawCube, SpectralCube
 from photosite.scene.io.hdf5_cube import stated_units
 from photosite.scene.io.picture import is_grey_tiff, is_tiff_picture, read_tiff_page
 from photosite.scene.io.spool import Piece, spooled
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units
 
 _STRIP_BYTES = 4 << 20
