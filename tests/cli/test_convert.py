@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,14 @@ GRID = [400.0, 500.0, 600.0]
 
 @pytest.fixture
 def bare(tmp_path: Path) -> Path:
-    """A stack that says nothing of itself; one value is missing, another negative."""
+    """A stack without metadata; one value is missing, another negative."""
     values = np.random.default_rng(1).uniform(0.1, 1, (3, 20, 30)).astype(np.float32)
     values[1, 4, 5], values[2, 6, 7] = np.nan, -0.01
     tifffile.imwrite(tmp_path / "bare.tif", values, photometric="minisblack", metadata=None)
     return tmp_path / "bare.tif"
 
 
-def test_the_components_and_the_error_are_said(photosite: Any, tmp_path: Path) -> None:
+def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> None:
     ps.charts.macbeth("A", 40).save(tmp_path / "chart.hdr")
     done = photosite("convert", tmp_path / "chart.hdr", "-o", tmp_path / "chart.h5", "--tolerance", "0.01")
     assert done.status == 0
@@ -41,18 +40,18 @@ def test_the_components_and_the_error_are_said(photosite: Any, tmp_path: Path) -
     assert told["relative_error"] == scene.relative_error
     assert told["mean_luminance_cd_m2"] == pytest.approx(scene.mean_luminance_cd_m2())
     again = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5")
-    assert f"spectra; as it was (RMS error {scene.relative_error:.2e}" in again.out
+    assert f"spectra; not reduced (RMS error {scene.relative_error:.2e}" in again.out
     assert "tolerance" not in again.out
     assert photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5", "--json").json["tolerance"] is None
 
 
-def test_each_missing_word_is_asked_for_until_all_are_said(photosite: Any, bare: Path) -> None:
+def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:
     said: list[str] = []
     steps = [
-        ("does not say the units", ["--units", "reflectance"]),
-        ("does not say the wavelengths", ["--wavelengths", "400:600:100"]),
-        ("say the light on them", ["--illuminant", "D65"]),
-        ("say how bright they are lit", ["--luminance", "100"]),
+        ("does not state the units", ["--units", "reflectance"]),
+        ("has no wavelengths of its bands", ["--wavelengths", "400:600:100"]),
+        ("holds reflectances. Pass the light", ["--illuminant", "D65"]),
+        ("holds reflectances. Pass the luminance", ["--luminance", "100"]),
         ("has no data at row 4, column 5, band 2 (500 nm)", ["--no-data", "zero"]),
         ("the first at row 6, column 7, band 3 (600 nm)", ["--negative", "zero"]),
     ]
@@ -73,19 +72,19 @@ def test_each_missing_word_is_asked_for_until_all_are_said(photosite: Any, bare:
     assert scene.mean_luminance_cd_m2() == pytest.approx(100)
 
 
-def test_bands_that_come_first_are_said(photosite: Any, tmp_path: Path) -> None:
+def test_bands_on_the_first_axis(photosite: Any, tmp_path: Path) -> None:
     values = np.random.default_rng(2).uniform(1, 2, (3, 20, 30))
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["cube"] = values
         file["cube"].attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
     told = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
     asked = photosite(*told).err
-    assert "(3, 20, 30), of which the first axis fits its 3 wavelengths; say where the bands are: --interleave" in asked
+    assert "a cube of (3, 20, 30), and 3 wavelengths fit its first axis. Pass --interleave" in asked
     done = photosite(*told, "--interleave", "bsq").json
     assert (done["rows"], done["cols"], done["bands"]) == (20, 30, 3)
 
 
-def test_bands_are_sorted_where_that_is_said(photosite: Any, bare: Path) -> None:
+def test_bands_are_sorted_on_request(photosite: Any, bare: Path) -> None:
     said = ["--units", "W/sr/m2/nm", "--no-data", "zero", "--negative", "zero", "--wavelengths", "600,400,500"]
     done = photosite("convert", bare, "-o", bare.with_name("out.h5"), *said)
     assert done.status == 2
@@ -95,13 +94,13 @@ def test_bands_are_sorted_where_that_is_said(photosite: Any, bare: Path) -> None
 
 
 @pytest.mark.parametrize("text", ["400:600", "600:400:10", "400:605:10", "400,red", "400:500:0", ""])
-def test_wavelengths_that_are_none(photosite: Any, bare: Path, text: str) -> None:
+def test_invalid_wavelengths(photosite: Any, bare: Path, text: str) -> None:
     done = photosite("convert", bare, "-o", bare.with_name("out.h5"), "--wavelengths", text)
     assert done.status == 2
     assert "expected 400,410,420 or first:last:step" in done.err
 
 
-def test_a_picture_is_raised_by_the_method_that_is_said(photosite: Any, tmp_path: Path) -> None:
+def test_the_method_for_pictures(photosite: Any, tmp_path: Path) -> None:
     codes = np.random.default_rng(6).integers(30, 220, (5, 7, 3)).astype(np.uint8)
     tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb")
     told = ("--luminance", "40", "--json")
@@ -112,8 +111,7 @@ def test_a_picture_is_raised_by_the_method_that_is_said(photosite: Any, tmp_path
     assert photosite("scenes", "show", tmp_path / "a.tif", *option).json["spectra"] == smooth["components"]
     cube = photosite("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--method", "jakob-hanika")
     assert cube.status == 2
-    assert "method says how the colours of a display picture" in cube.err
-    assert sum("method" in line for line in cube.err.splitlines()) == 1
+    assert "Omit --method jakob-hanika" in cube.err
 
 
 def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
@@ -124,14 +122,14 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     call = ("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", "--illuminant", "D65", "--luminance", "100")
     refused = photosite(*call)
     assert refused.status == 2
-    assert "a.tif: illuminant D65 is known from 300 to 830 nm only" in refused.err
-    assert "(--bands 300:830)" in refused.err
+    assert "illuminant D65" in refused.err
+    assert "--bands 300:830" in refused.err
     assert photosite(*call, "--bands", "400:830", "--json").json["bands"] == 4
     for wrong in ("830:400", "400", "400:830:10", "a:b", "0:5"):
-        assert f"expected FIRST:LAST in nm, such as 400:780, not '{wrong}'" in photosite(*call, "--bands", wrong).err
+        assert f"expected FIRST:LAST in nm, such as 400:780, got '{wrong}'" in photosite(*call, "--bands", wrong).err
     assert photosite(*call, "--bands", "400-830").status == 2
     show = ("scenes", "show", tmp_path / "a.tif", "--illuminant", "D65", "--luminance", "100")
-    assert "--scene-option band_range_nm=[300,830]" in photosite(*show).err
+    assert "--scene-option 'band_range_nm=[300,830]'" in photosite(*show).err
     assert photosite(*show, "--scene-option", "band_range_nm=[300,830]", "--json").json["last_nm"] == 700
     camera = "photosite_camera: 1\nsensor: nikon-d200\n"
     (tmp_path / "b.yaml").write_text(f"{camera}scene: {{source: a.tif, illuminant: D65, luminance_cd_m2: 100}}\n")
@@ -139,18 +137,19 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(
         f"{camera}scene: {{source: a.tif, illuminant: D65, luminance_cd_m2: 100, {options}}}\n"
     )
-    with pytest.raises(FileError, match=re.escape(f"({options})")):
+    with pytest.raises(FileError) as caught:
         ps.load_camera(tmp_path / "b.yaml").scene.scene()
+    assert options in str(caught.value.hint)
     assert ps.load_camera(tmp_path / "c.yaml").scene.scene().wavelength_nm[-1] == 700
 
 
-def test_raised_spectra_are_reduced_to_a_tolerance(photosite: Any, tmp_path: Path) -> None:
+def test_spectra_of_pictures_are_reduced_to_a_tolerance(photosite: Any, tmp_path: Path) -> None:
     Image.fromarray(np.random.default_rng(5).integers(0, 256, (3, 3, 3), np.uint8)).save(tmp_path / "a.png")
     call = ("convert", tmp_path / "a.png", "-o", tmp_path / "a.h5", "--luminance", "40")
     done = photosite(*call, "--method", "jakob-hanika", "--tolerance", "0.05")
     assert "(tolerance 0.05)" in done.out
-    assert "as it was" not in done.out
-    assert "as it was" in photosite(*call).out
+    assert "not reduced" not in done.out
+    assert "not reduced" in photosite(*call).out
 
 
 def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
@@ -160,6 +159,6 @@ def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
     told = photosite(*call)
     assert told.status == 0
     assert "photosite: warning: " in told.err
-    assert "(--patch-cols 6)" in told.err
+    assert "--patch-cols 6" in told.err
     assert photosite(*call, "--patch-cols", "4").status == 0
     assert len({part.c0 for part in ps.read_scene(tmp_path / "a.h5").regions}) == 4

@@ -229,11 +229,14 @@ WALL = '<shape type="rectangle"><bsdf type="diffuse"><spectrum name="%s" value="
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("not xml", "Mitsuba refuses the scene: .*Parsing"),
+        ("not xml", "Mitsuba rejects the scene: .*Parsing"),
         ('<scene version="3.0.0"><shape type="cubus"/></scene>', "cubus"),
         (f'<scene version="3.0.0">{SKY}</scene>', "has no camera"),
-        (f'<scene version="3.0.0">{CAMERA % "width"}</scene>', "has no light, and would be dark; give it an emitter"),
-        (f'<scene version="3.0.0">{SKY}{CAMERA % "widht"}</scene>', "film has no 'widht'; did you mean 'width'"),
+        (f'<scene version="3.0.0">{CAMERA % "width"}</scene>', "has no light"),
+        (
+            f'<scene version="3.0.0">{SKY}{CAMERA % "widht"}</scene>',
+            "film has no property 'widht'.*did you mean 'width'",
+        ),
         (f'<scene version="3.0.0">{SKY}{CAMERA % "width"}{WALL % "reflectence"}</scene>', "reflectence"),
         ('<scene version="3.0.0"><shape type="ply"><string name="filename" value="no.ply"/></shape></scene>', "no.ply"),
     ],
@@ -248,16 +251,16 @@ def test_scene_files_refused(tmp_path: Path, content: str, said: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "field"),
     [
-        ({"spp": 0}, "spp of a rendering is 1 or more, not 0"),
-        ({"rows": -1}, "rows of a rendering"),
+        ({"spp": 0}, "spp"),
+        ({"rows": -1}, "rows"),
         ({"unit_m": 0.0}, "unit_m"),
-        ({"seed": -1}, "from 0 to 4294967295, not -1"),
-        ({"variant": "scalar_rgb"}, "'scalar_rgb' renders no spectra"),
-        ({"wavelength_nm": [400, 410, 430]}, "in equal steps"),
-        ({"wavelength_nm": [410, 400]}, "increase"),
-        ({"sensor": 1}, "has 1 cameras"),
+        ({"seed": -1}, "seed"),
+        ({"variant": "scalar_rgb"}, "variant"),
+        ({"wavelength_nm": [400, 410, 430]}, "wavelength_nm"),
+        ({"wavelength_nm": [410, 400]}, "wavelength_nm"),
+        ({"sensor": 1}, "sensor"),
         ({"parameters": {"rows": 3}}, "parameters are for scene files"),
         ({"tolerance": 2.0}, "tolerance"),
     ],

@@ -1,4 +1,4 @@
-"""The wavelengths of a spectral file's bands: their unit, their order, and what is refused of them."""
+"""The wavelengths of a spectral file's bands: unit, order and validity."""
 
 from __future__ import annotations
 
@@ -22,47 +22,50 @@ _UNIT_NAMES = {
 }
 
 
+_WAVELENGTHS = {"wavelength_nm": [400, 410, 420]}
+_HINT = "Pass them in nm: {wavelength_nm}"
+
+
 def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wanted: ArrayLike | None) -> Array:
-    """The wavelengths of a file's bands, in nm and in the bands' order.
+    """Return the wavelengths of a file's bands, in nm and in the order of the bands.
 
     Parameters
     ----------
     path
         The file, for messages.
     values
-        (bands,) as the file has them; None where it says nothing.
+        (bands,) as in the file; None where it has none.
     unit
-        As the file has it; None where it says nothing. Then numbers from 200 to 2600 are nanometres: no other unit
-        puts those into a camera's range.
+        As in the file; None where it has none. Then values from 200 to 2600 are nanometres: no other unit puts them
+        into a camera's range.
     wanted
-        (bands,) nm, as the caller says them for a file that does not.
+        (bands,) nm, given by the caller for a file without them.
 
     Raises
     ------
     FileError
-        If neither says them, both do and differ, the unit is missing or unknown, or they lie beyond any camera.
+        If neither gives them, both do and differ, the unit is missing or unknown, or they are outside any camera's
+        range.
     """
     if values is None:
         if wanted is None:
-            raise FileError(path, "does not say the wavelengths of its bands; give them in nm (wavelength_nm=[...])")
+            raise FileError(path, "has no wavelengths of its bands", hint=_HINT, arguments=_WAVELENGTHS)
         return _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
     try:
         grid = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError):
-        raise FileError(path, "has wavelengths that are no numbers; give them in nm (wavelength_nm=[...])") from None
+        raise FileError(path, "has wavelengths that are not numbers", hint=_HINT, arguments=_WAVELENGTHS) from None
     if wanted is not None:
         given = _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
         if unit is not None and not (
             given.shape == grid.shape and np.allclose(given, grid * _factor(path, unit), rtol=1e-6)
         ):
-            raise FileError(path, "says its wavelengths itself, and others than wavelength_nm; leave that out")
+            arguments = {"wavelength_nm": tuple(np.asarray(wanted, np.float64).ravel().tolist())}
+            raise FileError(path, "states other wavelengths", hint="Omit {wavelength_nm}", arguments=arguments)
         return given
     if unit is None:
         if not (np.isfinite(grid).all() and grid.size and grid.min() >= 200 and grid.max() <= 2600):
-            raise FileError(
-                path,
-                f"does not say the unit of its wavelengths, {_ends(grid)}; give them in nm (wavelength_nm=[...])",
-            )
+            raise FileError(path, f"has no unit of its wavelengths, {_ends(grid)}", hint=_HINT, arguments=_WAVELENGTHS)
         return grid
     return _checked_nm(path, grid * _factor(path, unit), f"in {unit}")
 
@@ -70,25 +73,28 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
 def _factor(path: Path, unit: str) -> float:
     name = _UNIT_NAMES.get(unit.strip().lower().replace("µ", "u").replace("μ", "u"))
     if name is None:
-        raise FileError(
-            path, f"has wavelengths in '{unit[:40]}', an unknown unit; give them in nm (wavelength_nm=[...])"
-        )
+        what = f"has wavelengths in the unknown unit '{unit[:40]}'"
+        raise FileError(path, what, hint=_HINT, arguments=_WAVELENGTHS)
     return _NANOMETRES_PER[name]
 
 
 def _checked_nm(path: Path, grid: Array, what: str) -> Array:
     if grid.size and np.isfinite(grid).all() and grid.min() >= _LOWEST_NM and grid.max() <= _HIGHEST_NM:
         return grid
-    mend = "are they in another unit? Correct the file's unit, or give them in nm (wavelength_nm=[...])"
-    raise FileError(path, f"has wavelengths of {_ends(grid)} {what}, which no camera sees; {mend}")
+    raise FileError(
+        path,
+        f"has wavelengths of {_ends(grid)} {what}, outside any camera's range",
+        hint="Correct the file's unit, or pass them in nm: {wavelength_nm}",
+        arguments=_WAVELENGTHS,
+    )
 
 
 def _ends(grid: Array) -> str:
-    return f"{grid.min():g} to {grid.max():g}" if grid.size and np.isfinite(grid).all() else "some no numbers"
+    return f"{grid.min():g} to {grid.max():g}" if grid.size and np.isfinite(grid).all() else "not all finite"
 
 
 def within_range(wavelength_nm: Array, band_range_nm: ArrayLike | None) -> NDArray[np.bool_]:
-    """(bands,) whether each lies in a range, its ends included; all do where none is said.
+    """Return whether each band (bands,) is in a range, its ends included; all are where the range is None.
 
     Examples
     --------
@@ -100,23 +106,25 @@ def within_range(wavelength_nm: Array, band_range_nm: ArrayLike | None) -> NDArr
 
 
 def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.intp]:
-    """(bands,) indices that put bands in order of wavelength.
+    """Return the indices (bands,) that sort bands by wavelength.
 
     Raises
     ------
     FileError
-        If they are not in order and `sort` is false, or a wavelength stands twice.
+        If they are not sorted and `sort` is false, or two bands have one wavelength.
     """
     order = np.argsort(wavelength_nm, kind="stable")
     if (np.diff(wavelength_nm[order]) == 0).any():
         at = int(order[int(np.argmax(np.diff(wavelength_nm[order]) == 0))])
-        raise FileError(name, f"two bands have {wavelength_nm[at]:g} nm; leave one of them out")
+        raise FileError(name, f"two bands have {wavelength_nm[at]:g} nm", hint="Remove one of them")
     steps = np.diff(wavelength_nm)
     if (steps <= 0).any() and not sort:
         at = int(np.argmax(steps <= 0)) + 1
         raise FileError(
             name,
             f"its wavelengths are not sorted: band {at + 1} has {wavelength_nm[at]:g} nm after "
-            f"{wavelength_nm[at - 1]:g} nm; sort the file's bands, or say that they be sorted (sort_bands=True)",
+            f"{wavelength_nm[at - 1]:g} nm",
+            hint="Sort the file's bands, or pass {sort_bands}",
+            arguments={"sort_bands": True},
         )
     return order

@@ -1,4 +1,4 @@
-"""Several lights on one scene, each with its own spread over the field: a window on the left, a lamp on the right."""
+"""Several lights on one scene, each with its own distribution over the field."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from photosite.scene.reduction import principal_spectra
 from photosite.scene.scene import Scene
 
 Array = NDArray[np.float64]
-Spread = Callable[[Array, Array], Array]
-"""How much of a light falls where: a function of the shares of the height and of the width, 0 to 1, that broadcast."""
+Distribution = Callable[[Array, Array], Array]
+"""Distribution of a light: a function of the relative height and width, 0 to 1, which broadcast."""
 
-Light = tuple[str | float | Spectrum, float, ArrayLike | Spread | None]
-"""An illuminant; the luminance, in cd/m2, of a perfect white in it where its spread is 1; its spread, None for even."""
+Light = tuple[str | float | Spectrum, float, ArrayLike | Distribution | None]
+"""An illuminant; the luminance in cd/m2 of a perfect white where its distribution is 1; the distribution or None."""
 
 _BLOCK_SAMPLES = 1 << 20
 
 
-def gradient(start: float = 1.0, end: float = 0.0, direction_deg: float = 0.0) -> Spread:
-    """Light that changes evenly across the field.
+def gradient(start: float = 1.0, end: float = 0.0, direction_deg: float = 0.0) -> Distribution:
+    """Return light that changes linearly across the field.
 
     Parameters
     ----------
     start, end
-        Shares of the light at the two ends, 0 or more.
+        Relative light at the two ends, 0 or more.
     direction_deg
         From start to end: 0 to the right, 90 down. The ends are the field's borders or corners in that direction.
 
     Raises
     ------
     InputError
-        If a share is negative or a value is not finite.
+        If an end is negative or a value is not finite.
 
     Examples
     --------
@@ -47,27 +47,28 @@ def gradient(start: float = 1.0, end: float = 0.0, direction_deg: float = 0.0) -
     array([[1.  , 0.75, 0.  ]])
     """
     if not (0 <= start < math.inf and 0 <= end < math.inf and math.isfinite(direction_deg)):
-        raise InputError(f"a gradient runs between shares of 0 or more, not from {start} to {end}")
+        expected = "three finite numbers, start and end 0 or more"
+        raise InputError("start, end, direction_deg", value=(start, end, direction_deg), expected=expected)
     turn = math.radians(direction_deg)
     along, down = math.cos(turn), math.sin(turn)
     reach = abs(along) + abs(down)
 
     def share(y: Array, x: Array) -> Array:
-        way = 0.5 + (along * (x - 0.5) + down * (y - 0.5)) / reach
-        return start + (end - start) * way
+        along_gradient = 0.5 + (along * (x - 0.5) + down * (y - 0.5)) / reach
+        return start + (end - start) * along_gradient
 
     return share
 
 
-def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Spread:
-    """Light that falls off like a Gaussian round a place.
+def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Distribution:
+    """Return light that decreases like a Gaussian around a point.
 
     Parameters
     ----------
     row, col
-        Of the brightest place, in shares of the height and of the width.
+        Of the brightest point, relative to the height and the width.
     radius
-        Where it has fallen to one half, in the same shares, above 0.
+        Distance where it is one half, in the same units, above 0.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Spread:
     0.5
     """
     if not (math.isfinite(row) and math.isfinite(col) and 0 < radius < math.inf):
-        raise InputError(f"a spot has a place and a radius above 0, not {row}, {col} and {radius}")
+        raise InputError("row, col, radius", value=(row, col, radius), expected="finite, with a radius above 0")
 
     def share(y: Array, x: Array) -> Array:
         return np.exp2(-((y - row) ** 2 + (x - col) ** 2) / radius**2)
@@ -89,36 +90,35 @@ def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Spread:
 
 
 def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rule: Rule = "trapezoid") -> Scene:
-    """A scene whose reflectances are known, under several lights at once.
+    """Return a scene of known reflectances under several lights.
 
     Parameters
     ----------
     scene
-        Its own light is put out.
+        The scene; its own light is replaced.
     lights
-        For each: what `photosite.color.illuminants.illuminant` takes; the luminance, in cd/m2, of a perfect white in
-        this light
-        alone where its spread is 1; and its spread over the field, 0 or more: an array (rows, cols), a function such as
-        `gradient` or `spot` give, or None for even light.
+        For each: an illuminant as for `photosite.color.illuminants.illuminant`; the luminance, in cd/m2, of a perfect
+        white in this light alone where its distribution is 1; and its distribution over the field, 0 or more: an array
+        (rows, cols), a function such as those of `gradient` and `spot`, or None for even light.
     tolerance
-        Largest RMS error of the radiance relative to its RMS, where fewer spectra than reflectances times lights do.
+        Largest RMS error of the radiance relative to its RMS, where fewer spectra suffice.
     rule
         Integration rule of the luminance.
 
     Returns
     -------
     Scene
-        Without reflectance, since no one light falls on it.
+        Without reflectance, since several lights fall on it.
 
     Raises
     ------
     InputError
-        If the scene's reflectance is not known, there is no light, or one of them cannot be.
+        If the scene's reflectance is not known, or there is no light or an invalid one.
 
     Notes
     -----
     The radiance is the sum over lights l and reflectances k of spread_l weights_k x (reflectance_k light_l): weights
-    times basis again, and exact. What is kept of that is found by singular value decomposition.
+    times basis again, and exact. It is reduced by singular value decomposition.
 
     Examples
     --------
@@ -129,22 +129,25 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     """
     if scene.reflectance is None:
         raise InputError(
-            f"the reflectances in '{scene.name}' are not known, so it cannot be lit anew; "
-            "use a scene made from reflectances, such as a chart or a picture under one light"
+            f"the light of '{scene.name}' cannot be changed: only its radiance is known, not its reflectances",
+            hint="Use a scene made from reflectances, such as a chart or a picture under one light",
         )
     if not 0 < tolerance < 1:
-        raise InputError(f"the tolerance is a fraction of the RMS radiance, between 0 and 1, not {tolerance}")
+        raise InputError("tolerance", value=tolerance, expected="between 0 and 1")
     if not lights:
-        raise InputError("a scene is lit by one light or more; none is given")
+        raise InputError("lights", value=lights, expected="one or more")
     for light in lights:
         if not isinstance(light, tuple | list) or len(light) != 3:
-            raise InputError(f"a light is (illuminant, luminance in cd/m2, spread or None), not {light!r:.60}")
+            expected = "(illuminant, luminance in cd/m2, distribution or None) for each light"
+            raise InputError("lights", value=light, expected=expected)
     spectra = np.stack([_white(light, luminance, scene, rule) for light, luminance, _ in lights])
-    spreads = np.stack([_spread(spread, scene.shape, number) for number, (*_, spread) in enumerate(lights, start=1)])
-    # (lights x K, wavelengths), in the order in which _parts gives their weights.
+    distributions = np.stack(
+        [_distribution(distribution, scene.shape, number) for number, (*_, distribution) in enumerate(lights, start=1)]
+    )
+    # (lights x K, wavelengths), in the order of the weights of _parts.
     basis = (spectra[:, None, :] * scene.reflectance[None]).reshape(-1, spectra.shape[1])
     gram = np.zeros((len(basis), len(basis)))
-    for _, parts in _parts(scene, spreads):
+    for _, parts in _parts(scene, distributions):
         gram += parts @ parts.T
     seen = basis.T @ gram @ basis
     vectors = principal_spectra(seen, tolerance)
@@ -157,7 +160,7 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
         scale = np.abs(to_few).max(axis=1, keepdims=True)
         to_few, few = to_few / scale, few * scale
     weights = np.empty((len(few), *scene.shape), np.float32)
-    for rows, parts in _parts(scene, spreads):
+    for rows, parts in _parts(scene, distributions):
         weights[:, rows] = (to_few @ parts).reshape(len(few), -1, scene.shape[1])
     return replace(
         scene,
@@ -165,42 +168,45 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
         basis=few,
         reflectance=None,
         relative_error=math.hypot(scene.relative_error, math.sqrt(lost)),
-        name=f"{scene.name}, lit anew by {len(lights)} lights",
+        name=f"{scene.name}, under {len(lights)} lights",
     )
 
 
 def _white(light: str | float | Spectrum, luminance: float, scene: Scene, rule: Rule) -> Array:
     """(wavelengths,) photons/s/sr/m2/nm from a perfect white of the given luminance."""
     if not 0 <= luminance < math.inf:
-        raise InputError(f"a light's luminance is 0 cd/m2 or more, not {luminance}")
+        raise InputError("luminance_cd_m2", value=luminance, expected="0 or more")
     photons = photons_from_energy(relative_energy(light, scene.wavelength_nm), scene.wavelength_nm)
     now = float(luminance_cd_m2(photons, scene.wavelength_nm, rule))
     if now <= 0:
-        raise InputError("a light that the eye does not see at the scene's wavelengths cannot be given a luminance")
+        raise InputError("a light is invisible at the scene's wavelengths, so it cannot be scaled to a luminance")
     return photons * (luminance / now)
 
 
-def _spread(spread: ArrayLike | Spread | None, shape: tuple[int, int], number: int) -> NDArray[np.float32]:
+def _distribution(
+    distribution: ArrayLike | Distribution | None, shape: tuple[int, int], number: int
+) -> NDArray[np.float32]:
     rows, cols = shape
-    if spread is None:
+    if distribution is None:
         return np.ones(shape, np.float32)
-    if callable(spread):
-        share = spread((np.arange(rows)[:, None] + 0.5) / rows, (np.arange(cols)[None, :] + 0.5) / cols)
+    if callable(distribution):
+        share = distribution((np.arange(rows)[:, None] + 0.5) / rows, (np.arange(cols)[None, :] + 0.5) / cols)
     else:
-        share = np.asarray(spread, dtype=np.float64)
+        share = np.asarray(distribution, dtype=np.float64)
         if share.shape != shape:
-            raise InputError(f"the spread of light {number} is (rows, cols) = {shape} as the scene, not {share.shape}")
+            where = f"light {number}"
+            raise InputError("distribution", where=where, value=share.shape, expected=f"of the scene's shape {shape}")
     share = np.broadcast_to(np.asarray(share, dtype=np.float64), shape)
     if not ((share >= 0) & np.isfinite(share)).all():
-        raise InputError(f"the spread of light {number} is 0 or more everywhere; somewhere it is not")
+        raise InputError("distribution", where=f"light {number}", expected="0 or more everywhere")
     return share.astype(np.float32)
 
 
-def _parts(scene: Scene, spreads: NDArray[np.float32]) -> Iterator[tuple[slice, Array]]:
-    """Rows of the scene, some at a time, and (lights x K, samples) weights there."""
+def _parts(scene: Scene, distributions: NDArray[np.float32]) -> Iterator[tuple[slice, Array]]:
+    """Blocks of rows of the scene, and their weights (lights x K, samples)."""
     rows, cols = scene.shape
-    step = max(1, _BLOCK_SAMPLES // (cols * len(spreads) * len(scene.basis)))
+    step = max(1, _BLOCK_SAMPLES // (cols * len(distributions) * len(scene.basis)))
     for first in range(0, rows, step):
         here = slice(first, min(first + step, rows))
         weights = scene.weights[:, here].astype(np.float64)
-        yield here, (spreads[:, None, here] * weights[None]).reshape(len(spreads) * len(weights), -1)
+        yield here, (distributions[:, None, here] * weights[None]).reshape(len(distributions) * len(weights), -1)

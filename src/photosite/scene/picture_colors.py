@@ -1,4 +1,4 @@
-"""The numbers of a picture: codes to values, encoded to linear, one space's red, green and blue to sRGB's."""
+"""The values of a picture: codes to values, encoded to linear, any RGB space to sRGB."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ SPACES: dict[str, str] = {
     "BT.2020": "ITU-R BT.2020",
     "ProPhoto RGB": "ProPhoto RGB",
 }
-"""Spaces by the name one asks for, and their names in colour-science."""
+"""RGB spaces, and their names in colour-science."""
 
 _ROUNDING = 1e-6
-"""Outside the gamut by this is rounding."""
+"""Rounding error outside the gamut."""
 _LIGHT_ROUNDING = 1e-3, 1e-7
-"""Of light, below 0 by this part of the pixel's own brightest value, or of the picture's, is rounding: of 16-bit floats
-that a change of primaries multiplies, and of single precision."""
+"""Negative light that is rounding, relative to the pixel's and to the picture's brightest value: that of 16-bit floats
+after a change of primaries, and of single precision."""
 _BLOCK = 1 << 20
-"""Values that are held in double precision."""
+"""Values that are processed together in double precision."""
 
 
 class OutsideSrgbError(InputError):
-    """Colours that sRGB lacks, and nobody said what becomes of them.
+    """A picture has colours outside sRGB, which are to be refused.
 
     Parameters
     ----------
     pixels, of
-        How many have such colours, and how many there are.
+        Pixels with such colours, and all pixels.
     advice
-        What may be asked for.
+        What to do.
     """
 
     def __init__(self, pixels: int, of: int, advice: str) -> None:
-        self.counted = f"{pixels} of {of} pixels have colours that sRGB lacks"
+        self.counted = f"{pixels} of {of} pixels have colours outside sRGB"
         super().__init__(f"{self.counted}; {advice}")
 
 
 def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> NDArray[Any]:
-    """(rows, cols, 3) codes of a display picture, or values from 0 to 1; still encoded.
+    """Return the encoded (rows, cols, 3) codes of a display picture, or values from 0 to 1.
 
-    Floats outside by rounding, or by anything if they are to be clipped, are clipped.
+    Floats outside that range are clipped if it is by rounding, or if `out_of_gamut` is "clip".
 
     Raises
     ------
@@ -65,24 +65,28 @@ def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> 
     """
     codes = np.asarray(picture)
     if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0:
-        raise InputError(f"a picture is (rows, cols, 3), red, green and blue, not an array of shape {codes.shape}")
+        raise InputError("picture", value=codes.shape, expected="(rows, cols, 3): red, green and blue")
     if codes.dtype in (np.uint8, np.uint16):
         return codes
     if not np.issubdtype(codes.dtype, np.floating):
-        raise InputError(f"a picture holds unsigned integers of 8 or 16 bits or floats from 0 to 1, not {codes.dtype}")
+        expected = "unsigned integers of 8 or 16 bits, or floats from 0 to 1"
+        raise InputError("picture", value=str(codes.dtype), expected=expected)
     low, high = codes.min(), codes.max()
-    if not (np.isfinite(low) and np.isfinite(high)):  # a minimum is no number where one value is none
-        raise InputError("a picture's values lie from 0 to 1; some are infinite or no numbers")
+    if not (np.isfinite(low) and np.isfinite(high)):  # the minimum is NaN where any value is
+        raise InputError("picture", expected="finite everywhere, from 0 to 1")
     if out_of_gamut != "clip" and not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
         raise InputError(
-            f"a picture's values lie from 0 to 1, not from {low:.6g} to {high:.6g}; ask for out_of_gamut='clip', or "
-            "give light of any range to from_hdr"
+            "picture",
+            value=(float(low), float(high)),
+            expected="from 0 to 1",
+            hint="Pass {out_of_gamut}, or use from_hdr for light of any range",
+            arguments={"out_of_gamut": "clip"},
         )
     return codes if low >= 0 and high <= 1 else np.clip(codes, 0.0, 1.0)
 
 
 def display_values(codes: NDArray[Any]) -> Array:
-    """Values from 0 to 1.
+    """Return values from 0 to 1 of codes.
 
     Examples
     --------
@@ -95,12 +99,12 @@ def display_values(codes: NDArray[Any]) -> Array:
 
 
 def plain_srgb(values: Array) -> Array:
-    """Encoded sRGB from 0 to 1 as linear sRGB."""
+    """Return linear sRGB of encoded sRGB from 0 to 1."""
     return np.asarray(colour_science().models.eotf_sRGB(values), dtype=np.float64)
 
 
 def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
-    """(rows, cols, 3) of a space as linear sRGB; below 0 or above 1 where sRGB has no such colour.
+    """Return (rows, cols, 3) values of a space as linear sRGB; below 0 or above 1 outside its gamut.
 
     Raises
     ------
@@ -119,15 +123,15 @@ def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
 def _known(space: str) -> str:
     """The space's name in colour-science."""
     if not isinstance(space, str):
-        raise InputError(f"a space is the name of one, not {space!r:.40}; known are {', '.join(SPACES)}")
+        raise InputError("space", value=space, expected=f"the name of an RGB space ({', '.join(SPACES)})")
     known = {name.lower(): name for name in SPACES}
     if space.lower() not in known:
-        raise InputError(f"unknown RGB space '{space}'; {did_you_mean(space, SPACES)}")
+        raise InputError("space", value=space, expected="a known RGB space", hint=did_you_mean(space, SPACES))
     return SPACES[known[space.lower()]]
 
 
 def _decoded(values: Array, found: str) -> Array:
-    """Encoded values, each by itself, proportional to light."""
+    """Encoded values as values proportional to light, in the same space."""
     if found == "sRGB":
         return plain_srgb(values)
     return np.asarray(colour_science().RGB_COLOURSPACES[found].cctf_decoding(values), dtype=np.float64)
@@ -138,7 +142,7 @@ def _in_srgb(light: Array, found: str) -> Array:
 
 
 def _linear(codes: NDArray[Any], found: str, linear: bool) -> Callable[[NDArray[Any]], Array]:
-    """From rows of a picture to linear sRGB; codes are few, and looked up."""
+    """A function from rows of a picture to linear sRGB; codes are looked up in a table."""
     if np.issubdtype(codes.dtype, np.floating):
         return lambda rows: _in_srgb(display_values(rows) if linear else _decoded(display_values(rows), found), found)
     every = display_values(np.arange(np.iinfo(codes.dtype).max + 1, dtype=codes.dtype))
@@ -148,13 +152,13 @@ def _linear(codes: NDArray[Any], found: str, linear: bool) -> Callable[[NDArray[
 
 @lru_cache(maxsize=8)
 def _matrix_to_srgb(found: str) -> Array:
-    """(3, 3) from the primaries themselves, so that white stays white: published matrices have four digits."""
+    """(3, 3) computed from the primaries, so that white stays white: published matrices have four digits."""
     space = colour_science().RGB_COLOURSPACES[found]
     return primaries_to_srgb(space.primaries, space.whitepoint)
 
 
 def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
-    """(3, 3) to linear sRGB from light of other primaries, whites matched by Bradford's transform.
+    """Return the matrix (3, 3) from other primaries to linear sRGB, with Bradford adaptation of the white.
 
     Parameters
     ----------
@@ -166,7 +170,7 @@ def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If these make no colours.
+        If they are not valid primaries.
 
     Examples
     --------
@@ -182,7 +186,7 @@ def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
 
 
 def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) -> Array:
-    """(3, 3) to XYZ from light of primaries, by Bradford's transform to another white, `onto` in XYZ.
+    """Return the matrix (3, 3) from primaries to XYZ, with Bradford adaptation to the white `onto` in XYZ.
 
     Raises
     ------
@@ -201,11 +205,12 @@ def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) ->
         or (corners[:, 1] == 0).any()
         or not (np.isfinite(whites).all() and whites[1] > 0)
     ):
-        raise InputError(f"no colours have the primaries {corners.ravel().round(4)} and the white {whites.round(4)}")
+        value = (corners.ravel().round(4).tolist(), whites.round(4).tolist())
+        raise InputError("primaries, white", value=value, expected="valid chromaticities")
     try:
         to_xyz = colour.models.normalised_primary_matrix(corners, whites)
     except np.linalg.LinAlgError:
-        raise InputError("primaries on one line make no colours") from None
+        raise InputError("primaries", expected="not on one line") from None
     adapt = colour.adaptation.matrix_chromatic_adaptation_VonKries(
         colour.xy_to_XYZ(whites), np.asarray(onto, np.float64), transform="Bradford"
     )
@@ -215,23 +220,23 @@ def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) ->
 def srgb_weights(
     codes: NDArray[Any], space: str, *, linear: bool, out_of_gamut: OutOfGamut, highest: float = 1.0
 ) -> NDArray[np.float32]:
-    """(3, rows, cols) linear sRGB between 0 and the highest value, some rows of the picture at a time.
+    """Return linear sRGB (3, rows, cols) between 0 and the highest value, computed in blocks of rows.
 
     Parameters
     ----------
     codes
-        (rows, cols, 3), as `checked_picture` has it, or floats of any range.
+        (rows, cols, 3), from `checked_picture`, or floats of any range.
     space, linear
         As for `linear_srgb_of`.
     out_of_gamut
-        What becomes of colours beyond, but for rounding.
+        What to do with colours outside, except for rounding.
     highest
         1, or infinity for a picture of light.
 
     Raises
     ------
     OutsideSrgbError
-        If colours lie outside and are to be refused; with how many.
+        If colours are outside and are to be refused; with their number.
     InputError
         If the space is unknown.
 
@@ -251,7 +256,7 @@ def srgb_weights(
         values = to_linear(codes[first : first + step])
         low = _ROUNDING if bounded else _rounding_of_light(values, brightest)
         outside += int(((values < -low) | (values > highest + _ROUNDING)).any(axis=2).sum())
-        with np.errstate(over="ignore"):  # the caller's affair
+        with np.errstate(over="ignore"):  # the caller checks for infinity
             weights[:, first : first + step] = np.moveaxis(np.clip(values, 0.0, highest), 2, 0)
     if out_of_gamut == "refuse" and outside:
         other = ", or method='jakob-hanika'" if bounded else ""
@@ -260,6 +265,6 @@ def srgb_weights(
 
 
 def _rounding_of_light(values: Array, brightest: float) -> Array:
-    """(rows, cols, 1), for light of (rows, cols, 3) in a picture whose brightest value is given."""
+    """(rows, cols, 1) rounding errors of light (rows, cols, 3), in a picture of a given brightest value."""
     own, whole = _LIGHT_ROUNDING
     return np.asarray(np.maximum(own * values.max(axis=2, keepdims=True), whole * max(brightest, 0.0)))

@@ -1,7 +1,7 @@
-"""Pictures as scenes: colours raised to spectra.
+"""Pictures as scenes: spectra from colours.
 
-A display picture (`from_srgb`, `from_rgb`) is taken for a flat print: its colours are reflectances, and a light falls
-on them. A picture of light itself, of any range (`from_hdr`), is taken for what it shows: its colours are radiances.
+A display picture (`from_srgb`, `from_rgb`) becomes a flat print: its colours are reflectances under a light. A picture
+of light of any range (`from_hdr`) becomes a scene whose colours are radiances.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.values.validated import check_choice
 
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
-"""The grid of the basis reflectances. On one of 10 nm the spiky D65 alone turns a raised red by a CIEDE2000 of 0.6;
-on this one no colour of sRGB by more than 0.03."""
+"""Wavelengths of the basis reflectances. On a grid of 10 nm the peaks of D65 change a red by a CIEDE2000 of 0.6; here
+no colour of sRGB changes by more than 0.03."""
 PICTURE_WAVELENGTH_NM.flags.writeable = False
 
 
@@ -42,16 +42,15 @@ def _mallett_yuksel_table() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArray[np.float64]:
-    """(3, wavelengths) reflectances of sRGB's red, green and blue; linear between 5 nm entries.
+    """Return the reflectances (3, wavelengths) of sRGB's red, green and blue; linear between 5 nm entries.
 
-    Their sum is 1 at every wavelength and none is negative, so that any linear sRGB from 0 to 1 weighs them to a
-    reflectance that can be. Under D65 that reflectance has the colour it was made from; of the many that have, it is
-    a smooth one.
+    They are not negative and their sum is 1 at every wavelength, so that linear sRGB from 0 to 1 gives a valid
+    reflectance. Under D65 it has the colour that it was made from; of all such reflectances it is a smooth one.
 
     Raises
     ------
     InputError
-        If a wavelength lies outside 380 to 780 nm.
+        If a wavelength is outside 380 to 780 nm.
 
     Notes
     -----
@@ -67,10 +66,8 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
     grid = wavelength_grid(wavelength_nm)
     table, values = _mallett_yuksel_table()
     if grid[0] < table[0] or grid[-1] > table[-1]:
-        raise InputError(
-            f"the reflectances of a picture are known from {table[0]:g} to {table[-1]:g} nm, "
-            f"not from {grid[0]:g} to {grid[-1]:g} nm"
-        )
+        ends = (float(grid[0]), float(grid[-1]))
+        raise InputError("wavelength_nm", value=ends, expected=f"within {table[0]:g} to {table[-1]:g} nm for a picture")
     return np.stack([np.interp(grid, table, row) for row in values])
 
 
@@ -90,34 +87,33 @@ def from_rgb(
     rule: Rule = "trapezoid",
     name: str = "picture",
 ) -> Scene:
-    """A picture as a flat print of matt colours, evenly lit.
+    """Return a picture as a flat, evenly lit print of matte colours.
 
-    Every pixel's colour becomes a reflectance, and the illuminant falls on it. Display white is the perfect white. What
-    shade, gloss and light were in the picture is taken for the colour of its surfaces.
+    Every pixel's colour becomes a reflectance under the illuminant. Display white is the perfect white. Shadows, gloss
+    and light in the picture become colours of the print.
 
     Parameters
     ----------
     picture
-        (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1; outside by 1e-6 is rounding.
+        (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1, with 1e-6 for rounding.
     illuminant
         As for `photosite.color.illuminants.illuminant`. Under "D65" the scene has the picture's colours.
     mean_luminance_cd_m2
         Mean over all samples.
     space
-        Whose red, green and blue these are: one of `photosite.scene.picture_colors.SPACES`, such as "sRGB",
-        "Display P3", "Adobe RGB" or "BT.2020".
+        The RGB space: one of `photosite.scene.picture_colors.SPACES`, such as "sRGB", "Display P3", "Adobe RGB" or
+        "BT.2020".
     linear
-        The values are proportional to light. False: they are encoded for a display, by the space's own curve.
+        Whether the values are proportional to light. False: they are encoded by the space's own curve.
     method
-        "mallett-yuksel": three basis reflectances, which sRGB weighs; three spectra, nothing lost, colours of sRGB
-        only. "jakob-hanika": a smooth reflectance for each colour (`photosite.scene.sigmoid`), reduced to few spectra;
-        other spaces' colours too, as far as a surface can have them. It takes about a minute for a million colours.
+        "mallett-yuksel": three basis reflectances weighted by sRGB; three spectra, exact, for colours of sRGB only.
+        "jakob-hanika": a smooth reflectance for each colour (`photosite.scene.sigmoid`), reduced to few spectra; for
+        all colours that a surface can have. It takes about a minute for a million colours.
     out_of_gamut
-        What becomes of colours that the method cannot raise: "refuse" them, or "clip" each of red, green and blue to
-        what sRGB can show.
+        What to do with colours that the method cannot represent: "refuse" them, or "clip" red, green and blue to sRGB.
     tolerance
-        RMS of what "jakob-hanika" may lose by the reduction, in parts of the reflectances' RMS; colours under D65 lose
-        nothing by it.
+        Largest RMS error of the reduction with "jakob-hanika", relative to the reflectances' RMS; it does not change
+        colours under D65.
     wavelength_nm
         (wavelengths,) of the scene, from 380 to 780 nm.
     distance_m, width_m, name
@@ -128,14 +124,14 @@ def from_rgb(
     Raises
     ------
     InputError
-        If the picture is not one, is black or has colours that cannot be raised, a wavelength lies outside 380 to
-        780 nm, the space, method or illuminant is unknown, or the luminance cannot be.
+        If the picture is invalid, is black or has colours that cannot be represented, a wavelength is outside 380 to
+        780 nm, the space, method or illuminant is unknown, or the luminance is invalid.
 
     Notes
     -----
     Spaces whose white is not D65 are adapted to it by Bradford's transform. Integrated again under D65 on the 5 nm
     grid, colours of sRGB differ by a CIEDE2000 below 0.03, by either method; on one of 1 nm below 0.08 and 0.04. The
-    smooth reflectances lie from 0 to 1, reduced ones beyond it by what is lost (0.04 at a tolerance of 1e-3).
+    smooth reflectances are from 0 to 1; reduced ones exceed it by the error (0.04 at a tolerance of 1e-3).
 
     Examples
     --------
@@ -149,13 +145,13 @@ def from_rgb(
     check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     codes = checked_picture(picture, out_of_gamut)
     if not codes.any():
-        raise InputError("a black picture cannot be given a luminance: all its values are 0")
+        raise InputError("a black picture cannot be scaled to a luminance: all its values are 0")
     light = photons_from_energy(relative_energy(illuminant, grid), grid)
     reflectance, lost = srgb_reflectance(grid), 0.0
     if method == "mallett-yuksel":
         weights = srgb_weights(codes, space, linear=linear, out_of_gamut=out_of_gamut)
     else:
-        # A colour that sRGB lacks may be one that a surface has: the smooth method tells by itself.
+        # A surface can have colours outside sRGB; the smooth method itself rejects impossible ones.
         values = linear_srgb_of(display_values(codes), space, linear=linear)
         clipped = np.clip(values, 0.0, 1.0) if out_of_gamut == "clip" else values
         weights, reflectance, lost = raised(clipped, grid, tolerance)
@@ -175,7 +171,7 @@ def from_srgb(
     rule: Rule = "trapezoid",
     name: str = "picture",
 ) -> Scene:
-    """An sRGB display picture as a flat print of matt colours, evenly lit: `from_rgb` for what most pictures are.
+    """Return an sRGB display picture as a flat, evenly lit print of matte colours: the common case of `from_rgb`.
 
     Parameters
     ----------
@@ -187,8 +183,7 @@ def from_srgb(
     Returns
     -------
     Scene
-        By "mallett-yuksel" (3, rows, cols) weights, which are linear sRGB, over three spectra; nothing is lost in the
-        raising but float32's rounding.
+        With "mallett-yuksel", (3, rows, cols) weights over three spectra: linear sRGB, exact to float32.
 
     Raises
     ------
@@ -228,34 +223,34 @@ def from_hdr(
     rule: Rule = "trapezoid",
     name: str = "picture",
 ) -> Scene:
-    """A picture of light, of any range, as the light that it shows.
+    """Return a picture of light, of any range, as a scene of that light.
 
     Parameters
     ----------
     picture
-        (rows, cols, 3) floats proportional to light; above 1 is brighter than white. Below 0 by 1e-3 of the pixel's
-        brightest value, or 1e-7 of the picture's, is rounding and taken for 0; by more is a colour outside sRGB.
+        (rows, cols, 3) floats proportional to light; above 1 is brighter than white. Negative values up to 1e-3 of the
+        pixel's brightest value, or 1e-7 of the picture's, are rounding and become 0; others are outside sRGB.
     white_luminance_cd_m2
-        Luminance of red = green = blue = 1. Give this or the mean.
+        Luminance of red = green = blue = 1. Give either this or the mean.
     mean_luminance_cd_m2
         Mean over all samples.
     white
-        Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colours are it through Mallett
-        and Yuksel's filters. Under any but "D65" colours shift with it, as in a room with that light.
+        Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colours are
+        this light through the filters of Mallett and Yuksel. Any light but "D65" shifts all colours.
     space, out_of_gamut, wavelength_nm, distance_m, width_m, rule, name
         As for `from_rgb`.
 
     Returns
     -------
     Scene
-        (3, rows, cols) weights, linear sRGB in float32: the range of the picture is kept. Its reflectances are not
-        known: what shines and what is lit cannot be told apart.
+        (3, rows, cols) weights, linear sRGB in float32, of the picture's full range. Its reflectances are unknown:
+        light sources and lit surfaces cannot be distinguished.
 
     Raises
     ------
     InputError
-        If the picture is not one, is black, has values that are infinite or no numbers, or colours outside sRGB that
-        are not to be clipped; if none or both of the luminances are given, or one cannot be.
+        If the picture is invalid, is black, has values that are not finite, or colours outside sRGB that are not to be
+        clipped; or if none or both of the luminances are given, or one is invalid.
 
     Examples
     --------
@@ -265,26 +260,26 @@ def from_hdr(
     1000000.0
     """
     if (white_luminance_cd_m2 is None) == (mean_luminance_cd_m2 is None):
-        raise InputError("say how bright the picture is: white_luminance_cd_m2 or mean_luminance_cd_m2, one of them")
+        raise InputError(
+            "a picture of light needs one luminance", hint="Give white_luminance_cd_m2 or mean_luminance_cd_m2"
+        )
     grid = wavelength_grid(wavelength_nm)
     codes = np.asarray(picture)
     if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0 or not np.issubdtype(codes.dtype, np.floating):
-        raise InputError(
-            f"a picture of light is (rows, cols, 3) of floats, not {codes.shape} of {codes.dtype}; "
-            "a display picture is from_rgb's"
-        )
+        value, expected = f"{codes.shape} of {codes.dtype}", "(rows, cols, 3) of floats"
+        raise InputError("picture", value=value, expected=expected, hint="Use from_rgb for a display picture")
     if not np.isfinite(codes).all():
-        raise InputError("a picture of light holds finite values; some are infinite or no numbers")
+        raise InputError("picture", expected="finite everywhere")
     weights = srgb_weights(codes, space, linear=True, out_of_gamut=out_of_gamut, highest=math.inf)
     if not weights.any():
-        raise InputError("a black picture cannot be given a luminance: all its values are 0")
+        raise InputError("a black picture cannot be scaled to a luminance: all its values are 0")
     if not np.isfinite(weights.max()):
-        raise InputError("a picture of light holds values beyond 3e38, which single precision does not hold; scale it")
+        raise InputError("picture", expected="at most 3e38, the limit of single precision")
     light = photons_from_energy(relative_energy(white, grid), grid)
     scene = Scene(weights, srgb_reflectance(grid) * light, grid, distance_m, width_m, (), name)
     if mean_luminance_cd_m2 is not None:
         return scene.with_mean_luminance(mean_luminance_cd_m2, rule)
     assert white_luminance_cd_m2 is not None
     if not (np.isfinite(white_luminance_cd_m2) and white_luminance_cd_m2 > 0):
-        raise InputError(f"the luminance of white is above 0 cd/m2, not {white_luminance_cd_m2}")
+        raise InputError("white_luminance_cd_m2", value=white_luminance_cd_m2, expected="above 0")
     return scene.scaled(white_luminance_cd_m2 / float(luminance_cd_m2(scene.basis.sum(axis=0), grid, rule)))

@@ -84,7 +84,7 @@ class Planes:
     Parameters
     ----------
     planes
-        Near to far; a `Scene` among them is an opaque plane. The farthest repeats its border samples outside its border.
+        Near to far; a `Scene` among them is an opaque plane. The farthest repeats its border samples outside it.
         A nearer one with a width ends there; one without a width fills the frame, and repeats its border samples.
     name
         Name of the scene.

@@ -1,4 +1,4 @@
-"""Many colours raised to smooth reflectances, and these reduced to few spectra."""
+"""Smooth reflectances of many colours, reduced to few spectra."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 
 _RAISED_NM = np.arange(380.0, 781.0, 5.0)
 _BLOCK = 1 << 15
-"""Colours whose spectra are held together."""
+"""Colours whose spectra are processed together."""
 
 
 def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.float32], Array, float]:
-    """Weights (K, rows, cols), reflectances (K, wavelengths) and relative RMS error of linear sRGB (rows, cols, 3).
+    """Return weights (K, rows, cols), reflectances (K, wavelengths) and relative RMS error of linear sRGB.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
     ((4, 2, 3), (4, 81), True)
     """
     if not 0 < tolerance < 1:
-        raise InputError(f"the tolerance is a fraction of the reflectances' RMS, between 0 and 1, not {tolerance}")
+        raise InputError("tolerance", value=tolerance, expected="between 0 and 1")
     colours, place, count = np.unique(linear.reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
     coefficients = sigmoid_coefficients(*_seen(colours), _RAISED_NM)
     blocks = [slice(first, first + _BLOCK) for first in range(0, len(colours), _BLOCK)]
@@ -55,12 +55,12 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
 
 
 def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
-    """(K, wavelengths), orthonormal: those that the observer weighs colours under D65 with, and the fewest others.
+    """(K, wavelengths), orthonormal: the three that span the observer's weights under D65, and the fewest others.
 
-    Spectra brought to these keep their products with the first three: their colours under D65, whatever the tolerance.
+    Spectra projected on them keep their colours under D65, whatever the tolerance.
     """
     carriers = color_matching_functions(grid) * integration_weights(grid) * illuminant("D65", grid)
-    # An orthonormal basis of everything, whose first three are those; the others are looked at among themselves.
+    # A complete orthonormal basis, whose first three are those; the rest is reduced separately.
     whole = np.linalg.qr(carriers.T, mode="complete")[0].T
     seen, unseen = whole[: len(carriers)], whole[len(carriers) :]
     rest = unseen @ gram @ unseen.T
@@ -71,7 +71,7 @@ def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
 
 
 def _seen(colours: Array) -> tuple[Array, Array]:
-    """Tristimulus values under D65, and the weights that give them, whose white is that of the grid."""
+    """Tristimulus values under D65, and the weights that define them, for the white of the grid."""
     matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ, dtype=np.float64)
     light = illuminant("D65", _RAISED_NM)
     weights = color_matching_functions(_RAISED_NM) * integration_weights(_RAISED_NM) * light

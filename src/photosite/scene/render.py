@@ -1,6 +1,6 @@
 """Scenes rendered by Mitsuba 3, band by band.
 
-Mitsuba's spectral radiance is W/sr/m2/nm: the unit of its `blackbody`, and of any emitter whose spectrum is given in it.
+Mitsuba's spectral radiance is W/sr/m2/nm: the unit of its `blackbody`, and of emitters with spectra in that unit.
 Mitsuba's default film converts spectra to colour; here a film records the radiance of each pixel in each band.
 """
 
@@ -378,7 +378,7 @@ def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
     found = mitsuba.traverse(camera)
     span = None
     if "x_fov" in found:
-        part = _number(found["film.crop_size"]) / _number(found["film.size"])  # cropped columns; the field of view is of all
+        part = _number(found["film.crop_size"]) / _number(found["film.size"])  # the field of view is of all columns
         span = 2 * math.tan(math.radians(_number(found["x_fov"])) / 2) * part
     if "focus_distance" in found:
         return _View(_number(found["focus_distance"]), span)

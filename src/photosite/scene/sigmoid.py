@@ -1,6 +1,6 @@
 """Smooth reflectances from colours, after Jakob and Hanika: a sigmoid of a parabola over wavelength.
 
-Such a reflectance has three numbers, lies between 0 and 1, and has no more than one bump or dip.
+Such a reflectance has three coefficients, is between 0 and 1, and has at most one maximum or minimum.
 """
 
 from __future__ import annotations
@@ -14,21 +14,23 @@ from photosite.errors import InputError
 Array = NDArray[np.float64]
 
 _BLOCK = 1 << 15
-"""Colours solved together: (colours, wavelengths) arrays of them stay in tens of megabytes."""
+"""Colours solved together; their (colours, wavelengths) arrays take tens of megabytes."""
 
 _STEPS = 100
 _CLOSE = 1e-6
-"""Largest error of a tristimulus value, in parts of the white's Y, at which a colour counts as met."""
+"""Largest accepted error of a tristimulus value, relative to the white's Y."""
 
 _EXTREME = 1e-5
-"""Share of mid-grey mixed into a colour: black and full white would need endless coefficients."""
+"""Share of mid-grey mixed into a colour: black and white would need infinite coefficients."""
 
 _CENTRE_NM, _HALF_NM = 570.0, 210.0
-"""Wavelengths as the parabola knows them: -1 at 360 nm, 1 at 780 nm."""
+"""The parabola's variable is -1 at 360 nm, 1 at 780 nm."""
 
 
 def sigmoid_reflectance(coefficients: ArrayLike, wavelength_nm: ArrayLike) -> Array:
-    """(..., wavelengths) reflectance 1/2 + x / (2 sqrt(1 + x^2)), x = c0 t^2 + c1 t + c2, t = (wavelength - 570) / 210.
+    """Return reflectances (..., wavelengths) of coefficients: 1/2 + x / (2 sqrt(1 + x^2)), x = c0 t^2 + c1 t + c2.
+
+    The variable is t = (wavelength - 570) / 210.
 
     Parameters
     ----------
@@ -53,14 +55,14 @@ def sigmoid_reflectance(coefficients: ArrayLike, wavelength_nm: ArrayLike) -> Ar
 
 
 def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_nm: ArrayLike) -> Array:
-    """(n, 3) coefficients of the reflectances that have given tristimulus values.
+    """Return the coefficients (n, 3) of reflectances with given tristimulus values.
 
     Parameters
     ----------
     tristimulus
-        (n, 3), with the perfect white's Y as 1: X, Y, Z, or any others that the weights give.
+        (n, 3), where Y of the perfect white is 1: X, Y, Z, or others defined by the weights.
     weights
-        (3, wavelengths): `reflectance @ weights.T` are the tristimulus values; light, observer and step in one.
+        (3, wavelengths): `reflectance @ weights.T` are the tristimulus values; light times observer times step.
     wavelength_nm
         (wavelengths,).
 
@@ -71,8 +73,8 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
 
     Notes
     -----
-    Levenberg and Marquardt's method on all colours at once, from grey. Colours are met to 1e-6 of the white after a
-    share of 1e-5 of mid-grey is mixed in, without which black and the perfect white have no finite coefficients.
+    The Levenberg-Marquardt method on all colours at once, starting from grey. The error is below 1e-6 of the white,
+    after a share of 1e-5 of mid-grey is mixed in: black and the perfect white have no finite coefficients.
     """
     wanted = np.asarray(tristimulus, dtype=np.float64)
     weigh = np.asarray(weights, dtype=np.float64)
@@ -100,7 +102,7 @@ def _powers(grid: Array) -> Array:
 
 
 def _greys(wanted: Array, white: Array) -> Array:
-    """Coefficients (n, 3) of greys about as light as the colours."""
+    """Coefficients (n, 3) of greys of about the colours' lightness."""
     level = 2 * np.clip((wanted / white).mean(axis=1), 0.01, 0.99) - 1
     c = np.zeros_like(wanted)
     c[:, 2] = level / np.sqrt(1 - level * level)
@@ -108,7 +110,7 @@ def _greys(wanted: Array, white: Array) -> Array:
 
 
 def _solve(c: Array, wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Coefficients (n, 3), from first ones, and what is left of the largest error (n,)."""
+    """Improved coefficients (n, 3), and the largest error of each colour (n,)."""
     damping = np.full(len(wanted), 1e-2)
     residual, slope = _error(c, wanted, weigh, powers)
     size = (residual**2).sum(axis=1)
@@ -120,7 +122,7 @@ def _solve(c: Array, wanted: Array, weigh: Array, powers: Array, jacobian: Array
         J = (slope[open_] @ jacobian).reshape(-1, 3, 3)
         normal = np.einsum("nij,nik->njk", J, J)
         gradient = np.einsum("nij,ni->nj", J, residual[open_])
-        # Damped by each coefficient's own scale, so that flat directions of dark and saturated colours still move.
+        # Damping by each coefficient's own scale keeps flat directions of dark and saturated colours moving.
         diagonal = np.einsum("njj->nj", normal)
         scale = diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30
         normal[:, [0, 1, 2], [0, 1, 2]] += damping[open_, None] * scale

@@ -1,4 +1,4 @@
-"""Units of spectral images as files and people write them, brought to photosite's own."""
+"""Units of spectral images as files and users write them."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, PhotositeWarning
 
 Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
-"""Photons/s/sr/m2/nm; W/sr/m2/nm; fraction of a light; energy radiance up to an unknown factor."""
+"""In photons/s/sr/m2/nm; in W/sr/m2/nm; as a fraction of the light; as energy radiance up to an unknown factor."""
 
 _PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _NANOMETRES = {"nm": 1.0, "um": 1e3, "micron": 1e3, "microns": 1e3, "m": 1e9}
 _PHOTONS = ("photon", "photons", "quanta", "ph", "q")
 _PLAIN = re.compile(r"(?:spectral )?(radiance|reflectance) ?[\[(](.+)[\])]", re.IGNORECASE)
-"""A quantity with its unit behind it in brackets."""
+"""A quantity followed by its unit in brackets."""
 _SCALED = re.compile(r"reflectance ?/ ?(\d+(?:\.\d+)?(?:e\+?\d+)?)", re.IGNORECASE)
 _BRIGHT, _BRIGHT_SHARE, _BRIGHTEST = 2.0, 0.01, 10.0
-"""Reflectance factors above 2 are glints, fluorescence or slips, seldom a hundredth of a picture, seldom above 10."""
+"""Reflectance factors above 2 are glints, fluorescence or errors, rarely 1 % of a picture, rarely above 10."""
 _OTHER_SCALE, _NO_REFLECTANCE = 0.25, 1000.0
-"""Where so many are, the numbers are on another scale. No glint is so large, and it would be all that counts."""
+"""With that share above 2, the values have another scale. No glint reaches 1000, and one would dominate the scene."""
 _LONGEST = 200
 _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or relative"
 
 
 @dataclass(frozen=True)
 class Units:
-    """What the numbers of a file are.
+    """Quantity and unit of a file's values.
 
     Parameters
     ----------
     quantity
-        Of what.
+        The quantity.
     scale
-        Times a number of the file gives it in the quantity's own unit.
+        Factor from a value of the file to the unit of the quantity.
 
     Examples
     --------
@@ -55,23 +55,23 @@ class Units:
 
 
 def parse_units(text: str) -> Units:
-    """The units that a text names.
+    """Return the units that a text names.
 
     Parameters
     ----------
     text
         "reflectance", "percent", "reflectance/10000" (10000 is a perfect white), "relative", "photons", or a radiance,
-        "Radiance (W/m2/sr/um)" too: a power or photons per second, per sr, per
-        area and per wavelength, in any order, with / or with negative exponents.
+        such as "Radiance (W/m2/sr/um)": a power or photons per second, per sr, per area and per wavelength, in any
+        order, with / or with negative exponents.
 
     Raises
     ------
     InputError
-        If a part is missing or not known.
+        If a part is missing or unknown.
     """
     plain = " ".join(text.replace("µ", "u").replace("μ", "u").split()).strip()
     if len(plain) > _LONGEST:
-        raise _unknown(f"{plain[:40]}...", f"they are longer than {_LONGEST} letters")
+        raise _unknown(f"{plain[:40]}...", f"more than {_LONGEST} characters")
     match plain.lower():
         case "photons" | "photon radiance" | "quanta":
             return Units("photon radiance")
@@ -92,7 +92,7 @@ def parse_units(text: str) -> Units:
     for name, power in powers:
         kind, factor = _meaning(name, power, text)
         if kind in found:
-            raise _unknown(text, f"'{name}' says {kind} a second time")
+            raise _unknown(text, f"'{name}' repeats the {kind}")
         found.add(kind)
         scale *= factor
     missing = {"power or photons", "steradian", "area", "wavelength"} - found
@@ -103,7 +103,7 @@ def parse_units(text: str) -> Units:
     elif "power" in found:
         missing -= {"power or photons"}
     if missing:
-        raise _unknown(text, f"it lacks {' and '.join(sorted(missing))}")
+        raise _unknown(text, f"{' and '.join(sorted(missing))} missing")
     return Units("photon radiance" if "photons" in found else "energy radiance", scale)
 
 
@@ -121,8 +121,7 @@ def _factors(text: str) -> list[tuple[str, int]]:
             found.append((match[1], sign * int(match[2] or 1)))
             sign = sign if inside else 1
         elif token != "1":
-            raise _unknown(text, f"'{token}' is no unit")
-    # A wave number of nanometres beside metres: m2 is area, nm a wavelength; Watts are plural.
+            raise _unknown(text, f"'{token}' is not a unit")
     return found
 
 
@@ -142,30 +141,30 @@ def _meaning(name: str, power: int, text: str) -> tuple[str, float]:
         return "wavelength", 1 / _NANOMETRES[low]
     below = (*_METRES, *_NANOMETRES, "s", "sec", "second", "sr", "steradian", "str", "ster")
     if power > 0 and low in below and "/" in text:
-        raise _unknown(text, f"whether '{name}' is divided by is not clear; write W/m2/sr/nm or W/(m2 sr nm)")
-    raise _unknown(text, f"'{name}{'' if power == 1 else power}' has no place in it")
+        raise _unknown(text, f"'{name}' could be in the numerator or the denominator; write W/m2/sr/nm or W/(m2 sr nm)")
+    raise _unknown(text, f"'{name}{'' if power == 1 else power}' does not fit")
 
 
 def _unknown(text: str, why: str) -> InputError:
-    return InputError(f"units '{text}' are not understood: {why}; known are {_KNOWN}")
+    return InputError("units", value=text, expected=f"known units ({why})", hint=f"Known are {_KNOWN}")
 
 
 def bright_count(values: NDArray[np.float64]) -> int:
-    """How many reflectances are above what surfaces have."""
+    """Return how many reflectances are above those of surfaces."""
     return int(np.count_nonzero(values > _BRIGHT))
 
 
 def check_reflectances(name: str | PathLike[str], largest: float, bright: int, count: int) -> None:
-    """Refuse reflectances that are none: numbers on another scale, or one that is wild.
+    """Reject invalid reflectances: values on another scale, or outliers.
 
     Parameters
     ----------
     name
-        What holds them, for the message.
+        The file, for the message.
     largest
-        Of them.
+        Largest value.
     bright, count
-        How many are above 2 (`bright_count`), of how many.
+        Number of values above 2 (`bright_count`), and of all values.
 
     Raises
     ------
@@ -181,23 +180,25 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     --------
     >>> check_reflectances("a.hdr", 9987.0, 5, 5)
     Traceback (most recent call last):
-    photosite.errors.FileError: a.hdr: holds reflectances up to 9987, and a perfect white's is 1; say what white is \
-(units='percent', units='reflectance/10000'), or say units='relative' if they are no reflectances
+    photosite.errors.FileError: a.hdr: holds reflectances up to 9987, where a perfect white has 1. Pass the scale, \
+units='percent' or reflectance/10000, or 'relative' if they are not reflectances
     """
-    held = f"holds reflectances up to {largest:g}, and a perfect white's is 1"
+    held = f"holds reflectances up to {largest:g}, where a perfect white has 1"
     if bright > _OTHER_SCALE * count:
         raise FileError(
             name,
-            f"{held}; say what white is (units='percent', units='reflectance/10000'), or say units='relative' if they "
-            "are no reflectances",
+            held,
+            hint="Pass the scale, {units} or reflectance/10000, or 'relative' if they are not reflectances",
+            arguments={"units": "percent"},
         )
     if largest > _NO_REFLECTANCE:
-        raise FileError(name, f"{held}; mend what is wild, or leave its band out (band_range_nm=(400, 780))")
-    if largest > _BRIGHTEST or bright > _BRIGHT_SHARE * count:
-        warnings.warn(
-            PhotositeWarning(
-                f"{name}: {held}; {bright} of {count} are above {_BRIGHT:g}: glints, fluorescence or slips, taken as "
-                "they are"
-            ),
-            stacklevel=2,
+        raise FileError(
+            name,
+            held,
+            hint="Correct the outliers, or omit their bands: {band_range_nm}",
+            arguments={"band_range_nm": (400, 780)},
         )
+    if largest > _BRIGHTEST or bright > _BRIGHT_SHARE * count:
+        what = f"{held}; {bright} of {count} values are above {_BRIGHT:g}: glints, fluorescence or errors"
+        hint = "They are used as they are; correct the file if they are errors"
+        warnings.warn(PhotositeWarning(what, where=str(name), hint=hint), stacklevel=2)

@@ -140,8 +140,9 @@ def stated_units(path: Path, said: ReadOptions, stated: Any) -> Units:
     if stated is None:
         raise FileError(
             path,
-            "does not say the units of its values; say them: units='W/sr/m2/nm', 'photons/s/sr/m2/nm', 'reflectance' "
-            "or 'relative'",
+            "does not state the units of its values",
+            hint="Pass {units}, 'photons/s/sr/m2/nm', 'reflectance' or 'relative'",
+            arguments={"units": "W/sr/m2/nm"},
         )
     try:
         return parse_units(str(stated)[:80])
@@ -281,11 +282,12 @@ def _axes(
         counts = {np.size(said.wavelength_nm)}
     fits = [axis for axis, size in enumerate(shape) if size in counts]
     if fits and fits != [2]:
-        where = "more than one axis fits" if len(fits) > 1 else f"the {('first', 'second')[fits[0]]} axis fits"
+        where = "more than one axis" if len(fits) > 1 else f"its {('first', 'second')[fits[0]]} axis"
         raise FileError(
             path,
-            f"has a cube of {shape}, of which {where} its {shape[fits[0]]} wavelengths; say where the bands are: "
-            "interleave='bip' (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil' (rows, bands, columns)",
+            f"has a cube of {shape}, and {shape[fits[0]]} wavelengths fit {where}",
+            hint="Pass {interleave} (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil' (rows, bands, columns)",
+            arguments={"interleave": "bip"},
         )
     return _AXES["bip"]
 

@@ -160,7 +160,7 @@ def read_native(path: Path, file: Any, datasets: dict[str, Any], said: ReadOptio
         )
         return apply_options(scene, said)
     except InputError as error:
-        raise FileError(path, str(error)) from None
+        raise error.in_file(path) from None
 
 
 def _weights(path: Path, data: Any) -> NDArray[np.float32]:

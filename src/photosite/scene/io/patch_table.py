@@ -320,8 +320,9 @@ def _near_square(table: PatchTable, in_order: list[int]) -> tuple[int, int, list
     warnings.warn(
         PhotositeWarning(
             f"{table.path}: the names of its {count} patches, {table.names[in_order[0]]} to "
-            f"{table.names[in_order[-1]]}, tell no rows; they are laid out {cols} across: say how many "
-            f"are (patch_cols={cols})"
+            f"{table.names[in_order[-1]]}, do not give rows; the chart has {cols} in a row",
+            hint="Pass the right number: {patch_cols}",
+            arguments={"patch_cols": cols},
         ),
         stacklevel=2,
     )
