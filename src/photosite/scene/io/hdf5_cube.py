@@ -286,7 +286,7 @@ def _axes(
         raise FileError(
             path,
             f"has a cube of {shape}, and {shape[fits[0]]} wavelengths fit {where}",
-            hint="Pass {interleave} (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil' (rows, bands, columns)",
+            hint="Pass {interleave} (rows, columns, bands), 'bsq' (bands first) or 'bil' (bands second)",
             arguments={"interleave": "bip"},
         )
     return _AXES["bip"]
