@@ -40,8 +40,7 @@ def assert_same(one: RawFrame, other: RawFrame) -> None:
 
 
 @pytest.mark.parametrize("ending", [*ENDINGS, "tiff", "DNG", "hdf5"])
-@pytest.mark.parametrize("cfa", ["mono", "rggb", "bggr", "gbrg", "grbg"])
-@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+@pytest.mark.parametrize(("cfa", "bits"), [("mono", 10), ("rggb", 12), ("bggr", 14), ("gbrg", 16), ("grbg", 12)])
 def test_round_trip_keeps_everything(tmp_path, ending, cfa, bits):
     channels = 1 if cfa == "mono" else 3
     rng = np.random.default_rng(2)

@@ -155,7 +155,10 @@ def blackbody(temperature_k: float, wavelength_nm: ArrayLike = DEFAULT_WAVELENGT
 
 
 def _blackbody_illuminant(temperature_k: float, grid: Array) -> Array:
-    energy = blackbody(temperature_k, grid)
+    try:
+        energy = blackbody(temperature_k, grid)
+    except InputError as error:
+        raise error.within("illuminant") from None
     if not energy.max() > _WEAKEST_W_SR_M2_NM:
         raise InputError(
             "temperature_k",
