@@ -161,7 +161,7 @@ def test_one_exposure_only(refused: Any, tmp_path: Path) -> None:
         ("light", 0.01): [_frame(mean=1500, seed=10 + seed) for seed in range(4)],
     }
     message = refused("calibrate", _stack(tmp_path, frames), "--report", tmp_path / "report.html")
-    assert "one exposure" in message
+    assert "at least two exposure times" in message
 
 
 def test_darks_clipped_to_nothing(refused: Any, tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
         ("8, focal", "-8, focal", "'f_number' is above 0"),
         ("8, focal", "8e6, focal", "leaves nothing of a chart"),
         ("distance_m: 1.2", "distance_m: 0.05001", "leaves nothing of a chart"),
-        ("illuminant: A", "illuminant: Q", "unknown illuminant 'Q'"),
+        ("illuminant: A", "illuminant: Q", "got 'Q'"),
         ("illuminant: A, ", "", "an 'illuminant' or a 'spectrum'"),
         ("[400, 700, 25]", "[400, 700, 0]", "'wavelength_nm' is"),
         ("[400, 700, 25]", "[400, 700, 1e-9]", "steps or fewer"),
