@@ -124,7 +124,7 @@ def test_noise_of_both_orders(case: dict[str, SetUp]) -> None:
     over = math.sqrt(theirs / (temporal + pattern)) - 1
     assert table["noise from frame to frame at 18 000 e-"] == f"{100 * between:+.1f} %"
     assert table["noise over the pixels of a frame at 18 000 e-"] == f"{100 * over:+.4f} %"
-    assert table["read noise in darkness"] == f"{100 * (math.sqrt(1 + prnu**2) - 1):+.4f} %"
+    assert table["read noise in the dark"] == f"{100 * (math.sqrt(1 + prnu**2) - 1):+.4f} %"
 
 
 def test_photosites_noise_is_that_of_the_formula(case: dict[str, SetUp]) -> None:
