@@ -76,12 +76,12 @@ def test_mean_electrons_equal_the_sum_over_wavelengths(f_number: float) -> None:
 
 def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     """The chart's 24 spectra as some ten maps, against all 24 as they are: within 1e-5 of full scale."""
+    from photosite.camera import channel_transfers
     from photosite.camera import mean_image as mosaic
-    from photosite.camera import transfers
 
     camera = ps.Camera(LENS, D200.with_(rows=264, cols=392))
     made: list[int] = []
-    plain = transfers.reduced_transfers
+    plain = channel_transfers.reduced_transfers
 
     def counted(*arguments: object) -> object:
         reduced = plain(*arguments)  # type: ignore[arg-type]
@@ -90,7 +90,7 @@ def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(mosaic, "reduced_transfers", counted)
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
-    monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
+    monkeypatch.setattr(channel_transfers, "TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     assert made[0] < 16
     assert made[1] == 24

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
-from photosite.camera import transfers
+from photosite.camera import channel_transfers
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import LateralColor
 from photosite.optics.lens import Lens
@@ -92,10 +92,10 @@ def test_few_spreads_and_transfers_are_kept_and_none_of_a_lens_that_is_gone() ->
     asked = len(calls)
     camera.mean_electrons(ps.charts.macbeth(distance_m=1.0), 0.1)
     assert len(calls) > asked  # the first was dropped
-    before = len(transfers._kept)
+    before = len(channel_transfers._cache)
     del lens, camera
     gc.collect()
-    assert len(transfers._kept) < before
+    assert len(channel_transfers._cache) < before
 
 
 def test_a_lens_that_was_used_can_be_sent_to_other_processes() -> None:
@@ -135,13 +135,13 @@ def growing() -> LensDesign:
 def test_terms_are_combined_to_a_hundredth_of_what_few_modes_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
     design, scene = growing(), ps.charts.macbeth()
     terms: list[int] = []
-    plain = transfers._combined
+    plain = channel_transfers._terms
 
     def noted(*arguments: Any) -> Any:
         terms.append(len((found := plain(*arguments))[1]))
         return found
 
-    monkeypatch.setattr(transfers, "_combined", noted)
+    monkeypatch.setattr(channel_transfers, "_terms", noted)
     frames = [ps.Camera(Lens(BASE, Stated(design, error)), D200).mean_electrons(scene, 0.1) for error in (0.0, 0.03)]
     assert terms[0] > terms[1]
     assert 0 < np.linalg.norm(frames[1] - frames[0]) < 0.01 * 0.03 * np.linalg.norm(frames[0])

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
+from photosite.camera import channel_transfers
 from photosite.camera import distortion as warps
 from photosite.camera import mean_image as mosaic
-from photosite.camera import transfers
 from photosite.color.spectrum import integration_weights
 from photosite.errors import PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
@@ -191,7 +191,7 @@ def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
     weights = np.kron(rng.random((3, 30, 40)), np.ones((2, 2))).astype(np.float32)
     scene = Scene(weights, 1e14 * smooth, grid)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
-    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
+    assert len(warps.frame_wavelength_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
     want = by_wavelength(scene, curves, sensor)
     without = ps.Camera(lens(third_order(-0.02, corner_m(sensor))), sensor).mean_electrons(scene, 0.01)
@@ -201,7 +201,7 @@ def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
 
 def test_where_as_many_nodes_are_needed_the_sum_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warps, "_STEP_PIXELS", 1e-3)
-    monkeypatch.setattr(transfers, "_OF_SHARED_COLORS", 5e-6)
+    monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 5e-6)
     sensor, scene = D200.with_(rows=60, cols=80), random_scene(60, 80)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 import photosite as ps
-from photosite.camera import lens_tables, transfers
+from photosite.camera import channel_transfers, sampled_otf
 from photosite.camera.channel_transfers import reduced_transfers
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
@@ -135,9 +135,9 @@ def test_the_cone_of_diffraction_is_found_whatever_smooth_blur_comes_with_it() -
         radial.cutoff_per_m,
         radial.reach_m,
     )
-    assert lens_tables._cone(exact, 550.0) == pytest.approx(1, abs=1e-6)
-    assert lens_tables._cone(blurred, 550.0) == pytest.approx(1, abs=2e-2)
-    assert lens_tables._cone(plane(*COMA), 550.0) == pytest.approx(0, abs=2e-2)
+    assert sampled_otf._cone(exact, 550.0) == pytest.approx(1, abs=1e-6)
+    assert sampled_otf._cone(blurred, 550.0) == pytest.approx(1, abs=2e-2)
+    assert sampled_otf._cone(plane(*COMA), 550.0) == pytest.approx(0, abs=2e-2)
 
 
 def comatic(scale: float) -> Any:
@@ -378,15 +378,15 @@ def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pyte
     lens = Lens(given=FieldPsf(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))
     camera = ps.Camera(lens, D200.with_(rows=40, cols=60))
     terms: list[int] = []
-    plain = transfers._combined
+    plain = channel_transfers._terms
 
     def counted(*arguments: Any) -> Any:
         terms.append(len((found := plain(*arguments))[1]))
         return found
 
-    monkeypatch.setattr(transfers, "_combined", counted)
+    monkeypatch.setattr(channel_transfers, "_terms", counted)
     combined = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
-    monkeypatch.setattr(transfers, "MAP_TOLERANCE", 0.0)
+    monkeypatch.setattr(channel_transfers, "TOLERANCE", 0.0)
     apart = camera.mean_electrons(ps.charts.macbeth(), 1 / 3)
     assert 12 < terms[0] < 48  # more than channels times parts: the tolerance decides
     assert terms[1] == 96

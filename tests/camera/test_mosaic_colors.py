@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import photosite as ps
 from photosite.camera import channel_transfers
 from photosite.camera import mean_image as mosaic
-from photosite.camera.distortion import color_nodes
+from photosite.camera.distortion import frame_wavelength_nodes
 from photosite.engine.layers import Layer
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor
@@ -75,7 +75,7 @@ class OneColor:
 def one_by_one(lens: Lens, what: Scene) -> NDArray[np.float64]:
     """A frame for each wavelength that stands for others, each with its own terms."""
     pitch = mosaic.pitch_m(SENSOR)
-    nodes_nm, shares = color_nodes(lens.mapping(what.distance_m), what.wavelength_nm, (60, 88), pitch)
+    nodes_nm, shares = frame_wavelength_nodes(lens.mapping(what.distance_m), what.wavelength_nm, (60, 88), pitch)
     assert len(nodes_nm) > 3
     total = np.zeros((60, 88))
     for node_nm, share in zip(nodes_nm, shares, strict=True):
@@ -95,12 +95,12 @@ def one_by_one(lens: Lens, what: Scene) -> NDArray[np.float64]:
 )
 def test_colors_together_are_those_one_by_one(lens: Lens, monkeypatch: pytest.MonkeyPatch) -> None:
     what = scene()
-    monkeypatch.setattr(channel_transfers, "_OF_FIELD_ERROR", 0.0)
+    monkeypatch.setattr(channel_transfers, "_TOLERANCE_PER_FIELD_ERROR", 0.0)
     expected = one_by_one(lens, what)
     got = mosaic.image_rate(what, lens, SENSOR, "trapezoid", 1)
     assert np.abs(got - expected).max() < 5e-5 * expected.max()
-    monkeypatch.setattr(channel_transfers, "_OF_SHARED_COLORS", 3e-7)
-    monkeypatch.setattr(channel_transfers, "MAP_TOLERANCE", 3e-7)
+    monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 3e-7)
+    monkeypatch.setattr(channel_transfers, "TOLERANCE", 3e-7)
     closer = mosaic.image_rate(replace(what), lens, SENSOR, "trapezoid", 1)
     assert np.abs(closer - expected).max() < 1e-5 * expected.max()
 
@@ -118,8 +118,8 @@ def test_a_scene_of_one_spectrum_has_one_picture_a_colour(monkeypatch: pytest.Mo
     one = Scene(scene().weights[:1], scene().basis[:1], scene().wavelength_nm)
     (layer,) = layers_of(Lens(BASE, lateral_color=COLORS), one, monkeypatch)
     assert layer.channel is None
-    assert layer.pictures is not None
-    assert [len(few) for few in layer.pictures] == [1] * len(layer.views)
+    assert layer.node_maps is not None
+    assert [len(few) for few in layer.node_maps] == [1] * len(layer.views)
     assert len(layer.mixing) <= len(layer.views)
 
 
@@ -129,8 +129,8 @@ def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> N
     assert [layer.channel for layer in seen] == [0, 1, 2]
     for layer in seen:
         assert len(layer.views) > 3
-        assert layer.pictures is not None
-        assert sum(map(len, layer.pictures)) <= 3 * len(layer.views)
+        assert layer.node_maps is not None
+        assert sum(map(len, layer.node_maps)) <= 3 * len(layer.views)
         assert 4 <= len(layer.mixing) <= 16
 
 

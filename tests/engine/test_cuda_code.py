@@ -1,7 +1,7 @@
-"""The GPU's program, as the CUDA compiler gives it, run instruction by instruction on the CPU.
+"""The compiled GPU kernel (PTX), interpreted instruction by instruction on the CPU.
 
-No GPU is needed, only the compiler (extra `gpu`): its PTX is translated to Python, whose floats are IEEE doubles too.
-What this cannot show is that a GPU does what PTX says.
+The tests need the CUDA compiler (extra `gpu`) but no GPU: the PTX is translated to Python, whose floats are IEEE
+doubles too. They cannot show that a GPU executes PTX as specified.
 """
 
 from __future__ import annotations
@@ -20,18 +20,15 @@ import numpy as np
 import pytest
 
 from photosite.engine.philox import key_from_seed
-from photosite.engine.pixels import expose
+from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, expose_drawn
 
-KEY = key_from_seed(2**40 + 17)
-FRAME = np.uint32(9)
-CORNER, CHIP_COLS = (70, 333), 5000
-SCALARS = (30000.0, 12.5, 0.4, 200.0, 16383.0)
+EXPOSURE = Exposure(0.7, 30000.0, 0.4, 200.0, 16383.0, 70, 333, 5000, np.uint32(9), *key_from_seed(2**40 + 17))
 
 
 @pytest.fixture(scope="module")
 def compile_ptx() -> Callable[[], str]:
     if importlib.util.find_spec("numba_cuda") is None or numba.config.ENABLE_CUDASIM:
-        pytest.skip("skipped: the CUDA compiler is not there (extra gpu) or the simulator stands in its place")
+        pytest.skip("the CUDA compiler (extra gpu) is not installed, or the simulator is active")
     from numba import cuda
     from numba.core import sigutils
     from numba.cuda import dispatcher
@@ -41,7 +38,7 @@ def compile_ptx() -> Callable[[], str]:
     def ptx() -> str:
         arguments, _ = sigutils.normalize_signature(SIGNATURE)
         with pytest.MonkeyPatch.context() as patch:
-            # Device functions are compiled for the GPU that is there; this one need not be.
+            # Device functions are compiled for the GPU that is present; none needs to be.
             patch.setattr(dispatcher, "get_current_device", lambda: SimpleNamespace(compute_capability=(8, 0)))
             code, _ = cuda.compile_ptx(expose_thread, arguments, cc=(8, 0))
         return str(code)
@@ -49,11 +46,11 @@ def compile_ptx() -> Callable[[], str]:
     return ptx
 
 
-def test_nothing_is_fused(compile_ptx: Callable[[], str]) -> None:
-    """Left to itself the compiler fuses, and the check sees it."""
+def test_no_operation_is_fused(compile_ptx: Callable[[], str]) -> None:
+    """With default options the compiler fuses, and the check detects it."""
     from photosite.engine.cuda import NoCudaError, check_unfused, unfused
 
-    with pytest.raises(NoCudaError, match="rounds otherwise"):
+    with pytest.raises(NoCudaError, match="rounds differently"):
         check_unfused(compile_ptx())
     with unfused():
         code = compile_ptx()
@@ -61,31 +58,29 @@ def test_nothing_is_fused(compile_ptx: Callable[[], str]) -> None:
     assert code.count("mul.rn.f64") > 100
 
 
-@pytest.mark.parametrize("even", [False, True])
-def test_the_program_gives_the_cpus_bits(compile_ptx: Callable[[], str], even: bool) -> None:
-    """10 000 pixels with means from 0 to beyond the well, so that every branch is met."""
+@pytest.mark.parametrize("constant", [False, True])
+def test_interpreted_kernel_equals_the_cpu(compile_ptx: Callable[[], str], constant: bool) -> None:
+    """10 000 pixels with means from 0 to beyond the well capacity, so that every branch is taken."""
     from photosite.engine.cuda import unfused
 
     rng = np.random.default_rng(4)
     levels = np.array([0, 1e-3, 0.5, 4.0, 9.99, 10.0, 11.0, 17.0, 40.0, 900.0, 29900.0, 60000.0])
     photo = rng.choice(levels, (40, 250)).astype(np.float32)
     photo[:20] = 10 ** rng.uniform(-3, 5, (20, 250))
-    shape = (1, 1) if even else photo.shape
+    shape = (1, 1) if constant else photo.shape
     prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
-    dark = rng.random(shape).astype(np.float32)
+    maps, constants = DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32)), DrawnConstants(1e-5, 2e-3, 12.5)
     out = np.zeros(photo.shape, np.uint16)
     with unfused():
         thread = translated(compile_ptx())
-    arguments = (photo, prnu, 1e-5, offset, 2e-3, dark, 0.7, *SCALARS, *CORNER, CHIP_COLS, FRAME, *KEY, out)
-    flat = [word for argument in arguments for word in words(argument)]
+    flat = [word for argument in (photo, *maps, *constants, *EXPOSURE, out) for word in words(argument)]
     for row, col in np.ndindex(photo.shape):
         thread(flat, row, col)
-    expected = expose(photo, prnu, 1e-5, offset, 2e-3, dark, 0.7, *SCALARS, CORNER, CHIP_COLS, FRAME, *KEY)
-    np.testing.assert_array_equal(out, expected)
+    np.testing.assert_array_equal(out, expose_drawn(photo, maps, constants, EXPOSURE))
 
 
 def words(argument: Any) -> list[Any]:
-    """An argument as numba hands it over: an array is owner, parent, items, item size, address, shape, strides."""
+    """An argument as numba passes it: an array is owner, parent, items, item size, address, shape, strides."""
     if isinstance(argument, np.ndarray):
         return [0, 0, argument.size, argument.itemsize, argument.ctypes.data, *argument.shape, *argument.strides]
     return [float(argument) if isinstance(argument, float) else int(argument)]

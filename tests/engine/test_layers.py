@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from photosite.engine.layers import Field, Grid, Layer, View, laid_spectra
+from photosite.engine.layers import Field, Grid, Layer, View, term_spectra
 from photosite.engine.mosaic import mosaic_of_layers
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.engine.warp import Warp
@@ -52,7 +52,7 @@ def test_a_term_is_its_maps_each_weighted_over_the_field(rows: int, cols: int) -
     )
     fields = [RegularGridInterpolator((FIELD.row, FIELD.col), w)(points) for w in FIELD.weights]
     out = np.empty((GRID.cells(0), GRID.cells(1) // 2 + 1), np.complex64)
-    for mix, spectrum in zip(one.mixing, laid_spectra(one, GRID, out), strict=True):
+    for mix, spectrum in zip(one.mixing, term_spectra(one, GRID, out), strict=True):
         maps = np.tensordot(mix, one.views[0].weights, axes=1)
         expected = sum(on_cells(m) * f for m, f in zip(maps, fields, strict=True))
         assert np.fft.irfft(spectrum, GRID.cells(1), axis=1) == pytest.approx(expected, abs=1e-5)

@@ -1,1 +1,1 @@
-"""Scene, lens and sensor joined: mean image, captures, sequences and the camera file."""
+"""The camera, a lens in front of a sensor: mean image, captures, sequences, and the camera file."""

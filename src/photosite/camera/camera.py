@@ -1,4 +1,4 @@
-"""Scene, optics and sensor joined: mean electrons and raw frames."""
+"""The camera: mean electrons and raw frames of a scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.depth import layered_rate, layered_regions
+from photosite.camera.depth import planes_electron_rate, planes_image_regions
 from photosite.camera.dng_profile import color_matrix, noise_profile
 from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
@@ -34,14 +34,14 @@ class Camera:
     Parameters
     ----------
     optics
-        The lens, `DiffractionLimited` say.
+        The lens, for example `DiffractionLimited`.
     sensor
         The sensor.
     integration
         Rule of the integral over wavelength: "trapezoid", or "rectangle" to compare with tools that use it.
     cells_per_pixel
-        Cells on each axis of a pixel on which the scene is laid before blurring; odd. 1 is right for scenes that are
-        smooth on the scale of a pixel; an edge that is to be measured wants 3 or more.
+        Cells per pixel on each axis of the grid on which the scene is sampled before blurring; odd. 1 suits scenes that
+        are smooth on the scale of a pixel. Measuring an edge or a position needs 3 or more.
 
     Raises
     ------
@@ -67,28 +67,28 @@ class Camera:
     def __post_init__(self) -> None:
         integration_weights([500.0], self.integration)
         if self.cells_per_pixel < 1 or self.cells_per_pixel % 2 == 0:
-            raise InputError(f"cells_per_pixel is odd and positive, not {self.cells_per_pixel}; take 1, 3, 5, ...")
+            raise InputError("cells_per_pixel", value=self.cells_per_pixel, expected="odd and positive: 1, 3, 5, ...")
 
     def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
-        """Mean electrons from light in every pixel: no noise, no fixed pattern, no dark current, no well.
+        """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.
 
         Parameters
         ----------
         scene
-            What stands in front of the camera: a scene, or `Planes` in depth.
+            A scene, or `Planes` in depth.
         exposure_s
             Exposure time.
 
         Returns
         -------
         ndarray
-            (rows, cols) float32, the mosaic: each pixel seen through its own filter.
+            (rows, cols) float32 mosaic: each pixel behind its own colour filter.
 
         Raises
         ------
         InputError
-            If the exposure is not above 0 or too long for 32-bit floats, the scene lies within the focal length, or
-            its radiance is negative somewhere.
+            If the exposure time is not above 0 or too long for 32-bit floats, the scene lies within the focal length,
+            or its radiance is negative in places.
 
         Warns
         -----
@@ -108,7 +108,7 @@ class Camera:
         rule, cells = self.integration, self.cells_per_pixel
         warn_of_transmittance_range(self.optics, self.sensor)
         if isinstance(scene, Planes):
-            return layered_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
+            return planes_electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
         return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
 
     def capture(
@@ -121,31 +121,31 @@ class Camera:
         region: Rectangle | None = None,
         device: Device = "cpu",
     ) -> RawFrame:
-        """A raw frame of a scene.
+        """Return a raw frame of a scene.
 
         Parameters
         ----------
         scene
-            What stands in front of the camera.
+            A scene, or `Planes` in depth.
         exposure_s
             Exposure time.
         seed
             Key of the temporal noise, 0 to 2^64 - 1. The same seed and frame number give the same frame.
         frame
-            Number of the frame in a sequence, 0 to 2^32 - 1: frames of one seed are independent of each other. The
-            fixed pattern belongs to the sensor's serial and is the same in all.
+            Frame number in a sequence, 0 to 2^32 - 1. Frames of one seed have independent noise. The fixed pattern
+            depends on the sensor's serial and is the same in all frames.
         region
-            (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded: that part of the frame,
-            bit for bit. None is the whole frame.
+            (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded. The result equals that
+            part of the whole frame. None is the whole frame.
         device
-            Where noise is drawn and pixels are read: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with the same
-            digital numbers. The mean image is computed on the CPU.
+            Where noise and digital numbers are computed: "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`), with equal
+            results. The mean image is always computed on the CPU.
 
         Raises
         ------
         InputError
             As `mean_electrons`; or if the seed or frame number is out of range, the region is not on the chip, or the
-            device is missing.
+            device is unavailable.
 
         Examples
         --------
@@ -171,20 +171,20 @@ class Camera:
         region: Rectangle | None = None,
         device: Device = "cpu",
     ) -> Iterator[RawFrame]:
-        """Raw frames of a scene, one after another; the mean image is computed once.
+        """Yield raw frames of a scene; the mean image is computed once.
 
         Parameters
         ----------
         scene
-            What stands in front of the camera.
+            A scene, or `Planes` in depth.
         exposures_s
-            One exposure time or several.
+            One exposure time, or several.
         frames
             Frames at each exposure.
         seed, region, device
             As for `capture`.
         first_frame
-            Number of the first frame; the n-th frame is what `capture` gives for frame first_frame + n.
+            Number of the first frame; the n-th frame equals `capture` with frame first_frame + n.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class Camera:
         [0.25, 0.25, 0.5, 0.5]
         """
         if frames < 1:
-            raise InputError(f"a stream has 1 frame or more at each exposure, not {frames}")
+            raise InputError("frames", value=frames, expected="1 or more")
         times = exposures_s if isinstance(exposures_s, Iterable) and not isinstance(exposures_s, str) else [exposures_s]
         checked = [check_exposure(exposure_s) for exposure_s in times]
         rate = self._electron_rate(scene)
@@ -222,14 +222,14 @@ class Camera:
         region: Rectangle | None = None,
         device: Device = "cpu",
     ) -> RawFrame:
-        """A raw frame from mean electrons, which several frames may share.
+        """Return a raw frame from mean electrons, which several frames may share.
 
         Parameters
         ----------
         mean_electrons
-            (rows, cols) of the whole chip, as `mean_electrons` gives them, none negative.
+            (rows, cols) of the whole chip, as from `mean_electrons`; not negative.
         exposure_s
-            Exposure time; dark current grows with it.
+            Exposure time, for the dark current.
         seed, frame, region, device
             As for `capture`.
 
@@ -237,7 +237,7 @@ class Camera:
         ------
         InputError
             If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, the region is
-            not on the chip, or the device is missing.
+            not on the chip, or the device is unavailable.
         """
         time_s = check_exposure(exposure_s)
         dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
@@ -263,17 +263,17 @@ class Camera:
         )
 
     def as_shot_neutral(self, light: Scene) -> str | None:
-        """What an even gray reads in R, G and B, the largest 1: a frame's metadata hold it for DNG's AsShotNeutral.
+        """Return the reading of a neutral gray in R, G and B, relative to the largest, for DNG's AsShotNeutral.
 
         Parameters
         ----------
         light
-            A uniform field of the light.
+            A uniform field under the light.
 
         Returns
         -------
         str or None
-            Three numbers with commas between; None where the channels are not R, G and B, or one sees none of it.
+            Three numbers, comma-separated; None if the channels are not R, G and B, or one receives no light.
 
         Notes
         -----
@@ -297,22 +297,24 @@ class Camera:
         return ",".join(f"{part:.6g}" for part in reading / reading.max())
 
     def image_regions(self, scene: Scene | Planes) -> tuple[Region, ...]:
-        """The scene's named regions in pixels of the frame; behind a lens that distorts, rectangles inside them.
+        """Return the scene's named regions in pixels of the frame; with distortion, rectangles inside their images.
 
         Raises
         ------
         InputError
-            If a region holds no whole pixel of the frame.
+            If a region contains no whole pixel of the frame.
         """
         if isinstance(scene, Planes):
-            return layered_regions(scene, self.optics, self.sensor)
+            return planes_image_regions(scene, self.optics, self.sensor)
         return image_regions(scene, self.optics, self.sensor)
 
 
 def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Electrons in a time, or an error where 32-bit floats do not hold them."""
+    """Return the electrons of an exposure; raise an error if they exceed 32-bit floats."""
     with np.errstate(over="raise"):
         try:
             return np.multiply(rate, np.float32(time_s), out=out)
         except FloatingPointError:
-            raise InputError(f"an exposure time of {time_s:g} s is too long: no float holds its electrons") from None
+            raise InputError(
+                "exposure_s", value=time_s, expected="short enough for its electrons to be 32-bit floats"
+            ) from None

@@ -1,13 +1,13 @@
-"""What a lens and a sensor do to a scene's weight maps, summed over wavelength: the engine's transfers.
+"""Transfers from a scene's weight maps to the sensor's channels, reduced to few terms (docs/theory.md).
 
-A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot tell them all apart, and the
-parts of a lens that differs from place to place resemble each other: maps and parts are combined to the few terms that
-matter, by singular values.
+A chart has 24 spectra and a cube may have more, but three channels behind a lens cannot distinguish them all, and the
+modes of a lens that varies over the field resemble each other. Maps and modes are therefore combined to the few *terms*
+that matter, by singular value decomposition.
 
-Where the images of different wavelengths lie apart a few of these stand for all (`warps.color_nodes`), and each would
-have all terms of its own. There maps become few pictures for each of these wavelengths, and sums of the pictures of all
-of them terms: what a lens does to one wavelength it nearly does to the next. Each channel by itself sees nearly one
-spectrum, so it has fewer pictures and terms; all together share them. What is clearly less work is taken.
+With lateral colour, the images of a few wavelengths, the *wavelength nodes*, stand for those of all
+(`distortion.frame_wavelength_nodes`). For each node the maps are first reduced to few *node maps*; terms are then
+combinations of the node maps of all nodes. A single channel responds to few wavelengths, so it needs fewer node maps
+and terms; all channels together share them. The alternative with less work is chosen.
 """
 
 from __future__ import annotations
@@ -22,47 +22,47 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.sampled_otf import LensTables, lens_tables
+from photosite.camera.sampled_otf import MapTransfers, SampledOtf, sample_otf
 from photosite.engine.transfer import Sampling, Transfer
 from photosite.optics.point_spread import FieldPsf, PointSpread
 
 Array = NDArray[np.float64]
 
-MAP_TOLERANCE = 5e-6
-"""Of the largest transfer: what combining maps may change at any frequency, for any of the scene's spectra."""
-_OF_FIELD_ERROR = 0.01
-"""The same, of what a lens's few modes leave out by themselves, where that is more."""
-_OF_SHARED_COLORS = 2e-4
-"""The same where some wavelengths' images stand for all, which errs by more (`mapping.wavelength_nodes`)."""
+TOLERANCE = 5e-6
+"""Largest error of the reduction at any frequency, for any of the scene's spectra, relative to the largest transfer."""
+_TOLERANCE_PER_FIELD_ERROR = 0.01
+"""The same, relative to the error of the lens's own sum of modes, if that is more."""
+_TOLERANCE_WITH_NODES = 2e-4
+"""The same with wavelength nodes, whose interpolation errs by more (`photosite.optics.mapping.wavelength_nodes`)."""
 _STRIDE = 7
-"""Every how manieth frequency is looked at first; odd, for real and imaginary parts lie in turn."""
-_LAYING = 0.2
-"""A map times its weight over the field, against the transforms of a term: what they take."""
-_VIEW, _PICTURE, _MIXING, _CHANNEL = 4.0, 0.7, 0.08, 0.4
-"""The same of a wavelength's way through the lens, a picture on it, a picture that is added to a term, and a channel
-that a term reaches (two cores, 10 megapixels)."""
-_SPARING = 1.3
-"""As much more work is worth the memory of fewer pictures."""
-_MOST_KEPT = 4
-_KEPT_BYTES = 1 << 28
-"""Of the transfers that are kept with a spread."""
+"""Frequency stride of the first pass; odd, because real and imaginary parts alternate."""
+_MAP_COST = 0.2
+"""Cost of resampling one map and multiplying it by its field weight, in transforms of the frame, as all costs here."""
+_NODE_COST, _NODE_MAP_COST, _MIXING_COST, _CHANNEL_COST = 4.0, 0.7, 0.08, 0.4
+"""Costs of a wavelength node's warp, a node map, adding a node map to a term, and a channel that a term reaches;
+measured on two cores with 10 megapixels. They decide between two results of the same tolerance."""
+_SEPARATE_PREFERENCE = 1.3
+"""Factor of additional work that the smaller memory of separate channels is worth."""
+_CACHE_ENTRIES = 4
+_CACHE_BYTES = 1 << 28
+"""Limits of the transfers cached per spread."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
-    """Terms, and how maps become them.
+class ReducedTransfer:
+    """Terms as combinations of maps, and their transfers to the channels.
 
     Parameters
     ----------
     transfer
-        From each term to each channel, or to one.
+        From each term to each channel, or to one channel.
     mixing
-        (terms, R, S): term t is the sum over r of `mixing[t, r] @ pictures`, in the r-th part of the field.
+        (terms, R, S): term t is the sum over modes r of `mixing[t, r] @ maps`, times the field weight of mode r.
     padding_m
-        What a point may be spread over to either side, as far as it is kept.
-    pictures
-        For each wavelength that stands for others (S_n, K): the pictures that its light makes are these times the
-        scene's weights, the S of all wavelengths one after another. None: the weights themselves, S is K.
+        Distance to either side over which a point is spread.
+    node_maps
+        For each wavelength node (S_n, K): its node maps are these times the scene's K weight maps; the S of all nodes
+        follow one another. None: terms combine the weight maps themselves, and S is K.
     channel
         The only channel that the terms reach; None: all.
     """
@@ -70,154 +70,142 @@ class Reduced:
     transfer: Transfer
     mixing: Array
     padding_m: float
-    pictures: tuple[Array, ...] | None = None
+    node_maps: tuple[Array, ...] | None = None
     channel: int | None = None
 
     @property
     def nbytes(self) -> int:
-        """Bytes held."""
+        """Bytes of all arrays."""
         radial, kernels = self.transfer.radial, self.transfer.kernels
-        held = (self.mixing, None if radial is None else radial.table, kernels, *(self.pictures or ()))
-        return sum(part.nbytes for part in held if part is not None)
+        arrays = (self.mixing, None if radial is None else radial.table, kernels, *(self.node_maps or ()))
+        return sum(array.nbytes for array in arrays if array is not None)
 
 
-_kept: WeakKeyDictionary[PointSpread, dict[tuple[Any, ...], tuple[Reduced, ...]]] = WeakKeyDictionary()
-"""What was asked for last, for as long as the spread lives: a series of frames asks for the same again and again."""
-_keeping = Lock()
+_cache: WeakKeyDictionary[PointSpread, dict[tuple[Any, ...], tuple[ReducedTransfer, ...]]] = WeakKeyDictionary()
+"""The latest results of each spread, for as long as the spread lives: a series of frames repeats the same call."""
+_cache_lock = Lock()
 
 
 def reduced_transfers(
-    spread: PointSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling, shares: Array | None = None
-) -> tuple[Reduced, ...]:
-    """The lens summed over wavelength, for as few terms as `MAP_TOLERANCE` asks.
+    spread: PointSpread, coupling: Array, wavelength_nm: Array, sampling: Sampling, node_shares: Array | None = None
+) -> tuple[ReducedTransfer, ...]:
+    """Return the transfers of a lens, summed over wavelength, with as few terms as the tolerance permits.
 
     Parameters
     ----------
     spread
-        The lens's. Of a `FieldPsf` the modes, each for the weights' largest magnitude (`field_scale`).
+        Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
     coupling
-        (channels, K, wavelengths) what a map of weight 1 gives to a channel at a wavelength.
+        (channels, K, wavelengths) electrons per second that a map of weight 1 gives a channel at a wavelength.
     wavelength_nm
         (wavelengths,).
     sampling
         Pixels and cells.
-    shares
-        (N, wavelengths) of each wavelength's light those that the N wavelengths have which stand for all. None: N is 1.
+    node_shares
+        (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
 
     Returns
     -------
-    tuple of Reduced
-        One for all channels, or, if N is more and that is less work, one for each that gets light. Nobody may change
-        them: they are kept with the spread.
+    tuple of ReducedTransfer
+        One for all channels; or, if N > 1 and that is less work, one for each channel that receives light. The results
+        are cached and must not be changed.
 
     Raises
     ------
     InputError
-        If a point would be spread over more cells than a mosaic can be made of.
+        If a point is spread over more cells than a mosaic can be computed with.
     """
-    tolerance = MAP_TOLERANCE
-    if shares is None:
-        shares = np.ones((1, wavelength_nm.size))
-    if len(shares) > 1:
-        tolerance = max(tolerance, _OF_SHARED_COLORS)
+    tolerance = TOLERANCE
+    if node_shares is None:
+        node_shares = np.ones((1, wavelength_nm.size))
+    if len(node_shares) > 1:
+        tolerance = max(tolerance, _TOLERANCE_WITH_NODES)
     if isinstance(spread, FieldPsf):
-        tolerance = max(tolerance, _OF_FIELD_ERROR * spread.relative_error)
-    with _keeping:
-        kept = _kept.setdefault(spread, {})
-    told = coupling, wavelength_nm, shares
-    key = (*((one.shape, one.tobytes()) for one in told), astuple(sampling), tolerance)
-    if (found := kept.get(key)) is None:
-        lens = lens_tables(spread, wavelength_nm, sampling)
-        found = tuple(_reduced(lens, coupling, shares, tolerance))
-    with _keeping:
-        kept.pop(key, None)
-        kept[key] = found  # the last asked for stands last
-        while len(kept) > _MOST_KEPT or sum(one.nbytes for some in kept.values() for one in some) > _KEPT_BYTES:
-            del kept[next(iter(kept))]
+        tolerance = max(tolerance, _TOLERANCE_PER_FIELD_ERROR * spread.relative_error)
+    with _cache_lock:
+        cached = _cache.setdefault(spread, {})
+    arrays = coupling, wavelength_nm, node_shares
+    key = (*((array.shape, array.tobytes()) for array in arrays), astuple(sampling), tolerance)
+    if (found := cached.get(key)) is None:
+        found = tuple(_reduce(sample_otf(spread, wavelength_nm, sampling), coupling, node_shares, tolerance))
+    with _cache_lock:
+        cached.pop(key, None)
+        cached[key] = found  # the most recently used entry is last
+        while len(cached) > _CACHE_ENTRIES or sum(part.nbytes for parts in cached.values() for part in parts) > (
+            _CACHE_BYTES
+        ):
+            del cached[next(iter(cached))]
     return found
 
 
-def _largest(lens: LensTables, coupling: Array) -> float:
-    """Of all transfers."""
-    return max(float(np.abs(block).max()) for block in lens.blocks(coupling)(_STRIDE))
-
-
-def _reduced(lens: LensTables, coupling: Array, shares: Array, tolerance: float) -> Sequence[Reduced]:
-    limit = tolerance * _largest(lens, coupling @ lens.hats)
-    if len(shares) == 1:
-        return [Reduced(*_combined(lens, coupling @ lens.hats, limit), lens.padding_m)]
-    apart = [
+def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: float) -> Sequence[ReducedTransfer]:
+    at_nodes = coupling @ otf.node_shares
+    limit = tolerance * MapTransfers(otf, at_nodes).largest(_STRIDE)
+    if len(node_shares) == 1:
+        return [ReducedTransfer(*_terms(otf, at_nodes, limit), otf.padding_m)]
+    separate = [
         found
         for channel in range(len(coupling))
-        for found in _of_pictures(lens, coupling[channel : channel + 1], shares, limit, channel)
+        for found in _reduce_with_nodes(otf, coupling[channel : channel + 1], node_shares, limit, channel)
     ]
-    together = _of_pictures(lens, coupling, shares, limit, None)
-    return apart if _work(apart) <= _SPARING * _work(together) else together
+    together = _reduce_with_nodes(otf, coupling, node_shares, limit, None)
+    return separate if _work(separate) <= _SEPARATE_PREFERENCE * _work(together) else together
 
 
-def _of_pictures(
-    lens: LensTables, coupling: Array, shares: Array, limit: float, channel: int | None
-) -> Sequence[Reduced]:
-    """The terms of some channels, of pictures in all the wavelengths that stand for others; none without light.
+def _reduce_with_nodes(
+    otf: SampledOtf, coupling: Array, node_shares: Array, limit: float, channel: int | None
+) -> Sequence[ReducedTransfer]:
+    """Return the terms of some channels as combinations of node maps; none if the channels receive no light.
 
-    Half of what may be lost is lost as maps become few pictures, half as these become terms; what different pictures
-    lack adds up as squares do.
+    Half of the permitted error is for reducing maps to node maps, half for reducing these to terms. The errors of
+    different node maps add up as squares.
     """
-    pictures, seen = [], []
-    for share in shares:
-        own = (coupling * share) @ lens.hats
-        few = _pictures(lens, own, limit / (2 * math.sqrt(len(shares))))
-        pictures.append(few)
-        seen.append(np.einsum("sk,ckn->csn", few, own))
-    if not (count := sum(map(len, pictures))):
+    node_maps, couplings = [], []
+    for share in node_shares:
+        of_node = (coupling * share) @ otf.node_shares
+        combinations = _node_maps(otf, of_node, limit / (2 * math.sqrt(len(node_shares))))
+        node_maps.append(combinations)
+        couplings.append(np.einsum("sk,ckn->csn", combinations, of_node))
+    if not (count := sum(map(len, node_maps))):
         return []
-    terms = _combined(lens, np.concatenate(seen, axis=1), limit / (2 * math.sqrt(count)))
-    return [Reduced(*terms, lens.padding_m, tuple(pictures), channel)]
+    terms = _terms(otf, np.concatenate(couplings, axis=1), limit / (2 * math.sqrt(count)))
+    return [ReducedTransfer(*terms, otf.padding_m, tuple(node_maps), channel)]
 
 
-def _pictures(lens: LensTables, coupling: Array, limit: float) -> Array:
-    """(S, K): as few combinations of maps as stand for all of them in (channels, K, nodes); none of too little."""
-    limit /= lens.parts
-    blocks = lens.blocks(coupling)
-    if max(float(np.abs(block).max()) for block in blocks(1)) <= limit:
+def _node_maps(otf: SampledOtf, coupling: Array, limit: float) -> Array:
+    """Return (S, K): the fewest combinations of maps that replace all K; none if all transfers are below the limit."""
+    limit /= len(otf.parts)
+    transfers = MapTransfers(otf, coupling)
+    if transfers.largest(1) <= limit:
         return np.empty((0, coupling.shape[1]))
-
-    def flat(every: int) -> Iterator[Array]:
-        """(channels * modes, K, frequencies)."""
-        return (block.reshape(-1, *block.shape[2:]) for block in blocks(every))
-
-    return _mixing(flat, limit)
+    return _fewest_combinations(transfers.by_map, limit)
 
 
-def _combined(lens: LensTables, coupling: Array, limit: float) -> tuple[Transfer, Array]:
-    """Transfers of the fewest terms, and (terms, R, K): how maps become them.
+def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Array]:
+    """Return the transfers of the fewest terms, and (terms, R, K) the maps that each term combines.
 
     Parameters
     ----------
-    lens
+    otf
         The lens.
     coupling
         (channels, K, nodes).
     limit
-        What may be lost of any map in any channel at any frequency.
+        Largest error of any map in any channel at any frequency.
     """
-    limit /= lens.parts
-
-    def flat(modes: slice) -> Callable[[int], Iterator[Array]]:
-        """(channels, R * K, frequencies): what a map in a part of the field gives."""
-        blocks = lens.blocks(coupling, modes)
-        return lambda every: (block.reshape(len(coupling), -1, block.shape[3]) for block in blocks(every))
-
-    mixing = _one_by_one([_mixing(flat(slice(r, r + 1)), limit) for r in range(lens.modes)])
-    if lens.modes > 1 and len(mixing) > len(coupling) * lens.modes:
-        together = _mixing(flat(slice(None)), limit).reshape(-1, lens.modes, coupling.shape[1])
-        if _cost(together) < _cost(mixing):
+    limit /= len(otf.parts)
+    by_mode = [MapTransfers(otf, coupling, slice(r, r + 1)).by_mode_and_map for r in range(otf.modes)]
+    mixing = _stack_modes([_fewest_combinations(transfers, limit) for transfers in by_mode])
+    if otf.modes > 1 and len(mixing) > len(coupling) * otf.modes:
+        together = _fewest_combinations(MapTransfers(otf, coupling).by_mode_and_map, limit)
+        together = together.reshape(-1, otf.modes, coupling.shape[1])
+        if _term_cost(together) < _term_cost(mixing):
             mixing = together
-    return lens.transfer(coupling, mixing), mixing
+    return otf.transfer(coupling, mixing), mixing
 
 
-def _one_by_one(mixings: Sequence[Array]) -> Array:
-    """(terms, R, K): the terms of each mode, which are 0 in the others: few maps have to be laid for a term."""
+def _stack_modes(mixings: Sequence[Array]) -> Array:
+    """Return (terms, R, K) from one (terms, K) per mode; a term is 0 in all modes but its own."""
     mixing = np.zeros((sum(map(len, mixings)), len(mixings), mixings[0].shape[1]))
     first = 0
     for r, of_mode in enumerate(mixings):
@@ -226,50 +214,48 @@ def _one_by_one(mixings: Sequence[Array]) -> Array:
     return mixing
 
 
-def _work(parts: Sequence[Reduced]) -> float:
-    """Of pictures and the terms that are made of them, in transforms of the frame."""
+def _work(parts: Sequence[ReducedTransfer]) -> float:
+    """Return the cost of node maps and terms, in transforms of the frame."""
     total = 0.0
     for part in parts:
-        assert part.pictures is not None
-        views, pictures = sum(len(few) > 0 for few in part.pictures), sum(map(len, part.pictures))
+        assert part.node_maps is not None
+        nodes, maps = sum(len(combinations) > 0 for combinations in part.node_maps), sum(map(len, part.node_maps))
         channels = part.transfer.channels
-        total += _VIEW * views + _PICTURE * pictures + _cost(part.mixing)
-        total += len(part.mixing) * (_CHANNEL * channels + _MIXING * pictures)
+        total += _NODE_COST * nodes + _NODE_MAP_COST * maps + _term_cost(part.mixing)
+        total += len(part.mixing) * (_CHANNEL_COST * channels + _MIXING_COST * maps)
     return total
 
 
-def _cost(mixing: Array) -> float:
-    """Of terms, in transforms of the frame."""
-    return len(mixing) + _LAYING * int(mixing.any(axis=2).sum())
+def _term_cost(mixing: Array) -> float:
+    """Return the cost of terms, in transforms of the frame."""
+    return len(mixing) + _MAP_COST * int(mixing.any(axis=2).sum())
 
 
-def _mixing(blocks: Callable[[int], Iterator[Array]], limit: float) -> Array:
-    """(terms, maps): the fewest combinations of maps that are enough.
-
-    Of what they leave out no entry may pass the limit: no scene spectrum, in any channel, at any frequency.
+def _fewest_combinations(blocks: Callable[[int], Iterator[Array]], limit: float) -> Array:
+    """Return (terms, maps): the fewest orthonormal combinations of maps that represent all within the limit.
 
     Parameters
     ----------
     blocks
-        Gives (channels, maps, n) transfers, piece after piece: of every n-th frequency.
+        Yields (channels, maps, n) transfers at every stride-th frequency, such as `MapTransfers.by_map`.
     limit
-        The same for all of a lens's parts.
+        Largest error of any map in any channel at any frequency.
     """
     squares: Any = 0.0
     for block in blocks(_STRIDE):
         tall = block.transpose(1, 0, 2).reshape(block.shape[1], -1)
         squares = squares + tall @ tall.T
-    # Singular values matter down to 1e-6 of the first only: their squares, which a double holds, are quick to find.
+    # Only singular values above 1e-6 of the first matter; doubles hold their squares, which are faster to find.
     directions = np.linalg.eigh(squares)[1][:, ::-1].T
 
-    def enough(terms: int, every: int) -> bool:
+    def enough(terms: int, stride: int) -> bool:
         mixing = directions[:terms]
-        return all(np.abs(block - mixing.T @ (mixing @ block)).max() <= limit for block in blocks(every))
+        return all(np.abs(block - mixing.T @ (mixing @ block)).max() <= limit for block in blocks(stride))
 
     low, high = 1, len(directions)
-    while low < high:  # some of the frequencies say about how many it takes
+    while low < high:  # bisect with some of the frequencies
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle, _STRIDE) else (middle + 1, high)
-    while low < len(directions) and not enough(low, 1):
+    while low < len(directions) and not enough(low, 1):  # then check all of them
         low += 1
     return directions[:low] if low < len(directions) else np.eye(len(directions))

@@ -1,15 +1,15 @@
-"""Scenes in depth: planes one behind another, each imaged by itself, put together from the farthest to the nearest.
+"""Scenes in depth: planes at different distances, imaged separately and combined from the farthest to the nearest.
 
-Every plane has its own magnification, defocus, distortion and fall-off. Neighbours that the lens blurs alike, all that
-are in focus say, hide each other before the blur, on the frame's cells, as in a painter's picture. Of planes blurred
-differently p lets pass of what is behind it what its opacity, imaged as it is itself, leaves over, by channel:
+Every plane has its own magnification, defocus, distortion and relative illumination. Neighbouring planes that the lens
+blurs alike, for example all planes in focus, occlude each other on the frame's cells, before the blur. Planes blurred
+differently are combined by their opacity alpha, imaged in the same way as the plane itself, channel by channel::
 
-    image = image_p(alpha radiance) + (1 - image_p(alpha)) * image behind.
+    image = image_p(alpha radiance) + (1 - image_p(alpha)) * image behind
 
-The opacity's image is taken in the light that it takes away: in the mean spectrum of what is behind. These are linear
-layers; a lens sees each point of a plane through its whole pupil, and another part of the plane behind through each
-part of the pupil. The product is exact where either of the two is in focus, but for the lens's finest blur, and where
-the plane behind is even. It errs near edges of opacity where both are out of focus (docs/depth.md).
+The image of the opacity is taken in the light that it blocks: the mean spectrum of what is behind. These are linear
+layers. A real lens sees each point of a plane through its whole pupil, and through each part of the pupil another part
+of the plane behind. The product is exact if either plane is in focus, except for the lens's smallest blur, and if the
+plane behind is uniform. It errs near edges of opacity if both planes are out of focus (docs/depth.md).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.mean_image import (
-    arrived,
+    finish_mosaic,
     image_rate,
     image_regions,
     low_rank_error,
@@ -34,40 +34,41 @@ from photosite.sensor.model import Sensor
 from photosite.values.region import Region
 
 _ALIKE = 0.05
+"""Difference of transfer functions up to which planes count as blurred alike."""
 _FREQUENCIES = 33
 _DIRECTIONS = 8
 
 
-def layered_rate(
+def planes_electron_rate(
     planes: Planes, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
 ) -> NDArray[np.float32]:
-    """(rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
+    """Return (rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
     for plane in planes.planes:
         warn_of_missing_light(plane.scene, sensor)
     groups = _groups(planes.planes, optics, sensor)
     mosaic = np.zeros((sensor.array.rows, sensor.array.cols), np.float32)
     behind: tuple[Plane, ...] = ()
     for group in reversed(groups):
-        how = optics, sensor, rule, cells_per_pixel
+        camera = optics, sensor, rule, cells_per_pixel
         if behind:
-            _hide(mosaic, group, behind, *how)
+            _occlude(mosaic, group, behind, *camera)
         covers = [plane.cover(True, *_mean_light(group)) for plane in group]
         for index, plane in enumerate(group):
             ends = bool(behind) or index < len(group) - 1
-            mosaic += image_rate(plane.light(ends), *how, before=covers[:index])
+            mosaic += image_rate(plane.light(ends), *camera, occluders=covers[:index])
         behind = (*group, *behind)
     scenes = [plane.scene for plane in planes.planes]
-    missing = max(scene.relative_error + low_rank_error(optics, scene.distance_m) for scene in scenes)
-    return arrived(mosaic, optics, sensor, scenes, rule, missing)
+    relative_error = max(scene.relative_error + low_rank_error(optics, scene.distance_m) for scene in scenes)
+    return finish_mosaic(mosaic, optics, sensor, scenes, rule, relative_error)
 
 
-def layered_regions(planes: Planes, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
-    """All planes' regions in pixels of the frame; see `Camera.image_regions`."""
+def planes_image_regions(planes: Planes, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
+    """Return the regions of all planes in pixels of the frame; see `Camera.image_regions`."""
     return tuple(region for plane in planes.planes for region in image_regions(plane.scene, optics, sensor))
 
 
 def _groups(planes: tuple[Plane, ...], optics: Optics, sensor: Sensor) -> list[tuple[Plane, ...]]:
-    """Neighbours that the lens blurs alike."""
+    """Group neighbouring planes that the lens blurs alike."""
     groups: list[tuple[Plane, ...]] = []
     for plane in planes:
         if groups and _alike(optics, groups[-1][0].scene, plane.scene, sensor):
@@ -78,7 +79,7 @@ def _groups(planes: tuple[Plane, ...], optics: Optics, sensor: Sensor) -> list[t
 
 
 def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
-    """Whether two scenes' point spreads differ by no more than `_ALIKE` at any frequency that pixels tell."""
+    """Return whether the transfer functions of two scenes differ by at most `_ALIKE` below the Nyquist frequency."""
     if one.distance_m == other.distance_m:
         return True
     spreads = optics.point_spread(one.distance_m), optics.point_spread(other.distance_m)
@@ -91,7 +92,7 @@ def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
 def _samples(
     spread: PointSpread, frequency_per_m: NDArray[np.float64], wavelength_nm: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """A spread's transfer functions; of one that differs over the field at every node of it."""
+    """Return samples of a spread's transfer function; for a `FieldPsf`, at every field node."""
     if isinstance(spread, RadialPsf):
         return np.concatenate([spread.otf(frequency_per_m, float(w)) for w in wavelength_nm]).astype(np.complex128)
     if isinstance(spread, FieldPsf):
@@ -103,7 +104,7 @@ def _samples(
     return np.concatenate([spread.otf(fy, fx, float(w)).ravel() for w in wavelength_nm])
 
 
-def _hide(
+def _occlude(
     mosaic: NDArray[np.float32],
     group: tuple[Plane, ...],
     behind: tuple[Plane, ...],
@@ -112,23 +113,23 @@ def _hide(
     rule: Rule,
     cells_per_pixel: int,
 ) -> None:
-    """Take from the image of what is behind some planes what they hide, in place."""
+    """Attenuate the image of what is behind a group of planes by the group's opacity, in place."""
     spectrum, grid = _mean_light(behind)
     covers = [plane.cover(True, spectrum, grid) for plane in group]
     hidden = np.zeros_like(mosaic)
     for index, cover in enumerate(covers):
-        opaque = image_rate(cover, optics, sensor, rule, cells_per_pixel, before=covers[:index])
-        # What an opacity of 1 would give: the lens's fall-off and the channel's response are in both.
-        even = Scene.uniform(spectrum, grid, cover.distance_m)
-        full = image_rate(even, optics, sensor, rule, cells_per_pixel)
-        # A channel that sees nothing of the light behind has nothing to lose.
+        opaque = image_rate(cover, optics, sensor, rule, cells_per_pixel, occluders=covers[:index])
+        # The image of opacity 1: the quotient cancels relative illumination and the channel's response.
+        uniform = Scene.uniform(spectrum, grid, cover.distance_m)
+        full = image_rate(uniform, optics, sensor, rule, cells_per_pixel)
+        # 0 for a channel that receives none of the light behind.
         hidden += np.divide(opaque, full, out=np.zeros_like(full), where=full > 0)
-    # Beyond 1 by the transforms' rounding only.
+    # Rounding of the transforms may make it exceed 1.
     mosaic *= np.maximum(np.float32(1) - hidden, np.float32(0))
 
 
 def _mean_light(planes: tuple[Plane, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The planes' mean radiances, summed, at all their wavelengths."""
+    """Return the sum of the planes' mean radiances, and its wavelengths."""
     grid = np.unique(np.concatenate([plane.scene.wavelength_nm for plane in planes]))
     total = np.zeros(grid.size)
     for plane in planes:

@@ -1,9 +1,4 @@
-"""What a lens's mapping does to a frame: the warps through which its cells look, and where a scene's regions lie.
-
-With lateral chromatic aberration every wavelength has a warp of its own. A few wavelengths stand for all: their images
-are at most a quarter of a pixel apart anywhere in the frame, and the light of a wavelength between is shared among four
-of them, so that a sum of shifted images stands for one (`wavelength_nodes`).
-"""
+"""Distortion and lateral colour on a frame: wavelength nodes, warps, and the regions of a distorted image."""
 
 from __future__ import annotations
 
@@ -20,50 +15,57 @@ from photosite.scene.placement import Placement
 from photosite.values.region import Region
 
 _STEP_PIXELS = 0.1
-_ALONG = 65
-"""Places on each side of a region that are followed through the lens."""
+_POINTS_PER_SIDE = 65
+"""Points on each side of a region whose images are computed."""
 
 Pitch = tuple[float, float]
 
 
-def color_nodes(
+def frame_wavelength_nodes(
     mapping: RadialMapping | None, wavelength_nm: NDArray[np.float64], shape: tuple[int, int], pitch_m: Pitch
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Wavelengths that stand for all, and their shares (N, wavelengths) of the light; one of them without a mapping.
+    """Return a few wavelengths whose images stand for all, and the share of each wavelength's light at each of them.
+
+    The images of neighbouring nodes are at most a quarter of a pixel apart anywhere in the frame.
 
     Parameters
     ----------
     mapping
-        The lens's.
+        Distortion of the lens; None is no distortion, and one node.
     wavelength_nm
-        (wavelengths,) those of the light.
+        (wavelengths,) of the light.
     shape, pitch_m
-        (rows, cols) of the frame, and the distance of its pixels.
+        (rows, cols) of the frame, and its pixel pitch.
+
+    Returns
+    -------
+    nodes, shares
+        N wavelengths in nm; (N, wavelengths).
 
     Warns
     -----
     PhotositeWarning
-        If the frame's corner lies beyond the mapping's last height.
+        If the frame's corner lies beyond the mapping's last image height.
     """
+    middle = float(wavelength_nm[wavelength_nm.size // 2])
     if mapping is None:
-        return [float(wavelength_nm[wavelength_nm.size // 2])], np.ones((1, wavelength_nm.size))
+        return [middle], np.ones((1, wavelength_nm.size))
     corner_m = math.hypot(shape[0] * pitch_m[0], shape[1] * pitch_m[1]) / 2
     known_m = float(mapping.real_m[:, -1].min())
     if corner_m > known_m * (1 + 1e-6):
         what = (
-            f"the distortion of the lens is known up to an image height of {known_m * 1e3:.4g} mm, and the frame's "
+            f"the distortion of the lens is known up to an image height of {known_m * 1e3:.4g} mm, but the frame's "
             f"corner is at {corner_m * 1e3:.4g} mm; a straight line continues it"
         )
         warnings.warn(PhotositeWarning(what, hint="Extend the table to the corner"), stacklevel=2)
-    middle = float(wavelength_nm[wavelength_nm.size // 2])
     ideal_m = corner_m * float(inverse_scale(mapping, middle, corner_m)[0][-1])
     nodes, shares = wavelength_nodes(mapping, wavelength_nm, ideal_m, _STEP_PIXELS * min(pitch_m))
     used = shares.any(axis=1)
     return [float(node) for node in nodes[used]], shares[used]
 
 
-def warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: float, pitch_m: Pitch) -> Warp | None:
-    """The warp of a wavelength, up to a distance from the axis; None without a mapping."""
+def frame_warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: float, pitch_m: Pitch) -> Warp | None:
+    """Return the warp of a wavelength, up to a distance from the axis; None without a mapping."""
     if mapping is None:
         return None
     scale, step_m2 = inverse_scale(mapping, wavelength_nm, reach_m)
@@ -73,20 +75,20 @@ def warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: float, pi
 def warped_regions(
     mapping: RadialMapping | None, where: Placement, regions: tuple[Region, ...], pitch_m: Pitch
 ) -> tuple[Region, ...]:
-    """A scene's regions in pixels: the largest upright rectangles inside their images, at all wavelengths.
+    """Return a scene's regions in pixels: the largest upright rectangles inside their images at all wavelengths.
 
     Raises
     ------
     InputError
-        If a region holds no whole pixel of the frame.
+        If a region contains no whole pixel of the frame.
     """
     if mapping is None:
         return where.regions(regions)
     curves = [image_height(mapping, w) for w in mapping.wavelength_nm]
-    share = np.linspace(0.0, 1.0, _ALONG)
+    share = np.linspace(0.0, 1.0, _POINTS_PER_SIDE)
 
     def image(row: NDArray[np.float64], col: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(wavelengths, n) rows and columns, in pixels, of places in samples."""
+        """Return (wavelengths, n) rows and columns in pixels of points in scene samples."""
         y_m = ((row - where.row_start) / where.row_step - where.shape[0] / 2) * pitch_m[0]
         x_m = ((col - where.col_start) / where.col_step - where.shape[1] / 2) * pitch_m[1]
         ideal_m = np.hypot(y_m, x_m)
@@ -101,9 +103,9 @@ def warped_regions(
     for region in regions:
         down = region.r0 + share * (region.r1 - region.r0)
         across = region.c0 + share * (region.c1 - region.c0)
-        top = image(np.full(_ALONG, region.r0), across)[0].max()
-        bottom = image(np.full(_ALONG, region.r1), across)[0].min()
-        left = image(down, np.full(_ALONG, region.c0))[1].max()
-        right = image(down, np.full(_ALONG, region.c1))[1].min()
+        top = image(np.full(_POINTS_PER_SIDE, region.r0), across)[0].max()
+        bottom = image(np.full(_POINTS_PER_SIDE, region.r1), across)[0].min()
+        left = image(down, np.full(_POINTS_PER_SIDE, region.c0))[1].max()
+        right = image(down, np.full(_POINTS_PER_SIDE, region.c1))[1].min()
         found.append(where.whole_pixels(region.name, (top, bottom), (left, right)))
     return tuple(found)

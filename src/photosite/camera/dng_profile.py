@@ -1,4 +1,4 @@
-"""What a raw file says of its camera: the colour matrix and the noise profile, as DNG defines them."""
+"""The colour matrix and the noise profile of a camera, as DNG defines them for raw files."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from photosite.sensor.noise_profile import sensor_noise_profile
 
 
 def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
-    """(channels, 3), CIE XYZ under D65 to camera channels, in the order of the sensor's channels.
+    """Return the matrix from CIE XYZ under D65 to the camera's channels.
 
-    The inverse of the least-squares 3 x 3 from camera R, G, B to XYZ over the ColorChecker's 24 patches under D65
-    (Farrell, Okincha and Parmar 2008, section 3), scaled so that the white of D65 has 1 in its fullest channel.
+    It is the inverse of the least-squares 3 x 3 matrix from camera R, G, B to XYZ over the ColorChecker's 24 patches
+    under D65 (Farrell, Okincha and Parmar 2008, section 3). It is scaled so that the largest channel is 1 for D65.
 
     Returns
     -------
     ndarray or None
-        None where the channels are not R, G and B, or their responses do not span three colours.
+        (channels, 3) in the order of the sensor's channels; None if these are not R, G and B, or if their responses are
+        linearly dependent.
 
     Notes
     -----
@@ -61,10 +62,10 @@ def _color_matrix(responses: tuple[tuple[float, ...], ...]) -> NDArray[np.float6
 
 
 def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
-    """(channels, 2), scale and offset: a signal s in 0..1 (black to white) varies by scale s + offset.
+    """Return (channels, 2) scale and offset: a signal s from 0 (black) to 1 (white) has the variance scale s + offset.
 
-    The scale is the photons' noise; the offset is read noise, DSNU, the dark current's shot noise and rounding. PRNU
-    grows with the square of the signal and has no place in this model.
+    The scale is photon shot noise. The offset is read noise, DSNU, dark current shot noise and quantisation. The model
+    has no PRNU, whose variance grows with the square of the signal.
 
     Notes
     -----

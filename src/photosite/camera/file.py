@@ -1,4 +1,4 @@
-"""Camera files: sensor, optics and scene of a whole set-up in one YAML file.
+"""Camera files: sensor, optics, scene and exposure of a set-up in one YAML file.
 
 photosite_camera: 1
 name: D200 with its 50 mm
@@ -9,7 +9,7 @@ exposure: 1/3
 integration: trapezoid
 cells_per_pixel: 1
 
-File names are relative to the camera file. What is left out is the 2008 paper's.
+File names are relative to the camera file. Missing fields have the values of the 2008 paper.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ _KEYS = (VERSION_KEY, "name", "sensor", "optics", "scene", "exposure", "integrat
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A camera, and what it is usually pointed at.
+    """A camera with its usual scene and exposure time.
 
     Parameters
     ----------
     sensor, optics, integration, cells_per_pixel
         As for `Camera`.
     scene
-        What is seen.
+        The scene.
     exposure_s
         Exposure time.
     name
-        What to call it.
+        Name of the set-up.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class SetUp:
 
     @property
     def camera(self) -> Camera:
-        """The lens in front of the sensor.
+        """The camera of this set-up.
 
         Raises
         ------
@@ -107,17 +107,17 @@ class SetUp:
 
 
 def load_camera(path: str | PathLike[str]) -> SetUp:
-    """A set-up from a camera file.
+    """Read a set-up from a camera file.
 
     Parameters
     ----------
     path
-        A YAML file with the fields that this module's text shows.
+        A YAML file with the fields listed at the top of this module.
 
     Raises
     ------
     FileError
-        If it is missing, is not YAML, or does not describe a camera, with the line; or if a file that it names is so.
+        If the file, or a file that it names, is missing or invalid.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     file = Path(path)
     data = read_yaml(file, "a camera file")
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1 or isinstance(data[VERSION_KEY], bool):
-        raise FileError(file, f"does not describe a camera: expected '{VERSION_KEY}: 1' and the camera's fields")
+        raise FileError(file, "the file is not a camera file", hint=f"Begin it with '{VERSION_KEY}: 1'")
     check_keys(file, data, _KEYS, "a camera file")
     given: dict[str, Any] = {"name": optional_text(file, data, "name")}
     for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):
@@ -139,15 +139,13 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
             given["exposure_s" if key == "exposure" else key] = read(file, data)
     if (rule := optional_text(file, data, "integration")) is not None:
         if rule not in get_args(Rule):
-            raise FileError(
-                file, f"integration is 'trapezoid' or 'rectangle', not '{rule}'", line_of(data, "integration")
-            )
+            line = line_of(data, "integration")
+            raise FileError(file, "integration", line, value=rule, expected="'trapezoid' or 'rectangle'")
         given["integration"] = rule
     if (cells := data.get("cells_per_pixel")) is not None:
         if not isinstance(cells, int) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
-            raise FileError(
-                file, f"cells_per_pixel is 1, 3, 5, ..., not {cells!r:.40}", line_of(data, "cells_per_pixel")
-            )
+            line = line_of(data, "cells_per_pixel")
+            raise FileError(file, "cells_per_pixel", line, value=cells, expected="odd and positive: 1, 3, 5, ...")
         given["cells_per_pixel"] = int(cells)
     return SetUp(**given)
 
@@ -157,28 +155,34 @@ def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:
     is_file = Path(name).suffix in (".yaml", ".yml") or Path(name).name != name
     try:
         return load_sensor(file.parent / name if is_file else name)
-    except InputError as error:
-        raise FileError(file, str(error), line_of(data, "sensor")) from None
-    except FileError as error:
-        raise FileError(file, f"sensor: {error}", line_of(data, "sensor")) from None
+    except (InputError, FileError) as error:
+        raise _of_file(error, "sensor", file, data) from None
 
 
 def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
     from photosite.optics.io.formats import load_optics, parse_optics
 
-    told = data["optics"]
-    if isinstance(told, str):
+    value = data["optics"]
+    if isinstance(value, str):
         try:
-            return load_optics(file.parent / told)
+            return load_optics(file.parent / value)
         except FileError as error:
-            raise FileError(file, f"optics: {error}", line_of(data, "optics")) from None
-    if not isinstance(told, Mapping):
-        raise FileError(file, f"optics is an optics file, or its fields, not {told!r:.40}", line_of(data, "optics"))
-    return parse_optics(told, file, section="optics")
+            raise _of_file(error, "optics", file, data) from None
+    if not isinstance(value, Mapping):
+        line = line_of(data, "optics")
+        raise FileError(file, "optics", line, value=value, expected="an optics file, or its fields")
+    return parse_optics(value, file, section="optics")
 
 
 def _exposure(file: Path, data: Mapping[str, Any]) -> float:
     try:
         return parse_exposure(fspath(str(data["exposure"])))
     except InputError as error:
-        raise FileError(file, f"exposure: {error}", line_of(data, "exposure")) from None
+        raise _of_file(error, "exposure", file, data) from None
+
+
+def _of_file(error: InputError | FileError, key: str, file: Path, data: Mapping[str, Any]) -> FileError:
+    """Return an error in a field's value, or in the file that it names, as one of the camera file."""
+    if isinstance(error, FileError):
+        return FileError(file, str(error), line_of(data, key), where=key)
+    return error.within(key).in_file(file, line_of(data, key))

@@ -1,4 +1,4 @@
-"""How many cells of the sensor a lens spreads a point over: how large kernels become, and what is too large."""
+"""The number of cells over which a lens spreads a point, and its limits."""
 
 from __future__ import annotations
 
@@ -12,43 +12,44 @@ from photosite.errors import InputError, PhotositeWarning
 
 _SMALLEST_KERNEL = 65
 _LARGEST_KERNEL = 2049
-"""Cells on an axis; a spread of 31 wavelengths then takes a gigabyte."""
+"""Cells per axis; the kernels of 31 wavelengths then take a gigabyte."""
 _SLOW_KERNEL = 500
-"""Cells from which on 41 wavelengths take more than half a minute."""
+"""Cells per axis above which 41 wavelengths take more than half a minute."""
 _LARGEST_RADIAL = 16384
-"""Cells that a spread which needs no kernel may cover: the frame is padded by as many."""
+"""Cells per axis of a spread that needs no kernel; the frame is padded by this many."""
 
 
 def check_reach(reach_m: float, sampling: Sampling) -> None:
-    """Refuse a rotationally symmetric spread that no frame can be padded for.
+    """Reject a rotationally symmetric spread for which the frame would need too much padding.
 
     Raises
     ------
     InputError
-        If a point would be spread over more than 16384 cells.
+        If a point is spread over more than 16384 cells.
     """
     _cells_across(reach_m, sampling, _LARGEST_RADIAL)
 
 
 def kernel_size(reach_m: float, sampling: Sampling) -> int:
-    """Cells on an axis of a kernel that holds four spots of this reach and the pixel; odd, and well transformed.
+    """Return the cells per axis of a kernel for the low-pass filter's four spots; odd, with a fast transform.
 
     Raises
     ------
     InputError
-        If they are more than 2049.
+        If there are more than 2049.
 
     Warns
     -----
     PhotositeWarning
-        If they are so many that transfer functions take long: it is said before they are computed.
+        If there are so many that computing the transfer functions takes long.
     """
     cells = _cells_across(reach_m, sampling, _LARGEST_KERNEL)
     if cells > _SLOW_KERNEL:
         warnings.warn(
-            f"the lens spreads a point over {cells:.0f} cells of the sensor, which may take minutes; check the units "
-            "of its optics and its focus, or take fewer cells",
-            PhotositeWarning,
+            PhotositeWarning(
+                f"the lens spreads a point over {cells:.0f} cells of the sensor, which may take minutes to compute",
+                hint="Check the units of the optics and the focus, or use fewer cells per pixel",
+            ),
             stacklevel=2,
         )
     size = max(math.ceil(cells), _SMALLEST_KERNEL)
@@ -58,12 +59,15 @@ def kernel_size(reach_m: float, sampling: Sampling) -> int:
 
 
 def _cells_across(reach_m: float, sampling: Sampling, most: int) -> float:
-    """Cells that a spread of this reach and the pixel cover on an axis."""
+    """Return the cells per axis that a spread with its low-pass filter and pixel covers; check the limit."""
     across_m = 2 * reach_m + max(sampling.split_m)
     cells = (across_m / min(sampling.pitch_m) + 2) * sampling.cells_per_pixel
     if not cells <= most:
         raise InputError(
-            f"the lens spreads a point over {across_m * 1e3:g} mm, {cells:.0f} cells of the sensor, and a mosaic "
-            f"takes {most} at most; check the units of its optics and its focus, or take fewer cells"
+            "the number of cells over which the lens spreads a point",
+            value=round(cells) if math.isfinite(cells) else cells,
+            expected=f"at most {most}",
+            where=f"point spread of {across_m * 1e3:g} mm",
+            hint="Check the units of the optics and the focus, or use fewer cells per pixel",
         )
     return cells

@@ -1,6 +1,7 @@
-"""Mean electrons of every pixel: a scene seen through a lens by a sensor, without noise.
+"""Mean electrons of every pixel: the image of a scene through a lens on a sensor, without noise.
 
-`Camera` is the face of this; what stands here joins scene, optics and sensor and hands arrays to the engine.
+`Camera` is the public interface. The functions here combine scene, optics and sensor, and pass arrays to the engine.
+docs/theory.md derives the equations.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.channel_transfers import Reduced, reduced_transfers
-from photosite.camera.distortion import color_nodes, warp, warped_regions
+from photosite.camera.channel_transfers import ReducedTransfer, reduced_transfers
+from photosite.camera.distortion import frame_warp, frame_wavelength_nodes, warped_regions
 from photosite.camera.optical_stack import apply_optical_stack, low_pass_split_m
 from photosite.camera.sampled_otf import field_scale
 from photosite.camera.veiling_glare import add_glare
@@ -32,24 +33,24 @@ from photosite.values.cfa import channel_sites
 from photosite.values.region import Region
 
 _STRIP = 256
-_OUTSIDE_LIMIT = 0.01
-"""Share of a channel's response beyond the scene's wavelengths above which a warning is due."""
-_MOST_ELECTRONS = 1e30
-"""A second and for weight 1, that weights, transforms and times still leave within a 32-bit float."""
+_MISSING_LIGHT_LIMIT = 0.01
+"""Share of a channel's response outside the scene's wavelengths above which a warning is issued."""
+_MOST_ELECTRONS_PER_S = 1e30
+"""For weight 1; 32-bit floats then hold the products with weights, transforms and exposure times."""
 _ROUNDING = 1e-5
-"""Of the brightest sample's electrons: how far below 0 the transforms' rounding may leave a dark pixel."""
-_REDUCTION = 3.0
-"""Times the scene's own error, over all wavelengths, is what a channel that sees some of them may have of it."""
+"""How far below 0 rounding of the transforms may leave a dark pixel, relative to the brightest sample's electrons."""
+_REDUCTION_FACTOR = 3.0
+"""A channel sees part of the wavelengths, and may have this multiple of the scene's error over all wavelengths."""
 
 
 def electron_rate(
     scene: Scene, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
 ) -> NDArray[np.float32]:
-    """(rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
+    """Return (rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
     warn_of_missing_light(scene, sensor)
     mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
-    missing = scene.relative_error + low_rank_error(optics, scene.distance_m)
-    return arrived(mosaic, optics, sensor, [scene], rule, missing)
+    relative_error = scene.relative_error + low_rank_error(optics, scene.distance_m)
+    return finish_mosaic(mosaic, optics, sensor, [scene], rule, relative_error)
 
 
 def image_rate(
@@ -58,27 +59,34 @@ def image_rate(
     sensor: Sensor,
     rule: Rule,
     cells_per_pixel: int,
-    before: Sequence[Scene] = (),
+    occluders: Sequence[Scene] = (),
 ) -> NDArray[np.float32]:
-    """(rows, cols) electrons per second from a scene's image, as the transforms give it, rounding below 0 and all.
+    """Return (rows, cols) electrons per second of a scene's image; rounding may leave values slightly below 0.
 
-    What `before` holds hides parts of the scene before the lens blurs it: scenes whose only weights are opacities.
+    Parameters
+    ----------
+    scene, optics, sensor, rule, cells_per_pixel
+        As for `Camera`.
+    occluders
+        Scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
     """
     coupling = electrons_per_weight(scene, optics, sensor, rule)
-    if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS:
+    if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
         raise InputError(
-            f"the scene is too bright: weight 1 of its spectra gives a pixel {brightest:g} electrons a second, and "
-            f"32-bit floats are sure to hold {_MOST_ELECTRONS:g}; give it a lower luminance"
+            "the scene's electrons per second in a pixel for weight 1",
+            value=brightest,
+            expected=f"below {_MOST_ELECTRONS_PER_S:g}, the range of 32-bit floats",
+            hint="Give the scene a lower luminance",
         )
-    if scene.shape == (1, 1) and not before:
-        mosaic = _even_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
+    if scene.shape == (1, 1) and not occluders:
+        mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
     else:
-        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel, before)
-    _fall_off(mosaic, optics, sensor, scene.distance_m)
+        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel, occluders)
+    _apply_relative_illumination(mosaic, optics, sensor, scene.distance_m)
     return mosaic
 
 
-def arrived(
+def finish_mosaic(
     mosaic: NDArray[np.float32],
     optics: Optics,
     sensor: Sensor,
@@ -86,30 +94,38 @@ def arrived(
     rule: Rule,
     relative_error: float,
 ) -> NDArray[np.float32]:
-    """What the frame's light becomes as a whole: veiling glare, then the sensor's door. The mosaic may be changed.
+    """Check that a mosaic is not negative, then apply veiling glare and the sensor's optical stack.
 
-    `scenes`, near to far, are what it is the image of; `relative_error` is theirs and the lens's together, for what may
-    lie below 0.
+    Parameters
+    ----------
+    mosaic
+        (rows, cols) electrons per second; may be changed.
+    optics, sensor, rule
+        As for `Camera`.
+    scenes
+        The scenes of the image, near to far.
+    relative_error
+        RMS error of the scenes' and the lens's low-rank approximations, which may leave values below 0.
     """
-    _not_negative(mosaic, relative_error, lambda: max(_brightest(scene, optics, sensor, rule) for scene in scenes))
+    _clip_negative(mosaic, relative_error, lambda: max(_brightest(scene, optics, sensor, rule) for scene in scenes))
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
     return apply_optical_stack(mosaic, sensor, optics, scenes[-1].distance_m)
 
 
 def low_rank_error(optics: Optics, distance_m: float) -> float:
-    """RMS error of a lens whose point spreads are a sum of a few modes; 0 of any other."""
+    """Return the RMS error of a lens whose point spreads are a sum of few modes; 0 for any other lens."""
     spread = optics.point_spread(distance_m)
     return spread.relative_error if isinstance(spread, FieldPsf) else 0.0
 
 
 def pitch_m(sensor: Sensor) -> tuple[float, float]:
-    """(vertical, horizontal) distance of pixels, m."""
+    """Return the (vertical, horizontal) pixel pitch in m."""
     return sensor.pixel.height_um.value * 1e-6, sensor.pixel.width_um.value * 1e-6
 
 
 def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
-    """Where the scene's samples fall on the sensor's pixels."""
+    """Return where the scene's samples fall on the sensor's pixels."""
     pixel, array = sensor.pixel, sensor.array
     samples = None
     if scene.width_m is not None:
@@ -124,13 +140,16 @@ def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
 
 
 def image_regions(scene: Scene, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
-    """The scene's regions in pixels of the frame; see `Camera.image_regions`."""
+    """Return the scene's regions in pixels of the frame; see `Camera.image_regions`."""
     where = placement(scene, optics, sensor)
     return warped_regions(optics.mapping(scene.distance_m), where, scene.regions, pitch_m(sensor))
 
 
 def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule = "trapezoid") -> NDArray[np.float64]:
-    """(channels, K, wavelengths) electrons per second in a pixel for weight 1, to be summed over wavelength."""
+    """Return the coupling: (channels, K, wavelengths) electrons per second in a pixel for weight 1.
+
+    The sum over wavelength is the integral; the integration weights are included.
+    """
     grid = scene.wavelength_nm
     irradiance = scene.basis * optics.irradiance_per_radiance(grid, scene.distance_m)
     area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
@@ -145,62 +164,72 @@ def _blurred_mosaic(
     sensor: Sensor,
     coupling: NDArray[np.float64],
     cells: int,
-    before: Sequence[Scene],
+    occluders: Sequence[Scene],
 ) -> NDArray[np.float32]:
-    """(rows, cols) electrons per second of a scene with structure."""
+    """Return (rows, cols) electrons per second of a scene that is not uniform."""
     array, pitch = sensor.array, pitch_m(sensor)
     side = math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
-    where = placement(scene, optics, sensor)
-    colors_nm, shares = color_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
-    parts = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
-    if not parts:  # no channel sees any light
+    nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
+    transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
+    if not transfers:  # no channel receives light
         return np.zeros((array.rows, array.cols), np.float32)
     grid = Grid(
         shape=(array.rows, array.cols),
-        padding=math.ceil(max(reduced.padding_m for reduced in parts) / min(pitch)),
+        padding=math.ceil(max(reduced.padding_m for reduced in transfers) / min(pitch)),
         tile=(len(array.cfa), len(array.cfa[0])),
         cells_per_pixel=cells,
     )
     reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
     views = tuple(
-        View(
-            weights=scene.weights,
-            start=(where.row_start, where.col_start),
-            step=(where.row_step, where.col_step),
-            warp=warp(mapping, color_nm, reach_m, pitch),
-            before=tuple(_sheet(cover, optics, sensor, color_nm, reach_m) for cover in before),
+        _view(
+            scene,
+            scene.weights,
+            optics,
+            sensor,
+            node_nm,
+            reach_m,
+            tuple(_view(cover, cover.weights[:1], optics, sensor, node_nm, reach_m) for cover in occluders),
         )
-        for color_nm in colors_nm
+        for node_nm in nodes_nm
     )
     field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
-    layers = [_layer(reduced, views, field) for reduced in parts]
+    layers = [_layer(reduced, views, field) for reduced in transfers]
     with threads_for(array.rows * array.cols * cells**2):
         return mosaic_of_layers(
             layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
         )
 
 
-def _layer(reduced: Reduced, views: tuple[View, ...], field: Field | None) -> Layer:
-    """In the engine's single precision."""
-    pictures = None if reduced.pictures is None else tuple(few.astype(np.float32) for few in reduced.pictures)
-    return Layer(views, reduced.mixing.astype(np.float32), reduced.transfer, pictures, field, reduced.channel)
+def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | None) -> Layer:
+    """Return the engine's layer, in single precision."""
+    node_maps = None if reduced.node_maps is None else tuple(maps.astype(np.float32) for maps in reduced.node_maps)
+    return Layer(views, reduced.mixing.astype(np.float32), reduced.transfer, node_maps, field, reduced.channel)
 
 
-def _sheet(cover: Scene, optics: Optics, sensor: Sensor, wavelength_nm: float, reach_m: float) -> View:
-    """A scene of opacities where the light of a wavelength meets it."""
-    where = placement(cover, optics, sensor)
+def _view(
+    scene: Scene,
+    weights: NDArray[np.float32],
+    optics: Optics,
+    sensor: Sensor,
+    wavelength_nm: float,
+    reach_m: float,
+    occluders: tuple[View, ...] = (),
+) -> View:
+    """Return a scene's maps as the lens places them on the frame at a wavelength."""
+    where = placement(scene, optics, sensor)
     return View(
-        weights=cover.weights[:1],
+        weights=weights,
         start=(where.row_start, where.col_start),
         step=(where.row_step, where.col_step),
-        warp=warp(optics.mapping(cover.distance_m), wavelength_nm, reach_m, pitch_m(sensor)),
+        warp=frame_warp(optics.mapping(scene.distance_m), wavelength_nm, reach_m, pitch_m(sensor)),
+        occluders=occluders,
     )
 
 
 def _field(spread: FieldPsf, sensor: Sensor) -> Field:
-    """The spread's weights over the frame's pixels, their largest magnitudes left to the transfer."""
+    """Return the spread's field weights on the frame, divided by `field_scale`, which the transfer contains."""
     pixel, array = sensor.pixel, sensor.array
     return Field(
         row=spread.y_m / (pixel.height_um.value * 1e-6) + array.rows / 2,
@@ -209,8 +238,8 @@ def _field(spread: FieldPsf, sensor: Sensor) -> Field:
     )
 
 
-def _even_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:
-    """(rows, cols): each pixel holds its channel's electrons."""
+def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:
+    """Return (rows, cols) with each pixel at its channel's electrons."""
     array = sensor.array
     mosaic = np.empty((array.rows, array.cols), np.float32)
     for value, name in zip(electrons, sensor.channel_names, strict=True):
@@ -219,8 +248,10 @@ def _even_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.f
     return mosaic
 
 
-def _fall_off(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float) -> None:
-    """Multiply by the lens's relative illumination, in strips: the map in double precision would be large."""
+def _apply_relative_illumination(
+    mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float
+) -> None:
+    """Multiply by the lens's relative illumination, in strips, because a map in double precision is large."""
     pixel, array = sensor.pixel, sensor.array
     y_m = (np.arange(array.rows) + 0.5 - array.rows / 2) * pixel.height_um.value * 1e-6
     x_m = (np.arange(array.cols) + 0.5 - array.cols / 2) * pixel.width_um.value * 1e-6
@@ -232,9 +263,8 @@ def _fall_off(mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, dista
         mosaic[strip] *= falloff.astype(np.float32)
 
 
-def _not_negative(
-    mosaic: NDArray[np.float32], relative_error: float, full_scale: Callable[[], float]
-) -> NDArray[np.float32]:
+def _clip_negative(mosaic: NDArray[np.float32], relative_error: float, full_scale: Callable[[], float]) -> None:
+    """Set to 0, in place, what rounding and low-rank approximations left below 0; raise an error if it is more."""
     lowest, highest = float(mosaic.min()), float(mosaic.max())
     if (
         lowest < -_ROUNDING * max(highest, 0.0)
@@ -242,17 +272,17 @@ def _not_negative(
         and not _within_reduction(mosaic, relative_error)
     ):
         raise InputError(
-            f"the scene's radiance is negative somewhere: a pixel would gain {lowest:g} electrons a second; "
-            "its weights and basis must make radiances of 0 or more"
+            "the scene's radiance is negative in places",
+            value=f"{lowest:g} electrons per second in a pixel",
+            hint="Change its weights and basis so that all radiances are 0 or more",
         )
-    # What is left below 0 is the transforms' rounding, or what few spectra or few modes left out, as far as is stated.
-    return np.maximum(mosaic, np.float32(0), out=mosaic)
+    np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
 def _brightest(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule) -> float:
-    """Electrons per second that the brightest sample would give a pixel that saw nothing else.
+    """Return the electrons per second of a pixel that sees nothing but the brightest sample.
 
-    The transforms err in proportion to this, not to the image's brightest pixel: the image of a point is far darker.
+    Errors of the transforms are proportional to this, not to the brightest pixel: the image of a point is far darker.
     """
     coupling = electrons_per_weight(scene, optics, sensor, rule).sum(axis=2).astype(np.float32)
     return max(
@@ -262,22 +292,24 @@ def _brightest(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule) -> floa
 
 
 def _within_reduction(mosaic: NDArray[np.float32], relative_error: float) -> bool:
-    """Whether what lies below 0 is no more, as RMS, than few spectra, or a lens's few modes, may be wrong."""
+    """Return whether the RMS of values below 0 is within the stated error of few spectra or few lens modes."""
     below = np.minimum(mosaic, np.float32(0)).ravel()
     whole = mosaic.ravel()
-    return float(below @ below) <= (_REDUCTION * relative_error) ** 2 * float(whole @ whole)
+    return float(below @ below) <= (_REDUCTION_FACTOR * relative_error) ** 2 * float(whole @ whole)
 
 
 def warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
-    """Say that a channel responds to light beyond the scene's wavelengths, where it does."""
+    """Warn if a channel responds to light outside the scene's wavelengths."""
     for name in sensor.channel_names:
         outside = scene.light_outside(*sensor.response(name))
-        if outside > _OUTSIDE_LIMIT:
+        if outside > _MISSING_LIGHT_LIMIT:
             grid = scene.wavelength_nm
             warnings.warn(
-                f"{outside:.1%} of channel {name}'s response lies outside the scene's {grid[0]:g} to {grid[-1]:g} nm; "
-                "light there, if any, is missing from the result",
-                PhotositeWarning,
+                PhotositeWarning(
+                    f"{outside:.1%} of channel {name}'s response lies outside the scene's wavelengths, {grid[0]:g} to "
+                    f"{grid[-1]:g} nm; the result lacks the light there",
+                    hint="Extend the scene's spectra if it emits light there",
+                ),
                 stacklevel=5,
             )
             return

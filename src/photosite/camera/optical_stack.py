@@ -1,8 +1,7 @@
-"""At the sensor's door: what the optical stack on the chip does to mean electrons on their way into its pixels.
+"""The sensor's optical stack applied to a mosaic of mean electrons: angular response and crosstalk.
 
-The sensor file's section `optical_stack` says what there is (`photosite.sensor.optical_stack`); here it is applied
-to a mosaic
-of mean electrons. Filters work on the spectrum, in `Sensor.response_at`.
+`photosite.sensor.optical_stack` is its description. Filters act on the spectrum, in `Sensor.response_at`; the low-pass
+filter acts on the transfer function, in `photosite.engine.transfer.Sampling`.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from photosite.sensor.optical_stack import AngularResponse, Crosstalk, Kernel
 from photosite.values.cfa import Cfa
 
 _NO_CROSSTALK: Kernel = ((1.0,),)
-_FINE = 1001
-_STOPPED_LIMIT = 0.01
-"""Share of a channel's response beyond the lens's table above which a warning is due."""
+_WAVELENGTH_SAMPLES = 1001
+_UNCOVERED_LIMIT = 0.01
+"""Share of a channel's response outside the lens's transmittance table above which a warning is issued."""
 
 
 def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
-    """Distance of the low-pass filter's spots, (vertical, horizontal); 0 where it has none.
+    """Return the (vertical, horizontal) distance of the low-pass filter's spots in m; 0 without a filter.
 
     Examples
     --------
@@ -42,14 +41,14 @@ def low_pass_split_m(sensor: Sensor) -> tuple[float, float]:
 
 
 def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
-    """Say that the lens's transmittance table ends while it passes light that a channel responds to.
+    """Warn if a channel responds to light outside the wavelengths of the lens's transmittance table.
 
-    A table that comes down to 0 at its end says itself that nothing passes beyond.
+    A table that ends at 0 needs no warning: the lens passes nothing beyond it.
 
     Warns
     -----
     PhotositeWarning
-        If more than 1 % of a channel's response lies beyond such an end.
+        If more than 1 % of a channel's response lies outside.
     """
     table = getattr(getattr(optics, "base", optics), "transmittance", None)
     grid = getattr(table, "wavelength_nm", None)
@@ -58,17 +57,19 @@ def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
     first, last = float(grid[0]), float(grid[-1])
     for name in sensor.channel_names:
         known = sensor.response(name)[0]
-        fine = np.union1d(np.linspace(known[0], known[-1], _FINE), [*known, first, last])
+        fine = np.union1d(np.linspace(known[0], known[-1], _WAVELENGTH_SAMPLES), [*known, first, last])
         response = sensor.response_at(name, fine)
         area = np.diff(fine) * (response[1:] + response[:-1]) / 2
         middle = (fine[1:] + fine[:-1]) / 2
         open_ends = (middle < first) & (table.values[0] > 0) | (middle > last) & (table.values[-1] > 0)
         beyond = float(area[open_ends].sum() / area.sum()) if area.sum() > 0 else 0.0
-        if beyond > _STOPPED_LIMIT:
+        if beyond > _UNCOVERED_LIMIT:
             warnings.warn(
-                f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} to "
-                f"{last:g} nm, and there nothing passes; continue the table, down to 0 where the lens is dark",
-                PhotositeWarning,
+                PhotositeWarning(
+                    f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} "
+                    f"to {last:g} nm, where the transmittance is taken as 0",
+                    hint="Extend the table to the wavelengths at which the lens is opaque",
+                ),
                 stacklevel=4,
             )
             return
@@ -77,31 +78,30 @@ def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
 def apply_optical_stack(
     mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float
 ) -> NDArray[np.float32]:
-    """Mean electrons after angular response and crosstalk.
+    """Return mean electrons after angular response and crosstalk.
 
     Parameters
     ----------
     mosaic
-        (rows, cols) electrons, or electrons per second, as if each pixel took all light that falls on it and kept all
-        its electrons. It may be changed.
+        (rows, cols) electrons, or electrons per second, without the optical stack. It may be changed.
     sensor
-        Whose optical stack.
+        The sensor with its optical stack.
     optics, distance_m
-        The lens, for the angle of its light where the stack does not name an exit pupil, and how far the scene is.
+        Lens and scene distance, for the angle of light if the stack gives no exit pupil.
 
     Returns
     -------
     ndarray
-        (rows, cols); the same array where nothing is to be done.
+        (rows, cols); the same array if the sensor has no such stack.
 
     Raises
     ------
     InputError
-        If light comes in at a steeper angle than the table of angular response goes.
+        If the angle of light exceeds the table of angular response.
 
     Notes
     -----
-    Shares of a Poisson count are Poisson counts, independent of each other: noise is drawn after.
+    Random shares of a Poisson count are independent Poisson counts, so noise is drawn afterwards.
     """
     stack = sensor.optical_stack
     if stack is None:
@@ -115,7 +115,7 @@ def apply_optical_stack(
 
 
 def exit_pupil_m(response: AngularResponse, optics: Optics, distance_m: float) -> float:
-    """Distance of the exit pupil from the sensor: the file's, or a thin lens's image distance, f (1 + |m|)."""
+    """Return the distance of the exit pupil from the sensor; by default a thin lens's image distance, f (1 + |m|)."""
     if response.exit_pupil_mm is not None:
         return response.exit_pupil_mm.value * 1e-3
     return optics.magnification(distance_m) * distance_m
@@ -133,9 +133,12 @@ def _apply_angular_response(
     steepest_deg = float(np.degrees(np.arctan(np.hypot(y[-1], x[-1]))))
     if steepest_deg > table.angle_deg[-1]:
         raise InputError(
-            f"light reaches the frame's corner at {steepest_deg:.4g} degrees from an exit pupil {pupil_m * 1e3:.4g} mm "
-            f"away, but optical_stack.angular_response ends at {table.angle_deg[-1]:g} degrees; extend it, or give "
-            "exit_pupil_mm where the lens is telecentric towards the sensor"
+            "angle_deg",
+            where="optical_stack.angular_response",
+            value=table.angle_deg[-1],
+            expected=f"at least {steepest_deg:.4g} degrees, the angle at the frame's corner for an exit pupil "
+            f"{pupil_m * 1e3:.4g} mm away",
+            hint="Extend the table, or give exit_pupil_mm if the lens is telecentric on the sensor side",
         )
     names = sensor.channel_names
     scale_by_angle(
@@ -149,29 +152,29 @@ def _apply_angular_response(
 
 
 def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
-    """Optical and electrical crosstalk as one gathering kernel for each place in the tile.
+    """Return optical and electrical crosstalk as one gathering kernel per site of the colour filter array's tile.
 
     Returns
     -------
     ndarray
-        (tile rows, tile cols, size, size): what a pixel of that place gets of the one (i - size // 2) rows below it
-        and (j - size // 2) columns to its right. Summed over all that receive, a pixel's shares are 1.
+        (tile rows, tile cols, size, size): the share that a pixel at that site receives of the electrons of the pixel
+        (i - size // 2) rows below it and (j - size // 2) columns to its right. The shares that one pixel gives to all
+        others sum to 1.
 
     Examples
     --------
     >>> right = ((0, 0, 0), (0, 0.9, 0.1), (0, 0, 0))
-    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # of the one to its left
+    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbour
     array([0.1, 0.9, 0. ])
     """
-    light = _by_place(crosstalk.optical, cfa)
-    charge = _by_place(crosstalk.electrical, cfa)
+    light = _kernels_by_site(crosstalk.optical, cfa)
+    charge = _kernels_by_site(crosstalk.electrical, cfa)
     rows, cols = light.shape[:2]
     h, g = light.shape[2] // 2, charge.shape[2] // 2
     size = 2 * (h + g) + 1
     shares = np.zeros((rows, cols, size, size))
     for r, c in np.ndindex(rows, cols):
-        # Electrons reach (r, c) by diffusing from (r + y, c + x), and got there with light meant for a pixel (v, u)
-        # away from that.
+        # Electrons diffuse to (r, c) from (r + y, c + x), where light from the filter (v, u) away generated them.
         for y, x in np.ndindex(2 * g + 1, 2 * g + 1):
             via_r, via_c = r + y - g, c + x - g
             diffused = charge[via_r % rows, via_c % cols, 2 * g - y, 2 * g - x]
@@ -182,7 +185,7 @@ def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
 
 
 def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
-    """(channels, channels): what each channel reads of an even field's electrons by channel, crosstalk included.
+    """Return (channels, channels): the share of each channel's electrons that each channel reads in a uniform field.
 
     Examples
     --------
@@ -205,8 +208,8 @@ def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
     return mixed
 
 
-def _by_place(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:
-    """(tile rows, tile cols, size, size): each place's own kernel, all as large as the largest."""
+def _kernels_by_site(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:
+    """Return (tile rows, tile cols, size, size): the kernel of each site, padded to the largest size."""
     found = {name: np.array(kernels[name] if kernels else _NO_CROSSTALK) for row in cfa for name in row}
     size = max(len(kernel) for kernel in found.values())
     padded = {name: np.pad(kernel, (size - len(kernel)) // 2) for name, kernel in found.items()}

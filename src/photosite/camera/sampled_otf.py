@@ -1,19 +1,18 @@
-"""A lens as tables over spatial frequency: what of a spread is looked at once, for all maps and all channels.
+"""The optical transfer function of a lens, sampled in wavelength and spatial frequency (docs/theory.md).
 
-Point spreads of any shape become kernels on the frame's cells. What makes a kernel large is diffraction's rings: their
-light falls as slowly as 1 / radius^3, because the transfer function of any pupil with a sharp border begins as a cone
-(`_cone`). So from each spread as much of a circular pupil's transfer function is taken as has that cone, and goes
-through the engine as a function of |f|, without end; only the rest, which is smooth at 0, is a kernel. Where there is
-no cone, nothing is taken.
+A point spread of any shape becomes a kernel on the frame's cells. What makes such a kernel large are the rings of
+diffraction: their light falls only as 1 / radius^3, because the transfer function of a pupil with a sharp border begins
+as a cone, 1 - c |f|. Therefore the cone is split off as a multiple of the transfer function of a circular pupil. The
+engine takes it as a function of |f|, whose extent is unlimited. The remainder is smooth at f = 0; its kernel is small.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.fft
@@ -24,101 +23,132 @@ from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf
 
 Array = NDArray[np.float64]
-Blocks = Callable[[int], Iterator[Array]]
-"""(every) -> (channels, modes, maps, n): what maps give to channels, piece after piece: of every n-th frequency."""
 
-_NODES = 4097
-_BETWEEN = 1e-5
-"""Of the largest transfer: what straight lines between a table's nodes may err by."""
-_FINEST = 32
+FREQUENCY_NODES = 4097
+_INTERPOLATION_TOLERANCE = 1e-5
+"""Error of linear interpolation between the nodes of a table, relative to the largest transfer."""
+_MOST_REFINEMENT = 32
 _BLOCK = 8192
-"""Frequencies whose transfers are held at a time."""
+"""Frequencies whose transfers are computed at a time."""
 _DIRECTIONS = 16
 _CONE_SAMPLES = 12
 _CONE_RADIUS = 0.05
-"""Of the cutoff: where the transfer function's start is looked at, less where it falls by more than `_CONE_FALL`."""
+"""Radius around f = 0, relative to the cutoff, in which the cone is fitted; halved while the transfer function falls by
+more than `_CONE_FALL` within it."""
 _CONE_FALL = 0.1
-_LEAST_CONE = 1e-3
-"""A cone below this holds a millionth of the light beyond the kernel: it is left there."""
+_SMALLEST_CONE = 1e-3
+"""A smaller cone has a millionth of the light outside the kernel: it stays in the kernel."""
 _THREADS = 4
-"""Wavelengths that are looked at side by side, at most: each needs some hundred megabytes behind a large pupil."""
+"""Wavelengths sampled in parallel; each needs some hundred megabytes for a large pupil."""
 
 
 @dataclass(frozen=True, eq=False)
-class LensTables:
-    """A spread at the wavelengths at which it is known.
+class SampledOtf:
+    """Transfer function of a lens, mode by mode, at the wavelengths at which it is known (spectral nodes).
 
     Parameters
     ----------
-    hats
-        (wavelengths, nodes): how light is shared between these.
+    node_shares
+        (wavelengths, nodes) weights of linear interpolation: the share of each wavelength's light at each node.
     radial
-        (R, nodes, frequencies) functions of |f|; None: nowhere needed.
+        (R, nodes, frequencies) part that depends on |f| only; None if there is none.
     step_per_m
-        Between these frequencies.
-    spectra
-        (R, nodes, Q, Q // 2 + 1) of kernels on the cells; None: the spread is a function of |f|.
+        Frequency step of `radial`.
+    kernel_spectra
+        (R, nodes, Q, Q // 2 + 1) spectra of the kernels on the cells; None if the spread depends on |f| only.
     padding_m
-        What a point may be spread over to either side, as far as it is kept.
+        Distance to either side over which a point is spread.
     """
 
-    hats: Array
+    node_shares: Array
     radial: Array | None
     step_per_m: float
-    spectra: NDArray[np.complex128] | None
+    kernel_spectra: NDArray[np.complex128] | None
     padding_m: float
 
     @property
-    def modes(self) -> int:
-        """R: 1 of a spread that is the same everywhere."""
-        return len(self._tables()[0])
-
-    def _tables(self) -> tuple[Array, ...]:
-        """(R, nodes, values) that add up to a transfer."""
+    def parts(self) -> tuple[Array, ...]:
+        """(R, nodes, values) tables that add up to the transfer function; complex values as pairs."""
         kernels = None
-        if self.spectra is not None:
-            kernels = self.spectra.view(np.float64).reshape(*self.spectra.shape[:2], -1)
+        if self.kernel_spectra is not None:
+            kernels = self.kernel_spectra.view(np.float64).reshape(*self.kernel_spectra.shape[:2], -1)
         return tuple(table for table in (self.radial, kernels) if table is not None)
 
     @property
-    def parts(self) -> int:
-        """How many tables add up to a transfer."""
-        return len(self._tables())
-
-    def blocks(self, coupling: Array, modes: slice = slice(None)) -> Blocks:
-        """What (channels, maps, nodes) make of the tables."""
-
-        def of_tables(every: int) -> Iterator[Array]:
-            for table in self._tables():
-                for first in range(0, table.shape[2], _BLOCK * every):
-                    some = table[modes, :, first : first + _BLOCK * every : every]
-                    yield np.einsum("ckn,rnp->crkp", coupling, some, optimize=True)
-
-        return of_tables
+    def modes(self) -> int:
+        """R, the number of modes; 1 for a spread that is the same over the whole field."""
+        return len(self.parts[0])
 
     def transfer(self, coupling: Array, mixing: Array) -> Transfer:
-        """Of terms, (terms, R, maps), to channels, through (channels, maps, nodes)."""
+        """Return the engine's transfer from terms to channels.
+
+        Parameters
+        ----------
+        coupling
+            (channels, maps, nodes).
+        mixing
+            (terms, R, maps).
+        """
         to_terms = np.einsum("trk,ckn->ctrn", mixing, coupling, optimize=True)
         radial = None
         if self.radial is not None:
             radial = RadialTransfer(np.tensordot(to_terms, self.radial, axes=((2, 3), (0, 1))), self.step_per_m)
-        if self.spectra is None:
+        if self.kernel_spectra is None:
             assert radial is not None
-            return Transfer(_refined(radial))
-        size = self.spectra.shape[2]
+            return Transfer(refined(radial))
+        size = self.kernel_spectra.shape[2]
         kernels = scipy.fft.irfft2(
-            np.tensordot(to_terms, self.spectra, axes=((2, 3), (0, 1))), s=(size, size), workers=-1
+            np.tensordot(to_terms, self.kernel_spectra, axes=((2, 3), (0, 1))), s=(size, size), workers=-1
         )
         return Transfer(radial, np.fft.fftshift(kernels, axes=(2, 3)))
 
 
-def lens_tables(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -> LensTables:
-    """The spread, looked at.
+@dataclass(frozen=True, eq=False)
+class MapTransfers:
+    """Transfers from maps to channels, computed in blocks of frequencies because all together would be large.
+
+    Parameters
+    ----------
+    otf
+        The lens.
+    coupling
+        (channels, maps, nodes) electrons per second that a map of weight 1 gives a channel at a spectral node.
+    modes
+        The modes to include; None is all.
+    """
+
+    otf: SampledOtf
+    coupling: Array
+    modes: slice | None = None
+
+    def blocks(self, stride: int) -> Iterator[Array]:
+        """Yield (channels, modes, maps, n) transfers at every `stride`-th frequency."""
+        modes = slice(None) if self.modes is None else self.modes
+        for table in self.otf.parts:
+            for first in range(0, table.shape[2], _BLOCK * stride):
+                values = table[modes, :, first : first + _BLOCK * stride : stride]
+                yield np.einsum("ckn,rnp->crkp", self.coupling, values, optimize=True)
+
+    def by_map(self, stride: int) -> Iterator[Array]:
+        """Yield (channels * modes, maps, n) transfers."""
+        return (block.reshape(-1, *block.shape[2:]) for block in self.blocks(stride))
+
+    def by_mode_and_map(self, stride: int) -> Iterator[Array]:
+        """Yield (channels, modes * maps, n) transfers."""
+        return (block.reshape(len(self.coupling), -1, block.shape[3]) for block in self.blocks(stride))
+
+    def largest(self, stride: int) -> float:
+        """Return the largest magnitude of all transfers."""
+        return max(float(np.abs(block).max()) for block in self.blocks(stride))
+
+
+def sample_otf(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
+    """Sample the transfer function of a lens.
 
     Parameters
     ----------
     spread
-        The lens's. Of a `FieldPsf` the modes, each for the weights' largest magnitude (`field_scale`).
+        Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
     wavelength_nm
         (wavelengths,) of the light.
     sampling
@@ -127,95 +157,114 @@ def lens_tables(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -
     Raises
     ------
     InputError
-        If a point would be spread over more cells than a mosaic can be made of.
+        If a point is spread over more cells than a mosaic can be computed with.
     """
     if isinstance(spread, RadialPsf):
-        return _of_radial(spread, wavelength_nm, sampling)
+        return _sample_radial(spread, wavelength_nm, sampling)
     if isinstance(spread, PlanePsf):
-        return _of_modes((spread,), np.ones(1), wavelength_nm, sampling)
-    return _of_modes(spread.modes, field_scale(spread), wavelength_nm, sampling)
+        return _sample_modes((spread,), np.ones(1), wavelength_nm, sampling)
+    return _sample_modes(spread.modes, field_scale(spread), wavelength_nm, sampling)
 
 
 def field_scale(spread: FieldPsf) -> Array:
-    """(R,) the largest magnitude of each mode's weights; 1 where they are all 0."""
+    """Return (R,) the largest magnitude of each mode's field weights; 1 for a mode whose weights are all 0."""
     largest: Array = np.abs(spread.weights).max(axis=(1, 2))
     largest[largest == 0] = 1.0
     return largest
 
 
-def _of_radial(spread: RadialPsf, wavelength_nm: Array, sampling: Sampling) -> LensTables:
+def _sample_radial(spread: RadialPsf, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     check_reach(spread.reach_m(middle), sampling)
-    frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), _NODES)
+    frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), FREQUENCY_NODES)
     otfs = np.stack([spread.otf(frequencies, w) for w in wavelength_nm])
     padding_m = spread.reach_m(middle) + max(sampling.split_m) / 2
-    return LensTables(np.eye(wavelength_nm.size), otfs[None], float(frequencies[1]), None, padding_m)
+    return SampledOtf(np.eye(wavelength_nm.size), otfs[None], float(frequencies[1]), None, padding_m)
 
 
-def _refined(radial: RadialTransfer) -> RadialTransfer:
-    """More nodes, by cubic splines, for a lens so far out of focus that its transfer function swings between them."""
+def refined(radial: RadialTransfer) -> RadialTransfer:
+    """Add nodes by cubic splines if the transfer oscillates between them, as for a strongly defocused lens."""
     from scipy.interpolate import CubicSpline
 
     table = radial.table
     largest = np.abs(table).max()
     bend = np.abs(np.diff(table, 2)).max() / 8
-    if bend <= _BETWEEN * largest:
+    if bend <= _INTERPOLATION_TOLERANCE * largest:
         return radial
-    times = min(math.ceil(math.sqrt(bend / (_BETWEEN * largest))), _FINEST)
+    factor = min(math.ceil(math.sqrt(bend / (_INTERPOLATION_TOLERANCE * largest))), _MOST_REFINEMENT)
     nodes = np.arange(table.shape[2])
-    fine = np.linspace(0.0, nodes[-1], (nodes.size - 1) * times + 1)
-    return RadialTransfer(CubicSpline(nodes, table, axis=2)(fine), radial.step_per_m / times)
+    fine = np.linspace(0.0, nodes[-1], (nodes.size - 1) * factor + 1)
+    return RadialTransfer(CubicSpline(nodes, table, axis=2)(fine), radial.step_per_m / factor)
 
 
-def _of_modes(modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling) -> LensTables:
-    hats, grid = _nodes_of(modes[0], wavelength_nm)
-    size = kernel_size(max(mode.reach_m(w) for mode in modes for w in grid), sampling)
-    step_per_m = max(mode.cutoff_per_m(w) for mode in modes for w in grid) / (_NODES - 1)
-    frequencies = step_per_m * np.arange(_NODES, dtype=np.float64)
-    cones = np.zeros((len(modes), grid.size, _NODES))
-    spectra = np.empty((len(modes), grid.size, size, size // 2 + 1), np.complex128)
-
-    def look(n: int) -> None:
-        for r, mode in enumerate(modes):
-            cone = _cone(mode, grid[n])
-            if abs(cone) * scale[r] < _LEAST_CONE:
-                cone = 0.0
-            else:
-                cones[r, n] = scale[r] * cone * circular_pupil(frequencies / mode.cutoff_per_m(grid[n]))
-            spectra[r, n] = scale[r] * _folded_spectrum(mode, grid[n], cone, sampling, size)
-
-    look(0)  # by itself: what is the same for all wavelengths is then made once
+def _sample_modes(modes: tuple[PlanePsf, ...], scale: Array, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
+    node_shares, nodes_nm = _spectral_nodes(modes[0], wavelength_nm)
+    samples = _ModeSamples(modes, scale, nodes_nm, sampling)
+    samples.fill(0)  # alone: what all wavelengths share is computed once, in the first
     with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS)) as pool:
-        list(pool.map(look, range(1, grid.size)))
-    padding_m = (size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
-    return LensTables(hats, cones if cones.any() else None, step_per_m, spectra, padding_m)
+        list(pool.map(samples.fill, range(1, nodes_nm.size)))
+    padding_m = (samples.size // 2 + 1) * max(sampling.cell_m(axis) for axis in (0, 1))
+    radial = samples.cones if samples.cones.any() else None
+    return SampledOtf(node_shares, radial, samples.step_per_m, samples.spectra, padding_m)
 
 
-def _nodes_of(mode: PlanePsf, wavelength_nm: Array) -> tuple[Array, Array]:
-    """How light is shared between the wavelengths at which the spread is known, and these.
-
-    (wavelengths, nodes): linear between, constant beyond.
-    """
+def _spectral_nodes(mode: PlanePsf, wavelength_nm: Array) -> tuple[Array, Array]:
+    """Return (wavelengths, nodes) shares and (nodes,) wavelengths: linear between nodes, constant beyond them."""
     if mode.wavelength_nm is None:
         return np.eye(wavelength_nm.size), wavelength_nm
     grid = np.asarray(mode.wavelength_nm, np.float64)
-    hats = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
-    used = hats.any(axis=0)
-    return hats[:, used], grid[used]
+    shares = np.stack([np.interp(wavelength_nm, grid, unit) for unit in np.eye(grid.size)], axis=1)
+    used = shares.any(axis=0)
+    return shares[:, used], grid[used]
 
 
-def circular_pupil(r: Array) -> Array:
-    """Transfer function of a circular pupil at r, frequency over cutoff (Goodman, Fourier Optics, eq. 6-32)."""
+@dataclass(eq=False)
+class _ModeSamples:
+    """Samples of modes, one wavelength at a time: the cone as a function of |f|, and the spectrum of the remainder."""
+
+    modes: tuple[PlanePsf, ...]
+    scale: Array
+    nodes_nm: Array
+    sampling: Sampling
+    size: int = field(init=False)
+    step_per_m: float = field(init=False)
+    cones: Array = field(init=False)
+    spectra: NDArray[np.complex128] = field(init=False)
+
+    def __post_init__(self) -> None:
+        count, nodes = len(self.modes), self.nodes_nm
+        self.size = kernel_size(max(mode.reach_m(w) for mode in self.modes for w in nodes), self.sampling)
+        self.step_per_m = max(mode.cutoff_per_m(w) for mode in self.modes for w in nodes) / (FREQUENCY_NODES - 1)
+        self.cones = np.zeros((count, nodes.size, FREQUENCY_NODES))
+        self.spectra = np.empty((count, nodes.size, self.size, self.size // 2 + 1), np.complex128)
+
+    def fill(self, n: int) -> None:
+        """Compute the samples of all modes at wavelength n."""
+        frequencies = self.step_per_m * np.arange(FREQUENCY_NODES, dtype=np.float64)
+        wavelength_nm = self.nodes_nm[n]
+        for r, mode in enumerate(self.modes):
+            cone = _cone(mode, wavelength_nm)
+            if abs(cone) * self.scale[r] < _SMALLEST_CONE:
+                cone = 0.0
+            else:
+                pupil = circular_pupil_otf(frequencies / mode.cutoff_per_m(wavelength_nm))
+                self.cones[r, n] = self.scale[r] * cone * pupil
+            remainder = _remainder_spectrum(mode, wavelength_nm, cone, self.sampling, self.size)
+            self.spectra[r, n] = self.scale[r] * remainder
+
+
+def circular_pupil_otf(r: Array) -> Array:
+    """Return the transfer function of a circular pupil at r = |f| / cutoff (Goodman, Fourier Optics, eq. 6-32)."""
     r = np.minimum(r, 1.0)
     transfer: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
     return transfer
 
 
 def _cone(mode: PlanePsf, wavelength_nm: float) -> float:
-    """How much of a circular pupil's transfer function has this spread's cone at 0.
+    """Return the multiple of a circular pupil's transfer function that has the same cone at f = 0.
 
-    The autocorrelation of a pupil with a sharp border begins with a loss in proportion to the border's length and |f|;
-    aberrations add what is smooth. Where the fit of both errs, the kernel holds the difference.
+    The autocorrelation of a pupil with a sharp border begins with a loss proportional to the border's length and |f|;
+    aberrations add smooth terms. An error of this fit is harmless: the kernel contains the remainder.
     """
     cutoff = mode.cutoff_per_m(wavelength_nm)
     angle = (np.arange(_DIRECTIONS) + 0.5) * (math.pi / _DIRECTIONS)
@@ -229,16 +278,16 @@ def _cone(mode: PlanePsf, wavelength_nm: float) -> float:
             break
         radius /= 2
     u = r / radius
-    shape = np.stack([(1 - circular_pupil(r)) / radius, u**2, u**3, u**4], axis=1)
+    shape = np.stack([(1 - circular_pupil_otf(r)) / radius, u**2, u**3, u**4], axis=1)
     return float(np.linalg.lstsq(shape, (at_0 - mean) / radius, rcond=None)[0][0])
 
 
-def _folded_spectrum(
+def _remainder_spectrum(
     mode: PlanePsf, wavelength_nm: float, cone: float, sampling: Sampling, size: int
 ) -> NDArray[np.complex128]:
-    """(Q, Q // 2 + 1): what the cone leaves of the transfer function, times photodetector and cell, folded at 1 / cell.
+    """Return (Q, Q // 2 + 1): the transfer function without its cone, times photodetector and cell, folded at 1 / cell.
 
-    Of the transfer function of a real point spread half is enough: columns whose folded place is in the first half.
+    Half of the columns suffice, because the point spread is real.
     """
     cutoff = mode.cutoff_per_m(wavelength_nm)
     step = [np.float64(1.0 / (size * sampling.cell_m(axis))) for axis in (0, 1)]
@@ -257,7 +306,7 @@ def _folded_spectrum(
         otf = np.zeros((row.size, near.size), np.complex128)
         values = mode.otf(fy, fx, wavelength_nm)
         if cone:
-            values = values - cone * circular_pupil(np.hypot(fy, fx) / cutoff)
+            values = values - cone * circular_pupil_otf(np.hypot(fy, fx) / cutoff)
         otf[np.ix_(inside, near)] = values * (aperture_y * sampling.aperture(1, fx))
         total += otf.reshape(-1, size, near.size).sum(axis=0)
     return total

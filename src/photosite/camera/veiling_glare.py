@@ -1,13 +1,12 @@
 """Veiling glare: light that lens surfaces and barrel scatter over the sensor, added to a mosaic of mean electrons.
 
-Of all light a fraction g is scattered: out = (1 - g) x + g G x, for each colour channel by itself. G spreads evenly
-over the frame, or by the kernel exp(-distance / s) / (2 pi s^2), whose light is 1 over the plane. Beyond the frame's
-border the light is taken to be the frame's mirror image: then an even field stays even at its level, and the frame's
-light is kept to rounding. What stands outside the frame in truth, a bright sky say, is neither in the scene nor in
-the glare.
+A fraction g of all light is scattered: out = (1 - g) x + g G x, for each colour channel separately. G spreads light
+uniformly over the frame, or with the kernel exp(-distance / s) / (2 pi s^2), whose integral over the plane is 1. Beyond
+the frame's border the light is the frame's mirror image, so that a uniform field stays uniform and no light is lost.
+Light sources outside the frame are not in the scene, and do not contribute.
 
-The kernel is much wider than a pixel, so it acts on means over blocks of an eighth of s, by cosine transforms, which
-make mirror images by themselves. ISO 9358 measures g as the light inside a small black spot on a large bright field.
+The kernel is much wider than a pixel. It acts on means over blocks of s / 8, by cosine transforms, which imply mirror
+images. ISO 9358 measures g as the light inside a small black spot on a large bright field.
 """
 
 from __future__ import annotations
@@ -26,33 +25,33 @@ from photosite.values.cfa import Cfa, channel_names, channel_sites
 
 _BLOCKS_PER_SPREAD = 8
 _LEAST_BLOCKS = 8
-"""On each axis of the frame, where it has room for them."""
+"""Per axis of the frame, if it is large enough."""
 _LEAST_BLOCK_TILES = 2
-"""Each block holds pixels of every channel."""
+"""So that each block contains pixels of every channel."""
 
 
 def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_m: tuple[float, float]) -> None:
-    """Scatter a share of a mosaic's light over it, in place.
+    """Scatter a fraction of a mosaic's light over it, in place.
 
     Parameters
     ----------
     mosaic
         (rows, cols) mean electrons.
     glare
-        How much is scattered, and how far.
+        Fraction and spread of the scattered light.
     cfa
-        The mosaic's tile.
+        Colour filter array's tile.
     pitch_m
-        (vertical, horizontal) distance of pixels.
+        (vertical, horizontal) pixel pitch.
 
     Raises
     ------
     InputError
-        If the glare's spread is less than 16 pixels (of a 2 x 2 tile): that is a point spread, not a veil.
+        If the glare's spread is less than 16 pixels (for a 2 x 2 tile): that is a point spread.
 
     Notes
     -----
-    Against the sum over all pixels the glare errs by less than 0.5 % of itself (tests/camera/test_veiling_glare.py).
+    The glare differs from the sum over all pixels by less than 0.5 % of itself (tests/camera/test_veiling_glare.py).
 
     Examples
     --------
@@ -77,7 +76,7 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
             veils = [np.full((1, 1), light / pixels)] * len(planes)
         else:
             veils = _veils(planes, sites, axes, glare.spread_m)
-            # What interpolation between blocks lost or won of the light, some 1e-4 of it, is given back.
+            # Interpolation between blocks changes the total light by about 1e-4: correct it.
             factor = light / sum(float(veil.sum()) for veil in veils)
             veils = [veil * factor for veil in veils]
         for plane, veil in zip(planes, veils, strict=True):
@@ -86,14 +85,17 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
 
 
 class _Axis:
-    """One axis of the frame: its pixels in blocks, and back."""
+    """One axis of the frame: means over blocks, and interpolation between them."""
 
     def __init__(self, pixels: int, tile: int, pitch_m: float, spread_m: float) -> None:
         least = _LEAST_BLOCK_TILES * tile
         if spread_m < 4 * least * pitch_m:
             raise InputError(
-                f"veiling glare of {spread_m * 1e6:g} um spread is not wider than {4 * least} pixels of "
-                f"{pitch_m * 1e6:g} um; make it part of the lens's point spread"
+                "spread_m",
+                where="veiling_glare",
+                value=spread_m,
+                expected=f"at least {4 * least} pixels of {pitch_m * 1e6:g} um",
+                hint="Make a smaller spread part of the lens's point spread",
             )
         wanted = max(math.ceil(pixels * pitch_m / spread_m * _BLOCKS_PER_SPREAD), _LEAST_BLOCKS)
         count = max(1, min(wanted, pixels // least))
@@ -103,18 +105,18 @@ class _Axis:
         self.tile = tile
         self.to_blocks = np.zeros((count, pixels))
         self.to_blocks[output, cover.sample] = cover.share
-        # Between the blocks' middles linear; beyond the first and last, the mirror image: their own value.
+        # Linear between block centres; constant beyond the first and last, as in the mirror image.
         position = np.clip((np.arange(pixels) + 0.5) / width - 0.5, 0, count - 1)
         self.to_pixels = np.maximum(0.0, 1 - np.abs(position[:, None] - np.arange(count)))
         self.frequency_per_m = np.arange(count) / (2 * pixels * pitch_m)
 
     def means_from(self, site: int) -> NDArray[np.float64]:
-        """(blocks, pixels of a site): shares."""
+        """Return (blocks, pixels of a site) shares."""
         shares: NDArray[np.float64] = self.to_blocks[:, site :: self.tile]
         return shares
 
     def back_to(self, site: int) -> NDArray[np.float64]:
-        """(pixels of a site, blocks): shares."""
+        """Return (pixels of a site, blocks) shares."""
         shares: NDArray[np.float64] = self.to_pixels[site :: self.tile]
         return shares
 
@@ -131,7 +133,7 @@ def _veils(
     axes: tuple[_Axis, _Axis],
     spread_m: float,
 ) -> list[NDArray[np.float64]]:
-    """For each of a channel's sites, the kernel's mean of the channel's light."""
+    """Return the scattered light at each of a channel's sites."""
     down, across = axes
     light: NDArray[np.float64] = np.zeros((down.frequency_per_m.size, across.frequency_per_m.size))
     share = np.zeros_like(light)
@@ -139,7 +141,7 @@ def _veils(
         light += down.means_from(r) @ plane @ across.means_from(c).T
         share += down.means_from(r).sum(axis=1)[:, None] * across.means_from(c).sum(axis=1)
     squared = down.frequency_per_m[:, None] ** 2 + across.frequency_per_m**2
-    # The Fourier transform of exp(-r / s) / (2 pi s^2) in the plane.
+    # Fourier transform of exp(-r / s) / (2 pi s^2) in the plane.
     transfer = (1 + (2 * math.pi * spread_m) ** 2 * squared) ** -1.5
     veil = scipy.fft.idctn(scipy.fft.dctn(light / share, type=2) * transfer, type=2)
     return [down.back_to(r) @ veil @ across.back_to(c).T for r, c in sites]

@@ -1,4 +1,1 @@
-"""The hot loops, and nothing else: random numbers, pixel kernels, spectral transforms, accumulators.
-
-It knows arrays, not sensors or scenes.
-"""
+"""Numeric kernels on plain arrays: random numbers, pixel model, transforms, accumulators; no scenes, no sensors."""

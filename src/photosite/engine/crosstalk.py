@@ -1,4 +1,4 @@
-"""What happens between pixels of a mosaic, and to each by its place: gathered shares, and response by angle."""
+"""Crosstalk between the pixels of a mosaic, and angular response by position."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled, prange
 
 _BLOCK = 256
-"""Columns that are summed at a time: their sums and weights stay in the first cache."""
+"""Columns that are summed at a time; their sums and weights fit the first-level cache."""
 
 
 def gathered(mosaic: NDArray[np.float32], shares: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Each pixel's sum of shares of the pixels around it.
+    """Return each pixel's sum of shares of the pixels around it.
 
-    Beyond the frame's border the mosaic goes on as the nearest pixels of the same place in the tile inside it.
+    Beyond its border the mosaic repeats the nearest pixels of the same site in the colour filter array's tile.
 
     Parameters
     ----------
     mosaic
         (rows, cols), one whole tile or more.
     shares
-        (tile rows, tile cols, size, size), size odd: for a pixel of that place in the tile, what it gets of the pixel
+        (tile rows, tile cols, size, size), size odd: the share that a pixel at that site receives of the pixel
         (i - size // 2) rows below it and (j - size // 2) columns to its right.
 
     Returns
@@ -32,9 +32,9 @@ def gathered(mosaic: NDArray[np.float32], shares: NDArray[np.float64]) -> NDArra
     period_c, size = shares.shape[1:3]
     taps = np.argwhere((shares != 0).any(axis=(0, 1)))
     block = -(-_BLOCK // period_c) * period_c
-    # weights[r, t, c]: the t-th tap's share at place (r, c mod period), along a block of columns.
-    by_place = shares[:, :, taps[:, 0], taps[:, 1]].transpose(0, 2, 1).astype(np.float32)
-    weights = np.ascontiguousarray(np.tile(by_place, block // period_c))
+    # weights[r, t, c]: share of tap t at site (r, c mod period), along a block of columns.
+    by_site = shares[:, :, taps[:, 0], taps[:, 1]].transpose(0, 2, 1).astype(np.float32)
+    weights = np.ascontiguousarray(np.tile(by_site, block // period_c))
     offsets = np.ascontiguousarray(taps - size // 2)
     out = np.empty_like(mosaic)
     _gather(mosaic, weights, offsets, period_c, size // 2, out)
@@ -58,7 +58,7 @@ def _gather(
             end = min(begin + block, cols)
             total = out[r, begin:end]
             total[:] = np.float32(0)
-            # Columns whose neighbours are all inside; the few others one by one.
+            # first to last: columns whose neighbours are all inside the frame.
             first, last = min(max(begin, reach), end), max(min(end, cols - reach), begin)
             last = max(first, last)
             for t in range(taps):
@@ -79,7 +79,7 @@ def _add(total: NDArray[np.float32], weight: NDArray[np.float32], source: NDArra
 
 @compiled()
 def _inside(index: int, size: int, period: int) -> int:
-    """The nearest index inside of the same place in the tile."""
+    """Return the nearest index inside the frame at the same site of the tile."""
     if index < 0:
         return index % period
     if index >= size:
@@ -96,7 +96,7 @@ def scale_by_angle(
     angle: NDArray[np.float64],
     response: NDArray[np.float64],
 ) -> None:
-    """Multiply each pixel by its channel's response at the angle of its place, in place.
+    """Multiply each pixel by its channel's response at the angle of its position, in place.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ def scale_by_angle(
     y, x
         (rows,), (cols,) positions; the angle is atan(hypot(y, x)).
     channel_of
-        (tile rows, tile cols) channel of a place in the tile.
+        (tile rows, tile cols) channel of each site.
     angle, response
-        (n,) radians, increasing from 0 to no less than the largest; (channels, n), linear between.
+        (n,) radians, increasing from 0 to at least the largest angle; (channels, n), linear between.
     """
     rows, cols = mosaic.shape
     period_r, period_c = channel_of.shape
@@ -116,7 +116,7 @@ def scale_by_angle(
         k = 0
         for c in range(cols):
             theta = np.arctan(np.sqrt(y[r] * y[r] + x[c] * x[c]))
-            # Neighbours have nearly the same angle: the interval is the one before, or next to it.
+            # Neighbours have nearly the same angle: start from the previous interval.
             while k < last and theta > angle[k + 1]:
                 k += 1
             while k > 0 and theta < angle[k]:

@@ -1,8 +1,8 @@
-"""The pixel kernel on an NVIDIA GPU: one thread a pixel, the same functions, the same bits.
+"""The pixel model on an NVIDIA GPU: one thread per pixel, with the same functions and the same bits as on the CPU.
 
-The functions are those of the CPU, compiled once more by numba's CUDA target. Two things could change a bit there, and
-are switched off: the compiler's fusing of a * b + c into one rounding, and the link-time step that would do it later.
-The machine code is read after compiling, and refused if any fused or inexact operation is left in it.
+numba's CUDA target compiles the functions of `pixel_model`. Two optimisations would change bits and are switched off:
+the compiler's fusing of a * b + c into one rounding, and the link-time step that would fuse it later. The compiled code
+is searched, and rejected if it contains a fused or inexact operation.
 """
 
 from __future__ import annotations
@@ -16,83 +16,54 @@ from typing import Any
 
 import numba.cuda
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from photosite.engine.pixels import expose_pixel
+from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
-cuda: Any = numba.cuda  # numba's own, or numba-cuda in its place, or the simulator: not of one type
+cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator
 
 _THREADS = (32, 8)
 
+_DEVIATES, _FLOATS = types.Array(types.int16, 2, "C"), types.Array(types.float32, 2, "C")
 SIGNATURE = (
-    "void(float32[:,::1], int16[:,::1], float64, int16[:,::1], float64, float32[:,::1], float64, "
-    "float64, float64, float64, float64, float64, int64, int64, int64, uint32, uint32, uint32, uint16[:,::1])"
+    _FLOATS,
+    types.NamedTuple([_DEVIATES, _DEVIATES, _FLOATS], DrawnMaps),
+    types.NamedTuple([types.float64] * 3, DrawnConstants),
+    types.NamedTuple([types.float64] * 5 + [types.int64] * 3 + [types.uint32] * 3, Exposure),
+    types.Array(types.uint16, 2, "C"),
 )
+"""Argument types of `expose_thread`."""
 
-# Every floating-point operation that rounds must say so (.rn: to nearest); one without may be fused by the assembler.
+# Every floating-point operation that rounds must state how (.rn: to nearest); otherwise the assembler may fuse it.
 _INEXACT = re.compile(
     r"\b(?:(?:fma|mad|sin|cos|tanh|ex2|lg2|rsqrt)|(?:add|sub|mul|div|rcp|sqrt)(?!\.rn\.f(?:32|64)))\.[a-z.]*f(?:32|64)"
 )
 
 
 class NoCudaError(RuntimeError):
-    """There is no GPU that this kernel can be compiled for; the message says what is missing."""
+    """The kernel cannot be compiled for a GPU; the message states what is missing."""
 
 
-def expose_cuda(
-    photo_e: NDArray[np.float32],
-    prnu: NDArray[np.int16],
-    prnu_scale: float,
-    offset: NDArray[np.int16],
-    offset_scale_e: float,
-    dark_rate_e_per_s: NDArray[np.float32],
-    exposure_s: float,
-    well_capacity_e: float,
-    read_noise_e: float,
-    gain_dn_per_e: float,
-    black_level_dn: float,
-    white_level_dn: float,
-    corner: tuple[int, int],
-    chip_cols: int,
-    frame: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
+def expose_drawn_cuda(
+    photo_e: NDArray[np.float32], maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure
 ) -> NDArray[np.uint16]:
-    """What `photosite.engine.pixels.expose` gives, computed on the GPU; the arrays go there and the frame comes back.
+    """Return the digital numbers of `pixel_model.expose_drawn`, computed on the GPU.
 
     Parameters
     ----------
-    photo_e, prnu, ..., k1
-        As for `expose`.
+    photo_e, maps, constants, exposure
+        As for `expose_drawn`; the arrays are copied to the GPU and the frame is copied back.
 
     Raises
     ------
     NoCudaError
-        If the GPU, its driver or numba-cuda is missing, or numba-cuda gives code that would round otherwise.
+        If the GPU, its driver or numba-cuda is missing, or numba-cuda compiles to code that rounds differently.
     """
     kernel = _kernel()
     out = cuda.device_array(photo_e.shape, np.uint16)
     blocks = tuple(-(-size // threads) for size, threads in zip(photo_e.shape[::-1], _THREADS, strict=True))
-    kernel[blocks, _THREADS](
-        _on_device(photo_e),
-        _on_device(prnu),
-        float(prnu_scale),
-        _on_device(offset),
-        float(offset_scale_e),
-        _on_device(dark_rate_e_per_s),
-        float(exposure_s),
-        float(well_capacity_e),
-        float(read_noise_e),
-        float(gain_dn_per_e),
-        float(black_level_dn),
-        float(white_level_dn),
-        *corner,
-        chip_cols,
-        frame,
-        k0,
-        k1,
-        out,
-    )
+    kernel[blocks, _THREADS](_on_device(photo_e), DrawnMaps(*map(_on_device, maps)), constants, exposure, out)
     frame_dn: NDArray[np.uint16] = out.copy_to_host()
     return frame_dn
 
@@ -103,7 +74,7 @@ def _on_device(values: NDArray[Any]) -> Any:
 
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
-    """The compiled kernel. An attempt that fails is not kept."""
+    """Return the compiled kernel; failed attempts are not cached."""
     settings: Any = numba.config
     if settings.ENABLE_CUDASIM:
         return cuda.jit(SIGNATURE)(expose_thread)
@@ -118,54 +89,23 @@ def _kernel() -> Any:
     return kernel
 
 
-def expose_thread(
-    photo_e: Any,
-    prnu: Any,
-    prnu_scale: Any,
-    offset: Any,
-    offset_scale_e: Any,
-    dark_rate_e_per_s: Any,
-    exposure_s: Any,
-    well_capacity_e: Any,
-    read_noise_e: Any,
-    gain_dn_per_e: Any,
-    black_level_dn: Any,
-    white_level_dn: Any,
-    first_row: Any,
-    first_col: Any,
-    chip_cols: Any,
-    frame: Any,
-    k0: Any,
-    k1: Any,
-    out: Any,
-) -> None:
+def expose_thread(photo_e: Any, maps: Any, constants: Any, exposure: Any, out: Any) -> None:
+    """Compute one pixel of a drawn chip's frame."""
     c, r = cuda.grid(2)
     if r >= out.shape[0] or c >= out.shape[1]:
         return
-    # In an array of one value, which stands for all pixels, every index ends at 0.
-    out[r, c] = expose_pixel(
-        photo_e[r, c],
-        prnu[min(r, prnu.shape[0] - 1), min(c, prnu.shape[1] - 1)],
-        prnu_scale,
-        offset[min(r, offset.shape[0] - 1), min(c, offset.shape[1] - 1)],
-        offset_scale_e,
-        dark_rate_e_per_s[min(r, dark_rate_e_per_s.shape[0] - 1), min(c, dark_rate_e_per_s.shape[1] - 1)],
-        exposure_s,
-        well_capacity_e,
-        read_noise_e,
-        gain_dn_per_e,
-        black_level_dn,
-        white_level_dn,
-        (r + first_row) * chip_cols + c + first_col,
-        frame,
-        k0,
-        k1,
-    )
+    # In a map of shape (1, 1), which is one value for all pixels, every index becomes 0.
+    prnu = maps.prnu[min(r, maps.prnu.shape[0] - 1), min(c, maps.prnu.shape[1] - 1)]
+    offset = maps.offset[min(r, maps.offset.shape[0] - 1), min(c, maps.offset.shape[1] - 1)]
+    rates = maps.dark_rate_e_per_s
+    dark_rate = rates[min(r, rates.shape[0] - 1), min(c, rates.shape[1] - 1)]
+    pixel = drawn_pixel(prnu, offset, dark_rate, constants, exposure)
+    out[r, c] = expose_pixel(photo_e[r, c], pixel, r, c, exposure)
 
 
 @contextmanager
 def unfused() -> Iterator[None]:
-    """NVVM told not to fuse. numba-cuda has no public option for it, so its call of the compiler is given one."""
+    """Make numba-cuda call NVVM without fusing multiply and add; numba-cuda has no public option for it."""
     from numba.cuda.cudadrv import nvvm
 
     original: Callable[..., bytes] = nvvm.compile_ir
@@ -177,20 +117,20 @@ def unfused() -> Iterator[None]:
 
 
 def check_unfused(ptx: str) -> None:
-    """Refuse PTX in which an operation may round otherwise than on the CPU.
+    """Reject PTX in which an operation may round differently from the CPU.
 
     Raises
     ------
     NoCudaError
-        If one is fused, approximate, or leaves its rounding to the assembler.
+        If an operation is fused, approximate, or leaves its rounding to the assembler.
 
     Examples
     --------
     >>> check_unfused("mul.rn.f64 %fd3, %fd1, %fd2; add.rn.f64 %fd4, %fd3, %fd5; cvt.rmi.f64.f64 %fd6, %fd4;")
     >>> check_unfused("fma.rn.f64 %fd4, %fd1, %fd2, %fd3;")
     Traceback (most recent call last):
-    photosite.engine.cuda.NoCudaError: this numba-cuda compiles to fma.rn.f64, which rounds otherwise than the CPU
+    photosite.engine.cuda.NoCudaError: numba-cuda compiles to fma.rn.f64, which rounds differently from the CPU
     """
     found = _INEXACT.search(ptx)
     if found:
-        raise NoCudaError(f"this numba-cuda compiles to {found[0]}, which rounds otherwise than the CPU")
+        raise NoCudaError(f"numba-cuda compiles to {found[0]}, which rounds differently from the CPU")

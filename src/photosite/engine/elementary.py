@@ -1,7 +1,7 @@
-"""Logarithm and exponential from additions, multiplications and divisions alone, so that no library's rounding enters.
+"""Logarithm and exponential from additions, multiplications and divisions alone.
 
-IEEE arithmetic gives the same bits on every machine; math libraries do not. Both functions are straight code that
-compilers turn into vector instructions. Their error is at most 2 units in the last place.
+IEEE arithmetic gives the same bits on every machine; math libraries do not. Both functions compile to vector
+instructions. Their error is at most 2 units in the last place.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _LOG2_E = 1.4426950408889634
 
 @compiled()
 def log(x: float) -> float:
-    """Natural logarithm of a normal double above 0.
+    """Return the natural logarithm of a normal double above 0.
 
     x = m 2^e with m between sqrt(1/2) and sqrt(2); log m = 2 artanh((m - 1) / (m + 1)) by its series to the 19th power.
     """
@@ -36,11 +36,11 @@ def log(x: float) -> float:
 
 @compiled()
 def exp(x: float) -> float:
-    """Exponential of a double between -700 and 700.
+    """Return the exponential of a double between -700 and 700.
 
     x = k ln 2 + r, |r| below 0.35; e^r by its series to the 13th power; times 2^k exactly.
     """
-    # Adding 1.5 * 2^52 rounds to a whole number, and leaves it in the low bits.
+    # Adding 1.5 * 2^52 rounds to an integer, in the low bits.
     shifted = x * _LOG2_E + 6755399441055744.0
     k = shifted - 6755399441055744.0
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW

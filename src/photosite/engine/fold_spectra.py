@@ -1,7 +1,7 @@
-"""The kernels that multiply a term's spectrum by H and fold it, in one pass, into the spectra of the mosaic's sites.
+"""Kernels that multiply a term's spectrum by H and add it to the folded spectra of the mosaic's sites, in one pass.
 
-Every value of the half spectrum is met once: what lies beyond half the sampling frequency on the columns' axis is the
-conjugate of a value of the mirrored row.
+Each value of the half spectrum is read once. Values beyond half the sampling frequency along the columns are conjugates
+of values in the mirrored row.
 """
 
 from __future__ import annotations
@@ -28,26 +28,28 @@ def add_radial(
     turn_y: NDArray[np.complex64],
     turn_x: NDArray[np.complex64],
 ) -> None:
-    """folds[site] += spectrum * H of the site's channel, folded to the site's grid; H is real, a function of |f|.
+    """Add spectrum * H of each site's channel, folded to the site's grid, to `folds`; H is real, a function of |f|.
 
     Parameters
     ----------
     folds
         (sites, rows, cols // 2 + 1) spectra of the sites' own grids.
     spectrum
-        (rows, cols // 2 + 1) of a term on the cells, of `cols` columns.
+        (rows, cols // 2 + 1) spectrum of a term on the cells.
+    cols
+        Columns of the cells.
     fy, fx
-        Frequencies, in nodes of the table.
+        Frequencies, in steps of the table.
     table
         (channels, nodes).
     aperture_y, aperture_x
-        Factors of H.
+        Transfer of photodetector, cell and low-pass filter on each axis.
     fold_down, fold_across
-        (channels, rows, products) and (products, cols // 2 + 1): the folded terms of H.
+        (channels, rows, products) and (products, cols // 2 + 1): the folded terms of H, see `FoldedTerms`.
     channel_of
-        (sites,) which channel a site belongs to.
+        (sites,) channel of each site.
     turn_y, turn_x
-        (aliases, sites) the phase with which an alias enters a site's folded spectrum.
+        (aliases, sites) phase with which an alias enters a site's folded spectrum.
     """
     rows, half = spectrum.shape
     small_rows, small_half = folds.shape[1], folds.shape[2]
@@ -85,7 +87,7 @@ def add_radial(
 def _positions(
     fy: np.float32, fx: NDArray[np.float32], nodes: int, index: NDArray[np.int32], share: NDArray[np.float32]
 ) -> None:
-    """Where a row of frequencies falls between the table's nodes; a share above 1 is beyond the last."""
+    """Compute the positions of a row of frequencies between the table's nodes; a share above 1 is beyond the last."""
     last = np.int32(nodes - 2)
     square = fy * fy
     for c in range(fx.size):
@@ -105,7 +107,7 @@ def _response(
     fold_down: NDArray[np.float32],
     fold_across: NDArray[np.float32],
 ) -> None:
-    """H of a channel along a row of frequencies."""
+    """Compute H of a channel along a row of frequencies."""
     for c in range(out.size):
         low = nodes[index[c]]
         value = low + share[c] * (nodes[index[c] + 1] - low)
@@ -138,7 +140,7 @@ def _add_mirrored(
     start: int,
     turn: np.complex64,
 ) -> None:
-    """As `_add_direct`, backwards from column `start` of the mirrored row."""
+    """As `_add_direct`, but backwards from column `start` of the mirrored row."""
     if turn.imag == 0:
         sign = turn.real
         for c in range(out.size):
@@ -168,19 +170,19 @@ def add_general(
     turn_y: NDArray[np.complex64],
     turn_x: NDArray[np.complex64],
 ) -> None:
-    """As `add_radial` for an H that is complex: that of a kernel, and added to it that of `add_radial`.
+    """As `add_radial`, for a complex H: that of a kernel, plus an optional radial part.
 
-    A row of the spectrum and its mirror enter the same two rows of the folded spectra: they are taken together, so
-    that H is made once for each.
+    A row of the spectrum and its mirror enter the same two rows of the folded spectra. They are processed together, so
+    that H is computed once for each.
 
     Parameters
     ----------
     rows_of_kernel
-        (channels, rows of the kernel's table, 2 (cols // 2 + 1)) real and imaginary parts in turn.
+        (channels, rows of the kernel's table, 2 (cols // 2 + 1)), real and imaginary parts alternating.
     first, taps
-        See `kernels.Gridding`.
+        See `gridding.Gridding`.
     radial
-        Whether there is a part of H that is a function of |f|; the parameters after it describe that.
+        Whether H has a radial part, which the parameters after this one describe.
     """
     rows, half = spectrum.shape
     channels = rows_of_kernel.shape[0]
@@ -223,7 +225,7 @@ def add_general(
 
 @compiled()
 def _kernel_line(out: NDArray[np.float32], table: NDArray[np.float32], first: int, taps: NDArray[np.float32]) -> None:
-    """A row of a kernel's spectrum from the eight nearest rows of its table."""
+    """Interpolate a row of a kernel's spectrum from the eight nearest rows of its table."""
     long = table.shape[0]
     a, b, c, d = table[first], table[(first + 1) % long], table[(first + 2) % long], table[(first + 3) % long]
     e, f, g, h = (
@@ -264,7 +266,7 @@ def _fold_row(
     turn_y: NDArray[np.complex64],
     turn_x: NDArray[np.complex64],
 ) -> None:
-    """A row that passed the lens, and its mirror, into a row of the folded spectra."""
+    """Add a row times H, and its mirror, to a row of the folded spectra."""
     small_half = folds.shape[2]
     small_cols = cols // turn_x.shape[0]
     for alias_x in range(turn_x.shape[0]):
@@ -290,7 +292,7 @@ def _add(out: NDArray[np.complex64], values: NDArray[np.complex64], turn: np.com
 
 @compiled()
 def _add_reversed(out: NDArray[np.complex64], values: NDArray[np.complex64], start: int, turn: np.complex64) -> None:
-    """Conjugates, backwards from `start`."""
+    """Add conjugates, backwards from `start`."""
     if turn.imag == 0:
         sign = turn.real
         for c in range(out.size):

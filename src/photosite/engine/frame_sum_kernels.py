@@ -1,12 +1,12 @@
-"""The kernels of `FrameSums`: several frames to a pass over each run of pixels, at about the speed of memory.
+"""Kernels of `FrameSums`: several frames per pass over each run of pixels, at about the speed of memory.
 
-A run is a piece of a row short enough for the inner caches. The pixels of eight frames are copied there, each frame's
-extremes and totals are taken, and then the eight are folded into the run's sums at once. The sums themselves travel
-from memory and back once a call, however many frames it brings.
+A run is a piece of a row that fits the inner caches. The pixels of eight frames are copied there, the extremes and
+totals of each frame are taken, and then all eight are added to the run's sums at once. The sums are read from memory
+and written once per call, however many frames are added.
 
-What a run tells of labels is first kept in *lanes*: position in the run modulo a multiple of the tile's columns. Lanes
-are neighbours in memory, so that their loops become vector instructions whatever the tile.
-"""
+Label statistics of a run are first kept in *lanes*: position in the run modulo a multiple of the tile's columns. Lanes
+are adjacent in memory, so that their loops become vector instructions for any tile.
+@@FIGURE@@"""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from numpy.typing import NDArray
 from photosite.engine.jit import carray, compiled, pointer, prange, prefetch
 
 _Ints = NDArray[Any]
-"""An array of the integer type that its caller allocates; numba compiles for the one that comes."""
+"""An array of an integer type; numba compiles for the type of the argument."""
 
 RUN = 4096
-"""Pixels of a run, at most."""
+"""Largest number of pixels in a run."""
 
 LANES = 64
-"""Lanes, at most."""
+"""Largest number of lanes."""
 
 BAND = 16
-"""Rows that a thread takes at a time."""
+"""Rows that a thread processes at a time."""
 
 _TOGETHER = 8
-"""Frames folded into the sums at once."""
+"""Frames added to the sums at once."""
 
 _NARROW = 23_170
-"""The highest number of which eight squares add up to less than 2^32."""
+"""The largest number for which eight squares sum to less than 2^32."""
 
-# Unsigned, because numba asks of a signed index whether it counts from the end, and then nothing vectorises.
+# Unsigned: numba tests whether a signed index counts from the end, which prevents vectorisation.
 _TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
-_BLOCK, _LINE = np.uint64(64), np.uint64(16)  # in pairs of pixels: fetched at a time; in a line of the caches
+_BLOCK, _LINE = np.uint64(64), np.uint64(16)  # pairs of pixels: per prefetch block, per cache line
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)
 _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (np.uint64(k * RUN) for k in range(1, _TOGETHER))
 
@@ -50,7 +50,7 @@ def add_frames(
     labels: _Ints,
     black: int,
     white: int,
-    anew: bool,
+    overwrite: bool,
     sums: _Ints,
     squares: _Ints,
     totals: _Ints,
@@ -62,29 +62,29 @@ def add_frames(
     Parameters
     ----------
     addresses
-        (frames,) where each frame's pixels lie, C-contiguous; an array of arrays is nothing numba can take.
+        (frames,) addresses of the frames' pixels, C-contiguous; numba has no arrays of arrays.
     like
-        An array of the frames' type.
+        An array of the frames' dtype.
     paired
-        Whether the frames are of 16 bits, their columns are even and their addresses multiples of four.
+        Whether frames have 16 bits, an even number of columns, and addresses that are multiples of four.
     labels
         (tile rows, tile cols); at most LANES columns.
     black, white
-        The clips.
-    anew
-        Whether these frames are the first, so that what the sums hold is overwritten.
+        Clips.
+    overwrite
+        Whether these frames are the first, so that the content of the sums is overwritten.
     sums, squares
         (rows, cols) uint32 and uint64, added to.
     totals
-        (bands, frames, labels) uint64, zeros: becomes each frame's total over each label, by bands of rows.
+        (bands, frames, labels) uint64, zeros: becomes the total of each frame over each label, by bands of rows.
     clipped
-        (bands, labels, 2) int64, zeros: numbers at or below black, at or above white.
+        (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white.
     highest
-        (bands, frames) uint32, zeros: highest number.
+        (bands, frames) uint32, zeros: becomes the largest number.
     """
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
-    run = RUN // (2 * tile_cols) * 2 * tile_cols  # each begins with the tile's first column, and with a pair
+    run = RUN // (2 * tile_cols) * 2 * tile_cols  # starts with the tile's first column, and with a pair
     for band in prange(totals.shape[0]):
         stage = np.zeros(_TOGETHER * RUN, np.uint16)
         words = stage.view(np.uint32)
@@ -94,7 +94,7 @@ def add_frames(
             row_labels = labels[r % tile_rows]
             for c in range(0, cols, run):
                 m = min(run, cols - c)
-                if anew:
+                if overwrite:
                     sums[r, c : c + m] = 0
                     squares[r, c : c + m] = 0
                 for first in range(0, addresses.size, _TOGETHER):
@@ -108,10 +108,10 @@ def add_frames(
                             if first + k + 1 < addresses.size:
                                 ahead = addresses[first + k + 1] + place
                             source = carray(here, m // 2, np.uint32)
-                            lowest, high, even, odd = _take_words(source, words, k * RUN, ahead)
+                            lowest, high, even, odd = _copy_pairs(source, words, k * RUN, ahead)
                         else:
                             _copy(carray(here, m, like.dtype), stage, k * RUN)
-                            lowest, high, even, odd = _look(stage, words, k * RUN, m)
+                            lowest, high, even, odd = _extremes_and_totals(stage, words, k * RUN, m)
                         top = max(top, high)
                         highest[band, first + k] = max(highest[band, first + k], high)
                         if tile_cols <= 2:
@@ -124,19 +124,19 @@ def add_frames(
                     for k in range(present, _TOGETHER):
                         stage[k * RUN : k * RUN + m] = 0
                     if top <= _NARROW:
-                        _fold_narrow(stage, m, part, sums[r, c:], squares[r, c:])
+                        _add_narrow(stage, m, part, sums[r, c:], squares[r, c:])
                     else:
-                        _fold_wide(stage, m, sums[r, c:], squares[r, c:])
+                        _add_wide(stage, m, sums[r, c:], squares[r, c:])
 
 
 @compiled()
-def _take_words(
+def _copy_pairs(
     source: _Ints, words: _Ints, place: int, ahead: int
 ) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """What `_copy` and `_look` do, in one go, where the source can be taken two pixels at a time.
+    """As `_copy` and `_extremes_and_totals` in one loop, for sources that can be read two pixels at a time.
 
-    Meanwhile what lies at the address `ahead` is fetched: the processor foresees how one run goes on, not that the next
-    one lies in another frame.
+    Meanwhile the data at the address `ahead` are prefetched: the processor predicts how a run continues, but not that
+    the next run is in another frame.
     """
     lowest, highest = np.uint32(_LOW_16), np.uint32(0)
     even = odd = np.uint32(0)
@@ -163,10 +163,12 @@ def _copy(source: _Ints, stage: _Ints, place: int) -> None:
 
 
 @compiled()
-def _look(stage: _Ints, words: _Ints, place: int, pixels: int) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Lowest and highest of a staged run, and the totals of the pixels at even and at odd places.
+def _extremes_and_totals(
+    stage: _Ints, words: _Ints, place: int, pixels: int
+) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """Return minimum and maximum of a staged run, and the totals of its pixels at even and odd positions.
 
-    `words` are the stage's bytes, two pixels to each: to part even from odd is then a mask and a shift.
+    `words` views the stage as two pixels per word, so that a mask and a shift separate even from odd.
     """
     at, m = np.uint64(place), np.uint64(pixels)
     lowest = highest = np.uint32(stage[at])
@@ -189,7 +191,7 @@ def _look(stage: _Ints, words: _Ints, place: int, pixels: int) -> tuple[np.uint3
 
 @compiled()
 def _lane_totals(pixels: _Ints, row_labels: _Ints, counts: _Ints, totals: _Ints) -> None:
-    """A frame's total over each label."""
+    """Add a frame's total over each label."""
     lanes = LANES // row_labels.size * row_labels.size
     size, step = np.uint64(pixels.size), np.uint64(lanes)
     sums = counts[0]
@@ -203,7 +205,7 @@ def _lane_totals(pixels: _Ints, row_labels: _Ints, counts: _Ints, totals: _Ints)
 
 @compiled()
 def _lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts: _Ints, clipped: _Ints) -> None:
-    """Numbers at or below black and at or above white, of each label."""
+    """Count the numbers at or below black, and at or above white, for each label."""
     lanes = LANES // row_labels.size * row_labels.size
     size, step = np.uint64(pixels.size), np.uint64(lanes)
     low, high = counts[0], counts[1]
@@ -220,10 +222,10 @@ def _lane_clips(pixels: _Ints, row_labels: _Ints, black: int, white: int, counts
 
 
 @compiled()
-def _fold_narrow(stage: _Ints, m: int, part: _Ints, sums: _Ints, squares: _Ints) -> None:
-    """Eight staged runs into the sums, where eight squares fit into 32 bits.
+def _add_narrow(stage: _Ints, m: int, part: _Ints, sums: _Ints, squares: _Ints) -> None:
+    """Add eight staged runs to the sums, if eight squares fit 32 bits.
 
-    Two loops, because a loop's vectors hold as many numbers as there is room for of its widest type.
+    Two loops, because the widest type in a loop determines how many numbers a vector holds.
     """
     for j in range(np.uint64(m)):
         y0, y1 = np.uint32(stage[j]), np.uint32(stage[_R1 + j])
@@ -237,8 +239,8 @@ def _fold_narrow(stage: _Ints, m: int, part: _Ints, sums: _Ints, squares: _Ints)
 
 
 @compiled()
-def _fold_wide(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
-    """Eight staged runs into the sums, whatever the numbers."""
+def _add_wide(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
+    """Add eight staged runs to the sums, for any numbers."""
     for j in range(np.uint64(m)):
         y0, y1 = np.uint64(stage[j]), np.uint64(stage[_R1 + j])
         y2, y3 = np.uint64(stage[_R2 + j]), np.uint64(stage[_R3 + j])
@@ -252,21 +254,21 @@ def _fold_wide(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
 def label_squares(
     sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _Ints, spread: NDArray[np.float64]
 ) -> None:
-    """By band of rows and label, what `LabelTotals` needs of the squares.
+    """Compute the squares that `LabelTotals` needs, by band of rows and label.
 
     Parameters
     ----------
     sums, squares
-        (rows, cols), S and Q of a pixel: its sum and sum of squares over n frames.
+        (rows, cols) S and Q, the sum and the sum of squares of each pixel over n frames.
     labels
         (tile rows, tile cols).
     n
         Frames.
     exact
-        (bands, labels, 3) uint64, zeros: sum of Q, and of S^2 the low and the high halves of 32 bits, which cannot
-        overflow.
+        (bands, labels, 3) uint64, zeros: becomes the sum of Q, and those of the low and high 32 bits of S^2, which
+        cannot overflow.
     spread
-        (bands, labels), zeros: sum of (n Q - S^2)^2, rounded.
+        (bands, labels), zeros: becomes the sum of (n Q - S^2)^2 in floating point.
     """
     rows = sums.shape[0]
     tile_rows, tile_cols = labels.shape
@@ -304,13 +306,13 @@ def _lane_squares(
             q_total[lane] += q
             s_low[lane] += square & _LOW_32
             s_high[lane] += square >> _32
-            v = np.float64(np.int64(n * q - square))  # below 2^62: signed converts faster
+            v = np.float64(np.int64(n * q - square))  # below 2^62: signed integers convert faster
             rounded[lane] += v * v
 
 
 @compiled(parallel=True)
 def mean_map(sums: _Ints, n: int, out: NDArray[np.float64]) -> None:
-    """(rows, cols) S / n, into `out`."""
+    """Compute (rows, cols) S / n in `out`."""
     rows, cols = sums.shape
     for r in prange(rows):
         for c in range(np.uint64(cols)):
@@ -319,7 +321,7 @@ def mean_map(sums: _Ints, n: int, out: NDArray[np.float64]) -> None:
 
 @compiled(parallel=True)
 def variance_map(sums: _Ints, squares: _Ints, n: int, out: NDArray[np.float64]) -> None:
-    """(rows, cols) (n Q - S^2) / (n (n - 1)), the numerator exact, into `out`."""
+    """Compute (rows, cols) (n Q - S^2) / (n (n - 1)) in `out`, with an exact numerator."""
     rows, cols = sums.shape
     divisor = np.float64(n) * np.float64(n - 1)
     for r in prange(rows):

@@ -1,9 +1,8 @@
 """Exact integer sums over a stack of frames, per pixel and per label.
 
-Everything that calibration needs of a stack is a polynomial of second order in its digital numbers, so
-integer sums hold it without rounding: the result does not depend on the order of the frames, nor on how a
-stack was split and merged. A *label* is an integer that a repeating tile gives each pixel; what it stands for
-(a colour channel) is the caller's business.
+All statistics that calibration needs of a stack are polynomials of second order in its digital numbers. Integer sums
+hold them without rounding, so that results do not depend on the order of frames or on how a stack was split and merged.
+A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its colour channel.
 """
 
 from __future__ import annotations
@@ -19,23 +18,23 @@ from photosite.engine.frame_sum_kernels import BAND, LANES, add_frames, label_sq
 from photosite.engine.map_statistics import label_pixels
 
 MOST_FRAMES = 1 << 15
-"""Frames that one `FrameSums` holds: n * sum(y^2) of 16-bit numbers then stays below 2^62."""
+"""Largest number of frames in one `FrameSums`; n * sum(y^2) of 16-bit numbers then stays below 2^62."""
 
 _BATCH_BYTES = 1 << 28
 _BATCH_FRAMES = 16
-"""An iterable's frames are taken so many at a time, fewer where they are large."""
+"""Frames of an iterable that are added together; fewer if they are large."""
 
 
 @dataclass(frozen=True)
 class LabelTotals:
-    """One label's exact totals over a stack of n frames.
+    """Exact totals of one label over a stack of n frames.
 
-    S is a pixel's sum over the frames, T a frame's sum over the pixels.
+    S is the sum of a pixel over the frames, T the sum of a frame over the pixels.
 
     Parameters
     ----------
     frames, pixels
-        How many of each.
+        Number of each.
     total
         Sum of all digital numbers.
     squares
@@ -45,10 +44,10 @@ class LabelTotals:
     frame_squares
         Sum over frames of T^2.
     low, high
-        How many digital numbers were at or below the lower clip, and at or above the upper one.
+        Number of digital numbers at or below the lower clip, and at or above the upper clip.
     variance_spread
-        Variance over pixels of the per-pixel temporal variance (rounded: it serves uncertainties only); 0
-        where there is one frame or one pixel.
+        Variance over pixels of the per-pixel temporal variance, in floating point, for uncertainties; 0 for one frame
+        or one pixel.
     """
 
     frames: int
@@ -68,16 +67,16 @@ class LabelTotals:
 
     @property
     def temporal_variance(self) -> float:
-        """Mean over pixels of the unbiased temporal variance; shifts common to a whole frame count in it."""
+        """Mean over pixels of the unbiased temporal variance, shifts of whole frames included."""
         n, pixels = self.frames, self.pixels
         return (n * self.squares - self.pixel_squares) / (n * (n - 1) * pixels)
 
     @property
     def pixel_variance(self) -> float:
-        """Unbiased temporal variance without the shifts common to a whole frame (unsteady lamp, black level).
+        """Unbiased temporal variance without shifts of whole frames (unstable lamp or black level).
 
-        It is the residual of the two-way analysis of variance, pixels by frames; for two frames,
-        EMVA 1288 R4.0's half of the mean squared difference less half of the squared mean difference.
+        It is the residual of the two-way analysis of variance, pixels by frames. For two frames it is that of EMVA 1288
+        R4.0: half of the mean squared difference minus half of the squared mean difference.
         """
         n, pixels = self.frames, self.pixels
         residual = (
@@ -87,29 +86,29 @@ class LabelTotals:
 
     @property
     def spatial_variance(self) -> float:
-        """Unbiased variance over pixels of the mean frame, temporal noise / n included."""
+        """Unbiased variance over pixels of the mean frame, which includes temporal noise / n."""
         n, pixels = self.frames, self.pixels
         return (pixels * self.pixel_squares - self.total * self.total) / (n * n * pixels * (pixels - 1))
 
     @property
     def frame_mean_variance(self) -> float:
-        """Unbiased variance over frames of the frame's mean."""
+        """Unbiased variance of the frame means over frames."""
         n, pixels = self.frames, self.pixels
         return (n * self.frame_squares - self.total * self.total) / (n * (n - 1) * pixels * pixels)
 
 
 @dataclass(frozen=True)
 class MeanFrame:
-    """The mean of a stack, held as the exact sum in as few bytes as it needs.
+    """The mean of a stack, stored as the exact sum in the smallest integer type.
 
     Parameters
     ----------
     sum
         (rows, cols) uint16 or uint32.
     count
-        Frames in it.
+        Number of frames.
     labels
-        The repeating tile of labels.
+        Repeating tile of labels.
     """
 
     sum: NDArray[np.unsignedinteger]
@@ -117,37 +116,36 @@ class MeanFrame:
     labels: NDArray[np.int64]
 
     def mean(self) -> NDArray[np.float64]:
-        """(rows, cols) mean over the frames."""
+        """Return (rows, cols) the mean over the frames."""
         return _filled(None, self.sum.shape, mean_map, self.sum, self.count)
 
 
 def _filled(
     out: NDArray[np.float64] | None, shape: tuple[int, ...], fill: Callable[..., None], *arguments: object
 ) -> NDArray[np.float64]:
-    """The map that a kernel fills: the one given, or a new one."""
+    """Fill a map by a kernel, the given one or a new one, and return it."""
     if out is None:
         out = np.empty(shape)
     elif out.shape != shape or out.dtype != np.float64:
-        raise ValueError(f"the map to fill is {shape} of float64 here, not {out.shape} of {out.dtype}")
+        raise ValueError(f"out must be {shape} of float64, got {out.shape} of {out.dtype}")
     fill(*arguments, out)
     return out
 
 
 class FrameSums:
-    """Per-pixel count, sum and sum of squares of a stack of frames, exact.
+    """Exact count, sum and sum of squares per pixel of a stack of frames.
 
-    Memory does not grow with the number of frames: 12 bytes a pixel, and two numbers per frame and label. With at most
-    32 768 frames of 16 bits a pixel's sum stays below 2^31 (of 32 bits), its sum of squares below 2^47, and
-    n sum(y^2), of which the variance is made, below 2^62 (of 64).
+    It takes 12 bytes per pixel, and two numbers per frame and label. With at most 32 768 frames of 16 bits, a pixel's
+    sum stays below 2^31, its sum of squares below 2^47, and n sum(y^2), used for the variance, below 2^62.
 
     Parameters
     ----------
     shape
         (rows, cols) of a frame.
     labels
-        (tile rows, tile cols) integers from 0, the repeating tile of labels; one label for all if None.
+        (tile rows, tile cols) repeating tile of labels, integers from 0; None is one label for all pixels.
     black, white
-        Digital numbers at or below `black`, and at or above `white`, are counted as clipped.
+        Digital numbers at or below `black`, or at or above `white`, are counted as clipped.
 
     Raises
     ------
@@ -175,22 +173,22 @@ class FrameSums:
         self.shape = shape
         self.labels = np.zeros((1, 1), np.int64) if labels is None else np.asarray(labels, np.int64)
         if self.labels.shape[1] > LANES:
-            raise ValueError(f"a tile of labels has at most {LANES} columns, not {self.labels.shape[1]}")
+            raise ValueError(f"labels must have at most {LANES} columns, got {self.labels.shape[1]}")
         self.black = black
         self.white = white
         self.count = 0
         self.sum = np.zeros(shape, np.uint32)
         self.sum_of_squares = np.zeros(shape, np.uint64)
         self.highest: list[int] = []
-        """Highest number of each frame, in the order they were added."""
+        """Largest digital number of each frame, in the order of addition."""
         n_labels = int(self.labels.max()) + 1
         self._clipped = np.zeros((n_labels, 2), np.int64)
         self._frame_totals: list[NDArray[np.uint64]] = []
 
     def clear(self) -> FrameSums:
-        """Forget all frames and begin again in the same memory, which takes less time than new memory; returns itself.
+        """Remove all frames, reusing the memory, which is faster than allocating it; return self.
 
-        The first frames added afterwards overwrite the maps; until then the maps hold what they held.
+        The maps keep their content until the next frames overwrite it.
         """
         self.count = 0
         self.highest = []
@@ -199,16 +197,16 @@ class FrameSums:
         return self
 
     def add(self, frames: NDArray[np.unsignedinteger] | Iterable[NDArray[np.unsignedinteger]]) -> FrameSums:
-        """Add a frame (rows, cols), a stack (frames, rows, cols) or an iterable of frames; returns itself.
+        """Add a frame (rows, cols), a stack (frames, rows, cols) or an iterable of frames; return self.
 
-        A stack, or a list of frames, goes at about the speed of memory; frames one by one are slower, because the
-        sums are fetched and stored again for each.
+        A stack or a list is added at about the speed of memory. Single frames are slower, because the sums are read and
+        written for each.
 
         Raises
         ------
         ValueError
-            If a frame has another size, is not uint8 or uint16, or there would be more than 32 768 frames. Frames
-            before it may have been added.
+            If a frame has another size, is not uint8 or uint16, or there are more than 32 768 frames. Earlier frames
+            may have been added.
         """
         if isinstance(frames, np.ndarray) and frames.ndim == 2:
             frames = (frames,)
@@ -220,15 +218,15 @@ class FrameSums:
         together = max(1, min(_BATCH_FRAMES, _BATCH_BYTES // (2 * pixels)))
         while batch := list(islice(left, together)):
             self._add_batch(batch)
-            del batch  # before the next one is gathered
+            del batch  # free it before the next batch is read
         return self
 
     def _add_batch(self, frames: list[NDArray[np.unsignedinteger]]) -> None:
         for frame in frames:
             if frame.shape != self.shape or frame.dtype not in (np.uint8, np.uint16):
-                raise ValueError(f"a frame here is {self.shape} of uint8 or uint16, not {frame.shape} of {frame.dtype}")
+                raise ValueError(f"frames must be {self.shape} of uint8 or uint16, got {frame.shape} of {frame.dtype}")
         if self.count + len(frames) > MOST_FRAMES:
-            raise ValueError(f"one stack holds at most {MOST_FRAMES} frames")
+            raise ValueError(f"a stack must have at most {MOST_FRAMES} frames")
         if len({frame.dtype for frame in frames}) > 1:
             frames = [frame.astype(np.uint16, copy=False) for frame in frames]
         frames = [np.ascontiguousarray(frame) for frame in frames]
@@ -254,7 +252,7 @@ class FrameSums:
         return -(-self.shape[0] // BAND)
 
     def state(self) -> dict[str, NDArray[np.integer]]:
-        """All that the sums hold, as arrays by name; `restore` takes them back.
+        """Return the content of the sums as arrays by name, for `restore`.
 
         Examples
         --------
@@ -272,14 +270,14 @@ class FrameSums:
         }
 
     def restore(self, state: Mapping[str, NDArray[np.integer]]) -> FrameSums:
-        """Hold what `state` gave, instead of what is here; returns itself.
+        """Replace the content by that of `state`; return self.
 
         Raises
         ------
         KeyError
             If an array is missing.
         ValueError
-            If the arrays are of another size or labels than these sums, or contradict each other.
+            If the arrays have another size or other labels, or contradict each other.
         """
         frames, n_labels = state["frame_totals"].shape[0], len(self._clipped)
         shapes = {
@@ -291,9 +289,9 @@ class FrameSums:
         }
         for name, shape in shapes.items():
             if state[name].shape != shape:
-                raise ValueError(f"{name} is {state[name].shape}, not {shape}")
+                raise ValueError(f"{name} must have shape {shape}, got {state[name].shape}")
         if int(state["sum"].sum(dtype=np.uint64)) != int(state["frame_totals"].sum(dtype=np.uint64)):
-            raise ValueError("the pixels' sums and the frames' totals do not agree")
+            raise ValueError("the sums of the pixels and the totals of the frames differ")
         self.sum[...] = state["sum"]
         self.sum_of_squares[...] = state["sum_of_squares"]
         self.highest = state["highest"].tolist()
@@ -303,18 +301,18 @@ class FrameSums:
         return self
 
     def merge(self, other: FrameSums) -> FrameSums:
-        """A new one that holds the frames of both.
+        """Return new sums over the frames of both.
 
         Raises
         ------
         ValueError
-            If they differ in shape, labels or clips, or hold more than 32 768 frames together.
+            If they differ in shape, labels or clips, or have more than 32 768 frames together.
         """
         same = (self.shape, self.black, self.white) == (other.shape, other.black, other.white)
         if not (same and np.array_equal(self.labels, other.labels)):
-            raise ValueError("sums can be merged where size, labels and clips are the same")
+            raise ValueError("merged sums must have the same size, labels and clips")
         if self.count + other.count > MOST_FRAMES:
-            raise ValueError(f"one stack holds at most {MOST_FRAMES} frames")
+            raise ValueError(f"a stack must have at most {MOST_FRAMES} frames")
         both = FrameSums(self.shape, self.labels, black=self.black, white=self.white)
         both.count = self.count + other.count
         both.sum = self.sum + other.sum
@@ -325,31 +323,31 @@ class FrameSums:
         return both
 
     def mean(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        """(rows, cols) mean over the frames, in `out` where that is given."""
+        """Return (rows, cols) the mean over the frames, in `out` if given."""
         return _filled(out, self.shape, mean_map, self.sum, self.count)
 
     def mean_frame(self) -> MeanFrame:
-        """The mean alone, in memory of its own, to be kept when the sums are not needed any more."""
+        """Return a copy of the mean, which stays valid when the sums change."""
         fits = self.count * max(self.highest, default=0) < 1 << 16
         return MeanFrame(self.sum.astype(np.uint16 if fits else np.uint32), self.count, self.labels)
 
     def variance(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        """(rows, cols) unbiased temporal variance, in `out` where that is given.
+        """Return (rows, cols) the unbiased temporal variance, in `out` if given.
 
-        It is the integer n sum(y^2) - sum(y)^2 over n (n - 1).
+        It is the integer n sum(y^2) - sum(y)^2, divided by n (n - 1).
         """
         return _filled(out, self.shape, variance_map, self.sum, self.sum_of_squares, self.count)
 
     def frame_means(self) -> NDArray[np.float64]:
-        """(frames, labels) mean of each frame, in the order they were added."""
+        """Return (frames, labels) the means of each frame, in the order of addition."""
         return np.array(self._frame_totals, dtype=np.float64) / label_pixels(self.shape, self.labels)
 
     def frame_totals(self) -> list[int]:
-        """The sum of each frame's numbers, exact, in the order they were added."""
+        """Return the exact sum of each frame, in the order of addition."""
         return [int(labels.sum()) for labels in self._frame_totals]
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
-        """The totals of each label, exact."""
+        """Return the exact totals of each label."""
         n, bands, n_labels = self.count, self._bands(), len(self._clipped)
         exact = np.zeros((bands, n_labels, 3), np.uint64)
         spread = np.zeros((bands, n_labels))
@@ -363,7 +361,7 @@ class FrameSums:
             if n > 1 and pixels > 1:
                 first = n * squares - pixel_squares
                 numerators = float(spread[:, k].sum()) - float(first) ** 2 / pixels
-                # Rounding alone makes it negative.
+                # Rounding may make it negative.
                 variance_spread = max(numerators, 0.0) / (float(n * (n - 1)) ** 2 * (pixels - 1))
             result.append(
                 LabelTotals(

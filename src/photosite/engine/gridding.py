@@ -1,11 +1,11 @@
 """The spectrum of a small kernel at the many frequencies of a large frame, row by row.
 
-Along the columns' axis the kernel is transformed to the frame's length. Along the rows' axis it is transformed to twice
-its own length, and a row of the frame's spectrum is made of the `TAPS` nearest rows of that, weighted by a
-Kaiser-Bessel function by whose transform the kernel was divided before (gridding: Fessler and Sutton, "Nonuniform
+Along the columns, the kernel is transformed to the frame's length. Along the rows, it is transformed to twice its own
+length, and each row of the frame's spectrum is interpolated from the `TAPS` nearest rows, with Kaiser-Bessel weights.
+The kernel is divided by the transform of the Kaiser-Bessel function before (gridding: Fessler and Sutton, "Nonuniform
 fast Fourier transforms using min-max interpolation", IEEE Trans. Signal Process. 51, 560 (2003), section IV; shape
-parameter after Beatty, Nishimura and Pauly, IEEE Trans. Med. Imaging 24, 799 (2005), eq. 5). All neighbours are
-contiguous in memory, which vector instructions like.
+parameter after Beatty, Nishimura and Pauly, IEEE Trans. Med. Imaging 24, 799 (2005), eq. 5). Interpolation along rows
+keeps all neighbours contiguous in memory, for vector instructions.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ import scipy.fft
 from numpy.typing import NDArray
 
 TAPS = 8
-"""Rows that a row is made of: an error of some 1e-7 of the kernel's sum, and single precision has no more."""
+"""Rows that a row is interpolated from; the error is about 1e-7 of the kernel's sum, as single precision has."""
 _OVERSAMPLING = 2
 _WORKERS = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Gridding:
-    """Where each row of the frame's spectrum falls among the rows of a kernel's.
+    """The position of each row of the frame's spectrum among the rows of a kernel's spectrum.
 
     Parameters
     ----------
     size
-        Q, rows of the kernel; odd.
+        Q, the rows of the kernel; odd.
     first
-        (rows,) the first of the `TAPS` rows of the table; the others follow, around its end to its start.
+        (rows,) the first of the `TAPS` rows of the table; the others follow, periodically.
     taps
-        (rows, TAPS) what they are weighted by.
+        (rows, TAPS) interpolation weights.
     """
 
     size: int
@@ -43,21 +43,25 @@ class Gridding:
 
     @classmethod
     def of(cls, size: int, rows: int) -> Gridding:
-        """For a kernel of `size` rows in a frame of `rows` rows of cells, both periodic in the sampling frequency."""
+        """Return the gridding for a kernel of `size` rows in a frame of `rows` rows of cells."""
         long = _OVERSAMPLING * size
         position = np.arange(rows) * long / rows
         first = np.floor(position).astype(np.int64) - TAPS // 2 + 1
         offset = position[:, None] - (first[:, None] + np.arange(TAPS))
         inside = np.maximum(1.0 - (2 * offset / TAPS) ** 2, 0.0)
-        return cls(size, first % long, (np.i0(_shape() * np.sqrt(inside)) / np.i0(_shape())).astype(np.float32))
+        return cls(
+            size,
+            first % long,
+            (np.i0(_kaiser_bessel_shape() * np.sqrt(inside)) / np.i0(_kaiser_bessel_shape())).astype(np.float32),
+        )
 
     def table(self, kernels: NDArray[np.float64], cols: int) -> NDArray[np.complex64]:
-        """(channels, 2 Q, cols // 2 + 1) complex64: the table of (channels, Q, Q) kernels, no shift at Q // 2."""
+        """Return (channels, 2 Q, cols // 2 + 1) complex64: the table of (channels, Q, Q) kernels, centred at Q // 2."""
         channels, size = kernels.shape[:2]
         shift = np.arange(size) - size // 2
         lines = np.zeros((channels, size, cols), np.float32)
         for start in range(0, size, cols):  # a kernel wider than the frame wraps around it
-            piece = kernels[:, :, start : start + cols] / _apodisation(shift, _OVERSAMPLING * size)[:, None]
+            piece = kernels[:, :, start : start + cols] / _kaiser_bessel_transform(shift, _OVERSAMPLING * size)[:, None]
             lines[:, :, : piece.shape[2]] += piece
         narrow = scipy.fft.rfft(lines, axis=2, workers=_WORKERS)
         turns = (np.arange(cols // 2 + 1) * (size // 2)) % cols
@@ -68,12 +72,12 @@ class Gridding:
         return table
 
 
-def _shape() -> float:
+def _kaiser_bessel_shape() -> float:
     return math.pi * math.sqrt((TAPS / _OVERSAMPLING * (_OVERSAMPLING - 0.5)) ** 2 - 0.8)
 
 
-def _apodisation(shift: NDArray[np.int64], long: int) -> NDArray[np.float64]:
-    """Transform of the Kaiser-Bessel function at shifts of a table of `long` rows."""
-    argument = np.sqrt(_shape() ** 2 - (math.pi * TAPS * shift / long) ** 2)
-    transform: NDArray[np.float64] = TAPS * np.sinh(argument) / argument / np.i0(_shape())
+def _kaiser_bessel_transform(shift: NDArray[np.int64], long: int) -> NDArray[np.float64]:
+    """Return the transform of the Kaiser-Bessel function at shifts of a table of `long` rows."""
+    argument = np.sqrt(_kaiser_bessel_shape() ** 2 - (math.pi * TAPS * shift / long) ** 2)
+    transform: NDArray[np.float64] = TAPS * np.sinh(argument) / argument / np.i0(_kaiser_bessel_shape())
     return transform

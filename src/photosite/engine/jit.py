@@ -1,4 +1,4 @@
-"""The one place where numba is configured."""
+"""Configuration of numba, in one place: compiled functions, their cache, threads, and LLVM intrinsics."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from numba.extending import intrinsic
 F = TypeVar("F", bound=Callable[..., Any])
 
 ITEMS_PER_THREAD = 100_000
-"""Pixels that keep a thread busy for a millisecond."""
+"""Pixels that take a thread about a millisecond."""
 
 
 def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F]:
-    """Compile a function to machine code at its first call, and keep the result on disk for the next process.
+    """Return a decorator that compiles a function at its first call and caches the result on disk.
 
     Floating point stays strict (no fast-math): the same input gives the same bits whatever the vector width.
 
     Parameters
     ----------
     parallel
-        Let `numba.prange` loops run on several threads.
+        Run `numba.prange` loops on several threads.
     inline
-        Put the function's body into its callers.
+        Inline the function into its callers.
     """
 
     def decorate(function: F) -> F:
@@ -43,7 +43,7 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
             options["parallel"] = True
         if inline:
             options["inline"] = "always"
-        # numba looks at this setting when it decorates; other users of numba in the process keep theirs.
+        # numba reads this setting when it decorates; restore it for other users of numba in this process.
         settings: Any = numba.config
         before, settings.CACHE_DIR = settings.CACHE_DIR, str(kernel_cache())
         try:
@@ -56,10 +56,10 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
 
 @lru_cache(maxsize=1)
 def kernel_cache() -> Path:
-    """The folder of compiled kernels: one for each state of the engine's sources.
+    """Return the folder of compiled kernels, a different one for each state of the engine's sources.
 
-    numba by itself compares only the file that a kernel stands in, so that a kernel compiled before a change of a
-    function it calls, in another file, would live on.
+    numba itself compares only the file of a kernel, so that a kernel would stay in use after a function that it calls
+    has changed in another file.
     """
     sources = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
@@ -73,22 +73,22 @@ def kernel_cache() -> Path:
         writable = False
     if writable:
         return folder
-    # A home that cannot be written: kernels live as long as the process.
+    # The home folder is read-only: keep kernels for the lifetime of the process.
     own = tempfile.mkdtemp(prefix="photosite-kernels-")
     atexit.register(shutil.rmtree, own, ignore_errors=True)
     return Path(own)
 
 
 def kernels_are_cached() -> bool:
-    """Whether some process has compiled kernels of this state of the sources before."""
+    """Return whether kernels of this state of the sources have been compiled before."""
     return any(kernel_cache().glob("*/*.nbc"))
 
 
 @contextmanager
 def threads_for(items: int) -> Iterator[None]:
-    """In this block parallel kernels use no more threads than so many items of work feed.
+    """Limit the threads of parallel kernels in a `with` block to what a number of items can keep busy.
 
-    Waking a thread takes longer than a small frame; where other processes hold the cores, much longer.
+    Starting a thread takes longer than a small frame, and much longer if other processes use the cores.
     """
     before = numba.get_num_threads()
     numba.set_num_threads(max(1, min(before, items // ITEMS_PER_THREAD)))
@@ -145,6 +145,6 @@ bits_of_double = cast(Callable[[float], int], _bits_of_double)
 double_of_bits = cast(Callable[[int], float], _double_of_bits)
 carray = cast(Any, numba).carray
 pointer = cast(Callable[[int], Any], _pointer)
-"""An address (int64) as what `numba.carray` takes; who passes it keeps the array alive."""
+"""Convert an address (int64) to a pointer for `numba.carray`; the caller keeps the array alive."""
 prefetch = cast(Callable[[int], None], _prefetch)
-"""Ask for the cache line at an address (int64); whether there is one does not matter."""
+"""Prefetch the cache line at an address (int64), which need not be valid."""

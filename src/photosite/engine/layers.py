@@ -1,17 +1,18 @@
-"""Maps laid on the frame's cells: what a layer of a scene is, and its spectrum along the rows.
+"""Layers: weight maps resampled on the frame's cells, and their spectra along the rows.
 
-A layer's term is a map, mixed from the layer's weights, on the padded grid of cells. Where a lens spreads light
-differently from place to place a term is several maps, each times a weight over the field. Where it distorts, cells
-look at the maps through a warp. Where sheets stand before the layer, cells get what these let pass.
+A layer's *term* is a combination of weight maps on the padded grid of cells. If a lens varies over the field, a term is
+the sum of several combinations, each times a field weight. If the lens distorts, each cell takes the mean of a map over
+the place it sees through a warp. Occluders attenuate a map before the lens blurs it.
 
-Where colours fall in different places a few pictures of the maps are laid, through the colours' warps, and kept: all
-terms are sums of these.
+With lateral colour, each wavelength node has a view of its own. A few *node maps* per node are resampled once and
+stored, and all terms are combinations of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import scipy.fft
@@ -23,26 +24,26 @@ from photosite.engine.transfer import Transfer
 from photosite.engine.warp import Corners, Warp, warped_means
 
 STRIP = 256
-"""Rows of cells that are laid at a time."""
+"""Rows of cells that are resampled at a time."""
 WORKERS = -1
-_TOGETHER = 4
-"""Maps that go through a warp together: the way is most of the work, and each is kept for a while."""
+_MAPS_PER_WARP = 4
+"""Maps that are warped together: finding the place is most of the work, and each map needs memory meanwhile."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The padded grid of cells behind a frame.
+    """The padded grid of cells of a frame.
 
     Parameters
     ----------
     shape
-        (rows, cols) of the frame, pixels.
+        (rows, cols) of the frame in pixels.
     padding
-        Pixels kept beyond each border, at least.
+        Smallest number of pixels beyond each border.
     tile
-        (rows, cols) of the mosaic's tile.
+        (rows, cols) of the colour filter array's tile.
     cells_per_pixel
-        On each axis.
+        Cells per pixel on each axis.
     """
 
     shape: tuple[int, int]
@@ -51,44 +52,44 @@ class Grid:
     cells_per_pixel: int = 1
 
     def before(self, axis: int) -> int:
-        """Pixels of padding before the frame: whole tiles."""
+        """Return the pixels of padding before the frame, a whole number of tiles."""
         return -(-self.padding // self.tile[axis]) * self.tile[axis]
 
     def padded(self, axis: int) -> int:
-        """Pixels with padding: whole tiles, and a size that transforms well."""
+        """Return the pixels with padding: a whole number of tiles, with a fast transform."""
         tile = self.tile[axis]
         tiles = -(-(self.shape[axis] + self.before(axis) + self.padding) // tile)
         return int(scipy.fft.next_fast_len(tiles, real=True)) * tile
 
     def cells(self, axis: int) -> int:
-        """Cells with padding."""
+        """Return the cells with padding."""
         return self.padded(axis) * self.cells_per_pixel
 
     def overlap(self, axis: int, start: float, step: float, samples: int) -> Overlap:
-        """Which samples each cell covers: sample coordinate = start + step * pixel coordinate."""
+        """Return which samples each cell covers, for sample coordinate = start + step * pixel coordinate."""
         return overlap(self.cells(axis), start - self.before(axis) * step, step / self.cells_per_pixel, samples)
 
     def centers(self, axis: int) -> NDArray[np.float64]:
-        """(cells,) where the cells' centres lie, in pixels from the frame's first border."""
+        """Return (cells,) the centres of the cells, in pixels from the frame's first border."""
         return (np.arange(self.cells(axis)) + 0.5) / self.cells_per_pixel - self.before(axis)
 
     def farthest(self, axis: int) -> float:
-        """The distance of the grid's border from the frame's middle, pixels."""
+        """Return the distance in pixels from the frame's centre to the grid's farther border."""
         return max(self.before(axis), self.padded(axis) - self.before(axis) - self.shape[axis]) + self.shape[axis] / 2
 
     def borders(self, axis: int) -> NDArray[np.float64]:
-        """(cells + 1,) where the borders between cells lie, in pixels from the frame's first border."""
+        """Return (cells + 1,) the borders between cells, in pixels from the frame's first border."""
         return np.arange(self.cells(axis) + 1) / self.cells_per_pixel - self.before(axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Weights over the field: linear between nodes, beyond them those of the nearest.
+    """Field weights of R modes: linear between nodes, constant beyond them.
 
     Parameters
     ----------
     row, col
-        (P,), (Q,) increasing: nodes, in pixels from the frame's first border.
+        (P,), (Q,) increasing node positions, in pixels from the frame's first border.
     weights
         (R, P, Q).
     """
@@ -98,14 +99,14 @@ class Field:
     weights: NDArray[np.float64]
 
     def on_columns(self, grid: Grid) -> NDArray[np.float32]:
-        """(R, P, cols of cells): interpolated along the rows."""
+        """Return (R, P, cols of cells) weights, interpolated along the rows."""
         centers = grid.centers(1)
         lines = self.weights.reshape(-1, self.col.size)
         along = np.stack([np.interp(centers, self.col, line) for line in lines])
         return along.reshape(*self.weights.shape[:2], centers.size).astype(np.float32)
 
     def on_rows(self, grid: Grid) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """For each row of cells the node above it, and the share of the node below."""
+        """Return for each row of cells the node above it, and the share of the node below."""
         position = np.interp(grid.centers(0), self.row, np.arange(self.row.size))
         index = np.minimum(position.astype(np.int64), max(self.row.size - 2, 0))
         return index, (position - index).astype(np.float32)
@@ -113,7 +114,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Weight maps, and where they are seen.
+    """Weight maps as the lens places them on the frame.
 
     Parameters
     ----------
@@ -122,245 +123,265 @@ class View:
     start, step
         (row, col) map coordinate of the frame's corner, and map samples per pixel.
     warp
-        Where cells look instead; None: where `start` and `step` have them.
-    before
-        What hides parts of the maps, on the cells: each a view of one map, of opacities from 0 to 1.
+        Distortion; None: cells see the place that `start` and `step` give.
+    occluders
+        Views of one map each, opacities from 0 to 1, that hide parts of the maps.
     """
 
     weights: NDArray[np.float32]
     start: tuple[float, float]
     step: tuple[float, float]
     warp: Warp | None = None
-    before: tuple[View, ...] = ()
+    occluders: tuple[View, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Maps in view, and what a lens and a sensor do to them.
+    """Maps, and the transfers of lens and sensor that act on them.
 
     Parameters
     ----------
     views
-        The maps; more than once where colours show them in different places.
+        The maps: one view, or one per wavelength node.
     mixing
-        (terms, R, S): a term is the sum over r of `mixing[term, r] @ pictures`, each times `field.weights[r]`. What is
-        all 0 for an r costs nothing.
+        (terms, R, S): a term is the sum over r of `mixing[term, r] @ maps`, each times `field.weights[r]`. Modes whose
+        mixing is all 0 cost nothing.
     transfer
         From each term to each channel, or to one.
-    pictures
-        Of each view (S_n, K): its pictures are these times its weights; the S of all views stand one after another.
-        They are laid once and kept. None: the only view's weights themselves, laid for each term; S is K.
+    node_maps
+        (S_n, K) for each view: its node maps are these times its weights; the S of all views follow one another. They
+        are resampled once and stored. None: terms combine the weights of the only view, and S is K.
     field
-        None: R is 1, and the weight 1 everywhere.
+        Field weights of the R modes; None: R is 1, and the weight is 1 everywhere.
     channel
-        The only one that the layer reaches; None: all.
+        The only channel that the layer reaches; None: all.
     """
 
     views: tuple[View, ...]
     mixing: NDArray[np.float32]
     transfer: Transfer
-    pictures: tuple[NDArray[np.float32], ...] | None = None
+    node_maps: tuple[NDArray[np.float32], ...] | None = None
     field: Field | None = None
     channel: int | None = None
 
 
-def laid_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
-    """Each term of a layer laid on the cells and transformed along its rows; `out` holds one after another."""
+def term_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """Yield each term of a layer on the cells, transformed along its rows; all share the memory of `out`."""
     view = layer.views[0]
-    if layer.pictures is None and layer.field is None and view.warp is None and not view.before:
-        lines = _lines(view, grid)
+    if layer.node_maps is None and layer.field is None and view.warp is None and not view.occluders:
+        plain = _PlainMaps(view, grid)
         for mix in layer.mixing[:, 0]:
-            _plain_spectrum(view.weights, mix, lines, out)
+            plain.spectrum(mix, out)
             yield out
-    elif layer.pictures is None and view.warp is not None:
-        for some in _few_terms(layer):
-            yield from _spectra(some, grid, out)
+    elif layer.node_maps is None and view.warp is not None:
+        for part in _split_terms(layer):
+            yield from _term_spectra(part, grid, out)
     else:
-        yield from _spectra(layer, grid, out)
+        yield from _term_spectra(layer, grid, out)
 
 
-def _few_terms(layer: Layer) -> Iterator[Layer]:
-    """The layer some terms at a time, whose maps go the way through a warp together."""
+def _split_terms(layer: Layer) -> Iterator[Layer]:
+    """Yield the layer with a few terms at a time, whose maps are warped together and stored."""
     used: NDArray[np.bool_] = np.asarray(layer.mixing.any(axis=2))
     maps, first = used.sum(axis=1), 0
     while first < len(maps):
-        count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), _TOGETHER, side="right")))
-        some = slice(first, first + count)
+        count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), _MAPS_PER_WARP, side="right")))
+        part = slice(first, first + count)
         first += count
-        if maps[some].sum() > _TOGETHER:
-            yield replace(layer, mixing=layer.mixing[some])
+        if maps[part].sum() > _MAPS_PER_WARP:
+            yield replace(layer, mixing=layer.mixing[part])
             continue
-        mixing = np.zeros((*used[some].shape, int(maps[some].sum())), np.float32)
-        mixing[(*np.nonzero(used[some]), np.arange(mixing.shape[2]))] = 1.0
-        yield replace(layer, mixing=mixing, pictures=(layer.mixing[some][used[some]],))
+        mixing = np.zeros((*used[part].shape, int(maps[part].sum())), np.float32)
+        mixing[(*np.nonzero(used[part]), np.arange(mixing.shape[2]))] = 1.0
+        yield replace(layer, mixing=mixing, node_maps=(layer.mixing[part][used[part]],))
 
 
-def _spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
-    """As `laid_spectra`, of any layer."""
-    view = layer.views[0]
-    pictures_of = (
-        _laid_for_each(view, grid) if layer.pictures is None else _laid_once(layer.views, layer.pictures, grid)
-    )
-    weigh = None if layer.field is None else _Weighing.of(layer.field, grid)
+def _term_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """As `term_spectra`, for any layer."""
+    maps: _Maps
+    if layer.node_maps is None:
+        maps = _maps_of_view(layer.views[0], grid)
+    else:
+        maps = _StoredMaps.of(layer.views, layer.node_maps, grid)
+    weights = None if layer.field is None else _FieldWeights.of(layer.field, grid)
     for mix in layer.mixing:
         used = mix.any(axis=1)
         for begin in range(0, out.shape[0], STRIP):
             end = min(begin + STRIP, out.shape[0])
-            laid = pictures_of(mix[used], begin, end)
-            rows = laid[0] if weigh is None else weigh(laid, used, begin, end)
+            combined = maps.rows(mix[used], begin, end)
+            rows = combined[0] if weights is None else weights.sum(combined, used, begin, end)
             out[begin:end] = scipy.fft.rfft(rows, axis=1, workers=WORKERS)
         yield out
 
 
-Pictures = Callable[[NDArray[np.float32], int, int], NDArray[np.float32]]
-"""(mixes (R, S), begin, end) -> (R, end - begin, cols): rows of cells of sums of pictures."""
+class _Maps(Protocol):
+    """Maps on the grid's cells."""
+
+    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        """Return (R, end - begin, cols): rows of cells of the combinations (R, S) of maps."""
+        ...
 
 
-def _laid_once(views: Sequence[View], pictures: Sequence[NDArray[np.float32]], grid: Grid) -> Pictures:
-    """The pictures of all views, which are laid here."""
-    shape = grid.cells(0), grid.cells(1)
-    laid = np.empty((sum(map(len, pictures)), *shape), np.float32)
-    first = 0
-    for view, few in zip(views, pictures, strict=True):
-        if not len(few):
-            continue
-        rows_of = _laid_for_each(view, grid)
-        for begin in range(0, shape[0], STRIP):
-            end = min(begin + STRIP, shape[0])
-            laid[first : first + len(few), begin:end] = rows_of(few, begin, end)
-        first += len(few)
-
-    def mixed(mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        out = np.empty((len(mixes), end - begin, shape[1]), np.float32)
-        _mix_rows(laid[:, begin:end], mixes, out)
-        return out
-
-    return mixed
+def _maps_of_view(view: View, grid: Grid) -> _Maps:
+    """Return the maps of a view, attenuated by its occluders."""
+    maps = _PlainMaps(view, grid) if view.warp is None else _WarpedMaps(view.warp, view, grid)
+    return maps if not view.occluders else _OccludedMaps(maps, _transmission(view.occluders, grid))
 
 
-def _laid_for_each(view: View, grid: Grid) -> Pictures:
-    """How sums of a view's weights are laid, what stands before it taken off."""
-    pictures = _open_pictures(view, grid)
-    if not view.before:
-        return pictures
-    passing = _passing(view.before, grid)
-    return lambda few, begin, end: pictures(few, begin, end) * passing[begin:end]
+class _PlainMaps:
+    """Maps of a view without distortion."""
 
+    def __init__(self, view: View, grid: Grid) -> None:
+        self._weights = view.weights
+        self._down, self._across = (
+            grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)
+        )
 
-def _open_pictures(view: View, grid: Grid) -> Pictures:
-    """The same with nothing before it: through a warp or not."""
-    if view.warp is None:
-        lines = _lines(view, grid)
-        return lambda few, begin, end: np.stack([_plain_rows(view.weights, mix, lines, begin, end) for mix in few])
-    corners = _corners(view.warp, view, grid)
+    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        return np.stack([self._rows(mix, begin, end) for mix in mixes])
 
-    def warped(few: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        first, last = corners.span(begin, end)
-        return warped_means(np.tensordot(few, view.weights[:, first:last], axes=1), first, corners, begin, end)
-
-    return warped
-
-
-def _passing(sheets: Sequence[View], grid: Grid) -> NDArray[np.float32]:
-    """(rows, cols) what opacities let through to each cell; parts of a cell that two of them cover are independent."""
-    passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
-    alone = np.ones((1, 1), np.float32)
-    for sheet in sheets:
-        opacity = _open_pictures(sheet, grid)
-        for begin in range(0, passing.shape[0], STRIP):
-            end = min(begin + STRIP, passing.shape[0])
-            passing[begin:end] *= np.float32(1) - opacity(alone, begin, end)[0]
-    return passing
-
-
-def _lines(view: View, grid: Grid) -> list[Overlap]:
-    """Which samples each row and each column of cells covers."""
-    return [grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)]
-
-
-def _corners(warp: Warp, view: View, grid: Grid) -> Corners:
-    """The corners of the cells, and what of a map they look at."""
-    pitch, start, step = warp.pitch_m, view.start, view.step
-    y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
-    return Corners(
-        warp,
-        y_m,
-        x_m,
-        axis=(start[0] + step[0] * grid.shape[0] / 2, start[1] + step[1] * grid.shape[1] / 2),
-        per_m=(step[0] / pitch[0], step[1] / pitch[1]),
-        shape=(view.weights.shape[1], view.weights.shape[2]),
-    )
-
-
-def _plain_spectrum(
-    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], out: NDArray[np.complex64]
-) -> None:
-    """A map laid on the cells, transformed along its rows, into (rows, cols // 2 + 1).
-
-    Laying is linear on each axis, so its order is free: a map of few rows is transformed first and its
-    spectrum brought to all rows after.
-    """
-    down, across = lines
-    parts = out.view(np.float32)
-    rows = out.shape[0]
-    for begin in range(0, rows, STRIP):
-        end = min(begin + STRIP, rows)
-        first, last = down.span(begin, end)
+    def _rows(self, mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        """Return (end - begin, cols) of the map `mix @ weights`; the axis with fewer samples is resampled last."""
+        first, last = self._down.span(begin, end)
+        strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
         if last - first <= end - begin:
-            strip = np.tensordot(mix, weights[:, first:last], axes=1)
-            laid = mean_along_rows(strip, across.first, across.sample, across.share)
-            narrow = scipy.fft.rfft(laid, axis=1, workers=WORKERS).view(np.float32)
-            mean_of_rows(narrow, down.first, down.sample, down.share, begin, first, parts[begin:end])
-        else:
-            laid = _plain_rows(weights, mix, lines, begin, end)
-            out[begin:end] = scipy.fft.rfft(laid, axis=1, workers=WORKERS)
+            wide = _along_rows(strip, self._across)
+            rows = np.empty((end - begin, wide.shape[1]), np.float32)
+            _of_rows(wide, self._down, begin, first, rows)
+            return rows
+        short = np.empty((end - begin, self._weights.shape[2]), np.float32)
+        _of_rows(strip, self._down, begin, first, short)
+        return _along_rows(short, self._across)
+
+    def spectrum(self, mix: NDArray[np.float32], out: NDArray[np.complex64]) -> None:
+        """Compute the map `mix @ weights`, transformed along its rows, into (rows, cols // 2 + 1).
+
+        Resampling is linear on each axis, so the order is free: a map of few rows is transformed before its spectrum
+        is resampled to all rows.
+        """
+        parts = out.view(np.float32)
+        rows = out.shape[0]
+        for begin in range(0, rows, STRIP):
+            end = min(begin + STRIP, rows)
+            first, last = self._down.span(begin, end)
+            if last - first <= end - begin:
+                strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
+                wide = _along_rows(strip, self._across)
+                narrow = scipy.fft.rfft(wide, axis=1, workers=WORKERS).view(np.float32)
+                _of_rows(narrow, self._down, begin, first, parts[begin:end])
+            else:
+                out[begin:end] = scipy.fft.rfft(self._rows(mix, begin, end), axis=1, workers=WORKERS)
 
 
-def _plain_rows(
-    weights: NDArray[np.float32], mix: NDArray[np.float32], lines: Sequence[Overlap], begin: int, end: int
-) -> NDArray[np.float32]:
-    """(end - begin, cols): rows of cells of the map `mix @ weights`; the axis that has fewer samples comes last."""
-    down, across = lines
-    first, last = down.span(begin, end)
-    strip = np.tensordot(mix, weights[:, first:last], axes=1)
-    if last - first <= end - begin:
-        wide = mean_along_rows(strip, across.first, across.sample, across.share)
-        laid = np.empty((end - begin, wide.shape[1]), np.float32)
-        mean_of_rows(wide, down.first, down.sample, down.share, begin, first, laid)
-        return laid
-    short = np.empty((end - begin, weights.shape[2]), np.float32)
-    mean_of_rows(strip, down.first, down.sample, down.share, begin, first, short)
-    along: NDArray[np.float32] = mean_along_rows(short, across.first, across.sample, across.share)
-    return along
+def _along_rows(values: NDArray[np.float32], across: Overlap) -> NDArray[np.float32]:
+    resampled: NDArray[np.float32] = mean_along_rows(values, across.first, across.sample, across.share)
+    return resampled
+
+
+def _of_rows(values: NDArray[np.float32], down: Overlap, begin: int, offset: int, out: NDArray[np.float32]) -> None:
+    mean_of_rows(values, down.first, down.sample, down.share, begin, offset, out)
+
+
+class _WarpedMaps:
+    """Maps of a view with distortion."""
+
+    def __init__(self, warp: Warp, view: View, grid: Grid) -> None:
+        pitch, start, step = warp.pitch_m, view.start, view.step
+        y_m, x_m = ((grid.borders(axis) - grid.shape[axis] / 2) * pitch[axis] for axis in (0, 1))
+        self._weights = view.weights
+        self._corners = Corners(
+            warp,
+            y_m,
+            x_m,
+            axis=(start[0] + step[0] * grid.shape[0] / 2, start[1] + step[1] * grid.shape[1] / 2),
+            per_m=(step[0] / pitch[0], step[1] / pitch[1]),
+            shape=(view.weights.shape[1], view.weights.shape[2]),
+        )
+
+    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        first, last = self._corners.span(begin, end)
+        values = np.tensordot(mixes, self._weights[:, first:last], axes=1)
+        return warped_means(values, first, self._corners, begin, end)
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighing:
-    """Pictures times the field's weights, summed."""
+class _OccludedMaps:
+    """Maps times the transmission of what is in front of them, (rows, cols)."""
+
+    maps: _Maps
+    transmission: NDArray[np.float32]
+
+    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        return self.maps.rows(mixes, begin, end) * self.transmission[begin:end]
+
+
+@dataclass(frozen=True, eq=False)
+class _StoredMaps:
+    """Node maps of all views, (S, rows, cols), resampled in advance."""
+
+    maps: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, views: Sequence[View], node_maps: Sequence[NDArray[np.float32]], grid: Grid) -> _StoredMaps:
+        shape = grid.cells(0), grid.cells(1)
+        stored = np.empty((sum(map(len, node_maps)), *shape), np.float32)
+        first = 0
+        for view, mixes in zip(views, node_maps, strict=True):
+            if not len(mixes):
+                continue
+            maps = _maps_of_view(view, grid)
+            for begin in range(0, shape[0], STRIP):
+                end = min(begin + STRIP, shape[0])
+                stored[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
+            first += len(mixes)
+        return cls(stored)
+
+    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+        out = np.empty((len(mixes), end - begin, self.maps.shape[2]), np.float32)
+        _mix_rows(self.maps[:, begin:end], mixes, out)
+        return out
+
+
+def _transmission(occluders: Sequence[View], grid: Grid) -> NDArray[np.float32]:
+    """Return (rows, cols) the light that passes all occluders; their parts of a cell are taken as independent."""
+    passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
+    whole = np.ones((1, 1), np.float32)
+    for occluder in occluders:
+        opacity = _maps_of_view(replace(occluder, occluders=()), grid)
+        for begin in range(0, passing.shape[0], STRIP):
+            end = min(begin + STRIP, passing.shape[0])
+            passing[begin:end] *= np.float32(1) - opacity.rows(whole, begin, end)[0]
+    return passing
+
+
+@dataclass(frozen=True, eq=False)
+class _FieldWeights:
+    """Field weights on the grid's cells, see `Field.on_columns` and `Field.on_rows`."""
 
     across: NDArray[np.float32]
     index: NDArray[np.int64]
     share: NDArray[np.float32]
 
     @classmethod
-    def of(cls, field: Field, grid: Grid) -> _Weighing:
+    def of(cls, field: Field, grid: Grid) -> _FieldWeights:
         return cls(field.on_columns(grid), *field.on_rows(grid))
 
-    def __call__(self, laid: NDArray[np.float32], used: NDArray[np.bool_], begin: int, end: int) -> NDArray[np.float32]:
-        out = np.empty(laid.shape[1:], np.float32)
-        _weigh_rows(laid, self.across[used], self.index[begin:end], self.share[begin:end], out)
+    def sum(self, maps: NDArray[np.float32], used: NDArray[np.bool_], begin: int, end: int) -> NDArray[np.float32]:
+        """Return (end - begin, cols): the sum of the maps of the used modes, times their field weights."""
+        out = np.empty(maps.shape[1:], np.float32)
+        _weigh_rows(maps, self.across[used], self.index[begin:end], self.share[begin:end], out)
         return out
 
 
 @compiled(parallel=True)
-def _mix_rows(laid: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-    """out = mixes @ laid, (S, rows, cols)."""
+def _mix_rows(maps: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """Compute out = mixes @ maps for maps (S, rows, cols)."""
     for i in prange(out.shape[1]):
         for r in range(out.shape[0]):
             line = out[r, i]
             line[:] = 0.0
-            for s in range(laid.shape[0]):
-                factor, values = mixes[r, s], laid[s, i]
+            for s in range(maps.shape[0]):
+                factor, values = mixes[r, s], maps[s, i]
                 if factor == 0.0:
                     continue
                 for c in range(line.size):
@@ -369,20 +390,20 @@ def _mix_rows(laid: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArra
 
 @compiled(parallel=True)
 def _weigh_rows(
-    laid: NDArray[np.float32],
+    maps: NDArray[np.float32],
     across: NDArray[np.float32],
     index: NDArray[np.int64],
     share: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """out = sum over r of laid[r] times the field's weight: between rows index and index + 1 of (R, P, cols)."""
+    """Compute the sum over r of maps[r] times its field weight, interpolated between rows index and index + 1."""
     rows, cols = out.shape
     last = across.shape[1] - 1
     for i in prange(rows):
         low, part = index[i], share[i]
         line = np.zeros(cols, np.float32)
-        for r in range(laid.shape[0]):
-            values, above, below = laid[r, i], across[r, low], across[r, min(low + 1, last)]
+        for r in range(maps.shape[0]):
+            values, above, below = maps[r, i], across[r, low], across[r, min(low + 1, last)]
             for c in range(cols):
                 line[c] += values[c] * (above[c] + part * (below[c] - above[c]))
         out[i] = line

@@ -1,9 +1,8 @@
-"""From weight maps to a mosaic in the frequency domain: one sum over terms, about one inverse transform in all.
+"""From weight maps to a mosaic in the frequency domain: a sum over terms, about one inverse transform (docs/theory.md).
 
-A channel is wanted at its own sites of the mosaic only, one pixel in four say. Taking every second value of a line is
-folding its spectrum in half; so spectra are folded as they are summed, and each inverse is of a quarter of the size.
-Whatever is blurred, maps of one scene or of several layers, by one lens or by the parts of one that differs from place
-to place, is added up there: the inverse comes once.
+A channel is needed only at its own sites of the mosaic, for example one pixel in four. Taking every second value of a
+line folds its spectrum in half. Spectra are therefore folded while they are summed, and each inverse transform has a
+quarter of the size. All terms of all layers are added before the inverse.
 """
 
 from __future__ import annotations
@@ -17,28 +16,28 @@ from numpy.typing import NDArray
 
 from photosite.engine.fold_spectra import add_general, add_radial
 from photosite.engine.gridding import Gridding
-from photosite.engine.layers import WORKERS, Grid, Layer, laid_spectra
+from photosite.engine.layers import WORKERS, Grid, Layer, term_spectra
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer, folded_terms
 
 
 def mosaic_of_layers(
     layers: Sequence[Layer], sampling: Sampling, grid: Grid, sites: Sequence[Sequence[tuple[int, int]]]
 ) -> NDArray[np.float32]:
-    """The mosaic that a lens and a sensor make of weight maps.
+    """Return the mosaic of weight maps, seen through a lens by a sensor.
 
     Parameters
     ----------
     layers
-        What is blurred, and by what; their light adds up.
+        Maps and their transfers; the light of all layers adds up.
     sampling, grid
-        The cells that all layers are laid on.
+        The cells on which all layers are resampled.
     sites
-        For each channel its (row, col) sites in the tile.
+        The (row, col) sites of each channel in the colour filter array's tile.
 
     Returns
     -------
     ndarray
-        (rows, cols) float32, each pixel from its own channel.
+        (rows, cols) float32, each pixel of its own channel.
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
     folds = _Folds.empty(grid, places)
@@ -47,18 +46,18 @@ def mosaic_of_layers(
 
 
 def _add_layers(layers: Sequence[Layer], sampling: Sampling, grid: Grid, folds: _Folds) -> None:
-    """Every term's spectrum, one after another in one place, times its H into the folded spectra."""
+    """Add the spectrum of each term times its H to the folded spectra; one spectrum is in memory at a time."""
     spectrum = np.empty((grid.cells(0), grid.cells(1) // 2 + 1), np.complex64)
     for layer in layers:
         response = _Response(layer.transfer, sampling, grid)
         reached = folds if layer.channel is None else folds.of_channel(layer.channel)
-        for term, laid in enumerate(laid_spectra(layer, grid, spectrum)):
-            response.add(scipy.fft.fft(laid, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
+        for term, lines in enumerate(term_spectra(layer, grid, spectrum)):
+            response.add(scipy.fft.fft(lines, axis=0, overwrite_x=True, workers=WORKERS), term, reached)
 
 
 @dataclass(frozen=True, eq=False)
 class _Folds:
-    """The sites' folded spectra, and how a value of the whole spectrum enters them."""
+    """The folded spectra of all sites, and the phases with which values of the whole spectrum enter them."""
 
     values: NDArray[np.complex64]
     channel_of: NDArray[np.int64]
@@ -69,7 +68,7 @@ class _Folds:
     def empty(cls, grid: Grid, places: Sequence[tuple[int, int, int]]) -> _Folds:
         cells = grid.cells_per_pixel
         stride = [grid.tile[axis] * cells for axis in (0, 1)]
-        # The sign (for a tile of 2; a root of unity in general) with which an alias enters a site's folded spectrum.
+        # A sign for tiles of 2, in general a root of unity, with which an alias enters a site's folded spectrum.
         turns = [
             _phases(stride[axis], [place[axis] * cells + cells // 2 for place in places], stride[axis])
             for axis in (0, 1)
@@ -78,7 +77,7 @@ class _Folds:
         return cls(np.zeros((len(places), *small), np.complex64), np.array([p[2] for p in places]), *turns)
 
     def of_channel(self, channel: int) -> _Folds:
-        """The same spectra, of a channel's sites only, which lie together; it is the only one."""
+        """Return the spectra of one channel's sites, as channel 0; they share memory."""
         first, last = np.searchsorted(self.channel_of, [channel, channel + 1])
         own = slice(int(first), int(last))
         only = np.zeros(own.stop - own.start, self.channel_of.dtype)
@@ -87,13 +86,13 @@ class _Folds:
 
 
 class _Response:
-    """A layer's H on the grid's frequencies, term by term."""
+    """H of a layer at the grid's frequencies, term by term."""
 
     def __init__(self, transfer: Transfer, sampling: Sampling, grid: Grid) -> None:
         self.cols = grid.cells(1)
         radial = transfer.radial
         self._has_radial = radial is not None
-        if radial is None:  # the kernels want one; it is not looked at
+        if radial is None:  # a placeholder that the numeric kernel ignores
             radial = RadialTransfer(np.zeros((1, 1, 2)), 1.0)
         fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
         fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
@@ -108,7 +107,7 @@ class _Response:
             self._gridding = Gridding.of(self._kernels.shape[2], grid.cells(0))
 
     def add(self, spectrum: NDArray[np.complex64], term: int, folds: _Folds) -> None:
-        """What a term's spectrum becomes, added to the folded spectra."""
+        """Add a term's spectrum times H to the folded spectra."""
         radial = term if self._has_radial else 0
         of_radial = (
             self._node_y,
@@ -134,13 +133,13 @@ def _mosaic_of_folds(
     cols: int,
     grid: Grid,
 ) -> NDArray[np.float32]:
-    """The inverse transforms, each site's values to their place in the mosaic."""
+    """Return the mosaic: inverse transforms, with the values of each site at their pixels."""
     cells = grid.cells_per_pixel
     mosaic = np.empty(grid.shape, np.float32)
     small = folds.shape[1], cols // (grid.tile[1] * cells)
     skip = [grid.before(axis) // grid.tile[axis] for axis in (0, 1)]
     for fold, (r, c, _) in zip(folds, places, strict=True):
-        # A site's first value lies some cells into the grid: a shift, which is a phase.
+        # The first value of a site lies some cells into the grid: a phase.
         fold *= _phases(small[0], [r * cells + cells // 2], small[0] * grid.tile[0] * cells)
         fold *= _phases(fold.shape[1], [c * cells + cells // 2], cols)[:, 0]
         fold /= np.float32((grid.tile[0] * cells) * (grid.tile[1] * cells))
@@ -151,10 +150,10 @@ def _mosaic_of_folds(
 
 
 def _phases(count: int, shifts: Sequence[int], size: int) -> NDArray[np.complex64]:
-    """(count, shifts): exp(2 pi i k shift / size), the product reduced before it becomes an angle."""
+    """Return (count, shifts): exp(2 pi i k shift / size), with the product reduced modulo size for accuracy."""
     turns = (np.arange(count)[:, None] * np.asarray(shifts)[None, :]) % size
     angle = 2 * np.pi * turns / size
-    # A half turn is -1 and no more: a sine of pi is 1e-16.
+    # Exactly -1 for a half turn: np.sin(np.pi) is 1e-16.
     sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
     phases: NDArray[np.complex64] = (np.cos(angle) + 1j * sine).astype(np.complex64)
     return phases

@@ -1,4 +1,4 @@
-"""Means over intervals: a line of samples brought to another grid, light neither lost nor made."""
+"""Resampling of a line of samples to another grid by means over intervals, which conserves light."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from photosite.engine.jit import compiled
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Which samples each output covers, and by what share: entries first[i] to first[i + 1] belong to output i."""
+    """The samples that each output covers, and their shares: entries first[i] to first[i + 1] belong to output i."""
 
     first: NDArray[np.int64]
     sample: NDArray[np.int64]
     share: NDArray[np.float32]
 
     def span(self, start: int, end: int) -> tuple[int, int]:
-        """The samples that outputs from start to end need: from the first one to after the last."""
+        """Return the samples that outputs from start to end need: the first, and one after the last."""
         needed = self.sample[self.first[start] : self.first[end]]
         return int(needed.min()), int(needed.max()) + 1
 
 
 def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
-    """Output i is the mean over the interval start + step i to start + step (i + 1), in sample coordinates.
+    """Return the overlap of outputs with samples: output i is the mean from start + step i to start + step (i + 1).
 
-    Sample j covers j to j + 1. Beyond its ends the line of samples repeats its last ones.
+    Sample j covers j to j + 1 in these coordinates. Beyond its ends the line repeats its end samples.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     (array([0, 2, 3]), array([0, 1, 2]), array([0.333, 0.667, 1.   ], dtype=float32))
     """
     borders = start + step * np.arange(count + 1)
-    # Borders between outputs and borders between samples cut the line into pieces of one sample and one output each.
+    # The borders of outputs and samples cut the line into pieces of one sample and one output each.
     inner = np.arange(1, samples, dtype=np.float64)
     cuts = np.union1d(borders, inner[(inner > borders[0]) & (inner < borders[-1])])
     middle = (cuts[:-1] + cuts[1:]) / 2
@@ -47,9 +47,6 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
     return Overlap(first, sample, share.astype(np.float32))
 
 
-# Not on several threads: strips are short, and waking a thread for each takes longer than it saves.
-
-
 @compiled()
 def mean_along_rows(
     values: NDArray[np.float32],
@@ -57,7 +54,7 @@ def mean_along_rows(
     sample: NDArray[np.int64],
     share: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """(rows, count): each row of (rows, samples) brought to the overlap's outputs."""
+    """Return (rows, count): each row of (rows, samples) resampled. Single-threaded, because strips are short."""
     rows, count = values.shape[0], first.size - 1
     out = np.empty((rows, count), np.float32)
     for r in range(rows):
@@ -79,7 +76,7 @@ def mean_of_rows(
     offset: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Outputs begin, begin + 1, ... as means of whole rows; values[0] is sample number `offset`."""
+    """Compute outputs begin, begin + 1, ... as means of whole rows; values[0] is sample number `offset`."""
     for i in range(out.shape[0]):
         entry = first[begin + i]
         row = values[sample[entry] - offset]

@@ -1,19 +1,18 @@
-"""What the lens and the pixel grid do to a spatial frequency.
+"""Transfer functions of lens, photodetector and pixel grid (docs/theory.md).
 
-Maps are constant over square cells, one or more a pixel. A pixel reads the map, spread by the lens and the cell,
-averaged over its photodetector, at its centre: exactly the discrete convolution with the kernel
-`(spread * aperture * cell)(pixel centre - cell centre)`. That kernel's transform is the continuous one folded at the
-sampling frequency,
+Maps are constant over rectangular cells, one or more per pixel. A pixel reads the map, spread by the lens and the cell,
+averaged over its photodetector, at its centre. That is the discrete convolution with the kernel
+`(spread * aperture * cell)(pixel centre - cell centre)`, whose transform is the continuous one folded at the sampling
+frequency,
 
-    H(f) = sum_m transfer(|f + m fs|) aperture(f + m fs) cell(f + m fs),
+    H(f) = sum_m transfer(|f + m fs|) aperture(f + m fs) cell(f + m fs).
 
-and because the lens passes nothing beyond its cutoff the sum is short. Without the folded terms the kernel would
-ring, and dark samples beside bright ones would come out negative. At f = 0 only m = 0 is left: a uniform field keeps
-its value.
+The lens passes nothing beyond its cutoff, so the sum is short. Without the folded terms the kernel would ring, and dark
+samples beside bright ones would become negative. At f = 0 only m = 0 remains: a uniform field keeps its value.
 
-H is never held. Of a rotationally symmetric lens m = 0 is a table in |f| times two sinc functions, and the folded terms
-are smooth, so few products of a function of each axis hold them (`FoldedTerms`). Of any other lens the kernel itself is
-held, on the few cells that it covers, and H at a frequency is interpolated from its transform (`kernels`).
+H is never stored as a whole. For a rotationally symmetric lens, m = 0 is a table in |f| times two sinc functions; the
+other terms are smooth, and a few products of a function of each axis represent them (`FoldedTerms`). For any other lens
+the kernel is stored on the few cells that it covers, and H is interpolated from its transform (`gridding`).
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _FOLD_NODES = 65
-"""Nodes of each axis on which the folded terms are computed before cubic interpolation."""
+"""Nodes per axis at which the folded terms are computed; cubic interpolation between them."""
 _FOLD_TOLERANCE = 1e-7
-"""Relative to the transfer at 0: folded terms smaller than this are left out."""
+"""Folded terms smaller than this, relative to the transfer at 0, are omitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +37,14 @@ class Sampling:
     Parameters
     ----------
     pitch_m
-        Distance of pixels.
+        Pixel pitch.
     detector_m
         Size of the photodetector, centred in the pixel.
     cells_per_pixel
-        On each axis; odd, so that a cell lies at the pixel's centre.
+        Cells per pixel on each axis; odd, so that a cell lies at the pixel's centre.
     split_m
-        Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light: four
-        spots in all. 0: not at all.
+        Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light, four
+        spots in all; 0 is no filter.
     """
 
     pitch_m: tuple[float, float]
@@ -54,11 +53,11 @@ class Sampling:
     split_m: tuple[float, float] = (0.0, 0.0)
 
     def cell_m(self, axis: int) -> float:
-        """Size of a cell on an axis, 0 vertical, 1 horizontal."""
+        """Return the size of a cell on an axis, 0 vertical, 1 horizontal."""
         return self.pitch_m[axis] / self.cells_per_pixel
 
     def aperture(self, axis: int, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Transfer of photodetector, cell and low-pass filter on an axis: two sinc functions, and a cosine."""
+        """Return the transfer of photodetector, cell and low-pass filter on an axis: two sincs and a cosine."""
         product: NDArray[np.float64] = np.sinc(frequency_per_m * self.detector_m[axis]) * np.sinc(
             frequency_per_m * self.cell_m(axis)
         )
@@ -74,10 +73,10 @@ class RadialTransfer:
     Parameters
     ----------
     table
-        (channels, maps, nodes) at frequencies 0, step, 2 step, ...; linear between, 0 beyond. A channel that a map does
-        not reach has zeros.
+        (channels, maps, nodes) at frequencies 0, step, 2 step, ...; linear between, 0 beyond. It is 0 for a channel
+        that a map does not reach.
     step_per_m
-        Distance of nodes, cycles/m.
+        Step between nodes, cycles/m.
     """
 
     table: NDArray[np.float64]
@@ -85,11 +84,11 @@ class RadialTransfer:
 
     @property
     def reach_per_m(self) -> float:
-        """Frequency beyond which nothing passes."""
+        """Frequency beyond which the transfer is 0."""
         return float(self.step_per_m * (self.table.shape[2] - 1))
 
     def at(self, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(channels, maps, ...) at frequencies of any shape."""
+        """Return (channels, maps, ...) at frequencies of any shape."""
         nodes = self.table.shape[2]
         position = frequency_per_m / self.step_per_m
         index = np.minimum(position.astype(np.intp), nodes - 2)
@@ -104,15 +103,15 @@ class RadialTransfer:
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """From each term to each channel: a part in |f|, a part of any shape, or the sum of both.
+    """Transfer from each term to each channel: a radial part, a part of any shape, or the sum of both.
 
     Parameters
     ----------
     radial
-        Rotationally symmetric part, without photodetector and cell.
+        Part that is a function of |f|, without photodetector and cell.
     kernels
-        (channels, terms, Q, Q), Q odd: kernels on the cells, photodetector and cell included, [Q // 2, Q // 2] at no
-        shift; what is blurred is convolved with them.
+        (channels, terms, Q, Q), Q odd: convolution kernels on the cells, photodetector and cell included, centred at
+        [Q // 2, Q // 2].
     """
 
     radial: RadialTransfer | None
@@ -120,7 +119,7 @@ class Transfer:
 
     @property
     def channels(self) -> int:
-        """How many."""
+        """Number of channels."""
         if self.kernels is not None:
             return len(self.kernels)
         return 0 if self.radial is None else len(self.radial.table)
@@ -128,16 +127,16 @@ class Transfer:
 
 @dataclass(frozen=True, eq=False)
 class FoldedTerms:
-    """The terms with m other than 0 as sums of products: down[channel, map, fy] @ across[:, fx]."""
+    """The terms of H with m other than 0 as sums of products: down[channel, map, fy] @ across[:, fx]."""
 
     down: NDArray[np.float32]  # (channels, maps, fy, products)
     across: NDArray[np.float32]  # (products, fx)
 
 
-def folded(
+def sum_folded_terms(
     transfer: RadialTransfer, sampling: Sampling, fy_per_m: NDArray[np.float64], fx_per_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(channels, maps, fy, fx): the terms with m other than 0, at frequencies up to half the sampling frequency."""
+    """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency."""
     rate = [1.0 / sampling.cell_m(axis) for axis in (0, 1)]
     most = [int(np.ceil(transfer.reach_per_m / r + 0.5)) for r in rate]
     total = np.zeros((*transfer.table.shape[:2], fy_per_m.size, fx_per_m.size))
@@ -156,7 +155,7 @@ def folded(
 def folded_terms(
     transfer: RadialTransfer, sampling: Sampling, fy_per_m: NDArray[np.float64], fx_per_m: NDArray[np.float64]
 ) -> FoldedTerms:
-    """The folded terms on a grid: computed on few nodes, split by singular values, interpolated by cubic splines."""
+    """Return the folded terms on a grid, from few nodes by singular value decomposition and cubic splines."""
     from scipy.interpolate import make_interp_spline
 
     kept = _products.setdefault(transfer, {})
@@ -175,7 +174,7 @@ def folded_terms(
 
 _products: WeakKeyDictionary[RadialTransfer, dict[tuple[Any, ...], tuple[NDArray[np.float64], NDArray[np.float64]]]]
 _products = WeakKeyDictionary()
-"""Folded terms on the nodes, for as long as a transfer lives: they are free of the frame's size."""
+"""Folded terms at the nodes, for as long as a transfer lives; they do not depend on the frame's size."""
 
 
 def _fold_nodes(sampling: Sampling) -> list[NDArray[np.float64]]:
@@ -183,10 +182,10 @@ def _fold_nodes(sampling: Sampling) -> list[NDArray[np.float64]]:
 
 
 def _folded_products(transfer: RadialTransfer, sampling: Sampling) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(channels, maps, nodes, products) and (products, nodes)."""
-    table = folded(transfer, sampling, *_fold_nodes(sampling))
+    """Return (channels, maps, nodes, products) and (products, nodes)."""
+    table = sum_folded_terms(transfer, sampling, *_fold_nodes(sampling))
     flat = table.reshape(-1, _FOLD_NODES)
-    # The singular vectors, by the small matrix of the nodes: values below 1e-8 of the first are not wanted.
+    # Singular vectors from the small matrix of the nodes: values below 1e-8 of the first are not needed.
     square, vectors = np.linalg.eigh(flat.T @ flat)
     limit = _FOLD_TOLERANCE * np.abs(transfer.table[:, :, 0]).max()
     keep = max(1, int((np.sqrt(np.maximum(square, 0.0)) > limit).sum()))

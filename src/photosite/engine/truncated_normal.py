@@ -1,8 +1,8 @@
-"""Draws from a normal distribution cut off at zero, by exact Hamiltonian Monte Carlo.
+"""Draws from a normal distribution truncated at zero, by exact Hamiltonian Monte Carlo.
 
 A. Pakman and L. Paninski, "Exact Hamiltonian Monte Carlo for truncated multivariate Gaussians", J. Comput. Graph.
-Stat. 23 (2014) 518: under a normal density the motion is a harmonic oscillation, known in closed form; it is followed
-for a quarter of its period, and reflected where it meets a wall. Every draw is accepted.
+Stat. 23 (2014) 518. Under a normal density the motion is a harmonic oscillation with a closed form. It is followed for
+a quarter of its period, and reflected at each wall, the plane at which an entry is 0. Every draw is accepted.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled
 
 _MOST_HITS = 1_000_000
-"""Walls that one draw may meet."""
+"""Largest number of reflections in one draw."""
 
 _MARGIN = 0.1
-"""Of a standard deviation: how far from each wall a chain begins."""
+"""Distance of the chain's start from each wall, in standard deviations."""
 
 
 def positive_normal_draws(
@@ -26,26 +26,26 @@ def positive_normal_draws(
     factor: NDArray[np.float64],
     momenta: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Draws of a normal vector given that none of its entries is negative.
+    """Return draws of a normal vector, given that none of its entries is negative.
 
     Parameters
     ----------
     mean
-        (d,) of the normal before it is cut off.
+        (d,) of the normal distribution before truncation.
     factor
         (d, d) with factor @ factor.T its covariance, of full rank.
     momenta
-        (n, d) independent standard normal numbers, a draw's each.
+        (n, d) independent standard normal numbers, one row per draw.
 
     Returns
     -------
     numpy.ndarray
-        (n, d) the chain, from near its mode on; the first draws remember that.
+        (n, d) the chain. It starts near the mode, so the first draws are not yet representative.
 
     Raises
     ------
     ArithmeticError
-        If there are so many walls so close that no draw comes to its end.
+        If a draw has too many reflections, because walls are too close to each other.
 
     Examples
     --------
@@ -58,15 +58,15 @@ def positive_normal_draws(
     offset = np.asarray(mean, np.float64)
     out = np.empty((len(momenta), mean.size))
     if not _chain(walls, walls @ walls.T, offset, _inside(walls, offset), np.ascontiguousarray(momenta), out):
-        raise ArithmeticError(f"a draw met more than {_MOST_HITS} walls")
+        raise ArithmeticError(f"a draw has more than {_MOST_HITS} reflections")
     return np.asarray(out @ factor.T + mean)
 
 
 def _inside(walls: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(d,) the whitened place of highest density that keeps a tenth of a standard deviation from every wall.
+    """Return (d,) the whitened point of highest density at least a tenth of a standard deviation from every wall.
 
     Least distance under linear inequalities, by non-negative least squares (C. L. Lawson and R. J. Hanson, "Solving
-    Least Squares Problems", 1974, chapter 23). A chain that began far out would carry that energy for many draws.
+    Least Squares Problems", 1974, chapter 23). A chain that starts far away keeps that energy for many draws.
     """
     from scipy.optimize import nnls
 
@@ -91,7 +91,7 @@ def _chain(
     momenta: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> bool:
-    """Whitened draws z with walls @ z + offset >= 0, one per row of `out`; false if one does not come to its end."""
+    """Compute whitened draws z with walls @ z + offset >= 0, one per row of `out`; false after too many reflections."""
     count, size = momenta.shape
     at = place.copy()
     velocity = np.empty(size)
@@ -103,7 +103,7 @@ def _chain(
         for _ in range(_MOST_HITS):
             hit, when = -1, left
             for wall in range(size):
-                # height cos t + climb sin t + offset = swing cos(t + phase) + offset, met while it falls.
+                # height cos t + climb sin t + offset = swing cos(t + phase) + offset; the wall is met while this falls.
                 swing = math.hypot(height[wall], climb[wall])
                 if swing > abs(offset[wall]):
                     moment = math.acos(-offset[wall] / swing) - math.atan2(-climb[wall], height[wall])

@@ -1,7 +1,7 @@
-"""From random words to random numbers: uniform, normal, Poisson. Each is exact up to the 2^-32 grain of its words.
+"""Random numbers from random words: uniform, normal, Poisson. Each is exact up to the resolution 2^-32 of the words.
 
-Every function is straight arithmetic on one number (`elementary` has its logarithm and exponential), so that loops over
-pixels become vector instructions and every machine gives the same bits.
+All functions are plain arithmetic, with logarithm and exponential from `elementary`. Loops over pixels become vector
+instructions, and the results have the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from photosite.engine.philox import philox4x32
 
 _GRAIN = 1.0 / 4294967296.0
 SMALL_MEAN = 10.0
-"""Below this mean Poisson counts come from inversion, from it on from rejection."""
+"""Poisson counts are drawn by inversion below this mean, by rejection from it on."""
 MOST_SMALL = 80
-"""A count that a mean below 10 reaches with probability below 1e-40."""
+"""Largest count of the inversion; a mean below 10 exceeds it with probability below 1e-40."""
 _MOST_COUNT = 2.0**62
-"""More is counted as this: a whole number of 64 bits would overflow, and no well holds a millionth of it."""
+"""Largest count, to avoid overflow of 64-bit integers; well capacities are below a millionth of it."""
 INVERSE = np.array([0.0] + [1.0 / k for k in range(1, MOST_SMALL + 1)])
 _LOG_FACTORIAL = np.array(
-    # log k!, k = 0 .. 15, to 17 digits; from 16 on Stirling's series is as good
+    # log k!, k = 0 .. 15, to 17 digits; Stirling's series is as accurate from 16 on
     [
         0.0,
         0.0,
@@ -48,19 +48,19 @@ _HALF_LOG_2_PI = 0.91893853320467274
 
 @compiled(inline=True)
 def uniform(word: np.uint32) -> float:
-    """Uniform in (0, 1), symmetric about 1/2: the middle of one of 2^32 equal cells."""
+    """Return a uniform number in (0, 1), symmetric about 1/2: the centre of one of 2^32 equal cells."""
     return (float(word) + 0.5) * _GRAIN
 
 
 @compiled(inline=True)
 def uniform_53(w0: np.uint32, w1: np.uint32) -> float:
-    """Uniform in (0, 1) from 53 random bits, for inversion where a cell's probability may be small."""
+    """Return a uniform number in (0, 1) from 53 random bits, for inversion of small probabilities."""
     return (float(w0 >> 5) * 67108864.0 + float(w1 >> 6) + 0.5) / 9007199254740992.0
 
 
 @compiled()
 def normal_central(q: float) -> float:
-    """Standard normal quantile of 1/2 + q, |q| <= 0.425: Wichura, AS 241 (PPND16), Applied Statistics 37 (1988) 477."""
+    """Return the normal quantile of 1/2 + q, |q| <= 0.425: Wichura, AS 241 (PPND16), Appl. Statistics 37 (1988) 477."""
     r = 0.180625 - q * q
     num = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
     num = num * r + 6.7265770927008700853e4
@@ -81,9 +81,9 @@ def normal_central(q: float) -> float:
 
 @compiled()
 def normal_tail(q: float) -> float:
-    """Standard normal quantile of 1/2 + q, 0.425 < |q| < 1/2 - 1e-11: the same source's second range.
+    """Return the normal quantile of 1/2 + q, 0.425 < |q| < 1/2 - 1e-11: AS 241's second range.
 
-    Its third range, beyond 1e-11, is not reached: the smallest tail of `uniform` is 2^-33.
+    The third range is not needed: the smallest tail of `uniform` is 2^-33.
     """
     r = math.sqrt(-log(0.5 - abs(q))) - 1.6
     num = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
@@ -105,14 +105,14 @@ def normal_tail(q: float) -> float:
 
 @compiled()
 def normal(word: np.uint32) -> float:
-    """A standard normal deviate."""
+    """Return a standard normal deviate."""
     q = uniform(word) - 0.5
     return normal_central(q) if abs(q) <= 0.425 else normal_tail(q)
 
 
 @compiled()
 def poisson_small(mean: float, w0: np.uint32, w1: np.uint32) -> int:
-    """A Poisson count of a mean from 0 to 10, by inversion of the cumulative sum at 53 random bits."""
+    """Return a Poisson count of a mean from 0 to 10, by inversion of the cumulative sum with 53 random bits."""
     p = uniform_53(w0, w1)
     term = exp(-mean)
     total = term
@@ -124,13 +124,13 @@ def poisson_small(mean: float, w0: np.uint32, w1: np.uint32) -> int:
     return count
 
 
-# From 10 on: transformed rejection with squeeze (PTRS; Hoermann, "The transformed rejection method for generating
-# Poisson random variables", Insurance: Mathematics and Economics 12 (1993) 39), in parts.
+# Means from 10 on: transformed rejection with squeeze (PTRS; Hoermann, "The transformed rejection method for generating
+# Poisson random variables", Insurance: Mathematics and Economics 12 (1993) 39), one function per step.
 
 
 @compiled(inline=True)
 def poisson_candidate(mean: float, w0: np.uint32) -> float:
-    """The count that a trial proposes; may be negative."""
+    """Return the count that a trial proposes; it may be negative."""
     b = 0.931 + 2.53 * math.sqrt(mean)
     a = -0.059 + 0.02483 * b
     u = uniform(w0) - 0.5
@@ -139,7 +139,7 @@ def poisson_candidate(mean: float, w0: np.uint32) -> float:
 
 @compiled(inline=True)
 def poisson_squeeze(mean: float, w0: np.uint32, w1: np.uint32) -> bool:
-    """Whether the candidate is accepted at once: about four times in five."""
+    """Return whether the candidate is accepted at once, as about four of five are."""
     b = 0.931 + 2.53 * math.sqrt(mean)
     us = 0.5 - abs(uniform(w0) - 0.5)
     return (us >= 0.07) & (uniform(w1) <= 0.9277 - 3.6224 / (b - 2.0))
@@ -147,7 +147,7 @@ def poisson_squeeze(mean: float, w0: np.uint32, w1: np.uint32) -> bool:
 
 @compiled(inline=True)
 def poisson_accept(mean: float, candidate: float, w0: np.uint32, w1: np.uint32) -> bool:
-    """Whether a candidate of 16 or more that the squeeze did not take is accepted, by the exact ratio.
+    """Return whether a candidate of 16 or more is accepted by the exact ratio, if the squeeze did not accept it.
 
     log(v / hat) <= k log(mean) - mean - log k!, with Stirling's series for log k! so that large terms cancel:
     k log(mean / k) + (k - mean) - log(2 pi k) / 2 - 1 / 12k + 1 / 360k^3 - 1 / 1260k^5.
@@ -182,7 +182,7 @@ def _accepted(mean: float, log_density: float, w0: np.uint32, w1: np.uint32) -> 
 def poisson_after(
     mean: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, draw: np.uint32, k0: np.uint32, k1: np.uint32
 ) -> float:
-    """The count of the first trial accepted from this draw on."""
+    """Return the count of the first trial accepted, from this draw on."""
     while True:
         w0, w1, _, _ = philox4x32(pixel, frame, source, draw, k0, k1)
         candidate = poisson_candidate(mean, w0)
@@ -198,7 +198,7 @@ def poisson_after(
 
 @compiled()
 def poisson(mean: float, pixel: np.uint32, frame: np.uint32, source: np.uint32, k0: np.uint32, k1: np.uint32) -> float:
-    """A Poisson count of a mean of 0 or more, exact at every mean; a rejected trial takes the counter's next draw."""
+    """Return a Poisson count, exact for every mean from 0 on; a rejected trial uses the counter's next draw."""
     zero = np.uint32(0)
     if mean < SMALL_MEAN:
         w0, w1, _, _ = philox4x32(pixel, frame, source, zero, k0, k1)

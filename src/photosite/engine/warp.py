@@ -1,13 +1,12 @@
-"""Maps laid on cells that look elsewhere: distortion, as means over the places where each cell's light comes from.
+"""Distortion: resampling of maps by means over the place in the map that each cell sees through the lens.
 
-A cell's corners are followed back through the lens to the map; the cell's value is the map's mean over the
-quadrilateral between them. With F(x, y) the integral of the map along its row from 0 to x, Green's theorem makes that
-mean an integral around the quadrilateral,
+The corners of a cell are traced back through the lens to the map. The cell's value is the map's mean over the
+quadrilateral between them. With F(x, y) the integral of the map along its row from 0 to x, Green's theorem gives
 
     mean = (1 / area) * closed integral of F dy,
 
-exact for a map that is constant within each sample. Neighbouring cells share corners and edges: of the map's
-light none is lost and none counted twice. Where nothing is moved, the mean is that of the plain laying.
+exact for a map that is constant within each sample. Neighbouring cells share corners and edges, so that no light is
+lost or counted twice. Without distortion the mean equals that of `resample`.
 """
 
 from __future__ import annotations
@@ -20,22 +19,22 @@ from numpy.typing import NDArray
 from photosite.engine.jit import compiled, prange
 
 _CHUNK = 16
-"""Rows of cells that a thread takes at a time: all but the first find their upper edges done."""
+"""Rows of cells that a thread processes at a time; all but the first reuse the edges of the row above."""
 
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """Where the light of a place on the sensor would fall without distortion.
+    """The place where the light of a point on the sensor would fall without distortion.
 
     Parameters
     ----------
     scale
         (n,) undistorted over distorted distance from the axis, at squared distorted distances 0, step, 2 step, ...;
-        2 or more; linear between these, and that of the last beyond it. Scale times distance must increase.
+        n >= 2. Linear between these, constant beyond. Scale times distance must increase.
     step_m2
-        Distance of nodes, m^2.
+        Step between nodes, m^2.
     pitch_m
-        (vertical, horizontal) distance of pixels: the axis passes through the middle of the frame.
+        (vertical, horizontal) pixel pitch; the axis passes through the centre of the frame.
     """
 
     scale: NDArray[np.float64]
@@ -45,14 +44,14 @@ class Warp:
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """The corners of a grid of cells, and the map they look at through a warp.
+    """The corners of a grid of cells, and the map that they see through a warp.
 
     Parameters
     ----------
     warp
-        What moves them.
+        The distortion.
     y_m, x_m
-        (rows + 1,), (cols + 1,) increasing: where the borders between cells stand, 0 on the axis.
+        (rows + 1,), (cols + 1,) increasing positions of the borders between cells, 0 on the axis.
     axis
         (row, col) map coordinate of the axis; sample j covers j to j + 1.
     per_m
@@ -69,11 +68,11 @@ class Corners:
     shape: tuple[int, int]
 
     def span(self, begin: int, end: int) -> tuple[int, int]:
-        """The rows of the map that rows begin to end of the cells look at: from the first to after the last."""
-        # A warp that does not fold keeps the order of places along a column: the outer corners look farthest.
-        looked = [self.axis[0] + self._scale(row) * self.y_m[row] * self.per_m[0] for row in (begin, end)]
+        """Return the rows of the map that rows begin to end of cells see: the first, and one after the last."""
+        # Scale times distance increases, so the outermost corners see the outermost rows.
+        rows_seen = [self.axis[0] + self._scale(row) * self.y_m[row] * self.per_m[0] for row in (begin, end)]
         last = self.shape[0] - 1
-        first, final = (int(np.clip(np.floor(limit), 0, last)) for limit in (looked[0].min(), looked[1].max()))
+        first, final = (int(np.clip(np.floor(limit), 0, last)) for limit in (rows_seen[0].min(), rows_seen[1].max()))
         return first, final + 1
 
     def _scale(self, row: int) -> NDArray[np.float64]:
@@ -85,7 +84,7 @@ class Corners:
 def warped_means(
     values: NDArray[np.float32], offset: int, corners: Corners, begin: int, end: int
 ) -> NDArray[np.float32]:
-    """(R, end - begin, cols): means of maps over the places that rows begin to end of the cells look at.
+    """Return (R, end - begin, cols): means of maps over the places that rows begin to end of cells see.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ def warped_means(
     corners
         The cells.
     """
-    # The maps of a place lie together: they share the way there.
+    # Interleave the maps: they share the computation of the place.
     maps = np.ascontiguousarray(np.moveaxis(values, 0, 2))
     before = np.zeros((maps.shape[0], maps.shape[1] + 1, maps.shape[2]))
     np.cumsum(maps, axis=1, dtype=np.float64, out=before[:, 1:])
@@ -132,16 +131,16 @@ def _warped_means(
     rows = out.shape[1]
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
         first, last = chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)
-        # Of the corners above and below a row of cells: where they look, and in which sample that is.
+        # For the corners above and below a row of cells: their place in the map, and the sample there.
         above, below = np.empty((2, x_m.size)), np.empty((2, x_m.size))
         in_above, in_below = np.empty(x_m.size, np.int64), np.empty(x_m.size, np.int64)
-        # The integrals from each to the next, and whether somebody asked for them yet.
+        # The integrals from each corner to the next, and whether they are computed.
         along_above, along_below = np.empty((x_m.size, out.shape[0])), np.empty((x_m.size, out.shape[0]))
         known_above, known_below = np.zeros(x_m.size, np.bool_), np.zeros(x_m.size, np.bool_)
         sizes = map_rows, values.shape[1]
-        _look(scale, step_m2, y_m[first], x_m, axis, per_m, sizes, above, in_above)
+        _corner_places(scale, step_m2, y_m[first], x_m, axis, per_m, sizes, above, in_above)
         for r in range(first, last):
-            _look(scale, step_m2, y_m[r + 1], x_m, axis, per_m, sizes, below, in_below)
+            _corner_places(scale, step_m2, y_m[r + 1], x_m, axis, per_m, sizes, below, in_below)
             known_below[:] = False
             _row_of_means(
                 values,
@@ -182,10 +181,10 @@ def _row_of_means(
     r: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Means of the cells between two rows of corners, into out[:, r]."""
+    """Compute the means of the cells between two rows of corners, into out[:, r]."""
     maps = out.shape[0]
     samples = values.reshape(-1, maps)
-    sides = np.empty((2, maps))  # of a cell's left and right side, in turn
+    sides = np.empty((2, maps))  # of a cell's left and right side, alternating
     left, known_left = 0, False
     for c in range(out.shape[2]):
         d = c + 1
@@ -216,7 +215,7 @@ def _row_of_means(
 
 
 @compiled()
-def _look(
+def _corner_places(
     scale: NDArray[np.float64],
     step_m2: float,
     y_m: float,
@@ -227,7 +226,7 @@ def _look(
     place: NDArray[np.float64],
     sample: NDArray[np.int64],
 ) -> None:
-    """Where in the map, (x, y), a row of corners looks, and the number of the sample there."""
+    """Compute the places (x, y) in the map of a row of corners, and the number of the sample there."""
     x, y = place[0], place[1]
     last, per_m2 = scale.size - 2, 1.0 / step_m2
     for c in range(x_m.size):
@@ -238,7 +237,7 @@ def _look(
         x[c] = axis[1] + factor * (x_m[c] * per_m[1])
         y[c] = axis[0] + factor * (y_m * per_m[0])
     for c in range(x_m.size):
-        # Beyond its border the map repeats its border samples: cells there are within these.
+        # Beyond its border the map repeats its border samples.
         row, col = min(max(y[c], 0.0), sizes[0] - 1.0), min(max(x[c], 0.0), sizes[1] - 1.0)
         sample[c] = int(row) * sizes[1] + int(col)
 
@@ -254,7 +253,7 @@ def _integral(
     out: NDArray[np.float64],
     place: int,
 ) -> None:
-    """out[place] = each map's integral of F dy along a straight line, piece by piece between the map's rows."""
+    """Compute out[place], each map's integral of F dy along a straight line, row by row of the map."""
     for k in range(out.shape[1]):
         out[place, k] = 0.0
     sign = 1.0
@@ -287,11 +286,11 @@ def _add_mean_before(
     out: NDArray[np.float64],
     place: int,
 ) -> None:
-    """`height` times the mean of F between two places of a row; beyond its ends the row repeats its last samples."""
+    """Add `height` times the mean of F between two places of a row, which repeats its end samples beyond its ends."""
     last = values.shape[1] - 1
     low, high = min(x0, x1), max(x0, x1)
     first, final = min(max(int(np.floor(low)), 0), last), min(max(int(np.floor(high)), 0), last)
-    if first == final:  # F is straight here
+    if first == final:  # F is linear within a sample
         into = (low + high) * 0.5 - first
         for k in range(out.shape[1]):
             out[place, k] += height * (before[row, first, k] + into * values[row, first, k])

@@ -1,4 +1,4 @@
-"""One chip: the fixed pattern that its serial number stands for."""
+"""A drawn chip: the fixed pattern that a sensor's serial number stands for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.jit import threads_for
 from photosite.engine.philox import key_from_seed
-from photosite.engine.pixels import DEVIATE_GRAIN, normal_deviates
+from photosite.engine.pixel_model import DEVIATE_STEP, normal_deviates
 from photosite.sensor.model import Sensor
 
 _PRNU, _DSNU, _DARK_CURRENT = range(3)
@@ -20,27 +20,27 @@ _PRNU, _DSNU, _DARK_CURRENT = range(3)
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A value per pixel: `deviates * scale`. Deviates of shape (1, 1) stand for all pixels.
+    """One value per pixel, `deviates * scale`; deviates of shape (1, 1) stand for all pixels.
 
     Parameters
     ----------
     deviates
         (rows, cols) int16, so that a 150-megapixel chip stays small.
     scale
-        What a deviate of 1 is worth.
+        Value of a deviate of 1.
     """
 
     deviates: NDArray[np.int16]
     scale: float
 
     def map(self) -> NDArray[np.float32]:
-        """(rows, cols) float32, or (1, 1)."""
+        """Return the values, (rows, cols) float32 or (1, 1)."""
         return self.deviates * np.float32(self.scale)
 
 
 @dataclass(frozen=True, eq=False)
 class Chip:
-    """A chip's maps, the same in all its frames.
+    """Fixed-pattern maps of a chip, the same in all its frames.
 
     Parameters
     ----------
@@ -58,10 +58,10 @@ class Chip:
 
 
 def draw_chip(sensor: Sensor) -> Chip:
-    """The chip of a sensor's serial number.
+    """Return the chip of a sensor's serial number.
 
-    PRNU and DSNU are normal; dark current is log-normal with the file's mean and relative spread, so that it stays
-    positive. The serial alone decides the pattern; the spreads scale it.
+    PRNU and DSNU are normal. Dark current is log-normal with the sensor's mean and relative spread, so that it stays
+    positive. The pattern depends on the serial alone; the sensor's spreads scale it.
 
     Examples
     --------
@@ -80,17 +80,17 @@ def draw_chip(sensor: Sensor) -> Chip:
     shapes = [(array.rows, array.cols) if spread else (1, 1) for spread in spreads]
     prnu, dsnu, dark = (_deviates(sensor.serial, *shape, word) for word, shape in enumerate(shapes))
     log_spread = math.sqrt(math.log1p(spreads[_DARK_CURRENT] ** 2))
-    rate = np.multiply(dark, np.float32(log_spread * DEVIATE_GRAIN), dtype=np.float32)
+    rate = np.multiply(dark, np.float32(log_spread * DEVIATE_STEP), dtype=np.float32)
     rate -= np.float32(log_spread**2 / 2)
     np.exp(rate, out=rate)
     rate *= np.float32(sensor.electrons(noise.dark_voltage_mv_per_s.value))
-    return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_GRAIN), Pattern(dsnu, spreads[_DSNU] * DEVIATE_GRAIN), rate)
+    return Chip(Pattern(prnu, spreads[_PRNU] * DEVIATE_STEP), Pattern(dsnu, spreads[_DSNU] * DEVIATE_STEP), rate)
 
 
-# One chip shoots many frames: its deviates are kept. Six maps are two chips with all three patterns.
+# Six maps: two chips with all three patterns.
 @lru_cache(maxsize=6)
 def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]:
-    """Normal deviates of a serial's pattern, in units of DEVIATE_GRAIN; a single 0 for shape (1, 1)."""
+    """Return the normal deviates of a serial's pattern in units of DEVIATE_STEP; a single 0 for shape (1, 1)."""
     if (rows, cols) == (1, 1):
         return np.zeros((1, 1), np.int16)
     key = int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")

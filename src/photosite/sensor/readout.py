@@ -1,27 +1,38 @@
-"""Mean electrons to digital numbers: the chip's fixed pattern, temporal noise, well and converter."""
+"""Mean electrons to digital numbers: fixed pattern, temporal noise, well capacity and analog-to-digital converter."""
 
 from __future__ import annotations
 
+import math
 from numbers import Integral
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.engine.jit import threads_for
 from photosite.engine.philox import key_from_seed
-from photosite.engine.pixels import expose
+from photosite.engine.pixel_model import (
+    BlinkingPixels,
+    DrawnConstants,
+    DrawnMaps,
+    Exposure,
+    MeasuredMaps,
+    expose_blinking,
+    expose_drawn,
+    expose_measured,
+    line_deviates,
+)
 from photosite.errors import InputError
 from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.maps_file import load_measured_chip
-from photosite.sensor.measured_readout import expose_chip
+from photosite.sensor.measured_chip import Blinking, MeasuredChip
 from photosite.sensor.model import Sensor
 
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
 
 Device = Literal["cpu", "cuda"]
-"""Where the pixels are computed; the digital numbers are the same."""
+"""Where pixels are computed; the digital numbers are the same."""
 
 
 def digital_numbers(
@@ -34,41 +45,40 @@ def digital_numbers(
     region: Rectangle | None = None,
     device: Device = "cpu",
 ) -> NDArray[np.uint16]:
-    """One frame of the chip that the sensor's maps hold, or its serial stands for; or a rectangle of the frame.
+    """Return one frame of a sensor, or a rectangle of it.
 
-    For pixel i of frame n: mean_i = photo_i (1 + prnu_i) + dark_rate_i t; e_i = min(Poisson(mean_i), well);
-    dn_i = clip(round(gain (e_i + offset_i + read noise) + black level), 0, 2^bits - 1). A sensor with measured maps
-    takes prnu, dark rate, offset and read noise of each pixel from them (`measured_readout`).
+    The equations are those of `photosite.engine.pixel_model`. A sensor with measured maps takes PRNU, dark current,
+    offset and read noise of each pixel from them. Otherwise the fixed pattern is drawn from the sensor's serial.
 
     Parameters
     ----------
     sensor
         The sensor.
     mean_electrons
-        (rows, cols) float32 electrons from light, none negative.
+        (rows, cols) float32 electrons from light, not negative.
     exposure_s
         Exposure time, for the dark current.
     seed
         Key of the temporal noise, 0 to 2^64 - 1.
     frame
-        Number of the frame, 0 to 2^32 - 1.
+        Frame number, 0 to 2^32 - 1.
     region
-        (r0, r1, c0, c1) of the chip; None is all of it. Its pixels have the numbers they have in the whole frame.
+        (r0, r1, c0, c1) of the chip; None is the whole chip. Its digital numbers are those of the whole frame.
     device
         "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
 
     Returns
     -------
     ndarray
-        (rows, cols) uint16, of the region where one is given.
+        (rows, cols) uint16, of the region if there is one.
 
     Raises
     ------
     InputError
-        If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region are out of range,
-        the device is unknown or missing, or measured maps are of another size or wanted on a GPU.
+        If the shape is not the sensor's, a mean is negative or not finite, seed, frame or region is out of range, the
+        device is unknown or missing, or measured maps have another size or are requested on a GPU.
     FileError
-        If a file of measured maps is missing or not the one that the sensor file hashed.
+        If a file of measured maps is missing, or is not the file that the sensor file names by its hash.
 
     Examples
     --------
@@ -77,73 +87,132 @@ def digital_numbers(
     >>> digital_numbers(sensor, np.full((2, 2), 7980, np.float32), 0.01, seed=1).shape
     (2, 2)
     """
-    shape = (sensor.array.rows, sensor.array.cols)
-    if mean_electrons.shape != shape:
-        raise InputError(f"mean electrons are {shape[0]} x {shape[1]} for this sensor, not {mean_electrons.shape}")
-    # Two reductions instead of a mask: a 150-megapixel frame should not need a second one.
+    rows, cols = sensor.array.rows, sensor.array.cols
+    if mean_electrons.shape != (rows, cols):
+        raise InputError("mean_electrons", value=mean_electrons.shape, expected=f"of shape ({rows}, {cols})")
+    # Two reductions instead of a mask, which would need the memory of a second frame.
     lowest, highest = float(mean_electrons.min()), float(mean_electrons.max())
     if not (lowest >= 0 and highest < np.inf):
-        raise InputError(f"mean electrons are finite and not negative; they run from {lowest:g} to {highest:g}")
+        raise InputError("mean_electrons", value=(lowest, highest), expected="finite and not negative")
     for name, number, bits in (("seed", seed, 64), ("frame", frame, 32)):
         whole = isinstance(number, Integral) and not isinstance(number, bool)
         if not (whole and 0 <= number < 1 << bits):
-            raise InputError(f"{name} is a whole number from 0 to 2^{bits} - 1, not {number!r}")
-    r0, r1, c0, c1 = region or (0, shape[0], 0, shape[1])
-    if not (0 <= r0 < r1 <= shape[0] and 0 <= c0 < c1 <= shape[1]):
+            raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
+    r0, r1, c0, c1 = region or (0, rows, 0, cols)
+    if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
         raise InputError(
-            f"a region is (r0, r1, c0, c1) within the chip's {shape[0]} rows and {shape[1]} columns, not {region}"
+            "region", value=region, expected=f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
         )
-    photo_e = np.ascontiguousarray(mean_electrons[r0:r1, c0:c1], np.float32)
-    if (measured := load_measured_chip(sensor)) is not None:
-        if device != "cpu":
-            raise InputError("a measured chip is simulated on the CPU: take device='cpu', or maps=None for a drawn one")
-        return expose_chip(measured, sensor, photo_e, exposure_s, (r0, c0), np.uint32(frame), key_from_seed(int(seed)))
-    chip = draw_chip(sensor)
-    return _exposed(
-        device,
-        photo_e,
-        _part(chip.prnu.deviates, r0, r1, c0, c1),
-        chip.prnu.scale,
-        _part(chip.offset_e.deviates, r0, r1, c0, c1),
-        chip.offset_e.scale,
-        _part(chip.dark_rate_e_per_s, r0, r1, c0, c1),
-        exposure_s,
-        sensor.pixel.well_capacity_e.value,
-        sensor.electrons(sensor.noise.read_noise_mv.value),
-        sensor.system_gain_dn_per_e,
-        sensor.readout.black_level_dn.value,
-        sensor.white_level_dn,
-        (r0, c0),
-        shape[1],
+    if device not in get_args(Device):
+        raise InputError("device", value=device, expected=f"one of {', '.join(get_args(Device))}")
+    part = slice(r0, r1), slice(c0, c1)
+    photo_e = np.ascontiguousarray(mean_electrons[part], np.float32)
+    exposure = Exposure(
+        float(exposure_s),
+        float(sensor.pixel.well_capacity_e.value),
+        float(sensor.system_gain_dn_per_e),
+        float(sensor.readout.black_level_dn.value),
+        float(sensor.white_level_dn),
+        int(r0),
+        int(c0),
+        cols,
         np.uint32(frame),
         *key_from_seed(int(seed)),
     )
+    if (measured := load_measured_chip(sensor)) is None:
+        return _expose_drawn(photo_e, *_drawn_maps(sensor, part), exposure, device)
+    if device != "cpu":
+        raise InputError(
+            "device",
+            value=device,
+            expected="'cpu' for a measured chip",
+            hint="Use with_(maps=None) to simulate a drawn chip on the GPU",
+        )
+    maps = _measured_maps(measured, sensor, part, exposure)
+    with threads_for(photo_e.size):
+        out = expose_measured(photo_e, maps, exposure)
+    if len(measured.blinking):
+        expose_blinking(out, _blinking_within(measured.blinking, (r0, c0), photo_e.shape), photo_e, maps, exposure)
+    return out
 
 
-def _exposed(device: Device, *arguments: Any) -> NDArray[np.uint16]:
-    """`expose` on the device."""
+def _drawn_maps(sensor: Sensor, part: tuple[slice, slice]) -> tuple[DrawnMaps, DrawnConstants]:
+    """Return the fixed pattern of a rectangle of the sensor's drawn chip."""
+    chip = draw_chip(sensor)
+    prnu, offset, dark_rate = (
+        values if values.shape == (1, 1) else np.ascontiguousarray(values[part])
+        for values in (chip.prnu.deviates, chip.offset_e.deviates, chip.dark_rate_e_per_s)
+    )
+    read_noise_e = sensor.electrons(sensor.noise.read_noise_mv.value)
+    constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
+    return DrawnMaps(prnu, offset, dark_rate), constants
+
+
+def _expose_drawn(
+    photo_e: NDArray[np.float32], maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure, device: Device
+) -> NDArray[np.uint16]:
+    """Return a drawn chip's frame, computed on the device."""
     if device == "cpu":
-        with threads_for(arguments[0].size):
-            return expose(*arguments)
-    if device != "cuda":
-        raise InputError(f"device is one of {', '.join(get_args(Device))}, not {device!r}")
+        with threads_for(photo_e.size):
+            return expose_drawn(photo_e, maps, constants, exposure)
     try:
-        from photosite.engine.cuda import NoCudaError, expose_cuda
+        from photosite.engine.cuda import NoCudaError, expose_drawn_cuda
     except ImportError:
         raise _no_cuda("numba.cuda cannot be imported") from None
     try:
-        return expose_cuda(*arguments)
+        return expose_drawn_cuda(photo_e, maps, constants, exposure)
     except NoCudaError as error:
         raise _no_cuda(str(error)) from None
 
 
 def _no_cuda(reason: str) -> InputError:
     return InputError(
-        f"device='cuda' needs an NVIDIA GPU and photosite's extra 'gpu' (pip install 'photosite[gpu]'), and {reason}; "
-        "device='cpu' gives the same numbers"
+        f"device 'cuda' needs an NVIDIA GPU and photosite's extra 'gpu', but {reason}",
+        hint="Run pip install 'photosite[gpu]', or pass {device}, which gives the same numbers",
+        arguments={"device": "cpu"},
     )
 
 
-def _part(values: NDArray[Any], r0: int, r1: int, c0: int, c1: int) -> NDArray[Any]:
-    """A rectangle of a map; a map of one value stays as it is."""
-    return values if values.shape == (1, 1) else values[r0:r1, c0:c1]
+def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice], exposure: Exposure) -> MeasuredMaps:
+    """Return a rectangle of a measured chip's maps, and the line noise of one frame.
+
+    The maps replace read noise, DSNU, PRNU and dark voltage of the sensor's description. A map that was not measured is
+    constant: no PRNU, or the dark current of the description.
+
+    Raises
+    ------
+    InputError
+        If the maps are not of the sensor's size.
+    """
+    size = sensor.array.rows, sensor.array.cols
+    if chip.shape != size:
+        raise InputError(
+            "maps",
+            value=chip.shape,
+            expected=f"of the sensor's size {size}",
+            hint="Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip",
+        )
+    gain = float(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
+    constant_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
+    shape = part[0].stop - part[0].start, part[1].stop - part[1].start
+    prnu, offset, dark_rate = (
+        np.ascontiguousarray(np.full(shape, constant, np.float32) if values is None else values[part])
+        for values, constant in ((chip.prnu, 0), (chip.offset_dn, 0), (chip.dark_rate_dn_per_s, constant_dark))
+    )
+    # A variance that was measured below 0 counts as 0.
+    spreads = [max(chip.row_noise_dn, 0.0), max(chip.column_noise_dn, 0.0)]
+    counter = exposure.frame, exposure.k0, exposure.k1
+    row_dn, column_dn = (
+        spread * line_deviates(lines.start, count, word, *counter) if spread else np.zeros(count)
+        for word, (spread, lines, count) in enumerate(zip(spreads, part, shape, strict=True))
+    )
+    read_noise = np.ascontiguousarray(chip.read_noise_dn[part])
+    return MeasuredMaps(prnu, offset, dark_rate, read_noise, row_dn, column_dn, math.hypot(*spreads) ** 2, gain)
+
+
+def _blinking_within(blinking: Blinking, corner: tuple[int, int], shape: tuple[int, ...]) -> BlinkingPixels:
+    """Return the blinking pixels of a rectangle."""
+    place = np.column_stack([blinking.row - corner[0], blinking.col - corner[1]])
+    inside = ((place >= 0) & (place < np.array(shape))).all(axis=1)
+    columns = blinking.amplitude_dn, blinking.high_fraction, blinking.noise_dn
+    return BlinkingPixels(place[inside], *(np.ascontiguousarray(column[inside]) for column in columns))

@@ -1,8 +1,8 @@
-"""Random numbers for short runs of pixels: blocks of words, Poisson counts, normal deviates.
+"""Random numbers for short runs of pixels: random words, Poisson counts, normal deviates.
 
-Over a run the common work is done in straight loops, which become vector instructions; the fewer pixels that need more
-(rejected trials, tails, small means) are listed and worked off after, together. What a pixel gets depends on its
-counter alone, not on the run it was in.
+The common case is computed for the whole run in straight loops, which become vector instructions. The few pixels that
+need more work (rejected trials, tails, small means) are listed and computed afterwards. The numbers of a pixel depend
+on its counter alone, not on the run.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from photosite.engine.elementary import exp
 from photosite.engine.jit import compiled
-from photosite.engine.philox import philox4x32
+from photosite.engine.philox import EXPOSURE, philox4x32
 from photosite.engine.variates import (
     INVERSE,
     MOST_SMALL,
@@ -27,12 +27,6 @@ from photosite.engine.variates import (
     uniform_53,
 )
 
-# Uses of random blocks: the third counter word. A number once given never changes: seeds keep their meaning.
-# A block is four words: EXPOSURE's first two are the Poisson trial, its third the read noise; FIXED_PATTERN's are PRNU,
-# DSNU and dark current.
-EXPOSURE = np.uint32(0)
-FIXED_PATTERN = np.uint32(1)
-
 
 @compiled()
 def random_words(
@@ -44,6 +38,7 @@ def random_words(
     k1: np.uint32,
     words: NDArray[np.uint32],
 ) -> None:
+    """Fill (3, n) with the first three random words of each pixel."""
     zero = np.uint32(0)
     for i in range(n):
         w0, w1, w2, _ = philox4x32(np.uint32(first + np.uint32(i)), frame, use, zero, k0, k1)
@@ -65,7 +60,7 @@ def poisson_run(
     late: NDArray[np.int64],
     trials: NDArray[np.uint32],
 ) -> None:
-    """Poisson counts of a run: first trials for all, then those that the squeeze left, then small means."""
+    """Draw the Poisson counts of a run: one trial for each pixel, then undecided trials, then small means."""
     for i in range(n):
         electrons[i] = poisson_candidate(mean[i], words[0, i])
     for i in range(n):
@@ -97,11 +92,11 @@ def _poisson_late(
     late: NDArray[np.int64],
     trials: NDArray[np.uint32],
 ) -> None:
-    """The listed pixels' candidates judged by the exact ratio; those refused are drawn again, until none is left.
+    """Test the candidates of the listed pixels by the exact ratio; draw the rejected ones again until none is left.
 
-    Each gets what `poisson_after` would give it from draw 0 on.
+    Each pixel gets the count that `poisson_after` gives from draw 0 on.
     """
-    # Arrays of their own: of rows of one array LLVM cannot tell that they do not overlap, and leaves the loops scalar.
+    # Separate arrays: LLVM cannot tell that rows of one array do not overlap, and would not vectorise the loops.
     means = np.empty(left, np.float64)
     candidates = np.empty(left, np.float64)
     accepted = np.empty(left, np.float64)
@@ -115,7 +110,7 @@ def _poisson_late(
     while left > 0:
         for j in range(left):
             u, v = trials[0, j], trials[1, j]
-            # Below 16 the ratio's series does not hold: any number will do, the draw is looked at again.
+            # Below 16 the series of the ratio is invalid: use any number, the pixel is drawn by `poisson_after`.
             likely = poisson_accept(means[j], max(candidates[j], 16.0), u, v)
             accepted[j] = 1.0 if poisson_squeeze(means[j], u, v) | likely else 0.0
         kept = 0
@@ -146,7 +141,7 @@ def _poisson_small(
     electrons: NDArray[np.float64],
     late: NDArray[np.int64],
 ) -> None:
-    """Inversion for the listed pixels, all a count further at a time: the same sums as `poisson_small`'s."""
+    """Draw the listed pixels by inversion, one count per step for all: the same sums as `poisson_small`."""
     p = np.empty(left, np.float64)
     term = np.empty(left, np.float64)
     total = np.empty(left, np.float64)
@@ -184,7 +179,7 @@ def normal_run(
     late: NDArray[np.int64],
     tails: NDArray[np.float64],
 ) -> None:
-    """Standard normal deviates of a run: the central range for all, then the tails."""
+    """Draw the standard normal deviates of a run: the central range for all pixels, then the tails."""
     for i in range(n):
         deviates[i] = normal_central(uniform(words[i]) - 0.5)
     left = 0

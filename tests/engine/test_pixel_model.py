@@ -1,0 +1,170 @@
+"""The CPU kernels of the pixel model, compared with one pixel at a time in plain Python."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from photosite.engine import philox
+from photosite.engine.philox import BLINKING, EXPOSURE, key_from_seed, philox4x32
+from photosite.engine.pixel_model import (
+    BlinkingPixels,
+    DrawnConstants,
+    DrawnMaps,
+    Exposure,
+    MeasuredMaps,
+    drawn_pixel,
+    expose_blinking,
+    expose_drawn,
+    expose_measured,
+    expose_pixel,
+    line_deviates,
+    pixel_number,
+)
+from photosite.engine.variates import normal, poisson, uniform
+
+KEY = key_from_seed(2**40 + 17)
+FRAME = np.uint32(9)
+SHARED = Exposure(0.7, 30000.0, 0.4, 200.0, 16383.0, 70, 333, 5000, FRAME, *KEY)
+READ_E = 12.5
+CONSTANTS = DrawnConstants(1e-5, 2e-3, READ_E)
+MAP_GAIN, LINE_VARIANCE = 0.5, 0.3
+LEVELS = np.array([0, 1e-3, 0.5, 4.0, 9.99, 10.0, 11.0, 17.0, 40.0, 900.0, 29900.0, 60000.0])
+"""Mean electrons from 0 to beyond the well capacity, so that every branch is taken."""
+
+
+def drawn_maps(rng: np.random.Generator, shape: tuple[int, int]) -> DrawnMaps:
+    prnu, offset = (rng.integers(-9000, 9000, shape).astype(np.int16) for _ in range(2))
+    return DrawnMaps(prnu, offset, rng.random(shape).astype(np.float32))
+
+
+def drawn_in_python(r: int, c: int, photo: NDArray[np.float32], maps: DrawnMaps) -> int:
+    """The digital number of a drawn chip's pixel by the equations."""
+    prnu, offset, dark = (np.broadcast_to(m, photo.shape)[r, c] for m in maps)
+    number = np.uint32(pixel_number(r, c, SHARED))
+    mean = float(photo[r, c]) * (1 + int(prnu) * 1e-5) + float(dark) * SHARED.exposure_s
+    electrons = min(poisson(mean, number, FRAME, EXPOSURE, *KEY), SHARED.well_capacity_e) + int(offset) * 2e-3
+    z = normal(philox4x32(number, FRAME, EXPOSURE, np.uint32(0), *KEY)[2])
+    dn = math.floor((electrons + READ_E * z) * SHARED.gain_dn_per_e + SHARED.black_level_dn + 0.5)
+    return int(min(max(dn, 0), SHARED.white_level_dn))
+
+
+@pytest.mark.parametrize("constant", [False, True])
+def test_drawn_chip_matches_the_equations_and_single_pixels(constant: bool) -> None:
+    rng = np.random.default_rng(4)
+    photo = rng.choice(LEVELS, (2, 2100)).astype(np.float32)
+    maps = drawn_maps(rng, (1, 1) if constant else photo.shape)
+    frame = expose_drawn(photo, maps, CONSTANTS, SHARED)
+    prnu, offset, dark = (np.broadcast_to(m, photo.shape) for m in maps)
+    for r, c in np.ndindex(photo.shape):
+        assert frame[r, c] == drawn_in_python(r, c, photo, maps), (r, c)
+    for r, c in np.ndindex(2, 300):
+        pixel = drawn_pixel(prnu[r, c], offset[r, c], dark[r, c], CONSTANTS, SHARED)
+        assert frame[r, c] == expose_pixel(float(photo[r, c]), pixel, r, c, SHARED)
+
+
+@pytest.mark.parametrize("well", [30000.0, math.inf])
+@pytest.mark.parametrize("mean", [1e16, 9e18, 1e19, 1e30, 3e38])
+def test_very_bright_light_is_white(mean: float, well: float) -> None:
+    """Counts and digital numbers beyond 2^63 must not overflow to black."""
+    zero = np.zeros((1, 1), np.int16)
+    maps = DrawnMaps(zero, zero, np.zeros((1, 1), np.float32))
+    constants = DrawnConstants(0.0, 0.0, READ_E)
+    shared = Exposure(1.0, well, 40.0, 200.0, 5000.0, 0, 0, 3000, FRAME, *KEY)
+    photo = np.full((2, 3000), mean, np.float32)
+    assert (expose_drawn(photo, maps, constants, shared) == 5000).all()
+    pixel = drawn_pixel(zero[0, 0], zero[0, 0], np.float32(0), constants, shared)
+    assert all(expose_pixel(float(photo[0, 0]), pixel, 0, i, shared) == 5000 for i in range(200))
+
+
+def measured_maps(shape: tuple[int, int] = (3, 1300)) -> tuple[NDArray[np.float32], MeasuredMaps]:
+    """Light and maps, with some responses, dark rates and noise variances below 0."""
+    rng = np.random.default_rng(4)
+    photo = rng.choice(LEVELS, shape).astype(np.float32)
+    prnu, offset, dark, read = (
+        rng.normal(center, spread, shape).astype(np.float32)
+        for center, spread in ((-0.2, 0.6), (0, 20), (0.5, 1), (2, 2))
+    )
+    lines = rng.normal(0, 1, shape[0]), rng.normal(0, 1, shape[1])
+    return photo, MeasuredMaps(prnu, offset, dark, read, *lines, LINE_VARIANCE, MAP_GAIN)
+
+
+def measured_in_python(r: int, c: int, photo: Any, maps: MeasuredMaps, state: Any = None) -> int:
+    """The digital number of a measured chip's pixel; `state` is (amplitude, high fraction, noise) of a blinking one."""
+    number = np.uint32(pixel_number(r, c, SHARED))
+    rate = float(maps.dark_rate_dn_per_s[r, c])
+    mean = float(photo[r, c]) * max(1 + float(maps.prnu[r, c]), 0) + max(rate, 0) * (SHARED.exposure_s / MAP_GAIN)
+    electrons = min(poisson(mean, number, FRAME, EXPOSURE, *KEY), SHARED.well_capacity_e)
+    level = float(maps.offset_dn[r, c]) + min(rate, 0) * SHARED.exposure_s + maps.row_dn[r] + maps.column_dn[c]
+    spread = float(maps.read_noise_dn[r, c])
+    if state is not None:
+        amplitude, fraction, spread = state
+        high = uniform(philox4x32(number, FRAME, BLINKING, np.uint32(0), *KEY)[0]) < fraction
+        level += amplitude * (high - fraction)
+    noise = math.sqrt(max(math.copysign(spread**2, spread) - LINE_VARIANCE, 0))
+    z = normal(philox4x32(number, FRAME, EXPOSURE, np.uint32(0), *KEY)[2])
+    gain = SHARED.gain_dn_per_e
+    dn = math.floor(electrons * gain + (level + noise * z) * gain / MAP_GAIN + SHARED.black_level_dn + 0.5)
+    return int(min(max(dn, 0), SHARED.white_level_dn))
+
+
+def assert_nearly_equal(frame: NDArray[np.uint16], expected: Any, most: int) -> None:
+    """A few pixels may differ by 1 DN: another order of additions may round to the other side of a border."""
+    difference = np.abs(frame.astype(int) - expected)
+    assert np.count_nonzero(difference) <= most
+    assert difference.max() <= 1
+
+
+def test_measured_chip_matches_the_equations() -> None:
+    photo, maps = measured_maps()
+    expected = [[measured_in_python(r, c, photo, maps) for c in range(photo.shape[1])] for r in range(3)]
+    assert_nearly_equal(expose_measured(photo, maps, SHARED), np.array(expected), 2)
+
+
+def test_blinking_pixels_match_the_equations_and_leave_others_alone() -> None:
+    photo, maps = measured_maps()
+    frame = expose_measured(photo, maps, SHARED)
+    before = frame.copy()
+    place = np.array([[0, 5], [1, 700], [2, 1299], [2, 3]])
+    states = np.array([[30.0, 0.5, 2.0], [80.0, 0.1, 1.0], [-12.0, 0.9, 0.2], [50.0, 0.5, 3.0]])
+    blinking = BlinkingPixels(place, *(np.ascontiguousarray(column) for column in states.T))
+    expose_blinking(frame, blinking, photo, maps, SHARED)
+    for (r, c), state in zip(place.tolist(), states, strict=True):
+        assert frame[r, c] == measured_in_python(r, c, photo, maps, state)
+    others = np.ones(frame.shape, bool)
+    others[tuple(place.T)] = False
+    assert (frame[others] == before[others]).all()
+
+
+def test_measured_chip_with_a_drawn_chips_maps_gives_its_frame() -> None:
+    rng = np.random.default_rng(5)
+    photo = rng.uniform(0, 3000, (3, 1300)).astype(np.float32)
+    drawn = drawn_maps(rng, photo.shape)
+    gain = SHARED.gain_dn_per_e
+    maps = [drawn.prnu * 1e-5, drawn.offset * 2e-3 * gain, drawn.dark_rate_e_per_s * gain]
+    maps.append(np.full(photo.shape, READ_E * gain))
+    measured = MeasuredMaps(*(m.astype(np.float32) for m in maps), np.zeros(3), np.zeros(1300), 0.0, gain)
+    # 32-bit maps shift a number by 1e-7 of itself.
+    assert_nearly_equal(
+        expose_measured(photo, measured, SHARED), expose_drawn(photo, drawn, CONSTANTS, SHARED).astype(int), 3
+    )
+
+
+def test_line_deviates_are_normal_and_independent() -> None:
+    """Kolmogorov-Smirnov at 1e-4, correlation within 4 sigma: false alarms 3e-4 in all."""
+    rows, columns = (line_deviates(0, 20_000, word, FRAME, *KEY) for word in (0, 1))
+    assert stats.kstest(rows, "norm").pvalue > 1e-4
+    assert stats.kstest(columns, "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(rows, columns)[0, 1]) < 4 / np.sqrt(20_000)
+    assert (line_deviates(100, 50, 0, FRAME, *KEY) == rows[100:150]).all()
+    assert (line_deviates(0, 100, 0, np.uint32(10), *KEY) != rows[:100]).all()
+
+
+def test_uses_of_random_words_are_distinct() -> None:
+    uses = [philox.EXPOSURE, philox.FIXED_PATTERN, philox.BLINKING, philox.LINES]
+    assert [int(use) for use in uses] == [0, 1, 2, 3]
