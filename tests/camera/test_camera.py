@@ -74,7 +74,7 @@ def test_mean_electrons_equal_the_sum_over_wavelengths(f_number: float) -> None:
     assert np.abs(ours - oracle).max() < 1e-5 * oracle.max()
 
 
-def test_combining_maps_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reduction_of_maps_is_within_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
     """The chart's 24 spectra as some ten maps, against all 24 as they are: within 1e-5 of full scale."""
     from photosite.camera import channel_transfers
     from photosite.camera import mean_image as mosaic
@@ -107,7 +107,7 @@ def test_mean_electrons_are_never_negative_beside_an_edge() -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 3])
-def test_light_is_kept(cells: int) -> None:
+def test_light_is_conserved(cells: int) -> None:
     """The sum over pixels of a scene that ends in darkness is the uniform field's electrons times its area."""
     grid = np.arange(400.0, 701.0, 10)
     weights = np.zeros((1, 64, 64), np.float32)
@@ -124,7 +124,7 @@ def test_light_is_kept(cells: int) -> None:
     assert 0 <= lost < 2e-2
 
 
-def test_a_point_becomes_the_point_spread_times_the_pixel() -> None:
+def test_image_of_a_point_is_the_psf_times_the_pixel() -> None:
     """Against direct integration of the Airy pattern over the photodetector and the source's cell, by fine sampling."""
     from scipy.signal import fftconvolve
     from scipy.special import j1
@@ -155,7 +155,7 @@ def test_a_point_becomes_the_point_spread_times_the_pixel() -> None:
     assert got[7:12, 7:12] / even == pytest.approx(expected, abs=1e-4)
 
 
-def test_cells_refine_towards_the_same_image() -> None:
+def test_more_cells_converge_to_the_same_image() -> None:
     sensor = D200.with_(rows=48, cols=64)
     smooth = Scene.from_radiance(
         1e14 * (1.2 + np.sin(np.arange(64) / 9)[None, :, None] * np.ones((48, 1, 31))), np.arange(400.0, 701, 10)
@@ -196,7 +196,7 @@ def test_the_d200s_white_patch_fills_85_percent_of_the_well() -> None:
     assert mean.max() == pytest.approx(0.85 * 36000, rel=1e-5)
 
 
-def test_cos4_falls_off_towards_the_corners() -> None:
+def test_cos4_relative_illumination() -> None:
     sensor = D200.with_(rows=200, cols=300, width_um=60, height_um=60)
     lens = DiffractionLimited(8, 50, falloff="cos4")
     field = ps.charts.uniform("A", 40)
@@ -222,11 +222,11 @@ def test_scene_to_scale_has_the_lens_magnification() -> None:
 
 def test_missing_light_is_a_warning() -> None:
     field = Scene.uniform(np.full(11, 1e14), np.arange(500.0, 601, 10))
-    with pytest.warns(PhotositeWarning, match="of channel R's response lies outside the scene's 500 to 600 nm"):
+    with pytest.warns(PhotositeWarning, match="channel R's response lies outside the scene's wavelengths, 500 to"):
         ps.Camera(LENS, D200.with_(rows=2, cols=2)).mean_electrons(field, 0.01)
 
 
-def test_negative_radiance_is_refused() -> None:
+def test_negative_radiance_is_an_error() -> None:
     weights = np.ones((1, 8, 8), np.float32)
     weights[0, 4:] = -1
     scene = Scene(weights, np.full((1, 41), 1e14), np.arange(380.0, 781, 10))
@@ -239,7 +239,7 @@ CAMERA = ps.Camera(LENS, SMALL)
 CHART = ps.charts.macbeth()
 
 
-def test_the_seed_and_frame_decide_the_frame() -> None:
+def test_seed_and_frame_number_determine_the_frame() -> None:
     a = CAMERA.capture(CHART, 1 / 3, seed=7)
     assert (a.dn == CAMERA.capture(CHART, 1 / 3, seed=7).dn).all()
     assert (a.dn != CAMERA.capture(CHART, 1 / 3, seed=8).dn).any()
@@ -247,7 +247,7 @@ def test_the_seed_and_frame_decide_the_frame() -> None:
     assert a.exposure_s == 1 / 3
 
 
-def test_a_fresh_process_gives_the_same_frame() -> None:
+def test_new_process_gives_the_same_frame() -> None:
     code = (
         "import photosite as ps, hashlib;"
         "s = ps.load_sensor('nikon-d200').with_(rows=40, cols=60, black_level_dn=64, dark_voltage_mv_per_s=1.0);"
@@ -256,18 +256,18 @@ def test_a_fresh_process_gives_the_same_frame() -> None:
     )
     import hashlib
 
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
-    assert told == hashlib.sha256(CAMERA.capture(CHART, 1 / 3, seed=7).dn.tobytes()).hexdigest()
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    assert printed == hashlib.sha256(CAMERA.capture(CHART, 1 / 3, seed=7).dn.tobytes()).hexdigest()
 
 
 @pytest.mark.parametrize("exposure_s", [0.0, -1.0, math.nan, math.inf])
-def test_exposures_that_cannot_be(exposure_s: float) -> None:
+def test_exposure_must_be_positive_and_finite(exposure_s: float) -> None:
     with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
         CAMERA.capture(CHART, exposure_s)
 
 
 @pytest.mark.parametrize("exposure_s", ["1/3", True, None])
-def test_exposures_that_are_no_numbers(exposure_s: object) -> None:
+def test_exposure_must_be_a_number(exposure_s: object) -> None:
     with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
         CAMERA.capture(CHART, exposure_s)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="exposure_s must be a number of seconds above 0"):
@@ -275,43 +275,51 @@ def test_exposures_that_are_no_numbers(exposure_s: object) -> None:
 
 
 @pytest.mark.parametrize("exposure_s", [1e38, 1e300])
-def test_exposures_beyond_all_numbers(exposure_s: float) -> None:
-    """One error, and no warning of NumPy's before it."""
+def test_too_long_exposure_is_an_error(exposure_s: float) -> None:
+    """An error, without a NumPy warning before it."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(InputError, match="too long"):
-            CAMERA.capture(CHART, exposure_s)
-        with pytest.raises(InputError, match="too long"):
-            next(CAMERA.stream(CHART, [exposure_s]))
+        for call in (lambda: CAMERA.capture(CHART, exposure_s), lambda: next(CAMERA.stream(CHART, [exposure_s]))):
+            with pytest.raises(InputError) as caught:
+                call()
+            assert (caught.value.what, caught.value.value) == ("exposure_s", exposure_s)
 
 
-def test_numbers_out_of_range() -> None:
-    mean = np.zeros((40, 60), np.float32)
-    with pytest.raises(InputError, match="seed is a whole number"):
-        CAMERA.expose(mean, 0.01, seed=-1)
-    with pytest.raises(InputError, match="frame is a whole number"):
-        CAMERA.expose(mean, 0.01, frame=2**32)
-    for slip in (1.5, 1.0, "7", None, True):
-        with pytest.raises(InputError, match="seed is a whole number"):
-            CAMERA.expose(mean, 0.01, seed=slip)  # type: ignore[arg-type]
-        with pytest.raises(InputError, match="frame is a whole number"):
-            CAMERA.expose(mean, 0.01, frame=slip)  # type: ignore[arg-type]
+@pytest.mark.parametrize("value", [-1, 2**64, 1.5, 1.0, "7", None, True])
+@pytest.mark.parametrize("name", ["seed", "frame"])
+def test_seed_and_frame_must_be_integers_in_range(name: str, value: object) -> None:
+    with pytest.raises(InputError) as caught:
+        CAMERA.expose(np.zeros((40, 60), np.float32), 0.01, **{name: value})  # type: ignore[arg-type]
+    assert (caught.value.what, caught.value.value) == (name, value)
+
+
+def test_numpy_integers_are_valid_seeds() -> None:
     for number in (np.uint64(2**64 - 1), np.int32(7)):
-        CAMERA.expose(mean, 0.01, seed=number)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="40 x 60"):
+        CAMERA.expose(np.zeros((40, 60), np.float32), 0.01, seed=number)  # type: ignore[arg-type]
+
+
+def test_mean_electrons_must_have_the_sensors_shape_and_be_finite_and_not_negative() -> None:
+    mean = np.zeros((40, 60), np.float32)
+    with pytest.raises(InputError) as caught:
         CAMERA.expose(mean[:2], 0.01)
+    assert (caught.value.what, caught.value.value) == ("mean_electrons", (2, 60))
     for bad in (-1.0, np.nan, np.inf):
         mean[3, 4] = bad
-        with pytest.raises(InputError, match="finite and not negative"):
+        with pytest.raises(InputError) as caught:
             CAMERA.expose(mean, 0.01)
-    with pytest.raises(InputError, match="odd and positive"):
+        assert caught.value.what == "mean_electrons"
+
+
+def test_invalid_camera_options() -> None:
+    with pytest.raises(InputError) as caught:
         ps.Camera(LENS, SMALL, cells_per_pixel=2)
+    assert (caught.value.what, caught.value.value) == ("cells_per_pixel", 2)
     with pytest.raises(InputError, match="unknown integration rule"):
         ps.Camera(LENS, SMALL, integration="simpson")
 
 
 @pytest.mark.parametrize("region", [(0, 40, 0, 60), (3, 4, 7, 8), (11, 40, 1, 60), (0, 2, 58, 60)])
-def test_a_region_is_that_part_of_the_frame(region: tuple[int, int, int, int]) -> None:
+def test_region_equals_that_part_of_the_frame(region: tuple[int, int, int, int]) -> None:
     sensor = SMALL.with_(dcnu_percent=30)
     camera = ps.Camera(LENS, sensor)
     r0, r1, c0, c1 = region
@@ -322,25 +330,27 @@ def test_a_region_is_that_part_of_the_frame(region: tuple[int, int, int, int]) -
 
 
 @pytest.mark.parametrize("region", [(0, 41, 0, 60), (-1, 4, 0, 6), (5, 5, 0, 6), (0, 4, 9, 6)])
-def test_regions_that_are_not_on_the_chip(region: tuple[int, int, int, int]) -> None:
-    with pytest.raises(InputError, match="a region is"):
+def test_region_must_be_on_the_chip(region: tuple[int, int, int, int]) -> None:
+    with pytest.raises(InputError) as caught:
         CAMERA.capture(CHART, 1 / 3, region=region)
+    assert (caught.value.what, caught.value.value) == ("region", region)
 
 
-def test_a_stream_yields_what_captures_give() -> None:
+def test_stream_equals_captures() -> None:
     frames = list(CAMERA.stream(CHART, [1 / 30, 1 / 3], frames=2, seed=4, first_frame=10, region=(2, 9, 3, 21)))
     for n, (raw, exposure_s) in enumerate(zip(frames, [1 / 30, 1 / 30, 1 / 3, 1 / 3], strict=True)):
         alone = CAMERA.capture(CHART, exposure_s, seed=4, frame=10 + n, region=(2, 9, 3, 21))
         assert (raw.dn == alone.dn).all()
-    with pytest.raises(InputError, match="1 frame or more"):
+    with pytest.raises(InputError) as caught:
         next(CAMERA.stream(CHART, 0.1, frames=0))
+    assert (caught.value.what, caught.value.value) == ("frames", 0)
 
 
 def test_threads_do_not_change_a_frame() -> None:
     import numba
 
     if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("skipped: this machine has one core")
+        pytest.skip("this machine has one core")
     camera = ps.Camera(LENS, D200.with_(rows=500, cols=700, black_level_dn=64))  # large enough for two threads
     frames = []
     for threads in (1, 2):
@@ -349,7 +359,7 @@ def test_threads_do_not_change_a_frame() -> None:
     assert (frames[0] == frames[1]).all()
 
 
-def test_light_of_any_strength_saturates_until_no_float_holds_it() -> None:
+def test_bright_light_saturates_and_too_bright_light_is_an_error() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=24, cols=32))
     for luminance in (1e17, 1e19, 1e25):
         for scene in (ps.charts.uniform("A", luminance), ps.charts.ramp("A", luminance, contrast=2, rows=24, cols=32)):
@@ -357,5 +367,6 @@ def test_light_of_any_strength_saturates_until_no_float_holds_it() -> None:
     for scene in (ps.charts.uniform("A", 1e40), ps.charts.macbeth("A", 1e40)):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            with pytest.raises(InputError, match=r"too bright: .* lower luminance"):
+            with pytest.raises(InputError, match="electrons per second") as caught:
                 camera.capture(scene, 1 / 3)
+            assert float(str(caught.value.value)) > 1e30

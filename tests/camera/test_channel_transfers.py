@@ -43,7 +43,7 @@ def counted(**parts: Any) -> tuple[Lens, list[float]]:
     return Lens(BASE, Counted(calls), **parts), calls
 
 
-def test_a_second_frame_asks_the_lens_for_nothing() -> None:
+def test_second_frame_uses_the_cache() -> None:
     lens, calls = counted()
     scene = ps.charts.macbeth()
     first = ps.Camera(lens, D200).mean_electrons(scene, 0.1)
@@ -56,7 +56,7 @@ def test_a_second_frame_asks_the_lens_for_nothing() -> None:
     assert len(calls) == asked  # neither the frame's size nor the exposure is the lens's affair
 
 
-def test_what_is_kept_is_that_of_the_same_scene_distance_sensor_and_cells_only() -> None:
+def test_cache_key_has_scene_distance_sensor_and_cells() -> None:
     """Frames through one lens, in turn, against those of lenses that see one frame each."""
     chart, color = ps.charts.macbeth(), LateralColor.from_magnification([400, 700], [1.0005, 0.9995])
     lens, _ = counted(lateral_color=color)
@@ -75,7 +75,7 @@ def test_what_is_kept_is_that_of_the_same_scene_distance_sensor_and_cells_only()
         assert (ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.1) == expected).all()
 
 
-def test_lateral_colour_asks_for_each_wavelength_once() -> None:
+def test_lateral_colour_samples_each_wavelength_once() -> None:
     scene, sensor = ps.charts.macbeth(), D200
     alone, calls_alone = counted()
     ps.Camera(alone, sensor).mean_electrons(scene, 0.1)
@@ -84,7 +84,7 @@ def test_lateral_colour_asks_for_each_wavelength_once() -> None:
     assert len(calls) == len(calls_alone)
 
 
-def test_few_spreads_and_transfers_are_kept_and_none_of_a_lens_that_is_gone() -> None:
+def test_cache_is_limited_and_freed_with_the_lens() -> None:
     lens, calls = counted()
     camera = ps.Camera(lens, D200)
     for distance_m in np.linspace(1, 2, 9):
@@ -98,7 +98,7 @@ def test_few_spreads_and_transfers_are_kept_and_none_of_a_lens_that_is_gone() ->
     assert len(channel_transfers._cache) < before
 
 
-def test_a_lens_that_was_used_can_be_sent_to_other_processes() -> None:
+def test_used_lens_pickles() -> None:
     lens = Lens(DiffractionLimited(8, 50), focus_distance_m=2.0)
     before = ps.Camera(lens, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5), 0.1)
     other = pickle.loads(pickle.dumps(lens))
@@ -132,7 +132,7 @@ def growing() -> LensDesign:
     return LensDesign(np.array([450.0, 550, 650]), spots, 0.6, np.zeros(5), places, rank=6)
 
 
-def test_terms_are_combined_to_a_hundredth_of_what_few_modes_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tolerance_is_a_hundredth_of_the_error_of_the_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     design, scene = growing(), ps.charts.macbeth()
     terms: list[int] = []
     plain = channel_transfers._terms

@@ -149,17 +149,17 @@ def largest(error: NDArray[np.float64]) -> float:
     return float(np.abs(error).max())
 
 
-def test_rays_are_the_camera_for_a_single_plane() -> None:
+def test_single_plane_matches_ray_tracing() -> None:
     for distance in (1.0, 2.0, 4.0):
         assert largest(compared([(distance, texture(1), ONES)])) < 2e-4
 
 
-def test_an_edge_before_an_even_plane_is_exact_in_focus_and_out() -> None:
+def test_edge_in_front_of_a_uniform_plane() -> None:
     for near, far in ((1.0, 4.0), (1.0, 2.0), (2.0, 4.0), (2.0, 2.0), (1.9, 1.95)):
         assert largest(compared([(near, texture(1), half()), (far, 0.3 * ONES, ONES)])) < 2e-4
 
 
-def test_two_half_planes_are_the_painters_picture() -> None:
+def test_two_half_planes_in_focus() -> None:
     """In focus, dark beside bright: near over far, then the lens's finest blur; a pixel from the edge it is exact."""
     near, far = Plane(striped(ONES, 2.0), np.tile(half(), (CELLS * ROWS * 8, 1))), striped(0.25 * ONES, 2.0)
     got = line(Planes((near, far)))
@@ -169,11 +169,11 @@ def test_two_half_planes_are_the_painters_picture() -> None:
 
 
 @pytest.mark.parametrize(("near", "far"), [(1.0, 2.0), (2.0, 4.0)])
-def test_one_of_two_in_focus_errs_by_the_finest_blur_only(near: float, far: float) -> None:
+def test_one_of_two_planes_in_focus(near: float, far: float) -> None:
     assert largest(compared([(near, texture(1), half()), (far, texture(2), ONES)])) < 1.2e-3
 
 
-def test_where_linear_layers_err() -> None:
+def test_errors_of_linear_layers() -> None:
     """What docs/depth.md states: of full scale, at single pixels near the edge."""
     both = compared([(1.0, texture(1), half()), (4.0, texture(2), ONES)])
     assert 0.05 < largest(both) < 0.11
@@ -186,21 +186,19 @@ def test_where_linear_layers_err() -> None:
     ("near", "middle", "far", "limit"),
     [(2.0, 2.0, 2.0, 2e-4), (1.999, 2.0, 2.001, 2e-3), (1.0, 1.002, 1.004, 2.5e-3)],
 )
-def test_planes_that_are_blurred_alike_are_the_painters_picture(
-    near: float, middle: float, far: float, limit: float
-) -> None:
+def test_planes_blurred_alike(near: float, middle: float, far: float, limit: float) -> None:
     """In focus, or out of it by the same: structure behind structure, edges on edges."""
     planes = [(near, texture(1), half(0.45)), (middle, texture(3), half(0.5)), (far, texture(2) * half(0.5), ONES)]
     assert largest(compared(planes)) < limit
 
 
-def test_planes_that_hide_each_other_hide_once_what_is_behind() -> None:
+def test_overlapping_planes_occlude_once() -> None:
     """Two in focus, covering parts of each other, before a blurred even plane."""
     planes = [(2.0, texture(1), 0.6 * half(0.45)), (2.0, texture(3), 0.5 * half(0.5)), (4.0, 0.7 * ONES, ONES)]
     assert largest(compared(planes)) < 2e-4
 
 
-def test_a_sharp_lens_sees_the_painters_picture() -> None:
+def test_lens_with_everything_in_focus() -> None:
     """The built-in lens has every plane in focus: planes are one scene of the nearest samples, color by color."""
     sensor = D200.with_(rows=64, cols=96)
     camera = ps.Camera(DiffractionLimited(f_number=4, focal_length_mm=50), sensor)
@@ -218,7 +216,7 @@ def test_a_sharp_lens_sees_the_painters_picture() -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 3])
-def test_an_even_stack_stays_even(cells: int) -> None:
+def test_uniform_planes_stay_uniform(cells: int) -> None:
     """The same radiance at three distances, edges of every kind: even to 1e-5, at the edges too."""
     sensor = D200.with_(rows=64, cols=96)
     rng = np.random.default_rng(7)
@@ -240,7 +238,7 @@ def colored(seed: int, distance_m: float, width_m: float | None = None) -> Scene
     return Scene(weights, 1e14 * rng.random((3, GRID_NM.size)), GRID_NM, distance_m, width_m)
 
 
-def test_a_single_plane_is_its_scene_and_one_that_is_not_there_changes_nothing() -> None:
+def test_single_plane_is_its_scene_and_a_transparent_plane_changes_nothing() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=64, cols=96))
     far = colored(1, 4.0)
     alone = camera.mean_electrons(far, 0.1)
@@ -249,7 +247,7 @@ def test_a_single_plane_is_its_scene_and_one_that_is_not_there_changes_nothing()
     assert (camera.mean_electrons(Planes((nothing, far)), 0.1) == alone).all()
 
 
-def test_opacity_shares_the_light() -> None:
+def test_opacity_divides_the_light() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=64, cols=96))
     near, far = colored(1, 1.0), colored(2, 4.0)
     images = [camera.mean_electrons(scene, 0.1) for scene in (near, far)]
@@ -259,7 +257,7 @@ def test_opacity_shares_the_light() -> None:
         np.testing.assert_allclose(mixed, want, atol=1e-5 * want.max())
 
 
-def test_a_black_plane_hides_and_a_dark_background_stays_dark() -> None:
+def test_black_plane_and_dark_background() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=64, cols=96))
     black = replace(colored(1, 1.0), basis=np.zeros((3, GRID_NM.size)))
     wall = colored(2, 4.0)
@@ -270,7 +268,7 @@ def test_a_black_plane_hides_and_a_dark_background_stays_dark() -> None:
     np.testing.assert_array_equal(camera.mean_electrons(Planes((near, dark)), 0.1), camera.mean_electrons(near, 0.1))
 
 
-def test_a_plane_ends_at_its_border_and_lies_where_its_distance_puts_it() -> None:
+def test_position_and_border_of_a_plane() -> None:
     """A square post 20 pixels wide in the image: its light is its area, and what is behind loses as much."""
     lens = replace(LENS, f_number=11)
     camera = ps.Camera(lens, mono(64, 96))
@@ -285,7 +283,7 @@ def test_a_plane_ends_at_its_border_and_lies_where_its_distance_puts_it() -> Non
     assert image[:, : 48 - 14].max() < 0.4 + 1e-5
 
 
-def test_captures_streams_and_regions_take_planes() -> None:
+def test_captures_streams_and_regions_of_planes() -> None:
     camera = ps.Camera(LENS, D200.with_(rows=132, cols=196))
     chart = replace(ps.charts.macbeth(), distance_m=3.0)
     post = Scene(np.ones((1, 5, 5), np.float32), WHITE, GRID_NM, 1.0, 1e-3)

@@ -63,7 +63,7 @@ def test_noise_profile_is_the_variance_of_frames() -> None:
         assert abs(signal.var() / expected - 1) < 4.5 * np.sqrt(2 / signal.size)
 
 
-def test_dng_carries_both(tmp_path: Path) -> None:
+def test_dng_contains_both(tmp_path: Path) -> None:
     sensor = ps.load_sensor("nikon-d200").with_(rows=24, cols=32)
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     raw = camera.capture(ps.charts.uniform("A", 10), exposure_s=0.1)

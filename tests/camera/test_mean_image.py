@@ -113,7 +113,7 @@ def even_electrons(sensor: Sensor, lens: Any) -> float:
 
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 @pytest.mark.parametrize("cells", [1, 3])
-def test_diffraction_is_the_same_whether_its_symmetry_is_known_or_not(f_number: float, cells: int) -> None:
+def test_diffraction_as_radial_or_plane_psf_is_the_same(f_number: float, cells: int) -> None:
     """Within 1e-5 of full scale, far from where either frame's padding ends."""
     lens = DiffractionLimited(f_number, 50)
     scene = random_scene(96, 128)
@@ -126,7 +126,7 @@ def test_diffraction_is_the_same_whether_its_symmetry_is_known_or_not(f_number: 
     assert np.abs(known - unknown).max() < 3e-6 * known.max()
 
 
-def test_the_cone_of_diffraction_is_found_whatever_smooth_blur_comes_with_it() -> None:
+def test_cone_of_diffraction_is_found_with_smooth_blur() -> None:
     """1 for a circular pupil, with defocus or without; 0 for a Gaussian, which has none."""
     radial = DiffractionLimited(8, 50).point_spread(1.2)
     exact = as_plane(DiffractionLimited(8, 50))
@@ -148,7 +148,7 @@ def comatic(scale: float) -> Any:
 
 
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
-def test_an_asymmetric_spread_equals_the_sum_over_wavelengths(f_number: float) -> None:
+def test_asymmetric_psf_equals_the_sum_over_wavelengths(f_number: float) -> None:
     """Against one transform pair per wavelength in double precision, every folded term; within 1e-5 of full scale."""
     lens, flare = DiffractionLimited(f_number, 50), comatic(1.0)
     exact = as_plane(lens)
@@ -186,7 +186,7 @@ def test_an_asymmetric_spread_equals_the_sum_over_wavelengths(f_number: float) -
 
 @pytest.mark.parametrize("cells", [1, 3])
 @pytest.mark.parametrize("spots", [(Spot(1, 4e-6),), COMA, (Spot(1, 2e-6, 31e-6, -18e-6),)])
-def test_a_point_becomes_the_spread_times_photodetector_and_cell(spots: tuple[Spot, ...], cells: int) -> None:
+def test_image_of_a_point_is_the_psf_times_photodetector_and_cell(spots: tuple[Spot, ...], cells: int) -> None:
     """The closed form within 1e-6 of its peak, the right way round: positive is down and right.
 
     The sample is as large as a pixel, whatever the cells.
@@ -200,7 +200,7 @@ def test_a_point_becomes_the_spread_times_photodetector_and_cell(spots: tuple[Sp
 
 
 @pytest.mark.parametrize("spots", [(Spot(1, 4e-6),), COMA])
-def test_light_is_kept_to_a_millionth(spots: tuple[Spot, ...]) -> None:
+def test_light_is_conserved_to_a_millionth(spots: tuple[Spot, ...]) -> None:
     sensor, lens = mono(40, 44), Lens(given=plane(*spots))
     got = ps.Camera(lens, sensor).mean_electrons(point(40, 44, 19, 21), 0.01)
     assert got.sum(dtype=np.float64) == pytest.approx(even_electrons(sensor, lens), rel=1e-6)
@@ -208,7 +208,7 @@ def test_light_is_kept_to_a_millionth(spots: tuple[Spot, ...]) -> None:
 
 @pytest.mark.parametrize("cells", [1, 3])
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
-def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: int) -> None:
+def test_kernels_and_cones_add_up_to_all_light(f_number: float, cells: int) -> None:
     """The operator itself, to 1e-9: of diffraction, whose rings never end, with a flare."""
     exact, flare = as_plane(DiffractionLimited(f_number, 50)), comatic(1.0)
     spread = PlanePsf(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
@@ -222,15 +222,15 @@ def test_kernels_and_cones_together_hold_all_the_light(f_number: float, cells: i
 
 
 @pytest.mark.parametrize("reach_m", [7e-3, math.inf, math.nan])
-def test_a_spread_larger_than_any_frame_is_refused(reach_m: float) -> None:
-    """Micrometres taken for millimetres, say."""
+def test_spread_larger_than_any_frame_is_an_error(reach_m: float) -> None:
+    """Micrometres instead of millimetres, for example."""
     whole = plane(*COMA)
     given = PlanePsf(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
-    with pytest.raises(InputError, match="check the units of its optics and its focus"):
+    with pytest.raises(InputError, match="number of cells over which the lens spreads a point"):
         ps.Camera(Lens(given=given), mono(20, 20)).mean_electrons(point(20, 20, 5, 5), 0.01)
 
 
-def test_an_even_scene_stays_even() -> None:
+def test_uniform_scene_stays_uniform() -> None:
     lens, sensor = Lens(given=plane(*COMA)), D200.with_(rows=40, cols=60)
     grid = np.arange(400.0, 701, 50)
     structured = Scene(np.ones((1, 5, 7), np.float32), np.full((1, 7), 1e15), grid)
@@ -239,7 +239,7 @@ def test_an_even_scene_stays_even() -> None:
     assert got == pytest.approx(even, rel=2e-6)
 
 
-def test_spreads_known_at_some_wavelengths_are_linear_between() -> None:
+def test_psfs_are_linear_between_known_wavelengths() -> None:
     """At 500 nm one spot, at 600 nm another: at 525 nm three quarters of the first; at 450 nm the first alone."""
     first, second = Spot(1, 3e-6, 10e-6), Spot(1, 5e-6, 0, -12e-6)
     whole = plane(first, second)
@@ -261,7 +261,7 @@ def test_spreads_known_at_some_wavelengths_are_linear_between() -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 3])
-def test_a_low_pass_filter_splits_a_point_into_four(cells: int) -> None:
+def test_low_pass_filter_splits_a_point_into_four(cells: int) -> None:
     """The kernel is the mean of four, each shifted by half the split, on both axes."""
     split = (4.1e-6, 5.3e-6)
     sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells, split)
@@ -330,7 +330,7 @@ def measured(spread: PointSpread, radiance: Array, cells: int = 1) -> Array:
     return np.asarray(got / even_electrons(sensor, lens), np.float64)
 
 
-def test_a_field_of_spreads_equals_direct_application() -> None:
+def test_field_psf_equals_direct_convolution() -> None:
     radiance = np.random.default_rng(3).random((ROWS, COLS))
     expected = applied_directly(radiance)
     got = measured(full_rank(), radiance)
@@ -340,7 +340,7 @@ def test_a_field_of_spreads_equals_direct_application() -> None:
 
 
 @pytest.mark.parametrize(("row", "col", "cells"), [(2, 3, 1), (12, 15, 1), (21, 27, 1), (5, 26, 3)])
-def test_points_over_the_field_have_their_own_spread(row: int, col: int, cells: int) -> None:
+def test_field_psf_at_points_over_the_field(row: int, col: int, cells: int) -> None:
     radiance = np.zeros((ROWS, COLS))
     radiance[row, col] = 1
     expected = applied_directly(radiance, cells)
@@ -371,7 +371,7 @@ def wider_in_red(spread: PlanePsf) -> PlanePsf:
     )
 
 
-def test_combining_maps_and_parts_changes_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reduction_of_maps_and_modes_is_within_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
     """A chart of 24 spectra behind four parts, as few terms, against all 96: within 1e-5 of full scale."""
     nodes = np.array([-90e-6, 90e-6])
     modes = tuple(wider_in_red(plane(*spots_at(y, x))) for y in nodes for x in nodes)

@@ -192,7 +192,7 @@ def test_the_example_of_the_help_fills_the_range(photosite: Any, tmp_path: Path)
         (("--scene-option", "contrast=3"), "the chart 'macbeth' has no option 'contrast'"),
         (("--optics", "gone.yaml"), "gone.yaml: there is no such file"),
         (("--camera", "gone.yaml"), "gone.yaml: there is no such file"),
-        (("--cells", 2), "cells_per_pixel is odd and positive, not 2"),
+        (("--cells", 2), "must be odd and positive"),
     ],
 )
 def test_errors_are_one_line(photosite: Any, tmp_path: Path, told: tuple[Any, ...], said: str) -> None:

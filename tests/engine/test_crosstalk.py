@@ -34,7 +34,7 @@ def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[n
     ("shape", "tile", "size"),
     [((12, 17), (1, 1), 3), ((9, 14), (2, 2), 5), ((7, 11), (3, 2), 3), ((6, 600), (2, 2), 5), ((6, 6), (6, 6), 9)],
 )
-def test_gathering_is_the_sum_over_neighbours(shape: tuple[int, int], tile: tuple[int, int], size: int) -> None:
+def test_gathered_equals_the_sum_over_neighbours(shape: tuple[int, int], tile: tuple[int, int], size: int) -> None:
     rng = np.random.default_rng(3)
     mosaic, shares = rng.random(shape), rng.random((*tile, size, size)) / size**2
     expected = plain(mosaic, shares)

@@ -205,5 +205,5 @@ def test_maps_fill_the_given_array() -> None:
     assert np.array_equal(out, sums.mean())
     assert np.array_equal(sums.variance(out), sums.variance())
     for wrong in (np.empty((9, 8)), np.empty((8, 9), np.float32)):
-        with pytest.raises(ValueError, match=r"is \(8, 9\) of float64 here"):
+        with pytest.raises(ValueError, match=r"out must be \(8, 9\) of float64"):
             sums.mean(wrong)

@@ -29,7 +29,7 @@ def interpolated(kernels: NDArray[np.float64], rows: int, cols: int) -> NDArray[
 
 
 @pytest.mark.parametrize(("size", "rows", "cols"), [(65, 200, 180), (65, 97, 131), (75, 40, 60), (99, 30, 32)])
-def test_a_kernels_spectrum_is_exact_to_a_millionth_of_its_sum(size: int, rows: int, cols: int) -> None:
+def test_spectrum_of_a_kernel_is_accurate_to_a_millionth(size: int, rows: int, cols: int) -> None:
     """Of kernels that fill their cells to the corners, the worst there are; also those wider than the frame."""
     kernels = np.random.default_rng(5).random((2, size, size))
     got = interpolated(kernels, rows, cols)
@@ -37,7 +37,7 @@ def test_a_kernels_spectrum_is_exact_to_a_millionth_of_its_sum(size: int, rows: 
         assert np.abs(ours - summed(kernel, rows, cols)).max() < 1e-6 * kernel.sum()
 
 
-def test_a_shift_is_a_phase_of_the_right_sign() -> None:
+def test_shift_is_a_phase_with_the_right_sign() -> None:
     """One cell down and two to the right: exp(-2 pi i (fy + 2 fx)), exact to single precision."""
     kernel = np.zeros((1, 65, 65))
     kernel[0, 33, 34] = 1
@@ -45,7 +45,7 @@ def test_a_shift_is_a_phase_of_the_right_sign() -> None:
     assert np.abs(interpolated(kernel, 64, 80)[0] - np.exp(-2j * np.pi * (fy + 2 * fx))).max() < 1e-6
 
 
-def test_no_rows_are_taken_but_the_nearest() -> None:
+def test_only_the_nearest_rows_contribute() -> None:
     gridding = Gridding.of(65, 300)
     position = np.arange(300) * 130 / 300
     nearest = (gridding.first[:, None] + np.arange(TAPS)) % 130

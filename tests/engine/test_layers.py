@@ -39,7 +39,7 @@ def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(12, 15), (4, 5), (36, 45), (36, 15)])
-def test_a_term_is_its_maps_each_weighted_over_the_field(rows: int, cols: int) -> None:
+def test_term_is_the_sum_of_weighted_maps(rows: int, cols: int) -> None:
     """Against SciPy's linear interpolation, for scenes with fewer and with more samples than pixels."""
     one = layer(rows, cols)
     points = np.stack(
@@ -58,21 +58,21 @@ def test_a_term_is_its_maps_each_weighted_over_the_field(rows: int, cols: int) -
         assert np.fft.irfft(spectrum, GRID.cells(1), axis=1) == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_field_of_one_node_and_weight_one_changes_nothing() -> None:
+def test_field_with_one_node_of_weight_1() -> None:
     plain = replace(layer(), field=None, mixing=RNG.random((2, 1, 4)).astype(np.float32))
     even = replace(plain, field=Field(np.zeros(1), np.zeros(1), np.ones((1, 1, 1))))
     got = [mosaic_of_layers([one], SAMPLING, GRID, SITES) for one in (plain, even)]
     assert np.abs(got[0] - got[1]).max() < 1e-6 * np.abs(got[0]).max()
 
 
-def test_the_light_of_layers_adds_up() -> None:
+def test_layers_add_up() -> None:
     first, second = layer(), replace(layer(4, 5), transfer=Transfer(None, RNG.random((3, 2, 15, 15))))
     together = mosaic_of_layers([first, second], SAMPLING, GRID, SITES)
     apart = sum(mosaic_of_layers([one], SAMPLING, GRID, SITES) for one in (first, second))
     assert np.abs(together - apart).max() < 1e-6 * np.abs(apart).max()
 
 
-def test_a_part_in_f_and_a_kernel_of_one_transfer_add_up() -> None:
+def test_radial_part_and_kernel_add_up() -> None:
     kernels = RNG.random((3, 2, 15, 15))
     one = layer()
     both, alone, rest = (
@@ -83,7 +83,7 @@ def test_a_part_in_f_and_a_kernel_of_one_transfer_add_up() -> None:
 
 
 @pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 2), (4, 4)])
-def test_a_kernel_is_a_convolution_whatever_the_tile(tile: tuple[int, int]) -> None:
+def test_kernel_is_a_convolution_for_any_tile(tile: tuple[int, int]) -> None:
     """Against SciPy's, in the middle of a frame, every site from its own channel."""
     from scipy.signal import convolve2d
 
@@ -99,19 +99,19 @@ def test_a_kernel_is_a_convolution_whatever_the_tile(tile: tuple[int, int]) -> N
         assert np.abs(got[r :: tile[0], c :: tile[1]] - expected).max() < 1e-6 * expected.max()
 
 
-def test_a_channels_pictures_from_several_views_are_as_many_layers() -> None:
-    """Two views of the same maps, three pictures, two terms, the second channel: against a layer for each picture."""
+def test_node_maps_of_several_views_equal_separate_layers() -> None:
+    """Two views, three node maps, two terms, the second channel: against one layer per node map."""
     view = layer().views[0]
     views = view, replace(view, start=(0.4, -0.7)), replace(view, start=(0.1, 0.2))
-    pictures = tuple(RNG.random((n, 4)).astype(np.float32) for n in (2, 0, 1))
+    node_maps = tuple(RNG.random((n, 4)).astype(np.float32) for n in (2, 0, 1))
     mixing = RNG.random((2, 2, 3)).astype(np.float32)
     transfer = Transfer(RadialTransfer(RNG.random((1, 2, 9)), 4e4))
-    got = mosaic_of_layers([Layer(views, mixing, transfer, pictures, FIELD, 1)], SAMPLING, GRID, SITES)
+    got = mosaic_of_layers([Layer(views, mixing, transfer, node_maps, FIELD, 1)], SAMPLING, GRID, SITES)
     table = np.zeros((3, 2, 9))
     assert transfer.radial is not None
     table[1] = transfer.radial.table[0]
     alone = [
-        Layer((views[n],), mixing[:, :, s, None] * pictures[n][k], Transfer(RadialTransfer(table, 4e4)), field=FIELD)
+        Layer((views[n],), mixing[:, :, s, None] * node_maps[n][k], Transfer(RadialTransfer(table, 4e4)), field=FIELD)
         for s, (n, k) in enumerate([(0, 0), (0, 1), (2, 0)])
     ]
     expected = mosaic_of_layers(alone, SAMPLING, GRID, SITES)
@@ -122,7 +122,7 @@ def test_a_channels_pictures_from_several_views_are_as_many_layers() -> None:
     assert not got[1::2, 1::2].any()
 
 
-def test_terms_that_go_through_a_warp_together_are_those_one_by_one() -> None:
+def test_terms_warped_together_equal_single_terms() -> None:
     """Seven terms over a field, of one, two and three parts each, more than go together at once."""
     radius = np.hypot(20, 20) * 6e-6
     warp = Warp(np.linspace(1.0, 1.05, 65), radius**2 / 64, (6e-6, 5e-6))

@@ -25,7 +25,7 @@ def test_known_answers(counter: list[int], key: list[int], answer: list[int]) ->
 
 
 @pytest.mark.parametrize("seed", [0, 1, 123456789, 2**63 + 11, 2**64 - 1])
-def test_agrees_with_the_definition_in_whole_numbers(seed: int) -> None:
+def test_agrees_with_the_definition_in_integers(seed: int) -> None:
     """An independent Philox4x32-10: the slow and obvious one in Python's integers."""
 
     def slow(c: list[int], k: list[int]) -> list[int]:

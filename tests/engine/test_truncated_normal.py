@@ -41,17 +41,17 @@ def test_one_dimension_follows_the_closed_form(mean):
         assert abs((chain < limit).mean() - share) < 5 * 1.5 * np.sqrt(share * (1 - share) / chain.size)
 
 
-def test_far_from_the_walls_it_is_the_normal_itself():
+def test_far_from_the_walls_it_is_normal():
     factor = np.array([[1.0, 0.0], [0.8, 0.6]])
     chain = _draws([50.0, 60.0], factor, 20_000)
     assert np.allclose(np.cov(chain, rowvar=False), factor @ factor.T, atol=0.05)
 
 
-def test_the_same_momenta_give_the_same_draws():
+def test_equal_momenta_give_equal_draws():
     assert np.array_equal(_draws([0.1, 0.2], np.eye(2), 100), _draws([0.1, 0.2], np.eye(2), 100))
 
 
-def test_a_chain_begins_inside_and_near_the_mode():
+def test_chain_starts_inside_and_near_the_mode():
     """Eight walls at odds, the mean far behind some of them: all kept, and no point inside is more probable by far."""
     from photosite.engine.truncated_normal import _inside
 

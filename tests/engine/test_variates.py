@@ -72,11 +72,11 @@ def test_the_poisson_test_has_power() -> None:
     assert poisson_p_value(shifted, 12345.6) < 1e-4
 
 
-def test_no_light_no_electrons() -> None:
+def test_zero_mean_gives_zero_counts() -> None:
     assert not many_poisson(0.0, 1000, np.uint32(0), *key_from_seed(1)).any()
 
 
-def test_quantiles_are_those_of_the_normal_law() -> None:
+def test_normal_quantiles_match_scipy() -> None:
     words = np.unique(np.concatenate([np.arange(9), np.linspace(0, 2**32 - 1, 4001).astype(np.uint64)])).astype(
         np.uint32
     )

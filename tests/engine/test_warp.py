@@ -70,7 +70,7 @@ def mean_by_clipping(values: NDArray[np.float32], quadrilateral: list[Point]) ->
 
 @pytest.mark.parametrize("k", [-0.25, 0.0, 0.4])
 @pytest.mark.parametrize("step", [(0.07, 0.05), (0.9, 1.1), (2.7, 3.3)])
-def test_each_mean_is_that_of_its_clipped_quadrilateral(k: float, step: tuple[float, float]) -> None:
+def test_means_equal_those_of_clipped_quadrilaterals(k: float, step: tuple[float, float]) -> None:
     """The map ends inside the grid's view on two sides: beyond, its border samples repeat."""
     shape = (int(9 * step[0]) + 3, int(12 * step[1]) + 3)
     values = np.random.default_rng(3).random(shape).astype(np.float32)
@@ -83,7 +83,7 @@ def test_each_mean_is_that_of_its_clipped_quadrilateral(k: float, step: tuple[fl
 
 
 @pytest.mark.parametrize("step", [0.03, 0.5, 1.0, 1.37, 4.0])
-def test_a_warp_that_moves_nothing_is_the_plain_laying(step: float) -> None:
+def test_identity_warp_equals_plain_resampling(step: float) -> None:
     values = np.random.default_rng(1).random((50, 70)).astype(np.float32)
     axis = (25.3, 34.1)
     got = warped(values, corners_of(40, 60, (50, 70), (step, step), axis))
@@ -96,7 +96,7 @@ def test_a_warp_that_moves_nothing_is_the_plain_laying(step: float) -> None:
     np.testing.assert_allclose(got, want, atol=1e-6)
 
 
-def test_light_is_neither_lost_nor_counted_twice() -> None:
+def test_light_is_conserved() -> None:
     """A patch inside the view: means times areas sum to the patch's light."""
     values = np.zeros((60, 80), np.float32)
     values[20:41, 25:52] = np.random.default_rng(2).random((21, 27))
@@ -118,14 +118,14 @@ def test_strips_are_parts_of_the_whole() -> None:
         assert (part == whole[begin:end]).all()
 
 
-def test_an_even_map_stays_even_whatever_the_warp() -> None:
+def test_uniform_map_stays_uniform() -> None:
     values = np.full((30, 40), 0.7, np.float32)
     got = warped(values, corners_of(50, 60, (30, 40), (0.6, 0.6), (15.0, 20.0), -0.3))
     np.testing.assert_allclose(got, np.float32(0.7), rtol=2e-7)
 
 
 @pytest.mark.parametrize("k", [0.0, 0.15])
-def test_several_maps_are_those_one_by_one(k: float) -> None:
+def test_several_maps_equal_single_maps(k: float) -> None:
     values = np.random.default_rng(8).random((4, 23, 31)).astype(np.float32)
     corners = corners_of(40, 52, (23, 31), (0.52, 0.6), (11.2, 15.7), k)
     first, last = corners.span(7, 33)

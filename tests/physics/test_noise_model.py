@@ -1,4 +1,4 @@
-"""The sensor's noise against the moments that the equations give."""
+"""The sensor's noise compared with the moments of the equations."""
 
 from __future__ import annotations
 
@@ -50,28 +50,28 @@ def test_temporal_and_spatial_moments(level_e: float) -> None:
     assert max(map(abs, (z_mean, z_temporal, z_spatial))) < 4.5
 
 
-def test_prnu_does_not_touch_dark_signal_or_read_noise() -> None:
+def test_prnu_does_not_change_dark_frames() -> None:
     strong = MONO.with_(prnu_percent=12.0)
     assert (stack(strong, 0.0, frames=2) == stack(MONO, 0.0, frames=2)).all()
 
 
-def test_the_well_limits_electrons_and_the_converter_numbers() -> None:
+def test_well_capacity_and_converter_limits() -> None:
     shallow = MONO.with_(well_capacity_e=10000, read_noise_mv=0, dsnu_mv=0)
     full = stack(shallow, 30000.0, frames=1)
     assert (full == round(100 + 10000 * MONO.system_gain_dn_per_e)).all()
     assert (stack(MONO, 60000.0, frames=1) == 4095).all()
 
 
-def test_black_clips_at_zero_without_a_pedestal() -> None:
+def test_black_clips_at_zero_without_a_black_level() -> None:
     bare = MONO.with_(black_level_dn=0, dark_voltage_mv_per_s=0)
     dn = stack(bare, 0.0, frames=4)
     sigma_dn = MONO.system_gain_dn_per_e * math.hypot(MONO.electrons(0.52), MONO.electrons(0.55))
-    expected = stats.norm.cdf(0.5 / sigma_dn)  # all that rounds to 0 or below
+    expected = stats.norm.cdf(0.5 / sigma_dn)  # everything that rounds to 0 or below
     assert (dn == 0).mean() == pytest.approx(expected, abs=0.01)
 
 
-def test_one_noise_source_never_shifts_anothers_numbers() -> None:
-    """Read noise from 0 to 0.52 mV changes the frame by a deviate that shot noise does not know of, and back."""
+def test_noise_sources_use_independent_random_numbers() -> None:
+    """Read noise from 0 to 0.52 mV changes the frame by a deviate that is independent of shot noise."""
     fine = MONO.with_(bits=16, analog_gain=1.1014, black_level_dn=3000)
     mean = np.full((160, 200), 2000.0, np.float32)
     with_read = digital_numbers(fine, mean, 0.1, seed=9).astype(float)

@@ -1,8 +1,8 @@
-"""Three frames whose bits stay: the same seed gives the same frame on every machine and in every version.
+"""Stored hashes of three frames: the same seed gives the same frame on every machine and in every version.
 
-From mean electrons on, a frame is IEEE arithmetic alone (`engine/elementary.py`), so no library's version may change
-it. Mean electrons of a scene with structure go through SciPy's transforms and LAPACK, whose rounding may differ
-between versions and processors by 1e-7 of full scale; these frames therefore start from given means.
+From mean electrons to digital numbers, only IEEE arithmetic is used (`engine/elementary.py`), so that no library
+version may change a frame. Mean electrons of a structured scene use SciPy's transforms and LAPACK, whose rounding
+differs between versions and processors by 1e-7 of full scale. These frames therefore start from given means.
 """
 
 from __future__ import annotations
@@ -28,6 +28,6 @@ RAMP = (np.arange(120 * 2050, dtype=np.float64) ** 2 / 1.2e6).astype(np.float32)
     ],
     ids=["dark", "even", "ramp"],
 )
-def test_the_bits_of_a_frame_stay(mean: np.ndarray, seed: int, frame: int, sha256: str) -> None:
+def test_frames_match_stored_hashes(mean: np.ndarray, seed: int, frame: int, sha256: str) -> None:
     dn = digital_numbers(SENSOR, mean, 0.25, seed=seed, frame=frame)
     assert hashlib.sha256(dn.astype("<u2").tobytes()).hexdigest() == sha256

@@ -16,12 +16,12 @@ from typing import Any
 
 import numba.cuda
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
 cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator
+types: Any = numba.types
 
 _THREADS = (32, 8)
 
@@ -63,7 +63,8 @@ def expose_drawn_cuda(
     kernel = _kernel()
     out = cuda.device_array(photo_e.shape, np.uint16)
     blocks = tuple(-(-size // threads) for size, threads in zip(photo_e.shape[::-1], _THREADS, strict=True))
-    kernel[blocks, _THREADS](_on_device(photo_e), DrawnMaps(*map(_on_device, maps)), constants, exposure, out)
+    on_device = DrawnMaps(*(_on_device(values) for values in (maps.prnu, maps.offset, maps.dark_rate_e_per_s)))
+    kernel[blocks, _THREADS](_on_device(photo_e), on_device, constants, exposure, out)
     frame_dn: NDArray[np.uint16] = out.copy_to_host()
     return frame_dn
 

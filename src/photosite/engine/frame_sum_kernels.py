@@ -6,7 +6,10 @@ and written once per call, however many frames are added.
 
 Label statistics of a run are first kept in *lanes*: position in the run modulo a multiple of the tile's columns. Lanes
 are adjacent in memory, so that their loops become vector instructions for any tile.
-@@FIGURE@@"""
+
+Staging and prefetch need LLVM intrinsics (`jit`). A plain loop that adds one frame after another takes 1.6 to 2.0 times
+as long; these kernels without the prefetch take 1.2 to 1.3 times as long (32 frames of 1024 x 3872 pixels, one core).
+"""
 
 from __future__ import annotations
 

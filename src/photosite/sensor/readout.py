@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from numbers import Integral
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,13 +139,17 @@ def digital_numbers(
 def _drawn_maps(sensor: Sensor, part: tuple[slice, slice]) -> tuple[DrawnMaps, DrawnConstants]:
     """Return the fixed pattern of a rectangle of the sensor's drawn chip."""
     chip = draw_chip(sensor)
-    prnu, offset, dark_rate = (
-        values if values.shape == (1, 1) else np.ascontiguousarray(values[part])
-        for values in (chip.prnu.deviates, chip.offset_e.deviates, chip.dark_rate_e_per_s)
+    maps = DrawnMaps(
+        _part(chip.prnu.deviates, part), _part(chip.offset_e.deviates, part), _part(chip.dark_rate_e_per_s, part)
     )
     read_noise_e = sensor.electrons(sensor.noise.read_noise_mv.value)
     constants = DrawnConstants(float(chip.prnu.scale), float(chip.offset_e.scale), float(read_noise_e))
-    return DrawnMaps(prnu, offset, dark_rate), constants
+    return maps, constants
+
+
+def _part(values: NDArray[Any], part: tuple[slice, slice]) -> NDArray[Any]:
+    """Return a rectangle of a map; a map of shape (1, 1) as it is."""
+    return values if values.shape == (1, 1) else np.ascontiguousarray(values[part])
 
 
 def _expose_drawn(

@@ -1,4 +1,4 @@
-"""Lateral chromatic aberration as few pictures and terms, against a frame for each wavelength that others share."""
+"""Lateral chromatic aberration with few node maps and terms, compared with one frame per wavelength node."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COLORS = LateralColor.from_magnification([400, 550, 700], [1.012, 1.0, 0.99])
 
 
 def comet() -> LensDesign:
-    """Gaussians with a tail that grows towards the edge and with wavelength."""
+    """Return a lens whose Gaussian PSFs have a tail that grows towards the edge and with wavelength."""
     axis = np.arange(-20, 21) * 0.6
     places = np.linspace(0, 0.4, 5)
     y, x = axis[:, None], axis[None, :]
@@ -43,7 +43,7 @@ def comet() -> LensDesign:
 
 
 def scene() -> Scene:
-    """Six spectra in blocks, one of them a narrow line."""
+    """Return a scene of six spectra in blocks, one of them a narrow line."""
     grid = np.arange(400.0, 701, 10)
     random = np.random.default_rng(12)
     basis = random.random((6, grid.size)) * 1e15
@@ -53,7 +53,7 @@ def scene() -> Scene:
 
 
 class OneColor:
-    """A lens whose light of all wavelengths falls where that of one does."""
+    """A lens whose distortion is that of one wavelength."""
 
     def __init__(self, lens: Lens, wavelength_nm: float) -> None:
         self._lens, self._at = lens, wavelength_nm
@@ -72,8 +72,8 @@ class OneColor:
         return RadialMapping(np.array([self._at]), whole.ideal_m, heights_at(whole, self._at)[None])
 
 
-def one_by_one(lens: Lens, what: Scene) -> NDArray[np.float64]:
-    """A frame for each wavelength that stands for others, each with its own terms."""
+def sum_over_nodes(lens: Lens, what: Scene) -> NDArray[np.float64]:
+    """Return the sum of one frame per wavelength node, each reduced separately."""
     pitch = mosaic.pitch_m(SENSOR)
     nodes_nm, shares = frame_wavelength_nodes(lens.mapping(what.distance_m), what.wavelength_nm, (60, 88), pitch)
     assert len(nodes_nm) > 3
@@ -93,10 +93,10 @@ def one_by_one(lens: Lens, what: Scene) -> NDArray[np.float64]:
     ],
     ids=["diffraction", "coma and distortion", "lens design"],
 )
-def test_colors_together_are_those_one_by_one(lens: Lens, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lateral_color_equals_the_sum_over_nodes(lens: Lens, monkeypatch: pytest.MonkeyPatch) -> None:
     what = scene()
     monkeypatch.setattr(channel_transfers, "_TOLERANCE_PER_FIELD_ERROR", 0.0)
-    expected = one_by_one(lens, what)
+    expected = sum_over_nodes(lens, what)
     got = mosaic.image_rate(what, lens, SENSOR, "trapezoid", 1)
     assert np.abs(got - expected).max() < 5e-5 * expected.max()
     monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 3e-7)
@@ -113,8 +113,8 @@ def layers_of(lens: Lens, what: Scene, monkeypatch: pytest.MonkeyPatch) -> list[
     return seen
 
 
-def test_a_scene_of_one_spectrum_has_one_picture_a_colour(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For all channels together: they see the same map, each more or less of it."""
+def test_one_spectrum_needs_one_map_per_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For all channels together, since they see multiples of one map."""
     one = Scene(scene().weights[:1], scene().basis[:1], scene().wavelength_nm)
     (layer,) = layers_of(Lens(BASE, lateral_color=COLORS), one, monkeypatch)
     assert layer.channel is None
@@ -123,8 +123,8 @@ def test_a_scene_of_one_spectrum_has_one_picture_a_colour(monkeypatch: pytest.Mo
     assert len(layer.mixing) <= len(layer.views)
 
 
-def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Per channel hardly more terms than the lens has parts, whatever the number of colours."""
+def test_few_node_maps_and_terms_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Per channel the number of terms is similar to that of the lens's modes, for any number of nodes."""
     seen = layers_of(Lens(BASE, comet(), lateral_color=COLORS), ps.charts.macbeth(), monkeypatch)
     assert [layer.channel for layer in seen] == [0, 1, 2]
     for layer in seen:
@@ -134,13 +134,16 @@ def test_few_pictures_and_terms_are_enough(monkeypatch: pytest.MonkeyPatch) -> N
         assert 4 <= len(layer.mixing) <= 16
 
 
-@pytest.mark.parametrize("blind", [("R", "G", "B"), ("G",)])
-def test_channels_that_see_no_light_stay_dark(blind: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("without_light", [("R", "G", "B"), ("G",)])
+def test_channels_without_light_stay_dark(without_light: tuple[str, ...]) -> None:
     channels = {
-        name: {"wavelength_nm": [400.0, 700.0], "quantum_efficiency": [0.0, 0.0] if name in blind else [0.5, 0.5]}
+        name: {
+            "wavelength_nm": [400.0, 700.0],
+            "quantum_efficiency": [0.0, 0.0] if name in without_light else [0.5, 0.5],
+        }
         for name in ("R", "G", "B")
     }
     sensor = SENSOR.with_(channels=channels)
     got = ps.Camera(Lens(BASE, comet(), lateral_color=COLORS), sensor).mean_electrons(scene(), 0.1)
     for (r, c), name in np.ndenumerate(np.array(sensor.array.cfa)):
-        assert got[r::2, c::2].any() == (name not in blind)
+        assert got[r::2, c::2].any() == (name not in without_light)

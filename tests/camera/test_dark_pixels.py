@@ -11,7 +11,7 @@ from photosite.errors import InputError
 
 @pytest.mark.parametrize("blades", [0, 3, 6])
 @pytest.mark.parametrize("distance_m", [1.5, 5.0])
-def test_a_point_in_darkness_may_be_out_of_focus(blades: int, distance_m: float) -> None:
+def test_defocused_point_on_black_is_not_negative(blades: int, distance_m: float) -> None:
     """The transforms' rounding beside its wide, dim image is no negative light: its light is the unblurred point's."""
     lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=blades)), focus_distance_m=2.0)
     grid = np.arange(400.0, 701.0, 100)
@@ -27,11 +27,11 @@ def test_a_point_in_darkness_may_be_out_of_focus(blades: int, distance_m: float)
     assert mean.sum(dtype=np.float64) == pytest.approx(even, rel=0.01)
 
 
-def test_negative_light_is_refused_whatever_the_blur() -> None:
+def test_negative_light_is_an_error_for_any_blur() -> None:
     lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=6)), focus_distance_m=2.0)
     grid = np.arange(400.0, 701.0, 100)
     weights = np.ones((1, 64, 96), np.float32)
     weights[0, 30:34, 40:44] = -1.0
     camera = ps.Camera(lens, ps.load_sensor("nikon-d200").with_(rows=64, cols=96))
-    with pytest.raises(InputError, match="negative somewhere"):
+    with pytest.raises(InputError, match="negative in places"):
         camera.mean_electrons(ps.Scene(weights, np.full((1, grid.size), 1e16), grid, 2.0), 0.01)
