@@ -314,8 +314,9 @@ def test_invalid_camera_options() -> None:
     with pytest.raises(InputError) as caught:
         ps.Camera(LENS, SMALL, cells_per_pixel=2)
     assert (caught.value.what, caught.value.value) == ("cells_per_pixel", 2)
-    with pytest.raises(InputError, match="unknown integration rule"):
+    with pytest.raises(InputError) as caught:
         ps.Camera(LENS, SMALL, integration="simpson")
+    assert caught.value.value == "simpson"
 
 
 @pytest.mark.parametrize("region", [(0, 40, 0, 60), (3, 4, 7, 8), (11, 40, 1, 60), (0, 2, 58, 60)])

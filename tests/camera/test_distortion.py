@@ -243,7 +243,7 @@ def test_regions_are_inside_their_patches(k: float) -> None:
 def test_frame_beyond_the_table_is_a_warning() -> None:
     sensor, scene = mono(60, 80), random_scene(60, 80, 1)
     short = RadialMapping(np.array([550.0]), np.array([0.0, 0.1e-3]), np.array([[0.0, 0.1e-3]]))
-    with pytest.warns(PhotositeWarning, match=r"known up to an image height of 0.1 mm .* corner lies at 0.3025 mm"):
+    with pytest.warns(PhotositeWarning, match=r"known up to an image height of 0.1 mm .* corner is at 0.3025 mm"):
         ps.Camera(lens(short), sensor).mean_electrons(scene, 0.01)
 
 
