@@ -17,7 +17,7 @@ def main() -> None:
 
     sys.path.insert(0, str(Path(__file__).parent))
     import photosite.engine.mosaic
-    import photosite.engine.pixels
+    import photosite.engine.pixel_model
     import photosite.engine.truncated_normal
 
     with atheris.instrument_imports(include=["photosite", "ruamel", "tifffile"], exclude=["photosite.engine"]):
