@@ -100,7 +100,7 @@ def _errors_in_options(command: click.Command) -> Iterator[None]:
 
 
 class Command(click.Command):
-    """A command that reports photosite's errors in terms of its own options."""
+    """A command whose errors are written with its options."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does."""

@@ -65,7 +65,7 @@ def wavelengths_of(text: str) -> list[float]:
         raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, got '{text}'") from None
 
 
-class BandRange(click.ParamType):
+class BandRange(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases only
     """Two wavelengths in nm, such as 400:780."""
 
     name = "range"

@@ -1,4 +1,4 @@
-"""`photosite render`: a scene file of Mitsuba 3, or the example scene, as a scene with units."""
+"""`photosite render`: a Mitsuba 3 scene file, or the built-in example, as a spectral scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SUFFIXES = (".h5", ".exr", ".mat", ".tif", ".tiff", ".hdr")
 def _value(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise click.BadParameter(f"expected NAME=VALUE, not '{text}'")
+        raise click.BadParameter(f"expected NAME=VALUE, got '{text}'")
     return name, value
 
 
@@ -26,10 +26,10 @@ def _value(text: str) -> tuple[str, str]:
 @click.argument("source", type=click.Path(path_type=Path), required=False)
 @options.output_option(*_SUFFIXES, text="Scene to write: .h5 (photosite's own), .exr, .mat, .tif, .hdr (ENVI).")
 @click.option(
-    "--spp", type=click.IntRange(min=1), default=64, show_default=True, help="Paths per pixel and four bands."
+    "--spp", type=click.IntRange(min=1), default=64, show_default=True, help="Paths per pixel and group of four bands."
 )
-@click.option("--rows", type=click.IntRange(min=1), metavar="N", help="Of the picture, where not as the scene says.")
-@click.option("--cols", type=click.IntRange(min=1), metavar="N", help="Of the picture, where not as the scene says.")
+@click.option("--rows", type=click.IntRange(min=1), metavar="N", help="Size of the picture, instead of the scene's.")
+@click.option("--cols", type=click.IntRange(min=1), metavar="N", help="Size of the picture, instead of the scene's.")
 @click.option(
     "--wavelengths",
     "wavelength_nm",
@@ -37,27 +37,36 @@ def _value(text: str) -> tuple[str, str]:
     metavar="NM",
     default="400:700:10",
     show_default=True,
-    help="Centres of the bands, in equal steps.",
+    help="Centres of the bands in nm, in equal steps.",
 )
-@click.option("--set", "parameters", type=_value, multiple=True, metavar="NAME=VALUE", help="Value of a scene's $NAME.")
-@click.option("--unit", "unit_m", type=options.above(), default=1.0, metavar="M", help="Metres in a unit of the scene.")
+@click.option(
+    "--set",
+    "parameters",
+    type=_value,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Value of $NAME in the scene file; may be repeated.",
+)
+@click.option(
+    "--unit", "unit_m", type=options.above(), default=1.0, metavar="M", help="Metres per unit of the scene file."
+)
 @click.option("--distance", "distance_m", type=options.above(), metavar="M", help="From lens to scene, in m.")
 @click.option(
     "--luminance",
     "mean_luminance_cd_m2",
     type=options.above(),
     metavar="CD/M2",
-    help="Mean luminance wanted, for lights without an absolute scale.",
+    help="Mean luminance of the scene in cd/m2, for lights without an absolute scale.",
 )
-@click.option("--variant", default="scalar_spectral", show_default=True, help="Of Mitsuba.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Of the paths.")
+@click.option("--variant", default="scalar_spectral", show_default=True, help="Variant of Mitsuba.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the paths.")
 @options.json_option
 def command(
-    source: Path | None, output: Path, parameters: tuple[tuple[str, str], ...], as_json: bool, **said: Any
+    source: Path | None, output: Path, parameters: tuple[tuple[str, str], ...], as_json: bool, **options_given: Any
 ) -> None:
-    """Render a scene file of Mitsuba 3 (XML) to spectral radiance, and write it as a scene.
+    """Render a Mitsuba 3 scene file (XML) to spectral radiance, and write it as a scene.
 
-    Without a scene file: the example scene that comes with photosite. Needs the extra 'render'.
+    Without a scene file, renders the built-in example. Needs the extra 'render'.
 
     Example: photosite render kitchen.xml -o kitchen.h5 --spp 256
     """
@@ -68,7 +77,7 @@ def command(
     progress = Stages()
     progress.stage(f"rendering {file}")
     begun = time.perf_counter()
-    scene = render_mitsuba(file, parameters=dict(parameters), progress=progress, **said)
+    scene = render_mitsuba(file, parameters=dict(parameters), progress=progress, **options_given)
     seconds = time.perf_counter() - begun
     write_scene(scene, output)
     facts = {

@@ -1,4 +1,4 @@
-"""`photosite shoot`: the frames of a measurement protocol, by a virtual sensor."""
+"""`photosite shoot`: the frames of a measurement protocol, from a virtual sensor."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 @click.command("shoot", cls=Command)
 @options.sensor_option()
 @options.size_options
-@options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
-@click.option(
-    "--no-pedestal", is_flag=True, help="Keep the sensor's own black level, and let darks clip at 0 where they do."
-)
+@options.black_level_option("Black level in DN; without it, one at which dark frames do not clip at 0.")
+@click.option("--no-pedestal", is_flag=True, help="Keep the sensor's own black level, even if dark frames clip at 0.")
 @options.illuminant_option("D65")
 @click.option(
     "--level",
     type=options.above(),
     default=1.3,
     metavar="X",
-    help="Light: the brightest channel at the longest exposure, in saturations.",
+    help="Light level: signal of the brightest channel at the longest exposure time, relative to saturation.",
 )
-@click.option("--photons", is_flag=True, help="The light is metered: state the photons per pixel in the protocol.")
+@click.option(
+    "--photons", is_flag=True, help="Write the photons per pixel to the protocol, as from a calibrated photodiode."
+)
 @options.seed_option()
 @click.option(
     "-o",
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     type=options.output_folder,
     metavar="FOLDER",
     required=True,
-    help="Folder to write; it must not exist, or be empty.",
+    help="Folder to write; it must not exist or must be empty.",
 )
 @options.json_option
 def command(
@@ -55,16 +55,16 @@ def command(
     output: Path,
     as_json: bool,
 ) -> None:
-    """Simulate a measurement: the dark and flat frames that a calibration needs.
+    """Simulate a measurement: the dark frames and flat fields of a calibration.
 
-    Shoots the 2008 paper's protocol: 190 dark frames from 1/8000 to 30 s, 150 dark frames at 1/8000 s, and 65 frames of
-    a uniform field from 1/8000 to 1/25 s. The folder gets the frames (16-bit TIFF), protocol.yaml, nominal.sensor.yaml
-    (what a laboratory knows beforehand) and truth.sensor.yaml (what the calibration is to find). A full-size D200 takes
-    8 GB; --rows and --cols make a smaller chip of the same pixels.
+    Simulates the 2008 paper's protocol: 190 dark frames from 1/8000 to 30 s, 150 dark frames at 1/8000 s, and 65 frames
+    of a uniform field from 1/8000 to 1/25 s. Writes the frames (16-bit TIFF), protocol.yaml, nominal.sensor.yaml (the
+    data known before the measurement) and truth.sensor.yaml (the expected result of the calibration). A full-size D200
+    takes 8 GB; --rows and --cols make a smaller chip of the same pixels.
 
-    A sensor file with maps holds in them what averaging left of the noise of the frames that they were measured on.
-    Frames that were shot, too, had a seed, 0 unless said: shoot from their maps with another, or the very noise that is
-    in the maps comes again, and what is measured is not independent of it.
+    The maps of a sensor file contain residual noise of the frames that they were measured on. If those frames were
+    simulated, use another seed than theirs (default 0): the same seed repeats the noise in the maps, and the new frames
+    are not independent of them.
 
     Example: photosite shoot --rows 648 --cols 968 -o stack && photosite calibrate stack
     """
@@ -72,7 +72,7 @@ def command(
     from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, TRUTH_NAME, virtual_lab
 
     if no_pedestal and black_level_dn is not None:
-        raise click.UsageError("--no-pedestal keeps the sensor's own black level; leave out --black-level")
+        raise click.UsageError("--no-pedestal keeps the sensor's own black level, so omit --black-level")
     sensor, note = prepared_sensor(sensor_name, rows, cols, black_level_dn, pedestal=not no_pedestal)
     protocol = paper_d200_protocol()
     if note:
@@ -80,12 +80,12 @@ def command(
     say_if_compiling()
     if sensor.maps is not None and seed_is_default():
         say(
-            f"the sensor's maps hold what is left of their frames' noise: if those were shot with seed {seed}, too, "
-            f"it is repeated; say another --seed, or this one if they were not"
+            f"the sensor's maps contain residual noise of their frames; if these were simulated with seed {seed}, pass "
+            "another --seed, so that the new frames are independent"
         )
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons)
     if note:
-        say(f"{note} (--no-pedestal shoots without, --black-level with another)")
+        say(f"{note} (--no-pedestal keeps the sensor's own, --black-level sets another)")
     lab.write(output, Stages())
     if as_json:
         print_json(
@@ -107,7 +107,7 @@ def command(
 
 
 def seed_is_default() -> bool:
-    """Whether the command running was given no --seed."""
+    """Return whether the current command was called without --seed."""
     source = click.get_current_context().get_parameter_source("seed")
     return source is click.core.ParameterSource.DEFAULT
 
@@ -115,7 +115,7 @@ def seed_is_default() -> bool:
 def prepared_sensor(
     name: str, rows: int | None, cols: int | None, black_level: float | None, *, pedestal: bool = True
 ) -> tuple[Sensor, str]:
-    """The sensor asked for; unless a black level is given, with one that its darks do not clip at, and a note on it."""
+    """Return a sensor, with a black level at which dark frames do not clip unless one is given, and a note on it."""
     from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
 
     sensor = options.load_sensor_resized(name, rows, cols, black_level)
@@ -124,6 +124,6 @@ def prepared_sensor(
         return sensor, ""
     own, high = (each.readout.black_level_dn.value for each in (sensor, raised))
     return raised, (
-        f"black level raised from {own:g} to {high:g} DN: darks with {dark_noise_dn(sensor):.2f} DN of noise "
-        "would clip at 0, and tell less"
+        f"black level raised from {own:g} to {high:g} DN: dark frames with {dark_noise_dn(sensor):.2f} DN of noise "
+        "would clip at 0"
     )

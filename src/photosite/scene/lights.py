@@ -123,8 +123,8 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     Examples
     --------
     >>> from photosite.scene.charts import macbeth
-    >>> room = mixed(macbeth(), [("daylight 6500", 200.0, gradient(1, 0)), ("A", 60.0, gradient(0, 1))])
-    >>> room.shape, room.reflectance is None
+    >>> scene = mixed(macbeth(), [("daylight 6500", 200.0, gradient(1, 0)), ("A", 60.0, gradient(0, 1))])
+    >>> scene.shape, scene.reflectance is None
     ((132, 196), True)
     """
     if scene.reflectance is None:

@@ -54,7 +54,7 @@ class Placement:
         Raises
         ------
         InputError
-            If there are none.
+            If no pixel is between them.
         """
         r0, r1 = self._inside(*rows, self.shape[0])
         c0, c1 = self._inside(*cols, self.shape[1])

@@ -92,7 +92,7 @@ class Planes:
     Raises
     ------
     InputError
-        If there is none, or they are not in order from near to far.
+        If the sequence is empty or not in order from near to far.
 
     Examples
     --------

@@ -12,7 +12,7 @@ _BLOCK_VALUES = 1 << 22
 
 
 class MappedWeights(np.memmap):
-    """Weights in a file, mapped read-only; whoever opened the file checked every value."""
+    """Weights in a file, mapped read-only, that were all checked when the file was opened."""
 
 
 def checked_weights(weights: ArrayLike) -> tuple[NDArray[np.float32], bool]:
