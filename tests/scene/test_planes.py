@@ -57,19 +57,21 @@ def test_mean_radiance_counts_what_is_there() -> None:
 def test_an_opacity_outside_0_to_1_is_refused(bad: float) -> None:
     alpha = np.ones((4, 6))
     alpha[2, 3] = bad
-    with pytest.raises(InputError, match=r"from 0 \(not there\) to 1 \(opaque\).*divide 8-bit") as caught:
+    with pytest.raises(InputError) as caught:
         Plane(scene(1.0), alpha)
-    assert "\n" not in str(caught.value)
+    assert (caught.value.what, caught.value.expected) == ("alpha", "from 0 to 1")
 
 
 def test_an_opacity_of_another_shape_is_refused() -> None:
-    with pytest.raises(InputError, match=r"\(4, 6\), one value a sample, not \(6, 4\)"):
+    with pytest.raises(InputError) as caught:
         Plane(scene(1.0), np.ones((6, 4)))
+    assert (caught.value.what, caught.value.value) == ("alpha", (6, 4))
 
 
 def test_planes_out_of_order_are_refused() -> None:
-    with pytest.raises(InputError, match="one at 3 m stands before one at 2 m: swap them"):
+    with pytest.raises(InputError) as caught:
         Planes((scene(1.0), scene(3.0), scene(2.0)))
+    assert (caught.value.what, caught.value.value) == ("planes", (3.0, 2.0))
     assert len(Planes((scene(1.0), scene(1.0))).planes) == 2
 
 

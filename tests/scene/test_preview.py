@@ -36,5 +36,5 @@ def test_a_scene_of_few_bright_points_has_a_picture() -> None:
     seen = preview(points)
     assert seen.max() == pytest.approx(1.0, abs=2e-3)
     assert np.array_equal(seen.max(axis=2) > 0.5, points.weights[0] > 0.5 * points.weights.max())
-    with pytest.raises(InputError, match="without light"):
+    with pytest.raises(InputError, match="the scene is dark"):
         preview(points.scaled(0.0))

@@ -38,19 +38,12 @@ _BLOCK = 1 << 20
 
 
 class OutsideSrgbError(InputError):
-    """A picture has colours outside sRGB, which are to be refused.
+    """A picture has colours outside sRGB, which are to be refused."""
 
-    Parameters
-    ----------
-    pixels, of
-        Pixels with such colours, and all pixels.
-    advice
-        What to do.
-    """
-
-    def __init__(self, pixels: int, of: int, advice: str) -> None:
-        self.counted = f"{pixels} of {of} pixels have colours outside sRGB"
-        super().__init__(f"{self.counted}; {advice}")
+    @property
+    def counted(self) -> str:
+        """The number of such pixels, as text."""
+        return self.what
 
 
 def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> NDArray[Any]:
@@ -259,8 +252,12 @@ def srgb_weights(
         with np.errstate(over="ignore"):  # the caller checks for infinity
             weights[:, first : first + step] = np.moveaxis(np.clip(values, 0.0, highest), 2, 0)
     if out_of_gamut == "refuse" and outside:
-        other = ", or method='jakob-hanika'" if bounded else ""
-        raise OutsideSrgbError(outside, weights[0].size, f"ask for out_of_gamut='clip'{other}")
+        bounded_hint = ", or {method} for colours that a surface can have" if bounded else ""
+        raise OutsideSrgbError(
+            f"{outside} of {weights[0].size} pixels have colours outside sRGB",
+            hint="Pass {out_of_gamut}" + bounded_hint,
+            arguments={"out_of_gamut": "clip"} | ({"method": "jakob-hanika"} if bounded else {}),
+        )
     return weights
 
 
