@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.errors import InputError
@@ -135,6 +136,5 @@ def test_invalid_arguments():
         ([frame, random_frame(9, shape=(24, 28))], [patch], "shape", "frame 2"),
         ([frame, random_frame(9, cfa="bggr")], [patch], "cfa", "frame 2"),
     ):
-        with pytest.raises(InputError) as caught:
+        with raises(InputError, what, where=where):
             patch_statistics(frames, regions)
-        assert (caught.value.what, caught.value.where) == (what, where)

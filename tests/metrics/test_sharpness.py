@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 from scipy.special import erf
 
 import photosite as ps
@@ -270,20 +271,16 @@ INVALID: list[tuple[Any, dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("frame", "options", "what"), INVALID)
 def test_invalid_edges_are_rejected(frame: Any, options: dict[str, Any], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         slanted_edge_mtf(frame, **options)
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 def test_unmeasured_values_are_not_returned() -> None:
     found = slanted_edge_mtf(gaussian_edge(160, 80, 0.1, 0.05))
     assert isinstance(found, SlantedEdge)
     assert found.mtf50 is None
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "pitch_um"):
         _ = found.frequency_cycles_per_mm
-    assert caught.value.what == "pitch_um"
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "frequency_cycles_per_pixel"):
         found.at(1.2)
-    assert caught.value.what == "frequency_cycles_per_pixel"
     assert found.at([0.0, 0.105]) == pytest.approx([1.0, (found.mtf[10] + found.mtf[11]) / 2])

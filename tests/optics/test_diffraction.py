@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from raising import raises
 from scipy.special import j1
 
 from photosite.color.spectrum import Spectrum
@@ -73,12 +74,10 @@ def test_cos4() -> None:
     ],
 )
 def test_invalid_lenses(change: dict[str, float], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         DiffractionLimited(**{"f_number": 8, "focal_length_mm": 50, **change})
-    assert caught.value.what.startswith(what)
 
 
 def test_objects_within_the_focal_length_have_no_image() -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "distance_m"):
         LENS.magnification(0.004)
-    assert caught.value.what == "distance_m"

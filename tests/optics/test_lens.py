@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.errors import InputError, PhotositeWarning
@@ -241,7 +242,5 @@ def test_a_camera_with_distortion_and_glare() -> None:
     ],
 )
 def test_invalid_parts(make: Callable[[], object], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         make()
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
@@ -79,12 +80,10 @@ def test_stated_error_is_the_svd_error() -> None:
 
 def test_invalid_tolerance_and_rank() -> None:
     samples = np.ones((4, 3))
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "tolerance"):
         low_rank(samples, tolerance=1.0)
-    assert caught.value.what == "tolerance"
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "rank"):
         low_rank(samples, tolerance=0.1, rank=5)
-    assert caught.value.what == "rank"
 
 
 def test_nodes_hold_psfs_rotated_to_their_azimuth() -> None:
@@ -202,9 +201,8 @@ def test_objects_out_of_focus_are_rejected() -> None:
     lens = design()
     assert isinstance(lens.point_spread(BASE, 2.0, 2.0), FieldPsf)
     assert isinstance(lens.point_spread(BASE, 2.01, 2.0), FieldPsf)  # 0.1 waves
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "distance_m"):
         lens.point_spread(BASE, 3.0, 2.0)
-    assert caught.value.what == "distance_m"
 
 
 PSF = np.ones((2, 1, 5, 5))
@@ -230,7 +228,5 @@ TWO = np.array([0.0, 5.0])
     ],
 )
 def test_invalid_designs(make: Callable[[], object], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         make()
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)

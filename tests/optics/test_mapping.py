@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.optics.mapping import RadialMapping, heights_at, image_height, inverse_scale, wavelength_nodes
@@ -133,10 +134,8 @@ def test_one_wavelength_or_one_curve_needs_one_node() -> None:
     ],
 )
 def test_invalid_mappings(wavelength: list[float], ideal: list[float], real: list[list[float]], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         RadialMapping(np.array(wavelength), np.array(ideal), np.array(real))
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -149,6 +148,5 @@ def test_invalid_mappings(wavelength: list[float], ideal: list[float], real: lis
     ],
 )
 def test_invalid_glare(fraction: float, spread: float | None, what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         VeilingGlare(fraction, spread)
-    assert caught.value.what.startswith(what)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raises
 
 import photosite as ps
 from photosite.color.spectrum import Spectrum
@@ -216,19 +217,16 @@ EVERYWHERE = LateralColor(np.array([450.0, 650.0]), HEIGHTS, np.array([[0, 1, 2.
     ],
 )
 def test_lenses_that_a_file_cannot_represent(tmp_path: Path, lens: Lens, what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         write_optics(lens, tmp_path / "a.yaml")
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
 def test_files_above_the_size_limit_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("photosite.optics.io.optics_file.LARGEST_BYTES", 1 << 16)
     many = FieldPoints(np.linspace(0, 9, 2_000))
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "the optics file would exceed"):
         Lens(BASE, illumination=IlluminationTable(many, np.linspace(1, 0.5, 2_000))).save(tmp_path / "a.yaml")
-    assert caught.value.what.startswith("the optics file would exceed")
     assert not list(tmp_path.iterdir())
 
 
@@ -241,9 +239,8 @@ def test_a_failure_leaves_the_former_files(tmp_path: Path, monkeypatch: pytest.M
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "cannot be written"):
         replace(lens, name="another").save(tmp_path / "a.yaml")
-    assert caught.value.what.startswith("cannot be written")
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
@@ -260,17 +257,15 @@ def test_a_failure_leaves_the_former_files(tmp_path: Path, monkeypatch: pytest.M
 def test_paths_that_cannot_be_written(tmp_path: Path, name: str, what: str) -> None:
     (tmp_path / "taken.yaml").mkdir()
     (tmp_path / "beside.psf.npz").mkdir()
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, what):
         Lens(BASE, BLURS["psf"]).save(tmp_path / name)
-    assert caught.value.what.startswith(what)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beside.psf.npz", "taken.yaml"]
 
 
 @pytest.mark.parametrize("provenance", [{"sorce": "x"}, {"source": 3}, "nowhere"])
 def test_invalid_provenance(tmp_path: Path, provenance: Any) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "provenance"):
         BASE.save(tmp_path / "a.yaml", provenance)
-    assert caught.value.what == "provenance"
     assert not list(tmp_path.iterdir())
 
 
@@ -288,34 +283,28 @@ def test_invalid_provenance(tmp_path: Path, provenance: Any) -> None:
         (lambda file: np.savez(file, other=1), "holds no array"),
     ],
 )
-def test_damaged_arrays(tmp_path: Path, name: str, damage: Any, what: str | tuple[str, ...]) -> None:
+def test_damaged_arrays(tmp_path: Path, name: str, damage: Any, what: Any) -> None:
     Lens(BASE, BLURS[name]).save(tmp_path / "a.yaml")
     (file,) = tmp_path.glob("*.npz")
     damage(file)
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, what):
         load_optics(tmp_path / "a.yaml")
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 def test_invalid_arrays(tmp_path: Path) -> None:
     Lens(BASE, BLURS["array"]).save(tmp_path / "a.yaml")
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), "x"))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "amplitude"):
         load_optics(tmp_path / "a.yaml")
-    assert caught.value.what == "amplitude"
     np.savez(tmp_path / "a.pupil.npz", amplitude=np.full((9, 9), 2.0))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "amplitude", line=10):
         load_optics(tmp_path / "a.yaml")
-    assert (caught.value.what, caught.value.line) == ("amplitude", 10)
     Lens(BASE, BLURS["design"]).save(tmp_path / "b.yaml")
     arrays = dict(np.load(tmp_path / "b.design.npz"))
     np.savez(tmp_path / "b.design.npz", **arrays | {"unit": "inch" * 9999})
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "unit"):
         load_optics(tmp_path / "b.yaml")
-    assert caught.value.what == "unit"
     text = (tmp_path / "b.yaml").read_text()
     (tmp_path / "b.yaml").write_text(text + "  first_row: top\n")
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "first_row"):
         load_optics(tmp_path / "b.yaml")
-    assert caught.value.what == "first_row"

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 
 from photosite.errors import InputError
 from photosite.optics.annular import aberration_free_otf
@@ -171,7 +172,5 @@ def test_edge_ratio_against_the_slope_of_the_otf() -> None:
     ],
 )
 def test_invalid_pupils(change: dict[str, float], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         Pupil(**change)  # type: ignore[arg-type]
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 from numpy.typing import NDArray
+from raising import raises
 
 from photosite.errors import FileError, InputError
 from photosite.optics.diffraction import DiffractionLimited
@@ -54,9 +55,8 @@ def test_radial_table_between_frequencies_and_wavelengths() -> None:
 def test_diffraction_beyond_the_end_of_a_table() -> None:
     f = np.array([0.0, 20.0, 40.0])
     values = 0.9 ** (f / 20) * LENS.otf(f * 1e3, 550.0, 1.2)
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "values"):
         OtfTable([550.0], f, [values])
-    assert caught.value.what == "values"
     spread = OtfTable([550.0], f, [values], beyond="diffraction").point_spread(LENS, 1.2)
     beyond = np.array([50e3, 100e3, 200e3])
     assert spread.cutoff_per_m(550.0) == LENS.cutoff_per_m(550.0, 1.2)
@@ -160,10 +160,8 @@ PLANE = np.exp(-(AXIS[:, None] ** 2 + AXIS**2) / 2 / 60**2).astype(complex)
     ],
 )
 def test_invalid_otf_tables(change: dict[str, Any], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         OtfTable(**{**GOOD, "values": VALUES, **change})
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -184,10 +182,8 @@ def test_invalid_otf_tables(change: dict[str, Any], what: str) -> None:
     ],
 )
 def test_invalid_psf_tables(change: dict[str, Any], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         PsfTable(**{"wavelength_nm": [550.0], "samples": [gaussian(2.0)], "spacing_um": 1.0, **change})
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 def test_normalise_divides_by_the_sum() -> None:
@@ -217,9 +213,8 @@ def test_2d_table_from_a_file_in_any_order(tmp_path: Path) -> None:
     table = read_otf_table(path)
     assert np.abs(table.values[0] - tilted).max() < 1e-7
     path.write_text("real,imag,fx_per_mm,fy_per_mm,wavelength_nm\n" + "\n".join(lines[1:]))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "entries"):
         read_otf_table(path)
-    assert caught.value.what == "entries"
 
 
 @pytest.mark.parametrize(
@@ -240,13 +235,10 @@ def test_2d_table_from_a_file_in_any_order(tmp_path: Path) -> None:
 def test_invalid_otf_files(tmp_path: Path, text: str, error: tuple[str, int | None]) -> None:
     path = tmp_path / "otf.csv"
     path.write_text(text)
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, error[0], line=error[1]):
         read_otf_table(path)
-    assert (caught.value.what.startswith(error[0]), caught.value.line) == (True, error[1])
-    assert "\n" not in str(caught.value)
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "cannot be read"):
         read_otf_table(tmp_path / "missing.csv")
-    assert caught.value.what.startswith("cannot be read")
 
 
 def test_psfs_from_every_format(tmp_path: Path) -> None:
@@ -273,10 +265,8 @@ def test_invalid_psf_files(tmp_path: Path) -> None:
     options = {"spacing_um": 1.0, "wavelength_nm": 550}
 
     def refused(name: str, what: str, **options: Any) -> None:
-        with pytest.raises(FileError) as caught:
+        with raises(FileError, what):
             read_psf_table(tmp_path / name, **options)
-        assert caught.value.what.startswith(what)
-        assert "\n" not in str(caught.value)
 
     np.savez(tmp_path / "a.npz", psf=gaussian(2.0))
     refused("a.npz", "does not state its spacing_um")
@@ -352,6 +342,5 @@ def test_semicolons_with_commas_or_points(text: str, tmp_path: Path) -> None:
 
 def test_ambiguous_decimal_commas_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "mtf.csv").write_text("frequency_per_mm;450\n0;1\n40.5;0,7\n200;0\n", encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "entry", line=3):
         read_otf_table(tmp_path / "mtf.csv")
-    assert (caught.value.what, caught.value.line) == ("entry", 3)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 from scipy.integrate import quad
 from scipy.special import j1
 
@@ -333,10 +334,8 @@ def test_indices_against_the_published_tables() -> None:
     ],
 )
 def test_invalid_wavefronts(change: dict[str, object], what: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, what):
         Wavefront(**change)  # type: ignore[arg-type]
-    assert caught.value.what.startswith(what)
-    assert "\n" not in str(caught.value)
 
 
 def test_array_of_a_disc_agrees_with_the_disc() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
@@ -239,9 +240,8 @@ def test_sections_of_an_optics_file_can_name_the_set(tmp_path: Path) -> None:
     )
     assert lens.illumination is not None
     file.write_text(file.read_text().replace("nm: 550", "nm: 0.55"))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "wavelength_nm"):
         load_optics(file)
-    assert caught.value.what == "wavelength_nm"
     flipped = read_lens_design(tmp_path / "set", first_row="bottom")
     np.testing.assert_allclose(flipped.psf[-1, 1], lens.blur.psf[-1, 1][::-1], atol=1e-3 * lens.blur.psf[-1, 1].max())
 
@@ -252,9 +252,8 @@ def test_exit_pupil_from_chief_ray_angles(tmp_path: Path) -> None:
     (tmp_path / "Made Up_CRA_.dat").write_text("0 0 0\n" * 4)
     assert found.exit_pupil_mm() == math.inf
     (tmp_path / "Made Up_CRA_.dat").write_text("0 0 0\n9 9 9\n18 18 18\n25 25 25\n")
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "chief-ray angles"):
         found.exit_pupil_mm()
-    assert caught.value.what == "chief-ray angles"
 
 
 def test_rounded_wavelength_step(tmp_path: Path) -> None:
@@ -299,10 +298,8 @@ def test_invalid_sets(name: str, old: str, new: str, error: tuple[str, int | Non
     text = file.read_text("latin-1")
     assert old in text
     file.write_text(text.replace(old, new), "latin-1")
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, error[0], line=error[1]):
         load_optics(parameters)
-    assert (caught.value.what.startswith(error[0]), caught.value.line) == (True, error[1])
-    assert "\n" not in str(caught.value)
 
 
 def test_missing_and_exchanged_files(tmp_path: Path) -> None:
@@ -310,34 +307,28 @@ def test_missing_and_exchanged_files(tmp_path: Path) -> None:
     two, three = (tmp_path / f"Made Up_2D_PSF_Fld{n}_Wave1.dat" for n in (2, 3))
     content = two.read_bytes()
     two.write_bytes(three.read_bytes())
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "image height"):
         load_optics(file)
-    assert caught.value.what == "image height"
     two.write_bytes(content)
     three.unlink()
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "there is no Made Up_"):
         load_optics(file)
-    assert caught.value.what.startswith("there is no Made Up_")
     (tmp_path / "Made Up_DI_.dat").write_text("0 1 2 3\n0 1 2 3\n0 1 2 3\n")  # heights along rows
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "heights"):
         load_optics(file)
-    assert caught.value.what == "heights"
     (tmp_path / "b_ISETPARMS.txt").write_text(CODEV)
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "holds several sets, ISETPARMS.TXT and b_ISETPARMS.txt"):
         load_optics(tmp_path)
-    assert caught.value.what == "holds several sets, ISETPARMS.TXT and b_ISETPARMS.txt"
 
 
 def test_size_of_code_v_grids(tmp_path: Path) -> None:
     file = codev(tmp_path)
     file.write_text(CODEV.replace("psfSize=40", "psfSize=64"))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "samples"):
         load_optics(file)
-    assert caught.value.what == "samples"
     file.write_text(CODEV.replace("imgHeight=0:1:3", "imgHeight=1:1:3"))
-    with pytest.raises(FileError) as caught:
+    with raises(FileError, "imgHeight", line=6):
         load_optics(file)
-    assert (caught.value.what, caught.value.line) == ("imgHeight", 6)
 
 
 # ISETCam, opticalimage/raytrace/zemax/20050902 db/AsphereF=2mm_DI_.dat: 400, 475 ... 700 nm, every second height.
