@@ -182,9 +182,8 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
     margin = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period
     half = math.floor(oversampling * margin / math.hypot(1.0, edge.slope))
     if half < oversampling * LEAST_HALF_WIDTH:
-        what, value = "distance of the edge from the sides of the region", max(margin, 0.0)
-        hint = "Choose a wider region around the edge"
-        raise InputError(what, value=value, expected=f"{LEAST_HALF_WIDTH:g} pixels or more", hint=hint)
+        what, hint = "distance of the edge from the sides of the region", "Choose a wider region around the edge"
+        raise InputError(what, value=max(margin, 0.0), expected=f"{LEAST_HALF_WIDTH:g} pixels or more", hint=hint)
     distance = edge.distance(pixels)
     index = np.floor(distance * oversampling).astype(np.intp) + half
     inside = (index >= 0) & (index < 2 * half)
