@@ -140,8 +140,8 @@ def test_real_heights_and_percent_agree() -> None:
     ideal = 50 * np.tan(np.radians(angle))
     percent = np.array([0, -0.4, -1.7, -4.2])
     points = FieldPoints(angle_deg=angle)
-    told = Distortion.from_real_heights(points, ideal * (1 + percent / 100), 50.0)
-    np.testing.assert_allclose(told.ratio, Distortion.from_percent(points, percent).ratio, rtol=1e-12)
+    stated = Distortion.from_real_heights(points, ideal * (1 + percent / 100), 50.0)
+    np.testing.assert_allclose(stated.ratio, Distortion.from_percent(points, percent).ratio, rtol=1e-12)
 
 
 def test_the_polynomial_between_its_nodes() -> None:

@@ -146,10 +146,10 @@ def test_all_parts_at_once(tmp_path: Path) -> None:
         VeilingGlare(0.02, 3e-3),
         "all",
     )
-    told = {"source": "nowhere", "license": "CC0", "created": "2026-11-21", "notes": "two\nlines"}
-    lens.save(tmp_path / "all.optics.yaml", told)
+    provenance = {"source": "nowhere", "license": "CC0", "created": "2026-11-21", "notes": "two\nlines"}
+    lens.save(tmp_path / "all.optics.yaml", provenance)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["all.optics.psf.npz", "all.optics.yaml"]
-    assert dict(read_yaml(tmp_path / "all.optics.yaml", "a lens")["provenance"]) == told
+    assert dict(read_yaml(tmp_path / "all.optics.yaml", "a lens")["provenance"]) == provenance
     found = load_optics(tmp_path / "all.optics.yaml")
     assert_same(lens, found)
     sensor = ps.load_sensor("nikon-d200").with_(rows=22, cols=34)

@@ -214,8 +214,8 @@ def test_listings_about_their_centroid(off_center_um: float, tmp_path: Path) -> 
         zemax(tmp_path / name, old=False, off_center_um=shift)
     chief, centroid = (read_ray_trace(tmp_path / name).point_spreads() for name in ("chief", "centroid"))
     a, b = chief.psf, centroid.psf
-    room = (b.shape[-1] - a.shape[-1]) // 2
-    np.testing.assert_allclose(b if room == 0 else b[..., room:-room, room:-room], a, atol=2e-3 * a.max())
+    margin = (b.shape[-1] - a.shape[-1]) // 2
+    np.testing.assert_allclose(b if margin == 0 else b[..., margin:-margin, margin:-margin], a, atol=2e-3 * a.max())
 
 
 def test_sections_of_an_optics_file_can_name_the_set(tmp_path: Path) -> None:

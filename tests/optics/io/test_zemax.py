@@ -375,7 +375,7 @@ def test_listings_named_by_an_optics_file(tmp_path: Path) -> None:
 
 def test_layouts_rotate_and_flip_samples_with_their_origin() -> None:
     samples = np.arange(12.0).reshape(3, 4)
-    told = PsfListing(Path("a.txt"), samples, (0, 1), field=(2.0, 5.0), field_unit="mm")
+    listing = PsfListing(Path("a.txt"), samples, (0, 1), field=(2.0, 5.0), field_unit="mm")
     for axes, first_row, place in (
         ("upright", "top", (-5, 2)),
         ("upright", "bottom", (-5, 2)),
@@ -383,8 +383,8 @@ def test_layouts_rotate_and_flip_samples_with_their_origin() -> None:
         ("image", "bottom", (5, -2)),
     ):
         layout = Layout(axes, first_row)  # type: ignore[arg-type]
-        got, (row, col) = layout.upright(told)
+        got, (row, col) = layout.upright(listing)
         expected = samples if first_row == "top" else np.flipud(samples)
         np.testing.assert_array_equal(got, expected if axes == "upright" else np.rot90(expected, 2))
         assert got[int(row), int(col)] == samples[0, 1]
-        assert layout.field_point(told) == place
+        assert layout.field_point(listing) == place

@@ -37,7 +37,7 @@ class Format:
     write
         value, path -> None; None if the format is only read.
     matches
-        Whether a path is of this format; None: by its suffix, or always if there is none.
+        Whether a path is of this format; None: by its suffix, if it has any.
     """
 
     name: str

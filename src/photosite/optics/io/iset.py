@@ -207,7 +207,7 @@ class _Assignments:
 
 
 def find_set(path: str | PathLike[str]) -> Path | None:
-    """Return the ISETPARMS.txt that the path is, or that is in the folder; None if there is none.
+    """Return the ISETPARMS.txt that the path is, or that is in the folder, or None.
 
     Raises
     ------

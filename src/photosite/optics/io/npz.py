@@ -17,7 +17,7 @@ _DESIGN_FIELDS = ("wavelength_nm", "psf", "spacing_um", "field_y", "field_x", "u
 
 
 def read_amplitude(path: Path) -> NDArray[np.float64]:
-    """Return the amplitude transmission of a pupil, see `Pupil`; raise `FileError` if there is none."""
+    """Return the amplitude transmission of a pupil, see `Pupil`; raise `FileError` if it is missing."""
     return real_numbers(path, "amplitude", read_arrays(path, ("amplitude",))["amplitude"])
 
 
