@@ -56,7 +56,7 @@ def validation_error(model: type[BaseModel], error: ValidationError) -> InputErr
 def file_error(model: type[BaseModel], error: ValidationError, data: Any, path: str | PathLike[str]) -> FileError:
     """Return a validation's error as that of the file that `data` were read from by `photosite.files.yaml`."""
     first = _first(error)
-    return _described(model, first).in_file(path, _line(data, first["loc"]))
+    return _described(model, first).in_file(path, line_at(data, first["loc"]))
 
 
 def _first(error: ValidationError) -> Any:
@@ -70,7 +70,7 @@ def _described(model: type[BaseModel], error: Any) -> InputError:
     where = _dotted(parents) or None
     kind, context = error["type"], error.get("ctx", {})
     if kind == "extra_forbidden":
-        hint = did_you_mean(str(field), _known_fields(model, parents))
+        hint = did_you_mean(str(field), known_fields(model, parents))
         return InputError(f"unknown field '{field}'", where=where, hint=hint)
     if kind == "missing":
         return InputError(f"field '{field}' is missing", where=where)
@@ -93,7 +93,7 @@ def _dotted(location: Sequence[str | int]) -> str:
     return text
 
 
-def _known_fields(model: type[BaseModel], parents: Sequence[str | int]) -> list[str]:
+def known_fields(model: type[BaseModel], parents: Sequence[str | int]) -> list[str]:
     """Return the fields of the section that a location names."""
     found: Any = model
     for part in parents:
@@ -109,7 +109,7 @@ def _model_in(annotation: Any) -> Any:
     return next((m for inner in typing.get_args(annotation) if (m := _model_in(inner)) is not None), None)
 
 
-def _line(data: Any, location: Sequence[str | int]) -> int | None:
+def line_at(data: Any, location: Sequence[str | int]) -> int | None:
     """Return the line of the deepest part of the location that the file has."""
     line: int | None = None
     for part in location:

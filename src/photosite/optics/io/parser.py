@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.yaml import line_of
+from photosite.files.validation import known_fields, line_at
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveNumber = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
@@ -73,14 +73,10 @@ class Parser:
         return (error.within(where) if where else error).in_file(self.path, line)
 
     def _line(self, location: Sequence[str | int]) -> int | None:
-        node: Any = self.data
-        position = getattr(getattr(node, "lc", None), "line", None)
-        line = None if position is None or not self.section else position + 1
-        for part in location:
-            if (found := line_of(node, part)) is None:
-                break
-            line, node = found, node[part]
-        return line
+        if (line := line_at(self.data, location)) is not None or not self.section:
+            return line
+        position = getattr(getattr(self.data, "lc", None), "line", None)
+        return None if position is None else position + 1
 
     def validated(self, model: type[_Model], data: Any, above: tuple[str, ...] = ()) -> _Model:
         """Return the model of a mapping, which is at the location `above`."""
@@ -92,7 +88,7 @@ class Parser:
         first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
         *parents, last = (*above, *first["loc"]) or ("",)
         if first["type"] == "extra_forbidden":
-            hint = did_you_mean(str(last), _model_at(model, first["loc"][:-1]).model_fields)
+            hint = did_you_mean(str(last), known_fields(model, first["loc"][:-1]))
             unknown = self.located(InputError(f"unknown field '{last}'", hint=hint), parents)
             unknown.line = self._line((*parents, last))
             raise unknown
@@ -139,19 +135,7 @@ def _plain(value: Any) -> Any:
 
 def _form(model: type[BaseModel], location: Sequence[str | int]) -> str:
     """Return the description of a section, or its fields."""
-    parent = _model_at(model, location[:-1])
-    field = parent.model_fields.get(str(location[-1])) if location else None
+    field = model.model_fields.get(str(location[0])) if len(location) == 1 else None
     if field is not None and field.description is not None:
         return field.description
-    return f"{{{', '.join(_model_at(model, location).model_fields)}}}"
-
-
-def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the mapping at a location."""
-    for part in location:
-        if not isinstance(part, str) or part not in model.model_fields:
-            break
-        annotation = model.model_fields[part].annotation
-        inner = [a for a in (annotation, *getattr(annotation, "__args__", ())) if isinstance(a, type)]
-        model = next((a for a in inner if issubclass(a, BaseModel)), model)
-    return model
+    return f"{{{', '.join(known_fields(model, location))}}}"
