@@ -193,8 +193,8 @@ def targets(folder: Path) -> dict[str, Target]:
 
     def frame(path: Path) -> object:
         headers = read_headers(path)
-        whole = headers[0].place if len(headers) > 1 else None
-        return [read_frame(path, None, None, whole)[0], [dict(header.metadata) for header in headers[:4]]]
+        first = headers[0].location if len(headers) > 1 else None
+        return [read_frame(path, None, None, first)[0], [dict(header.metadata) for header in headers[:4]]]
 
     def frames(path: Path) -> object:
         found = open_frames(path)
