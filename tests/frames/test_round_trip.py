@@ -265,13 +265,16 @@ def test_files_that_are_not_frames(tmp_path, name, why):
         assert caught.value.__suppress_context__ or caught.value.__context__ is None
 
 
+EVERY_BYTE = pytest.param(1, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("step", [7, EVERY_BYTE])
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_truncated_anywhere(tmp_path, ending):
-    """Cut after every byte."""
+def test_truncated_anywhere(tmp_path, ending, step):
     make_frame((22, 23), exposure_s=0.1, metadata=MappingProxyType({"camera": "a"})).save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()
     cut = tmp_path / f"cut.{ending}"
-    for length in range(len(whole)):
+    for length in (*range(0, len(whole), step), len(whole) - 1):
         cut.write_bytes(whole[:length])
         with pytest.raises(FileError) as caught:
             read_raw(cut)
@@ -280,28 +283,30 @@ def test_truncated_anywhere(tmp_path, ending):
             read_headers(cut)
 
 
+@pytest.mark.parametrize("step", [7, EVERY_BYTE])
 @pytest.mark.parametrize("ending", ["png", "tif"])
-def test_truncated_anywhere_in_files_of_other_origin(tmp_path, ending):
-    """Pillow puts a TIFF's directory before the strips, and its values after it."""
+def test_truncated_anywhere_in_files_of_other_programs(tmp_path, ending, step):
+    """Pillow writes a TIFF's directory before the strips, and its values after it."""
     image = Image.fromarray(np.random.default_rng(5).integers(0, 65536, (22, 23)).astype(np.uint16))
     image.save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()
     assert np.array_equal(read_raw(tmp_path / f"a.{ending}").dn, np.asarray(image))
-    for length in range(len(whole)):
+    for length in (*range(0, len(whole), step), len(whole) - 1):
         (tmp_path / f"cut.{ending}").write_bytes(whole[:length])
         with pytest.raises(FileError):
             read_raw(tmp_path / f"cut.{ending}")
 
 
+@pytest.mark.parametrize("step", [11, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_damage_is_a_frame_or_a_file_error(tmp_path, ending):
+def test_damage_is_a_frame_or_a_file_error(tmp_path, ending, step):
     """Single flipped bits never raise another library's exception. PNG's checksums always detect them."""
     frame = make_frame((22, 23), bits=16, exposure_s=0.1, color_matrix=np.eye(3))
     frame.save(tmp_path / f"a.{ending}")
     whole = (tmp_path / f"a.{ending}").read_bytes()
     dice = random.Random(7)
     found = 0
-    places = range(len(whole)) if ending == "png" else range(0, len(whole), 3)
+    places = range(0, len(whole), step)
     for at in places:
         damaged = bytearray(whole)
         damaged[at] ^= 1 << dice.randrange(8)
