@@ -315,7 +315,7 @@ class TestPlanes:
 
     @pytest.mark.parametrize("mode", ["1", "L", "I;16", "LA", "RGBA"])
     def test_opacity_from_pictures(self, tmp_path: Path, mode: str) -> None:
-        from photosite.scene.io.alpha import read_alpha
+        from photosite.scene.io.picture import read_alpha
 
         share = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
         codes = (share * (65535 if mode == "I;16" else 255)).astype(np.uint16 if mode == "I;16" else np.uint8)

@@ -11,7 +11,7 @@ import pytest
 from raising import raises
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.frames.io import hdf5
+from photosite.files import hdf5
 from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.open import open_frames
 from photosite.values.cfa import cfa_from
@@ -151,8 +151,9 @@ def test_datasets_that_were_not_written(tmp_path):
         read_headers(tmp_path / "a.h5")
 
 
-def test_damaged_text_of_variable_length_does_not_hang(tmp_path):
-    """libhdf5 itself walks such a heap forever."""
+def test_damaged_text_of_variable_length_does_not_hang(tmp_path, monkeypatch):
+    """libhdf5 loops for ever over some of these heaps."""
+    monkeypatch.setattr(hdf5, "TIME_LIMIT_S", 1.0)
     made(tmp_path / "a.h5", cfa="rggb", kind="dark")
     whole = (tmp_path / "a.h5").read_bytes()
     heap = whole.index(b"GCOL")
@@ -161,9 +162,9 @@ def test_damaged_text_of_variable_length_does_not_hang(tmp_path):
         damaged = bytearray(whole)
         damaged[heap + at] ^= bit
         (tmp_path / "b.h5").write_bytes(damaged)
-        with pytest.raises(FileError, match="is damaged"):
+        with pytest.raises(FileError) as caught:
             read_headers(tmp_path / "b.h5")
-    assert whole[:8] == hdf5.SIGNATURE
+        assert "is damaged" in caught.value.what
 
 
 def test_different_listed_exposure_gives_a_warning(tmp_path):
@@ -177,8 +178,8 @@ def test_different_listed_exposure_gives_a_warning(tmp_path):
 
 @pytest.mark.parametrize("libver", ["earliest", "latest"])
 @pytest.mark.parametrize("value", ["RG/GB", ["dark", "dark"]])
-def test_text_longer_than_the_file_is_rejected_before_memory_is_allocated(tmp_path, libver, value):
-    """libhdf5 would allocate the stated length, up to 4 GiB."""
+def test_text_longer_than_the_file_is_an_error(tmp_path, libver, value):
+    """libhdf5 may allocate the stated length, up to 4 GiB; it does so in the child process."""
     path = tmp_path / "a.h5"
     with h5py.File(path, "w", libver=libver) as file:
         data = file.create_dataset("frames", data=np.full((2, 4, 4), 64, np.uint16))
@@ -191,13 +192,13 @@ def test_text_longer_than_the_file_is_rejected_before_memory_is_allocated(tmp_pa
     at = content.index(struct.pack("<I", len(last)) + heap, content.index(b"note\0"))
     content[at : at + 4] = struct.pack("<I", 0x4FCA2905)
     path.write_bytes(content)
-    # The latest format has a checksum that detects it first.
-    with pytest.raises(FileError, match=r"an attribute's text has 1338648837 bytes|checksum"):
+    with pytest.raises(FileError) as caught:
         read_headers(path)
+    assert "attributes cannot be read" in caught.value.what
 
 
 def test_lists_of_variable_length_are_not_read(tmp_path):
-    """Damage turns text into lists, and libhdf5 then reads any address; netCDF's lists of references are valid."""
+    """Damage turns text into lists, which can crash libhdf5; netCDF's lists of references are valid."""
     file = tmp_path / "a.h5"
     made(file, stack()[0], exposure_s=1.0)
     with h5py.File(file, "a") as opened:
@@ -209,5 +210,6 @@ def test_lists_of_variable_length_are_not_read(tmp_path):
         numbers = np.empty(1, object)
         numbers[0] = np.arange(3)
         opened["data"].attrs.create("kind", numbers, dtype=h5py.vlen_dtype(np.int64))
-    with pytest.raises(FileError, match="has a list of variable length as attribute 'kind'"):
+    with pytest.raises(FileError) as caught:
         read_raw(file)
+    assert caught.value.where == "/data: kind"

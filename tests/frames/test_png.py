@@ -1,4 +1,4 @@
-"""PNG frames that are not whole: what a decoder fills up is no frame."""
+"""PNG frames that are incomplete, interlaced, or of the wrong kind."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from photosite.errors import FileError
-from photosite.files.png import PngHeader
-from photosite.frames.io.read import read_raw
+from photosite.frames.io.read import read_headers, read_raw
 from photosite.frames.raw_frame import RawFrame
 
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
@@ -27,14 +26,42 @@ def png(rows, cols, data, bits=8, interlaced=0):
 
 
 @pytest.mark.parametrize("rows", [7, 9, 8_000_000])
-def test_rows_that_are_not_there_are_not_made_up(tmp_path, rows):
-    """Six rows of data and a header that says more: Pillow reads the rest as zeros."""
+def test_missing_rows_are_an_error(tmp_path, rows):
+    """Six rows of data under a header that states more: Pillow alone pads them with zeros."""
     file = tmp_path / "a.png"
     file.write_bytes(png(rows, 4, zlib.compress(bytes(5 * 6))))
-    with pytest.raises(FileError, match="is damaged"):
+    with pytest.raises(FileError) as caught:
         read_raw(file)
+    assert "is damaged" in caught.value.what
     file.write_bytes(png(6, 4, zlib.compress(bytes(5 * 6))))
     assert read_raw(file).shape == (6, 4)
+
+
+@pytest.mark.parametrize("keep", [8, 20, 60, -300, -12, -1])
+def test_truncated_frames_are_an_error_of_the_listing(tmp_path, keep):
+    RawFrame(np.arange(4000, dtype=np.uint16).reshape(50, 80), bits=12).save(tmp_path / "a.png")
+    (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:keep])
+    with pytest.raises(FileError) as caught:
+        read_headers(tmp_path / "a.png")
+    assert "is damaged" in caught.value.what or "is truncated" in caught.value.what
+
+
+@pytest.mark.parametrize(
+    ("mode", "value"), [("RGB", "RGB"), ("P", "a palette"), ("LA", "gray with alpha"), ("1", "1 bits")]
+)
+def test_pictures_that_are_not_raw_frames(tmp_path, mode, value):
+    Image.new(mode, (6, 4)).save(tmp_path / "a.png")
+    with pytest.raises(FileError) as caught:
+        read_raw(tmp_path / "a.png")
+    assert (caught.value.what, caught.value.value) == ("pixels", value)
+
+
+@pytest.mark.parametrize("bits", [2, 4])
+def test_packed_gray_is_not_a_raw_frame(tmp_path, bits):
+    (tmp_path / "a.png").write_bytes(png(2, 8, zlib.compress(bytes(2 * (1 + bits))), bits=bits))
+    with pytest.raises(FileError) as caught:
+        read_raw(tmp_path / "a.png")
+    assert (caught.value.what, caught.value.value) == ("pixels", f"{bits} bits")
 
 
 def test_data_in_many_chunks(tmp_path):
@@ -43,23 +70,8 @@ def test_data_in_many_chunks(tmp_path):
     assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)
 
 
-def test_interlaced_sizes_beside_counting_pixels():
-    """Every pixel belongs to one pass; a filter byte for each row of each pass."""
-    for rows, cols in ((1, 1), (5, 3), (8, 8), (9, 17)):
-        seen = np.zeros((rows, cols), int)
-        filters = 0
-        head = PngHeader(rows, cols, 16, color_type=0, interlaced=True)
-        for one in head.passes:
-            part = seen[one.row :: one.down, one.col :: one.right]
-            part += 1
-            assert part.shape == (one.rows, one.cols)
-            filters += one.rows
-        assert (seen == 1).all()
-        assert head.stored_bytes == 2 * rows * cols + filters
-
-
 def test_an_interlaced_picture_is_read(tmp_path):
-    """Passes by hand, without filters."""
+    """Passes written by hand, without filters."""
     dn = np.random.default_rng(1).integers(0, 256, (9, 11)).astype(np.uint8)
     passes = [dn[r::down, c::right] for r, c, down, right in ADAM7]
     data = b"".join(b"\0" + row.tobytes() for part in passes if part.size for row in part)

@@ -1,25 +1,35 @@
-"""Folders for what is laid out anew on disk, gone when they are closed or nothing holds them any more."""
+"""Temporary files, removed when they are closed or no longer referenced."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
 import weakref
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError
+
+Piece = tuple[int, int, NDArray[Any]]
+"""First band, first row, and values (bands, rows, cols)."""
 
 
 class TemporaryFolder:
-    """A new folder in the place for temporary files (`TMPDIR`).
+    """A new folder in the system's place for temporary files (`TMPDIR`).
 
     Parameters
     ----------
     prefix
-        Of its name.
+        Start of the folder's name.
 
     Attributes
     ----------
     path
-        Where it is.
+        The folder.
 
     Examples
     --------
@@ -33,5 +43,56 @@ class TemporaryFolder:
         self._end = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
     def close(self) -> None:
-        """Remove it with what is in it; a second time does nothing."""
+        """Remove the folder and its contents; a second call does nothing."""
         self._end()
+
+
+def write_bands(
+    path: Path, pieces: Iterable[Piece], shape: tuple[int, int, int], dtype: np.dtype[Any]
+) -> tuple[Path, TemporaryFolder]:
+    """Copy a cube into a temporary file of plain numbers, band after band.
+
+    For files that cannot be read by rows.
+
+    Parameters
+    ----------
+    path
+        The cube's own file, for messages.
+    pieces
+        The whole cube in pieces.
+    shape, dtype
+        Of the cube; (rows, cols, bands).
+
+    Returns
+    -------
+    Path, TemporaryFolder
+        The file, and the folder that removes it.
+
+    Raises
+    ------
+    FileError
+        If the disk has too little space.
+    """
+    rows, cols, bands = shape
+    size = rows * cols * bands * dtype.itemsize
+    folder = TemporaryFolder("photosite-cube-")
+    try:
+        free = shutil.disk_usage(folder.path).free
+        if size > free:
+            raise FileError(
+                path,
+                f"needs a temporary copy of {size / 1e9:.1f} GB, and {tempfile.gettempdir()} has {free / 1e9:.1f} GB "
+                "free",
+                hint="Set TMPDIR to a larger disk, or store the cube in chunks of rows",
+            )
+        file = folder.path / "cube"
+        with file.open("wb") as stream:
+            for band, row, values in pieces:
+                for k, plane in enumerate(values):
+                    stream.seek(((band + k) * rows + row) * cols * dtype.itemsize)
+                    stream.write(np.ascontiguousarray(plane, dtype).data)
+            stream.truncate(size)
+    except BaseException:
+        folder.close()
+        raise
+    return file, folder

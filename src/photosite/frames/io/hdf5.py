@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -31,13 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.files.hdf5_heap import check_heaps
+from photosite.files.hdf5 import Hdf5File, open_hdf5, plain
 from photosite.frames.io.description import check_metadata
 from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.frames.raw_frame import RawFrame
 from photosite.values.cfa import NAMED, Cfa, cfa_from
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SUFFIXES = frozenset({".h5", ".hdf5", ".hdf"})
 
 _DATASET = "frame"
@@ -89,14 +87,9 @@ def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
     FileError
         If the file is damaged, holds no frames, or has an invalid attribute.
     """
-    import h5py
-
-    with _open_hdf5(path) as file:
-        datasets: list[Any] = []
-        # A return value would end the visit.
-        file.visititems(lambda _, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
-        check_heaps(path, file, datasets)
-        parts = [_read_part(path, item) for item in datasets if _can_be_frames(item)]
+    with open_hdf5(path) as file:
+        datasets = file.datasets.values()
+        parts = [_read_part(file, item) for item in datasets if _can_be_frames(item)]
         others = [f"{item.name} {item.shape} {item.dtype}" for item in datasets if not _can_be_frames(item)]
     if not parts:
         found = ", ".join(others[:8]) or "no datasets"
@@ -114,8 +107,8 @@ def read_hdf5_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
     FileError
         If they cannot be read.
     """
-    with _open_hdf5(path) as file:
-        data = file[location.part]
+    with open_hdf5(path) as file:
+        data = file.datasets[str(location.part)]
         dn = data[location.index] if data.ndim == 3 else data[()]
     return np.ascontiguousarray(dn, dtype=np.uint16)
 
@@ -142,30 +135,15 @@ class _Part:
         if value.shape != (self.frames,):
             expected = "one value, or one per frame"
             raise FileError(path, name, where=f"dataset /{self.name}", value=value.shape, expected=expected)
-        return _plain(value[index])
-
-
-@contextmanager
-def _open_hdf5(path: Path) -> Iterator[Any]:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except FileError:
-        raise
-    # Damaged files make h5py raise OSError, KeyError, RuntimeError, ValueError, MemoryError ...
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"the file cannot be read as HDF5 ({reason})", hint="It may be truncated") from None
+        return plain(value[index])
 
 
 def _can_be_frames(item: Any) -> bool:
     return item.ndim in (2, 3) and item.dtype.kind == "u" and item.dtype.itemsize <= 2
 
 
-def _read_part(path: Path, item: Any) -> _Part:
-    where = f"dataset {item.name}"
+def _read_part(file: Hdf5File, item: Any) -> _Part:
+    path, where = file.path, f"dataset {item.name}"
     if 0 in item.shape:
         raise FileError(path, f"the dataset is empty: {item.shape}", where=where)
     if item.ndim == 3 and item.shape[2] <= _MOST_COLOURS < item.shape[0]:
@@ -176,29 +154,7 @@ def _read_part(path: Path, item: Any) -> _Part:
         raise FileError(
             path, f"the dataset is incomplete: {stored} bytes stored for {size} bytes of pixels", where=where
         )
-    return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, _attributes(item))
-
-
-def _attributes(item: Any) -> dict[str, Any]:
-    """Return the attributes of a dataset, completed by those of the groups above it."""
-    found: dict[str, Any] = {}
-    while True:
-        for name, value in item.attrs.items():
-            found.setdefault(name, _plain(value))
-        if item.name == "/":
-            return found
-        item = item.parent
-
-
-def _plain(value: Any) -> Any:
-    """Return Python text and numbers for those of HDF5; arrays stay arrays, of text where they hold bytes."""
-    if isinstance(value, bytes | np.bytes_):
-        return value.decode("utf-8", "replace")
-    if isinstance(value, np.ndarray):
-        if value.dtype.kind == "S":
-            return np.char.decode(value, "utf-8", "replace")
-        return _plain(value.ravel()[0]) if value.size == 1 and value.ndim <= 1 else value
-    return value.item() if isinstance(value, np.generic) else value
+    return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, file.attributes(item, inherited=True))
 
 
 def _headers(path: Path, part: _Part, single: bool) -> Iterator[FrameHeader]:
@@ -259,7 +215,7 @@ def _cfa(value: Any) -> Cfa:
     if isinstance(value, str) and "/" in value:
         return cfa_from([list(row) for row in value.split("/")])
     if isinstance(value, np.ndarray):
-        return cfa_from([[str(_plain(name)) for name in row] for row in np.atleast_2d(value)])
+        return cfa_from([[str(plain(name)) for name in row] for row in np.atleast_2d(value)])
     return cfa_from(value)
 
 

@@ -1,26 +1,32 @@
-"""Frames in PNG: grey, 8 or 16 bits (ISO/IEC 15948)."""
+"""Frames in PNG: gray, 8 or 16 bits (ISO/IEC 15948)."""
 
 from __future__ import annotations
 
 import os
-import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.files.png import SIGNATURE, PngFile, PngHeader
 from photosite.frames.io.description import describe_frame, parse_description
 from photosite.frames.io.frame_header import FrameHeader
 from photosite.frames.raw_frame import RawFrame
 
-_KEYWORD = b"photosite\0"
-_COLOUR_TYPES = {2: "RGB", 3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+_BITS = {"L": 8, "I;16": 16}
+"""Stored bits of the gray images that can be frames, by Pillow's mode."""
+_TOO_FEW_BITS = {"1": 1, "L;2": 2, "L;4": 4}
+_KINDS = {"RGB": "RGB", "RGBA": "RGB with alpha", "P": "a palette", "LA": "gray with alpha"}
+_END = b"\0\0\0\0IEND\xaeB`\x82"
+_HIGHEST_COMPRESSION = 1040
+"""Bytes of pixels to a byte in the file; deflate reaches 1032."""
 
 
 def write_png(frame: RawFrame, path: Path) -> None:
-    """Write the frame as 16-bit grey PNG, its description in a text chunk."""
+    """Write the frame as 16-bit gray PNG with its description in a text chunk."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -31,60 +37,59 @@ def write_png(frame: RawFrame, path: Path) -> None:
 
 
 def read_png_header(path: Path) -> FrameHeader:
-    """What a PNG file says of its frame; the whole chain of chunks is walked, none decoded.
+    """Read the description of a PNG file's frame without decoding pixels (0.05 s for 1000 files).
 
     Raises
     ------
     FileError
-        If the file is truncated or damaged, or its pixels are not grey of 8 or 16 bits.
+        If the file is truncated or damaged, or its pixels are not gray of 8 or 16 bits.
     """
+    from PIL.PngImagePlugin import PngImageFile
+
     try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            at, head, text, data_bytes = len(SIGNATURE), b"", "", 0
-            while True:
-                file.seek(at)
-                lead = file.read(8)
-                length, kind = struct.unpack(">I4s", lead) if len(lead) == 8 else (0, b"")
-                at += 12 + length
-                if not kind or at > size:
-                    raise FileError(path, f"is truncated: its last chunk is not whole in {size} bytes")
-                if kind == b"IHDR":
-                    head = file.read(length)
-                elif kind == b"tEXt" and file.read(len(_KEYWORD)) == _KEYWORD:
-                    text = file.read(length - len(_KEYWORD)).decode("latin-1")
-                elif kind == b"IDAT":
-                    data_bytes += length
-                elif kind == b"IEND":
-                    break
+        with path.open("rb") as file, PngImageFile(file) as image:
+            (cols, rows), mode, text = image.size, _stored_mode(image), str(image.info.get("photosite", ""))
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - len(_END)))
+            complete = file.read() == _END
     except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    found = PngHeader.parse(path, head)
-    if found.color_type != 0:
-        kind_name = _COLOUR_TYPES[found.color_type]
-        raise FileError(path, f"is not a raw frame: it is {kind_name}; a raw frame is one grey number a pixel")
-    if found.bits not in (8, 16):
-        raise FileError(path, f"has pixels of {found.bits} bits; a raw frame has 8 or 16 bits a pixel")
-    found.check_density(path, data_bytes)
-    rows, cols, bits = found.rows, found.cols, found.bits
+        if error.strerror:
+            raise FileError(path, f"cannot be read: {error.strerror}") from None
+        raise FileError(path, f"is damaged or truncated: {error}") from None
+    except Exception as error:  # Pillow passes on SyntaxError, ValueError, struct.error ...
+        raise FileError(path, f"is damaged: {' '.join(str(error).split())[:200]}") from None
+    if mode in _TOO_FEW_BITS:
+        raise FileError(path, "pixels", value=f"{_TOO_FEW_BITS[mode]} bits", expected="of 8 or 16 bits in a raw frame")
+    if mode not in _BITS:
+        raise FileError(path, "pixels", value=_KINDS.get(mode, mode), expected="gray in a raw frame, one value a pixel")
+    if not complete:
+        raise FileError(path, f"is truncated: {size} bytes without the end of the picture")
+    bits = _BITS[mode]
+    if rows * (1 + cols * bits // 8) > _HIGHEST_COMPRESSION * size:
+        raise FileError(path, f"is damaged: {size} bytes cannot hold {rows} x {cols} pixels")
     return parse_description(path, text, rows, cols, bits) or FrameHeader(rows, cols, bits)
 
 
+def _stored_mode(image: Any) -> str:
+    """Return Pillow's mode, or the packed mode of gray images of 2 and 4 bits."""
+    packed = image.tile[0].args if image.tile else None
+    return str(packed) if packed in _TOO_FEW_BITS else str(image.mode)
+
+
 def read_png_pixels(path: Path) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of a grey PNG file.
+    """Read the (rows, cols) values of a gray PNG file.
 
     Raises
     ------
     FileError
         If they cannot be decoded.
     """
-    from PIL import Image
+    from imagecodecs import png_decode
 
-    PngFile.read(path).check_whole()  # Pillow fills up with zeros what is missing
     try:
-        with Image.open(path, formats=("PNG",)) as image:
-            pixels = np.asarray(image)
-    # Pillow's decoders raise OSError, SyntaxError, ValueError, struct.error, zlib.error ... for damaged files.
-    except Exception as error:
-        raise FileError(path, f"cannot be decoded: {' '.join(str(error).split())}") from None
+        pixels = png_decode(path.read_bytes())
+    except Exception as error:  # libpng's message may be unreadable too
+        raise FileError(path, f"is damaged: it cannot be decoded ({' '.join(str(error).split())[:200]})") from None
+    if pixels.ndim == 3:  # a transparent gray level, which libpng makes an alpha channel
+        pixels = pixels[:, :, 0]
     return np.ascontiguousarray(pixels, dtype=np.uint16)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, PhotositeWarning
-from photosite.files import png as png_file
+from photosite.files.hdf5 import SIGNATURE as HDF5_SIGNATURE
 from photosite.frames.io import camera_raw, fits, hdf5, png
 from photosite.frames.io.camera_raw import read_camera_raw, read_camera_raw_header
 from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header
@@ -186,9 +186,9 @@ def detect_format(path: Path) -> Format:
     if not head:
         raise FileError(path, "the file is empty")
     suffix = path.suffix.lower()
-    if head.startswith(png_file.SIGNATURE):
+    if head.startswith(png.SIGNATURE):
         return "png"
-    if head.startswith(hdf5.SIGNATURE):
+    if head.startswith(HDF5_SIGNATURE):
         return "hdf5"
     if head.startswith(fits.SIGNATURE):
         return "fits"
@@ -200,7 +200,7 @@ def detect_format(path: Path) -> Format:
         return "dng" if DNG_VERSION in read_directories(path)[0].tags else "tiff"
     if head.startswith(b"\xff\xd8\xff"):
         raise FileError(path, "the file is a JPEG, a developed picture", hint=f"A raw frame is {FORMATS}")
-    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png_file.SIGNATURE, hdf5.SIGNATURE, fits.SIGNATURE)):
+    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png.SIGNATURE, HDF5_SIGNATURE, fits.SIGNATURE)):
         raise FileError(path, f"the file is truncated: {len(head)} bytes")
     if suffix in camera_raw.SUFFIXES:
         return "camera raw"

@@ -1,4 +1,4 @@
-"""Frames in TIFF: grey pages of 8 or 16 bits, each of them a frame."""
+"""Frames in TIFF: gray pages of 8 or 16 bits, a frame each, uncompressed or compressed in any way tifffile reads."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ FILL_ORDER, STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS = 266, 273, 2
 _PLACES = (STRIP_OFFSETS, STRIP_COUNTS, TILE_OFFSETS, TILE_COUNTS)
 _SIZES = (WIDTH, LENGTH, BITS, SAMPLES, COMPRESSION, ROWS_PER_STRIP, TILE_WIDTH, TILE_LENGTH, FILL_ORDER)
 
-_DENSEST = 10_000
-"""Pixels to a compressed byte: more than LZW and deflate reach, far more than noise lets them."""
+_HIGHEST_COMPRESSION = 10_000
+"""Pixels to a compressed byte; LZW and deflate reach less."""
 
-_GREY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
+_GRAY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
 _COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
 
 
@@ -43,9 +43,9 @@ def write_tiff(frame: RawFrame, path: Path) -> None:
 
 
 def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """What a TIFF file says of its frames, one a page. Smaller versions of a page (thumbnails) are left out.
+    """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
 
-    What a page does not say of itself holds as the first page says it.
+    A page without its own exposure time or metadata takes those of the first page.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
     """
     pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
     if not pages:
-        raise FileError(path, "holds nothing but smaller versions of a picture; a raw frame is a full page")
+        raise FileError(path, "has no full-size page, only thumbnails")
     first = _header(path, pages[0], None)
     if len(pages) == 1:
         _check_not_hidden(path, pages[0])
@@ -84,16 +84,17 @@ def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHead
 
 
 def _check_not_hidden(path: Path, page: Directory) -> None:
-    """ImageJ writes stacks above 4 GB as one page, the others lying behind it without a directory."""
-    said = re.match(r"ImageJ=.*?^images=(\d+)", page.text(DESCRIPTION) or "", re.DOTALL | re.MULTILINE)
-    if said and int(said[1]) > 1:
-        raise FileError(path, f"is an ImageJ stack of {said[1]} frames with one page; save it as an image sequence")
+    """ImageJ writes stacks above 4 GB as one page, followed by the other frames without directories."""
+    found = re.match(r"ImageJ=.*?^images=(\d+)", page.text(DESCRIPTION) or "", re.DOTALL | re.MULTILINE)
+    if found and int(found[1]) > 1:
+        what = f"is an ImageJ stack of {found[1]} frames in one page, which is not supported"
+        raise FileError(path, what, hint="Save it as an image sequence")
 
 
 def camera_settings(page: Directory) -> dict[str, Any]:
-    """Maker, model and ISO, by what Exif or TIFF/EP say, under the names that `RawFrame.metadata` has for them.
+    """Return maker, model and ISO from Exif or TIFF/EP, under their names in `RawFrame.metadata`.
 
-    Exif keeps ISO in 16 bits; the tag that goes on from there is RecommendedExposureIndex (CIPA DC-008, 4.6.6).
+    Exif keeps ISO in 16 bits; higher values are in RecommendedExposureIndex (CIPA DC-008, 4.6.6).
     """
     iso = page.exif(ISO_SPEED)
     if iso == 65535:
@@ -103,18 +104,19 @@ def camera_settings(page: Directory) -> dict[str, Any]:
 
 
 def exposure_of(page: Directory) -> float | None:
-    """The exposure time in seconds from Exif or TIFF/EP, or None where there is none above 0."""
+    """Return the exposure time in seconds from Exif or TIFF/EP, or None where none above 0 is stated."""
     exposure_s = page.exif(EXPOSURE_TIME)
     return float(exposure_s) if exposure_s is not None and 0 < exposure_s < float("inf") else None
 
 
 def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
-    """Rows, columns and stored bits of a page that can be a raw frame.
+    """Return rows, columns and stored bits of a page, checked before any pixel is decoded.
 
     Raises
     ------
     FileError
-        If the page is in colour, inverted, or its pixels are not unsigned integers of 8 or 16 bits.
+        If the page is in color, inverted, or its pixels are not unsigned integers of 8 or 16 bits; or if its size
+        and its image data do not fit together.
     """
     _check_whole_numbers(path, page)
     rows, cols = page.number(LENGTH), page.number(WIDTH)
@@ -122,14 +124,15 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
     samples = page.number(SAMPLES) or 1
     photometric = page.number(PHOTOMETRIC)
     if not rows or not cols:
-        raise FileError(path, "is damaged: its page has no size")
-    if samples != 1 or photometric not in _GREY:
+        raise FileError(path, "is damaged: its page has no width or height")
+    if samples != 1 or photometric not in _GRAY:
         kind = _COLOUR.get(photometric, f"photometric interpretation {photometric}")
         if samples != 1:
             kind += f" with {samples} samples a pixel"
-        raise FileError(path, f"is not a raw frame: it is {kind}; a raw frame is one grey number a pixel")
+        raise FileError(path, "pixels", value=kind, expected="gray in a raw frame, one value a pixel")
     if (page.number(SAMPLE_FORMAT) or 1) != 1 or bits not in (8, 16):
-        raise FileError(path, f"has pixels that are not unsigned integers of 8 or 16 bits ({bits} bits); convert it")
+        expected = "unsigned integers of 8 or 16 bits in a raw frame"
+        raise FileError(path, "pixels", value=f"{bits} bits", expected=expected, hint="Convert the file")
     counts = page.numbers(STRIP_COUNTS) or page.numbers(TILE_COUNTS)
     if counts is None or (page.numbers(STRIP_OFFSETS) or page.numbers(TILE_OFFSETS)) is None:
         raise FileError(path, "is damaged: its page has no image data")
@@ -137,23 +140,22 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
         raise FileError(path, f"is damaged: {sum(counts)} bytes of image data, {rows * cols * bits // 8} expected")
     if len(counts) != (segments := _segments(page, rows, cols)):
         raise FileError(
-            path, f"is damaged: its {rows} x {cols} pixels are {segments} pieces, and {len(counts)} are there"
+            path, f"is damaged: {rows} x {cols} pixels need {segments} strips or tiles, the file has {len(counts)}"
         )
-    if rows * cols > _DENSEST * sum(counts):
-        raise FileError(path, f"is damaged: {rows} x {cols} pixels cannot come out of {sum(counts)} bytes")
+    if rows * cols > _HIGHEST_COMPRESSION * sum(counts):
+        raise FileError(path, f"is damaged: {sum(counts)} bytes cannot hold {rows} x {cols} pixels")
     return int(rows), int(cols), int(bits)
 
 
 def _check_whole_numbers(path: Path, page: Directory) -> None:
-    """Sizes and places are whole numbers, none negative; a damaged field type makes others of them."""
     for tag in (*_SIZES, *_PLACES):
         for number in page.numbers(tag) or ():
             if not isinstance(number, int) or number < 0:
-                raise FileError(path, f"is damaged: tag {tag} is {number}, not a whole number of 0 or more")
+                raise FileError(path, f"tag {tag}", value=number, expected="a whole number of 0 or more")
 
 
 def _segments(page: Directory, rows: int, cols: int) -> int:
-    """How many strips or tiles the page has to have."""
+    """Return the number of strips or tiles that the page needs."""
     if page.numbers(STRIP_OFFSETS):
         return -(-rows // max(int(page.number(ROWS_PER_STRIP) or rows), 1))
     high, wide = (max(int(page.number(tag) or 0), 1) for tag in (TILE_LENGTH, TILE_WIDTH))
@@ -161,7 +163,7 @@ def _segments(page: Directory, rows: int, cols: int) -> int:
 
 
 def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> NDArray[np.uint16]:
-    """The (rows, cols) numbers of a TIFF file's page; of the first without a location.
+    """Read the (rows, cols) values of a TIFF file's page; without a location, of the first page.
 
     Raises
     ------
@@ -174,33 +176,31 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> NDArr
         return _stored_pixels(path, page, (rows, cols), bits)
     import tifffile
 
-    tifffile.logger().setLevel(logging.CRITICAL)  # it prints what it thinks of damaged tags; one line says it here
+    tifffile.logger().setLevel(logging.CRITICAL)  # damage is reported here
     try:
         with tifffile.TiffFile(path) as file:
             file.filehandle.seek(page.offset)
             pixels = tifffile.TiffPage(file, 0).asarray()
-    # tifffile lets its decoders' own exceptions through; which they are depends on the compression.
-    except Exception as error:
+    except Exception as error:  # the decoders' own exceptions, which depend on the compression
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be decoded ({reason}); save it uncompressed") from None
+        raise FileError(path, f"cannot be decoded ({reason[:200]})", hint="Save it uncompressed") from None
     if pixels.shape != (rows, cols):
-        raise FileError(path, f"decodes to {pixels.shape} pixels where its tags say {rows} x {cols}")
+        raise FileError(path, f"is damaged: it decodes to {pixels.shape} pixels, its tags state {rows} x {cols}")
     return np.ascontiguousarray(pixels, dtype=np.uint16)
 
 
 def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: int) -> NDArray[np.uint16]:
-    """Pixels that lie in the file as they are, strip after strip."""
+    """Read uncompressed strips straight into the array, unbuffered: one copy."""
     strips = zip(page.numbers(STRIP_OFFSETS) or (), page.numbers(STRIP_COUNTS) or (), strict=True)
     stored = np.empty(shape, dtype=f"{page.order}u{bits // 8}")
     wanted, done = stored.nbytes, 0
-    room = stored.view(np.uint8).reshape(-1)
+    buffer = stored.view(np.uint8).reshape(-1)
     try:
-        # Unbuffered, and straight to where the pixels stay: reading is then one copy from the system's memory.
         with path.open("rb", buffering=0) as file:
             for offset, count in strips:
                 end = min(done + int(count), wanted)
                 file.seek(offset)
-                while done < end and (got := file.readinto(room[done:end].data)):
+                while done < end and (got := file.readinto(buffer[done:end].data)):
                     done += got
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None

@@ -77,9 +77,9 @@ def convert(
 
 def _reduce_into(target: Path, cube: SpectralCube, options: ReadOptions, progress: Progress | None) -> Reduction:
     if target.suffix.lower() in FORMATS[0].suffixes:
-        from photosite.scene.io.native import reduce_to_native
+        from photosite.scene.io.hdf5 import reduce_to_own
 
-        return reduce_to_native(lambda store: reduce_cube(cube, options, store=store, progress=progress), target)
+        return reduce_to_own(lambda store: reduce_cube(cube, options, store=store, progress=progress), target)
     reduction = reduce_cube(cube, options, progress=progress)
     writer_of(target)(reduction.scene, target)
     return reduction

@@ -22,7 +22,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, select_bands
-from photosite.scene.io.hdf5_cube import said_units, stated_units
+from photosite.scene.io.units import file_units, override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
@@ -179,17 +179,17 @@ def _units(path: Path, header: Mapping[str, Any], said: ReadOptions) -> Units:
     factor = _number(path, header, "reflectance scale factor")
     stated = next((header[name] for name in _UNIT_FIELDS if name in header), None)
     if factor is None:
-        return stated_units(path, said, stated)
+        return file_units(path, said, stated)
     own, text = Units("reflectance", 1 / factor), f"reflectance scale factor = {factor:g}"
     if said.units is None:
-        units = own if stated is None else stated_units(path, said, stated)
+        units = own if stated is None else file_units(path, said, stated)
         return units if units.quantity != "reflectance" else own
     try:
         if stated is not None and (units := parse_units(str(stated)[:80])).quantity != "reflectance":
             own, text = units, str(stated)
     except InputError:  # what is not understood cannot contradict
         pass
-    return said_units(path, said.units, text, own)
+    return override_units(path, said.units, text, own)
 
 
 def _list(path: Path, header: Mapping[str, Any], name: str, bands: int, neutral: float | None = None) -> Array | None:

@@ -19,7 +19,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small import read_small
 from photosite.scene.bands import band_order, within_range
 from photosite.scene.charts.patches import reflectance_chart
-from photosite.scene.io.hdf5_cube import said_units
+from photosite.scene.io.units import override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.units import Units, bright_count, check_reflectances
@@ -238,7 +238,7 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
     if options.units is not None:
         percent = table.units == Units("reflectance", 0.01)
         stated = "percent" if percent else None if table.units is None else table.units.quantity
-        return said_units(table.path, options.units, stated, table.units)
+        return override_units(table.path, options.units, stated, table.units)
     if table.units is not None:
         return table.units
     brightest = float(np.nanmax(table.values))

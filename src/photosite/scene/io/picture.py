@@ -1,11 +1,12 @@
-"""Pictures of red, green and blue as scenes: PNG, JPEG and TIFF, encoded for a display.
+"""Pictures of red, green and blue as scenes: PNG and JPEG files, and what pictures of all formats share.
 
-What red, green and blue mean there: `photosite.scene.io.picture_space`.
+Pillow reads headers and metadata (it discards half of 16-bit codes and pads missing rows), imagecodecs decodes PNG.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,26 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeError
-from photosite.files.png import PngFile
-from photosite.scene.io.icc import RgbSpace
-from photosite.scene.io.picture_space import space_of_picture, space_of_tiff
-from photosite.scene.io.pillow import opened, starts_as_png
-from photosite.scene.io.png16 import read_deep_png
+from photosite.scene.io.color_space import RgbSpace, exif_of, space_of_picture
 from photosite.scene.options import ReadOptions
-from photosite.scene.pictures import from_rgb
+from photosite.scene.picture_colors import OutsideSrgbError
+from photosite.scene.pictures import from_hdr, from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 
-_ORIENTATION = 0x0112
-_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
-"""Photometric interpretations of TIFF."""
-_GREYS = (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
-_OPACITY = (1, 2)
-"""Kinds of extra samples, associated or not."""
-_APART = 2
-"""Planar configuration of planes that follow each other."""
-_TIFF_COLORS = {2: "RGB", 3: "of a palette", 5: "CMYK", 6: "YCbCr", 8: "Lab", 9: "Lab (ICC)", 10: "Lab (ITU)"}
-_MOST_SAMPLES = 4
-_TRANSPARENT = "is transparent in places; flatten the picture to red, green and blue"
+ORIENTATION = 0x0112
+"""Tag of EXIF and TIFF."""
+TRANSPARENT = "is transparent in places"
+FLATTEN = "Flatten the picture to red, green and blue"
+
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_ALWAYS_READ_PIXELS = 100_000_000
+"""Pictures up to this size are read from a file however small."""
+_PIXELS_PER_BYTE = 1100
+"""Limit for larger pictures; a PNG of 8 bits reaches 1032, a JPEG 512."""
+_MOST_PIXELS = 4_000_000_000
+_PNG_BYTES_PER_BYTE = 1040
+"""Limit of decompressed rows; deflate reaches 1032."""
 
 _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
     2: lambda a: a[:, ::-1],
@@ -43,157 +43,224 @@ _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
     7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
     8: lambda a: np.rot90(a),
 }
-"""By EXIF's orientation: how (rows, cols, ...) of the file become those of the picture."""
+"""From (rows, cols, ...) of the file to those of the picture, by EXIF's orientation."""
 
 
-def read(path: Path, said: ReadOptions) -> Scene:
-    """The scene of a PNG or JPEG file: a flat print of its colours, under the light that the options say.
+def read(path: Path, options: ReadOptions) -> Scene:
+    """Read a PNG or JPEG file as a flat print of its colors, under the options' illuminant.
 
     Raises
     ------
     FileError
-        If it is damaged, its colours are in a space or a form that is not known, or nobody says how bright it is.
+        If the file is damaged, its color space or form is unknown, or no luminance is given.
     """
-    from PIL import ImageOps, UnidentifiedImageError
+    with _opened(path, "a PNG or JPEG picture") as picture:
+        codes = _png_codes(path, picture) if picture.format == "PNG" else _jpeg_codes(path, picture)
+        space = space_of_picture(path, picture)
+        codes = turned(codes, exif_of(picture).get(ORIENTATION))
+    return scene_of_picture(path, codes, space, options)
+
+
+def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
+    """Return (rows, cols, 1 or 3) codes upright and with three channels."""
+    turn = _TURNED.get(orientation)
+    upright = codes if turn is None else turn(codes)
+    return np.broadcast_to(upright, (*upright.shape[:2], 3))
+
+
+def _png_codes(path: Path, picture: Any) -> NDArray[Any]:
+    """Return (rows, cols, 1 or 3) codes of 8 or 16 bits."""
+    codes = _decoded_png(path, picture)
+    if codes.shape[2] in (2, 4):
+        if codes[:, :, -1].min() < np.iinfo(codes.dtype).max:
+            raise FileError(path, TRANSPARENT, hint=FLATTEN)
+        return codes[:, :, :-1]
+    return codes
+
+
+def _decoded_png(path: Path, picture: Any) -> NDArray[Any]:
+    """Return (rows, cols, channels); 2 and 4 channels end in opacity, which a transparent color becomes too."""
+    from imagecodecs import png_decode
+
+    content = path.read_bytes()
+    if b"cICP" in content[: content.find(b"IDAT")]:
+        raise FileError(path, "states its colors by code points (cICP), such as an HDR picture", hint="Save it as sRGB")
+    if picture.height * -(-picture.width // 8) > _PNG_BYTES_PER_BYTE * len(content):
+        size = f"{picture.height} x {picture.width}"
+        raise FileError(path, f"is damaged: {len(content)} bytes cannot hold {size} pixels")
+    if "exif" not in picture.info and b"eXIf" in content:
+        picture.load()  # Pillow finds metadata behind the pixels only now
+    codes = png_decode(content)
+    return np.asarray(codes if codes.ndim == 3 else codes[:, :, None])
+
+
+def _jpeg_codes(path: Path, picture: Any) -> NDArray[Any]:
+    if picture.mode not in ("L", "RGB"):
+        raise FileError(path, "colors", value=picture.mode, expected="gray, or red, green and blue")
+    codes = np.asarray(picture)
+    return codes if codes.ndim == 3 else codes[:, :, None]
+
+
+def read_alpha(path: Path) -> NDArray[np.float32]:
+    """Read the opacity of a plane, (rows, cols) from 0 (transparent) to 1 (opaque).
+
+    Parameters
+    ----------
+    path
+        A gray picture of 1, 8 or 16 bits, black for 0 and white for 1; or one with an alpha channel, which is used.
+
+    Raises
+    ------
+    FileError
+        If the file is not a picture, is damaged, or is in color without an alpha channel.
+    """
+    with _opened(path, "a picture") as picture:
+        mode = picture.mode
+        if picture.format == "PNG":
+            codes = _decoded_png(path, picture)
+            codes = codes[:, :, -1] if "A" in mode else codes[:, :, 0] if codes.shape[2] < 3 else codes
+        else:
+            codes = np.asarray(picture.getchannel("A") if "A" in mode else picture)
+    if codes.dtype == np.bool_:
+        return codes.astype(np.float32)
+    if codes.ndim != 2 or mode in ("P", "F"):
+        raise FileError(path, "opacity", value=mode, expected="a gray picture, or one with an alpha channel")
+    white = 255 if codes.dtype == np.uint8 else 65535
+    if codes.min() < 0 or codes.max() > white:
+        raise FileError(path, "opacity", value=int(codes.max()), expected="of 8 or 16 bits")
+    return (codes / np.float32(white)).astype(np.float32)
+
+
+@contextmanager
+def _opened(path: Path, kind: str) -> Iterator[Any]:
+    """Open a file with Pillow and check its size; every failure in the block becomes a `FileError`."""
+    from PIL import Image, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, UnidentifiedImageError
 
     try:
-        png = _checked_png(path) if starts_as_png(path) else None
-        with opened(path) as picture:
-            space = space_of_picture(path, picture, png)
-            if png is not None and png.header.bits == 16:
-                values = _deep_values(png, picture.getexif().get(_ORIENTATION))
-            else:
-                values = _values(path, ImageOps.exif_transpose(picture))
+        with path.open("rb") as file:
+            head = file.read(len(_PNG))
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise FileError(path, "is empty")
+    # Opened directly, without the size limit of Image.open.
+    openers: dict[bytes, Callable[[Path], Any]] = {
+        _PNG: PngImagePlugin.PngImageFile,
+        _JPEG: JpegImagePlugin.JpegImageFile,
+        b"II*\0": TiffImagePlugin.TiffImageFile,
+        b"MM\0*": TiffImagePlugin.TiffImageFile,
+    }
+    opener = next((opener for start, opener in openers.items() if head.startswith(start)), Image.open)
+    try:
+        with opener(path) as picture:
+            check_size(path, picture.height, picture.width)
+            yield picture
     except PhotositeError:
         raise
     except UnidentifiedImageError:
-        raise FileError(path, "is no picture: its first bytes are neither PNG's nor JPEG's") from None
-    except Exception as error:  # Pillow hands on whatever a damaged file makes it stumble over
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be read as a picture ({reason[:200]}); is it truncated?") from None
-    return _scene(path, values, space, said)
+        raise FileError(path, f"is not {kind}") from None
+    except Exception as error:  # the decoders' own exceptions
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileError(path, f"is damaged or truncated: it cannot be read as {kind} ({reason})") from None
 
 
-def is_tiff_picture(page: Any) -> bool:
-    """Whether a TIFF file's page, as tifffile has it, is in colours, and not a band or many."""
-    return int(page.photometric) in _TIFF_COLORS and page.samplesperpixel <= _MOST_SAMPLES
-
-
-def is_grey_tiff(page: Any) -> bool:
-    """Whether a page could be a grey picture: 8 or 16 bits, and opacity at most beside it."""
-    extra = tuple(int(kind) for kind in page.extrasamples)
-    alone = page.samplesperpixel == 1 + len(extra) <= 2 and all(kind in _OPACITY for kind in extra)
-    return int(page.photometric) in _GREYS and alone and page.dtype in (np.uint8, np.uint16)
-
-
-def read_tiff_page(path: Path, page: Any, said: ReadOptions) -> Scene:
-    """The scene of a TIFF file's page in colours or in grey, as tifffile has it.
+def check_size(path: Path, rows: int, cols: int) -> None:
+    """Check that a picture is not too large for its file, before it is decoded.
 
     Raises
     ------
     FileError
-        As for `read`.
+        If the picture is larger than 4 gigapixels, or than its file can hold.
     """
-    form = int(page.photometric)
-    if form not in (*_GREYS, _RGB, _PALETTE):
-        raise FileError(
-            path, f"has colours in the form {_TIFF_COLORS.get(form, form)}; save the picture as red, green and blue"
-        )
-    if page.dtype not in (np.uint8, np.uint16):
-        raise FileError(
-            path,
-            f"is a picture of {page.dtype}, which may be light or codes for a display; save it as 8 or 16 bits, or "
-            "give its array to photosite.pictures.from_rgb or from_hdr",
-        )
-    if int(page.bitspersample) != 8 * page.dtype.itemsize:
-        raise FileError(path, f"has {page.bitspersample} bits a value; save the picture in 8 or 16")
-    space = space_of_tiff(path, page)
-    values = page.asarray()
-    values = values.reshape(*values.shape[:2], -1) if int(page.planarconfig) != _APART else np.moveaxis(values, 0, 2)
-    count = 3 if form == _RGB else 1
-    colors, opacity = values[:, :, :count], values[:, :, count:]
-    if (opacity != np.iinfo(values.dtype).max).any():
-        raise FileError(path, _TRANSPARENT)
-    if form == _PALETTE:
-        colors = np.moveaxis(_palette(page)[:, colors[:, :, 0]], 0, 2)
-    if form == _WHITE_IS_ZERO:
-        colors = np.iinfo(values.dtype).max - colors
-    turn = _TURNED.get(page.tags[_ORIENTATION].value if _ORIENTATION in page.tags else 1)
-    turned = colors if turn is None else turn(colors)
-    return _scene(path, np.broadcast_to(turned, (*turned.shape[:2], 3)), space, said)
+    pixels, size = rows * cols, path.stat().st_size
+    if pixels > _MOST_PIXELS:
+        raise FileError(path, "size", value=f"{rows} x {cols} pixels", expected="at most 4 gigapixels")
+    if pixels > max(_ALWAYS_READ_PIXELS, _PIXELS_PER_BYTE * size):
+        expected = f"at most {_PIXELS_PER_BYTE} pixels a byte above 100 megapixels"
+        raise FileError(path, "size", value=f"{rows} x {cols} pixels in {size} bytes", expected=expected)
 
 
-def _palette(page: Any) -> NDArray[Any]:
-    """(3, colours) of 16 bits; of 8 where their writer left the lower ones empty, and 255 is white."""
-    colors = np.asarray(page.colormap, np.uint16)
-    return colors if (colors & 0xFF).any() else (colors >> 8).astype(np.uint8)
-
-
-def check_said(path: Path, said: ReadOptions) -> None:
-    """Refuse what a picture has no place for.
+def check_options(path: Path, options: ReadOptions) -> None:
+    """Check that no options are given that do not apply to pictures.
 
     Raises
     ------
     FileError
-        If the options say such a thing.
+        If one is given.
     """
     for name in ("units", "wavelength_nm", "variable"):
-        if getattr(said, name) is not None:
-            raise FileError(path, f"holds red, green and blue, which have no {name}; leave that out")
+        if getattr(options, name) is not None:
+            raise FileError(path, f"is a picture, to which {name} does not apply", hint=f"Leave {name} out")
 
 
-def _scene(path: Path, values: NDArray[Any], space: RgbSpace, said: ReadOptions) -> Scene:
-    check_said(path, said)
-    if said.mean_luminance_cd_m2 is None:
-        raise FileError(path, "a picture does not say how bright its scene is; say it (mean_luminance_cd_m2=40)")
+def scene_of_picture(path: Path, codes: NDArray[Any], space: RgbSpace, options: ReadOptions) -> Scene:
+    """Return the scene of a display picture: (rows, cols, 3) codes of a color space.
+
+    Raises
+    ------
+    FileError
+        If no luminance is given, or the colors cannot become reflectances.
+    """
+    check_options(path, options)
+    if options.mean_luminance_cd_m2 is None:
+        raise FileError(
+            path,
+            "does not state the luminance of its scene",
+            hint="Pass {mean_luminance_cd_m2}",
+            arguments={"mean_luminance_cd_m2": 40},
+        )
     try:
         return from_rgb(
-            values,
-            "D65" if said.illuminant is None else said.illuminant,
-            said.mean_luminance_cd_m2,
+            space.decoded(codes),
+            "D65" if options.illuminant is None else options.illuminant,
+            options.mean_luminance_cd_m2,
             space=space.name,
             linear=space.linear,
-            method=said.method or "mallett-yuksel",
-            out_of_gamut=said.out_of_gamut or "refuse",
-            tolerance=said.tolerance,
-            distance_m=said.distance_m or DEFAULT_DISTANCE_M,
-            width_m=said.width_m,
+            method=options.method or "mallett-yuksel",
+            out_of_gamut=options.out_of_gamut or "refuse",
+            tolerance=options.tolerance,
+            distance_m=options.distance_m or DEFAULT_DISTANCE_M,
+            width_m=options.width_m,
             name=path.stem,
         )
     except InputError as error:
-        raise FileError(path, str(error)) from None
+        raise error.in_file(path) from None
 
 
-def _values(path: Path, picture: Any) -> NDArray[Any]:
-    """(rows, cols, 3) codes of 8 bits."""
-    if picture.mode == "P":
-        picture = picture.convert("RGBA" if "transparency" in picture.info else "RGB")
-    if "A" in picture.mode or "transparency" in picture.info:
-        if picture.convert("RGBA").getchannel("A").getextrema()[0] < 255:
-            raise FileError(path, _TRANSPARENT)
-        picture = picture.convert("RGB")
-    if picture.mode in ("L", "1"):
-        picture = picture.convert("RGB")
-    if picture.mode != "RGB":
-        raise FileError(path, f"has colours in the form {picture.mode}; save the picture as red, green and blue")
-    return np.asarray(picture)
+def scene_of_light(
+    path: Path, values: NDArray[Any], options: ReadOptions, white_luminance_cd_m2: float | None
+) -> Scene:
+    """Return the scene of a picture of light: (rows, cols, 3) linear sRGB of any range, as in Radiance and OpenEXR.
 
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    values
+        Negative where sRGB has no such color.
+    options
+        Mean luminance, where `white_luminance_cd_m2` is None; illuminant; and how to treat negative values.
+    white_luminance_cd_m2
+        Luminance of 1 in all three channels.
 
-def _deep_values(png: PngFile, orientation: Any) -> NDArray[np.uint16]:
-    """(rows, cols, 3) codes of a PNG of 16 bits."""
-    found = read_deep_png(png)
-    if not found.is_opaque:
-        raise FileError(png.path, _TRANSPARENT)
-    turn = _TURNED.get(orientation)
-    turned = found.colors if turn is None else turn(found.colors)
-    return np.broadcast_to(turned, (*turned.shape[:2], 3))
-
-
-def _checked_png(path: Path) -> PngFile:
-    """The file, with all its rows, and its colours said in a way that Pillow hands on."""
-    png = PngFile.read(path)
-    if b"cICP" in png.chunks:
-        raise FileError(path, "says its colours by code points (cICP), an HDR picture perhaps; save it as sRGB")
-    if png.header.bits != 16:  # else they are counted when they are unpacked
-        png.check_whole()
-    return png
+    Raises
+    ------
+    FileError
+        If the values are invalid, or outside sRGB and not to be set to 0.
+    """
+    try:
+        return from_hdr(
+            values,
+            white_luminance_cd_m2,
+            mean_luminance_cd_m2=options.mean_luminance_cd_m2 if white_luminance_cd_m2 is None else None,
+            white="D65" if options.illuminant is None else options.illuminant,
+            out_of_gamut="clip" if options.negative == "zero" else "refuse",
+            distance_m=options.distance_m or DEFAULT_DISTANCE_M,
+            width_m=options.width_m,
+            name=path.stem,
+        )
+    except OutsideSrgbError as error:
+        hint = "Convert them to sRGB, or pass {negative} to set negative values to 0"
+        raise FileError(path, error.counted, hint=hint, arguments={"negative": "zero"}) from None
+    except InputError as error:
+        raise error.in_file(path) from None

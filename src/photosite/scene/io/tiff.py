@@ -1,8 +1,8 @@
-"""TIFF: stacks of one page a band, and pages of many samples a pixel.
+"""TIFF: stacks of one page a band, pages of many samples a pixel, and display pictures.
 
-What the numbers are stands in the first page's ImageDescription as JSON, or in a JSON file of the same name beside it:
-wavelength_nm (bands,), units, and if wanted distance_m, width_m, light, no_data. Pages whose description has a number
-of nanometres, such as "band 450 nm", say their wavelength each.
+The first page's ImageDescription, or a file of the same name that ends in .json, describes a cube as JSON:
+wavelength_nm (bands,), units, and optionally distance_m, width_m, light, no_data. Alternatively each page's description
+states its wavelength, such as "band 450 nm".
 """
 
 from __future__ import annotations
@@ -20,197 +20,243 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, PhotositeError
 from photosite.files.atomic import atomic_path
+from photosite.files.temporary import Piece, write_bands
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, RawCube, SpectralCube
-from photosite.scene.io.hdf5_cube import stated_units
-from photosite.scene.io.picture import is_grey_tiff, is_tiff_picture, read_tiff_page
-from photosite.scene.io.spool import Piece, spooled
+from photosite.scene.io.color_space import space_of_tiff
+from photosite.scene.io.picture import FLATTEN, ORIENTATION, TRANSPARENT, scene_of_picture, turned
+from photosite.scene.io.units import file_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units
 
 _STRIP_BYTES = 4 << 20
-_DENSEST = 2000
-"""Bytes of values to a byte in the file: more than deflate reaches."""
-_MOST_PACKED = 1 << 30
-"""Bytes of a compressed page of many samples, which is unpacked as a whole."""
+_HIGHEST_COMPRESSION = 2000
+"""Bytes of values to a byte in the file; deflate reaches 1030."""
+_LARGEST_COMPRESSED = 1 << 30
+"""Bytes of a compressed page of many samples, which is decoded as a whole."""
+
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
+"""Photometric interpretations."""
+_GRAYS = (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
+_COLORS = {2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "Lab", 9: "Lab (ICC)", 10: "Lab (ITU)"}
+_OPACITY = (1, 2)
+"""Kinds of extra samples, associated or not."""
+_PLANES = 2
+"""Planar configuration of planes that follow each other."""
+_MOST_SAMPLES = 4
 
 
-def open_cube(path: Path, said: ReadOptions) -> SpectralCube | Scene:
-    """The cube of a TIFF file; numbers that lie in one piece are read where they are, others are laid out anew.
-
-    A page of red, green and blue is a picture, and a scene at once.
+def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
+    """Open the cube of a TIFF file, in place or copied where it is compressed; read a picture as a scene.
 
     Raises
     ------
     FileError
-        If it is damaged, or does not say what is needed.
+        If the file is damaged, or lacks required data.
     """
     import tifffile
 
-    level = logging.getLogger("tifffile").level
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what it complains of is raised or harmless
+    level = tifffile.logger().level
+    tifffile.logger().setLevel(logging.CRITICAL)  # damage is reported here
     try:
         with tifffile.TiffFile(path) as file:
-            return _cube(path, file, said)
+            return _content(path, file, options)
     except PhotositeError:
         raise
-    except Exception as error:  # tifffile hands on whatever a damaged directory makes it stumble over
+    except Exception as error:  # tifffile passes on the exceptions of its parsers and decoders
         reason = " ".join(str(error).split()) or type(error).__name__
-        if "imagecodecs" in reason:
-            raise FileError(
-                path, f"is packed in a way that needs another package ({reason[:100]}); save it without compression"
-            ) from None
-        raise FileError(path, f"cannot be read as TIFF ({reason[:200]}); is it truncated?") from None
+        hint = "Check that the file is complete"
+        raise FileError(path, f"cannot be read as TIFF ({reason[:200]})", hint=hint) from None
     finally:
-        logging.getLogger("tifffile").setLevel(level)
+        tifffile.logger().setLevel(level)
 
 
-def _cube(path: Path, file: Any, said: ReadOptions) -> SpectralCube | Scene:
+def _content(path: Path, file: Any, options: ReadOptions) -> SpectralCube | Scene:
     pages = [page for page in file.pages if not page.is_reduced]
     if not pages:
         raise FileError(path, "has no pages")
     first = pages[0]
     if first.dtype is None or first.dtype.kind not in "fiu":
-        raise FileError(path, f"holds {first.dtype or 'unknown numbers'}; a cube's are integers or floats")
+        raise FileError(path, "values", value=str(first.dtype or "unknown"), expected="integers or floats")
     dtype = np.dtype(first.dtype).newbyteorder(file.byteorder)
     size = path.stat().st_size
-    if is_tiff_picture(first):
+    if int(first.photometric) in _COLORS and first.samplesperpixel <= _MOST_SAMPLES:
         if len(pages) > 1:
-            raise FileError(path, f"has {len(pages)} pages in colours; save the one that is meant")
-        _check_there(path, first, size)
-        return read_tiff_page(path, first, said)
-    if len(pages) == 1 and _is_grey_picture(path, first, said):
-        _check_there(path, first, size)
-        return read_tiff_page(path, first, said)
+            raise FileError(path, f"has {len(pages)} pages in color", hint="Save one of them")
+        _check_stored(path, first, size)
+        return _read_picture(path, first, options)
+    if len(pages) == 1 and _is_gray_picture(path, first, options):
+        _check_stored(path, first, size)
+        return _read_picture(path, first, options)
     if len(pages) == 1 and len(first.shape) == 3:
         shape, place = _samples(path, first, dtype, size)
     else:
         shape, place = _stack(path, pages, dtype, size)
-    told = _told(path, first, shape[2])
-    values = told.get("wavelength_nm")
+    description = _description(path, first, shape[2])
+    values = description.get("wavelength_nm")
     if values is None and len(pages) == shape[2]:
-        values = _by_page(pages)
-    units = _units(path, said, told.get("units"))
+        values = _wavelengths_by_page(pages)
+    units = _units(path, options, description.get("units"))
     return RawCube(
         name=str(path),
         shape=shape,
-        wavelength_nm=wavelengths_in_nm(path, values, None if values is None else "nm", said.wavelength_nm),
+        wavelength_nm=wavelengths_in_nm(path, values, None if values is None else "nm", options.wavelength_nm),
         quantity=units.quantity,
-        light=told.get("light"),
-        distance_m=told.get("distance_m"),
-        width_m=told.get("width_m"),
+        light=description.get("light"),
+        distance_m=description.get("distance_m"),
+        width_m=description.get("width_m"),
         title=path.stem,
         scale=units.scale,
-        no_data=told.get("no_data"),
+        no_data=description.get("no_data"),
         **place,
     )
 
 
-def _is_grey_picture(path: Path, page: Any, said: ReadOptions) -> bool:
-    """Whether a lone page of grey is one, and no band: nobody says what a band is to be."""
-    unsaid = said.units is None and said.wavelength_nm is None and is_grey_tiff(page)
-    return unsaid and not _told(path, page, int(page.samplesperpixel)) and _by_page([page]) is None
+def _is_gray_picture(path: Path, page: Any, options: ReadOptions) -> bool:
+    """Return whether a single gray page is a picture: of 8 or 16 bits, and not described as a band."""
+    extra = tuple(int(kind) for kind in page.extrasamples)
+    alone = page.samplesperpixel == 1 + len(extra) <= 2 and all(kind in _OPACITY for kind in extra)
+    gray = int(page.photometric) in _GRAYS and alone and page.dtype in (np.uint8, np.uint16)
+    undescribed = gray and options.units is None and options.wavelength_nm is None
+    return undescribed and not _description(path, page, page.samplesperpixel) and _wavelengths_by_page([page]) is None
+
+
+def _read_picture(path: Path, page: Any, options: ReadOptions) -> Scene:
+    form = int(page.photometric)
+    if form not in (*_GRAYS, _RGB, _PALETTE):
+        raise FileError(path, "colors", value=_COLORS.get(form, form), expected="gray, or red, green and blue")
+    if page.dtype not in (np.uint8, np.uint16):
+        raise FileError(
+            path,
+            "values of a picture",
+            value=str(page.dtype),
+            expected="unsigned integers of 8 or 16 bits",
+            hint="Convert the picture, or pass its array to photosite.pictures.from_rgb or from_hdr",
+        )
+    if int(page.bitspersample) != 8 * page.dtype.itemsize:
+        raise FileError(path, "bits a value", value=page.bitspersample, expected="8 or 16")
+    space = space_of_tiff(path, page)
+    values = page.asarray()
+    values = values.reshape(*values.shape[:2], -1) if int(page.planarconfig) != _PLANES else np.moveaxis(values, 0, 2)
+    count = 3 if form == _RGB else 1
+    colors, opacity = values[:, :, :count], values[:, :, count:]
+    if (opacity != np.iinfo(values.dtype).max).any():
+        raise FileError(path, TRANSPARENT, hint=FLATTEN)
+    if form == _PALETTE:
+        colors = np.moveaxis(_palette(page)[:, colors[:, :, 0]], 0, 2)
+    if form == _WHITE_IS_ZERO:
+        colors = np.iinfo(values.dtype).max - colors
+    orientation = page.tags[ORIENTATION].value if ORIENTATION in page.tags else 1
+    return scene_of_picture(path, turned(colors, orientation), space, options)
+
+
+def _palette(page: Any) -> NDArray[Any]:
+    """Return (3, colors) of 16 bits; of 8 bits where the writer left the lower byte 0."""
+    colors = np.asarray(page.colormap, np.uint16)
+    return colors if (colors & 0xFF).any() else (colors >> 8).astype(np.uint8)
 
 
 def _stack(
     path: Path, pages: list[Any], dtype: np.dtype[Any], size: int
 ) -> tuple[tuple[int, int, int], dict[str, Any]]:
-    """Pages of one band each."""
+    """Return shape and place of pages of one band each."""
     first = pages[0]
-    for number, page in enumerate(pages):
+    for number, page in enumerate(pages, start=1):
         if len(page.shape) != 2 or page.shape != first.shape or page.dtype != first.dtype:
             raise FileError(
                 path,
-                f"page {number + 1} is {page.shape} of {page.dtype}, page 1 {first.shape} of {first.dtype}; a stack "
-                "has one grey page a band, all alike",
+                f"page {number}",
+                value=f"{page.shape} of {page.dtype}",
+                expected=f"gray and like page 1, {first.shape} of {first.dtype}, in a stack of bands",
             )
-        _check_there(path, page, size)
+        _check_stored(path, page, size)
     rows, cols = first.shape
     shape = rows, cols, len(pages)
     if all(page.is_contiguous for page in pages):
         return shape, {"path": path, "dtype": dtype, "band_offsets": tuple(int(p.dataoffsets[0]) for p in pages)}
     pieces: Iterator[Piece] = ((band, 0, page.asarray()[None]) for band, page in enumerate(pages))
-    return shape, _laid_out(path, pieces, shape, dtype)
+    return shape, _copied(path, pieces, shape, dtype)
 
 
 def _samples(path: Path, page: Any, dtype: np.dtype[Any], size: int) -> tuple[tuple[int, int, int], dict[str, Any]]:
-    """One page of many samples a pixel."""
-    _check_there(path, page, size)
-    apart = int(page.planarconfig) == 2
-    rows, cols, bands = page.shape[1:] + page.shape[:1] if apart else page.shape
+    """Return shape and place of one page of many samples a pixel."""
+    _check_stored(path, page, size)
+    planes = int(page.planarconfig) == _PLANES
+    rows, cols, bands = page.shape[1:] + page.shape[:1] if planes else page.shape
     shape = int(rows), int(cols), int(bands)
     if page.is_contiguous:
-        kind = "bsq" if apart else "bip"
+        kind = "bsq" if planes else "bip"
         return shape, {"path": path, "dtype": dtype, "offset": int(page.dataoffsets[0]), "interleave": kind}
-    if math.prod(shape) * dtype.itemsize > _MOST_PACKED:
-        raise FileError(path, "packs more than 1 GiB into one compressed page; save it uncompressed or a page a band")
+    if math.prod(shape) * dtype.itemsize > _LARGEST_COMPRESSED:
+        hint = "Save it uncompressed, or with a page a band"
+        raise FileError(path, "has a compressed page of more than 1 GiB", hint=hint)
     values: NDArray[Any] = page.asarray()
-    pieces: Iterator[Piece] = iter([(0, 0, values if apart else np.moveaxis(values, 2, 0))])
-    return shape, _laid_out(path, pieces, shape, dtype)
+    pieces: Iterator[Piece] = iter([(0, 0, values if planes else np.moveaxis(values, 2, 0))])
+    return shape, _copied(path, pieces, shape, dtype)
 
 
-def _laid_out(path: Path, pieces: Iterator[Piece], shape: tuple[int, int, int], dtype: np.dtype[Any]) -> dict[str, Any]:
+def _copied(path: Path, pieces: Iterator[Piece], shape: tuple[int, int, int], dtype: np.dtype[Any]) -> dict[str, Any]:
     native = dtype.newbyteorder("=")
-    copy, folder = spooled(path, pieces, shape, native)
+    copy, folder = write_bands(path, pieces, shape, native)
     return {"path": copy, "dtype": native, "keep": folder}
 
 
-def _check_there(path: Path, page: Any, size: int) -> None:
-    """Whether a page's numbers are in the file: tifffile fills with zeros what is not."""
+def _check_stored(path: Path, page: Any, size: int) -> None:
+    """Check that a page's image data are in the file, before decoding: tifffile fills missing data with zeros."""
     counts, offsets = page.databytecounts, page.dataoffsets
-    there = sum(counts)
-    short = page.nbytes > _DENSEST * there if int(page.compression) != 1 else page.nbytes > there
+    stored = sum(counts)
+    short = page.nbytes > _HIGHEST_COMPRESSION * stored if int(page.compression) != 1 else page.nbytes > stored
     if short or not offsets or max(a + b for a, b in zip(offsets, counts, strict=True)) > size or 0 in offsets:
-        raise FileError(path, f"is truncated: page {page.index + 1} lies beyond its end")
+        raise FileError(path, f"is truncated: the image data of page {page.index + 1} are not complete")
 
 
-def _units(path: Path, said: ReadOptions, stated: str | None) -> Units:
+def _units(path: Path, options: ReadOptions, stated: str | None) -> Units:
     try:
-        return stated_units(path, said, stated)
+        return file_units(path, options, stated)
     except FileError as error:
         beside = path.with_suffix(".json")
         if stated is not None or not beside.is_file():
             raise
-        raise FileError(path, f"{error.format_content()} ({beside.name} beside it does not say them either)") from None
+        what = f"{error.what}, and {beside.name} does not either"
+        raise FileError(path, what, hint=error.hint, arguments=error.arguments) from None
 
 
-def _told(path: Path, page: Any, bands: int) -> dict[str, Any]:
-    """What JSON in the description, or in a file beside this one, says; that file counts where both say something."""
+def _description(path: Path, page: Any, bands: int) -> dict[str, Any]:
+    """Return the JSON description of a cube; the file beside it overrides the page's."""
     own, beside = (page.description or "").lstrip(), path.with_suffix(".json")
-    told: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     if own.startswith("{"):
         try:
-            told = _described(path, own, bands)
+            found = _parsed(path, own, bands)
         except FileError:
-            if not beside.is_file():  # which may be there to mend it
+            if not beside.is_file():  # which may replace it
                 raise
     if beside.is_file():
-        told |= _described(beside, beside.read_text(encoding="utf-8", errors="replace"), bands)
-    return told
+        found |= _parsed(beside, beside.read_text(encoding="utf-8", errors="replace"), bands)
+    return found
 
 
-def _described(where: Path, text: str, bands: int) -> dict[str, Any]:
-    """What a text of JSON says of a cube."""
+def _parsed(where: Path, text: str, bands: int) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise FileError(where, "holds a description that is no JSON; it is cut off, or has a comma too many") from None
+        raise FileError(where, "has a description that is not valid JSON") from None
     if not isinstance(content, dict):
-        raise FileError(where, "describes no cube: its JSON is no object of names and values")
-    told: dict[str, Any] = {}
+        raise FileError(where, "has a description that is not a JSON object")
+    found: dict[str, Any] = {}
     for name in ("wavelength_nm", "light"):
         if content.get(name) is not None:
-            told[name] = _numbers(where, name, content[name], bands)
+            found[name] = _numbers(where, name, content[name], bands)
     for name in ("distance_m", "width_m", "no_data"):
         if content.get(name) is not None:
-            told[name] = float(_numbers(where, name, [content[name]], 1)[0])
-            if name != "no_data" and told[name] <= 0:
-                raise FileError(where, f"its {name} is {told[name]:g}, not above 0")
+            found[name] = float(_numbers(where, name, [content[name]], 1)[0])
+            if name != "no_data" and found[name] <= 0:
+                raise FileError(where, name, value=found[name], expected="above 0")
     if content.get("units") is not None:
-        told["units"] = str(content["units"])
-    return told
+        found["units"] = str(content["units"])
+    return found
 
 
 def _numbers(path: Path, name: str, values: Any, count: int) -> Array:
@@ -220,21 +266,19 @@ def _numbers(path: Path, name: str, values: Any, count: int) -> Array:
     except OverflowError:
         array = np.array([np.inf])
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise FileError(
-            path,
-            f"its {name} is not {count} finite numbers, one for each band" if count > 1 else f"its {name} is no number",
-        )
+        expected = f"{count} finite numbers, one for each band" if count > 1 else "a finite number"
+        raise FileError(path, name, value=values if count > 1 else values[0], expected=expected)
     return array
 
 
-def _by_page(pages: list[Any]) -> list[float] | None:
-    """Wavelengths from the pages' descriptions, where each has one number of nanometres."""
+def _wavelengths_by_page(pages: list[Any]) -> list[float] | None:
+    """Return wavelengths from the pages' descriptions, if each has one number of nanometers."""
     found = [re.findall(r"(\d+(?:\.\d+)?)\s*nm\b", page.description or "") for page in pages]
     return [float(numbers[0]) for numbers in found] if all(len(numbers) == 1 for numbers in found) else None
 
 
 def write(scene: Scene, path: Path) -> None:
-    """A page a band of photon radiance in single precision, strip by strip; what they are in the first description.
+    """Write photon radiance in single precision, a page a band, strip by strip.
 
     Raises
     ------
@@ -245,7 +289,7 @@ def write(scene: Scene, path: Path) -> None:
 
     cube = cube_of_scene(scene)
     rows, cols, bands = cube.shape
-    told: dict[str, Any] = {
+    description: dict[str, Any] = {
         "wavelength_nm": cube.wavelength_nm.tolist(),
         "units": "photons/s/sr/m2/nm",
         "distance_m": scene.distance_m,
@@ -254,7 +298,7 @@ def write(scene: Scene, path: Path) -> None:
     }
     step = max(1, min(rows, _STRIP_BYTES // (4 * cols)))
     for _ in cube.blocks(max(1, _STRIP_BYTES // (cols * bands))):
-        pass  # it says what a scene cannot be; pages go by bands, not by rows
+        pass  # raises for invalid scenes; pages are written by bands, not by rows
     big = 4 * rows * cols * bands > 4_000_000_000
     with atomic_path(path) as temporary, tifffile.TiffWriter(temporary, bigtiff=big) as file:
         for band in range(bands):
@@ -264,7 +308,7 @@ def write(scene: Scene, path: Path) -> None:
                 dtype=np.float32,
                 rowsperstrip=step,
                 photometric="minisblack",
-                description=json.dumps(told) if band == 0 else None,
+                description=json.dumps(description) if band == 0 else None,
                 metadata=None,
                 software="photosite",
             )

@@ -19,7 +19,7 @@ import numpy as np
 from photosite.scene.cube import Block, CubeHead, SpectralCube
 from photosite.scene.io.convert import convert
 from photosite.scene.io.files import open_cube
-from photosite.scene.io.native import reduce_to_native
+from photosite.scene.io.hdf5 import reduce_to_own
 from photosite.scene.reduce import Reduction, reduce_cube
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
@@ -92,7 +92,7 @@ def work_convert(path: str, output: str, times: int = 1) -> Reduction:
     """From the cube, as often as wanted, to the scene file."""
     if times == 1:
         return convert(path, output)
-    return reduce_to_native(lambda store: reduce_cube(repeated(Path(path), times), store=store), Path(output))
+    return reduce_to_own(lambda store: reduce_cube(repeated(Path(path), times), store=store), Path(output))
 
 
 def work_read(path: str) -> None:

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.cube import RawCube
 from photosite.scene.io.files import open_cube, read_scene, write_scene
-from photosite.scene.io.hdf5_cube import ChunkedCube
+from photosite.scene.io.hdf5 import ChunkedCube
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)
@@ -27,6 +27,14 @@ def saved(path: Path, array: Any = CUBE, attributes: dict[str, Any] | None = Non
         data = file.create_dataset("run/cube", data=array, **how)
         data.attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"} if attributes is None else attributes)
     return path
+
+
+def error_of(path: Path, **options: Any) -> FileError:
+    with pytest.raises(FileError) as caught:
+        read_scene(path, **options)
+    assert caught.value.path == str(path)
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
 def whole(path: Path, **options: Any) -> np.ndarray:
@@ -45,35 +53,31 @@ def test_any_order_of_axes(tmp_path: Path, interleave: str, how: dict[str, Any])
     assert isinstance(open_cube(path), ChunkedCube if how else RawCube)
 
 
-@pytest.mark.parametrize(("interleave", "which"), [("bsq", "first"), ("bil", "second")])
-def test_bands_on_another_axis_are_asked_for(tmp_path: Path, interleave: str, which: str) -> None:
+@pytest.mark.parametrize("interleave", ["bsq", "bil"])
+def test_bands_on_another_axis_must_be_stated(tmp_path: Path, interleave: str) -> None:
     path = saved(tmp_path / "a.h5", CUBE.transpose(ORDERS[interleave]))
-    with pytest.raises(FileError, match=rf"of which the {which} axis fits its 7 wavelengths; .*interleave='bip'"):
-        read_scene(path)
+    assert "interleave" in error_of(path).arguments
     assert_allclose(whole(path, interleave=interleave), CUBE)
     bare = saved(tmp_path / "b.h5", CUBE.transpose(ORDERS[interleave]), {"units": "W/sr/m2/nm"})
-    with pytest.raises(FileError, match=rf"the {which} axis fits its 7 wavelengths"):
-        read_scene(bare, wavelength_nm=GRID)
+    assert "interleave" in error_of(bare, wavelength_nm=GRID).arguments
     assert_allclose(whole(bare, wavelength_nm=GRID, interleave=interleave), CUBE)
 
 
-def test_a_cube_as_wide_as_it_has_bands_says_which_are_the_bands(tmp_path: Path) -> None:
+def test_a_cube_as_wide_as_it_has_bands_must_state_its_axes(tmp_path: Path) -> None:
     array = RNG.random((GRID.size, GRID.size, GRID.size))
     path = saved(tmp_path / "a.h5", array)
-    with pytest.raises(FileError, match=r"a cube of \(7, 7, 7\), of which more than one axis fits its 7 wavelengths"):
-        read_scene(path)
+    assert "interleave" in error_of(path).arguments
     assert_allclose(whole(path, interleave="bip"), array)
     assert_allclose(whole(path, interleave="bsq"), array.transpose(1, 2, 0))
     scene = Scene.from_radiance(array, GRID, tolerance=1e-6)
-    write_scene(scene, path, cube=True)  # says it itself
+    write_scene(scene, path, cube=True)  # states it
     assert_allclose(whole(path), array, atol=1e-5)
 
 
 def test_a_list_of_wavelengths_that_does_not_fit(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.h5", attributes={"wavelength_nm": GRID[1:], "units": "W/sr/m2/nm"})
-    with pytest.raises(FileError, match=r"its 'wavelength_nm' has 6 entries for 7 bands; give the wavelengths in nm"):
-        read_scene(path)
-    with pytest.warns(PhotositeWarning, match="its 'wavelength_nm' has 6 entries for 7 bands, and is left out"):
+    assert error_of(path).what == "'wavelength_nm' has 6 entries for 7 bands"
+    with pytest.warns(PhotositeWarning, match="'wavelength_nm' has 6 entries for 7 bands; it is ignored"):
         assert open_cube(path, wavelength_nm=GRID).wavelength_nm.tolist() == GRID.tolist()
     named = {"wavelength_nm": GRID, "bands": "seven of them", "units": "W/sr/m2/nm"}
     assert_allclose(whole(saved(tmp_path / "b.h5", attributes=named)), CUBE)
@@ -81,22 +85,20 @@ def test_a_list_of_wavelengths_that_does_not_fit(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4)}])
-def test_values_beyond_double_precision_are_a_line(tmp_path: Path, how: dict[str, Any]) -> None:
+def test_values_beyond_double_precision_are_an_error(tmp_path: Path, how: dict[str, Any]) -> None:
     told = {"wavelength_nm": GRID, "units": "kW/sr/m2/nm"}
     path = saved(tmp_path / "a.h5", np.full(CUBE.shape, 1e308), told, **how)
-    with pytest.raises(FileError, match="has an infinite value at row 0, column 0, band 1"):
-        read_scene(path)
+    error_of(path)
 
 
 def test_interleave_is_for_hdf5(tmp_path: Path) -> None:
     write_scene(Scene.from_radiance(CUBE.astype(float), GRID), tmp_path / "a.tif")
-    with pytest.raises(FileError, match="is TIFF, which has its own order of axes; leave interleave out"):
-        read_scene(tmp_path / "a.tif", interleave="bsq")
-    with pytest.raises(InputError, match="interleave is 'bip', 'bsq' or 'bil', not 'abc'"):
+    assert "interleave" in str(error_of(tmp_path / "a.tif", interleave="bsq"))
+    with pytest.raises(InputError, match="interleave"):
         read_scene(tmp_path / "a.tif", interleave="abc")
 
 
-def test_what_is_said_above_or_beside(tmp_path: Path) -> None:
+def test_attributes_of_groups_and_datasets_beside(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.h5", attributes={"no_data": -1.0})
     with h5py.File(path, "r+") as file:
         file["run/Wavelengths"] = GRID / 1000
@@ -114,42 +116,36 @@ def test_one_of_several(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.h5")
     with h5py.File(path, "r+") as file:
         file.create_dataset("other", data=2 * CUBE).attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
-    with pytest.raises(FileError, match=r"holds 2 cubes: .*say which \(variable='...'\)"):
-        read_scene(path)
+    assert error_of(path).arguments == {"variable": "other"}
     assert_allclose(whole(path, variable="/other"), 2 * CUBE)
 
 
 @pytest.mark.parametrize(
-    ("attributes", "why"),
+    ("attributes", "about"),
     [
-        ({"wavelength_nm": GRID}, "does not say the units of its values"),
-        ({"units": "W/sr/m2/nm"}, "does not say the wavelengths"),
-        ({"wavelength": GRID / 1000, "units": "W/sr/m2/nm"}, "does not say the unit of its wavelengths"),
-        ({"wavelength_nm": GRID / 1000, "units": "W/sr/m2/nm"}, "0.4 to 0.7 in nm, which no camera sees"),
-        ({"wavelength_nm": GRID[[0, 2, 1, 3, 4, 5, 6]], "units": "photons"}, "not sorted: band 3 has 450 nm"),
-        ({"wavelength_nm": "blue", "units": "photons"}, "'wavelength_nm' is no list of numbers"),
-        ({"wavelength_nm": GRID, "units": "counts"}, "'counts' are not understood"),
-        ({"wavelength_nm": GRID, "units": "photons", "interleave": "xyz"}, "interleave 'xyz'"),
-        ({"wavelength_nm": GRID, "units": "photons", "scale": 0.0}, "scale is 0, not above 0"),
-        ({"wavelength_nm": GRID, "units": "photons", "distance_m": "far"}, "distance_m is 'far', not a number"),
-        ({"wavelength_nm": GRID, "units": "photons", "light": np.ones(3)}, "a light of 3 values for 7 bands"),
+        ({"wavelength_nm": GRID}, "units"),
+        ({"units": "W/sr/m2/nm"}, "wavelength"),
+        ({"wavelength": GRID / 1000, "units": "W/sr/m2/nm"}, "wavelength"),
+        ({"wavelength_nm": GRID / 1000, "units": "W/sr/m2/nm"}, "wavelength"),
+        ({"wavelength_nm": GRID[[0, 2, 1, 3, 4, 5, 6]], "units": "photons"}, "wavelength"),
+        ({"wavelength_nm": "blue", "units": "photons"}, "wavelength"),
+        ({"wavelength_nm": GRID, "units": "counts"}, "units"),
+        ({"wavelength_nm": GRID, "units": "photons", "interleave": "xyz"}, "interleave"),
+        ({"wavelength_nm": GRID, "units": "photons", "scale": 0.0}, "scale"),
+        ({"wavelength_nm": GRID, "units": "photons", "distance_m": "far"}, "distance_m"),
+        ({"wavelength_nm": GRID, "units": "photons", "light": np.ones(3)}, "light"),
     ],
 )
-def test_attributes_that_cannot_be(tmp_path: Path, attributes: dict[str, Any], why: str) -> None:
-    path = saved(tmp_path / "a.h5", attributes=attributes)
-    with pytest.raises(FileError, match=why) as caught:
-        read_scene(path)
-    assert "\n" not in str(caught.value)
+def test_invalid_attributes(tmp_path: Path, attributes: dict[str, Any], about: str) -> None:
+    assert about in error_of(saved(tmp_path / "a.h5", attributes=attributes)).what
 
 
 def test_files_without_a_cube(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["frame"] = CUBE[:, :, 0]
-    with pytest.raises(FileError, match="holds no cubes: none; a cube has three axes"):
-        read_scene(tmp_path / "a.h5", units="photons")
-    (tmp_path / "b.h5").write_bytes(b"nothing of the kind")
-    with pytest.raises(FileError, match="cannot be read as HDF5"):
-        read_scene(tmp_path / "b.h5")
+    assert "has no cube" in error_of(tmp_path / "a.h5", units="photons").what
+    (tmp_path / "b.h5").write_bytes(b"no HDF5")
+    assert "cannot be read as HDF5" in error_of(tmp_path / "b.h5").what
 
 
 @pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4), "compression": "gzip"}])
@@ -158,5 +154,4 @@ def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> N
     path = saved(tmp_path / "a.h5", np.repeat(CUBE, 20, axis=0), **how)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(FileError, match="truncated"):
-        read_scene(path)
+    error_of(path)

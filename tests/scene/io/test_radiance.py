@@ -1,8 +1,9 @@
-"""Radiance's pictures of light: eight decades, its own units, what it says of colours."""
+"""Radiance pictures: eight decades, units and exposure, colors, damaged files."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,14 @@ from photosite.scene.io.files import read_scene
 from photosite.scene.pictures import from_hdr
 
 RNG = np.random.default_rng(8)
+
+
+def error_of(path: Path, **options: Any) -> FileError:
+    with pytest.raises(FileError) as caught:
+        read_scene(path, **options)
+    assert caught.value.path == str(path)
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
 def encoded(values: np.ndarray) -> np.ndarray:
@@ -74,7 +83,7 @@ def test_radiance_files_keep_eight_decades(tmp_path: Path, runs: bool) -> None:
 
 
 def test_radiance_s_own_units_and_exposure(tmp_path: Path) -> None:
-    """White of 1 W/sr/m2 is 179 cd/m2; a file brightened by 4 says so. 0.501953125 = 128.5 / 256 is a middle."""
+    """White of 1 W/sr/m2 is 179 cd/m2; EXPOSURE multiplies. 0.501953125 = 128.5 / 256 is the middle of a step."""
     white = np.full((2, 9, 3), 0.501953125)
     scene = read_scene(hdr(tmp_path / "a.hdr", white, "EXPOSURE=2\nEXPOSURE=2.0\n"), units="radiance")
     seen = float(luminance_cd_m2(scene.radiance(1, 4), scene.wavelength_nm))
@@ -89,37 +98,45 @@ def test_black_stays_black(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("head", "options", "message"),
+    ("head", "options", "about"),
     [
-        ("", {}, "how bright it is; say the mean"),
-        ("", {"units": "W/sr/m2/nm"}, "units are 'radiance'"),
-        ("EXPOSURE=0\n", {"mean_luminance_cd_m2": 1}, "EXPOSURE of 0"),
-        ("EXPOSURE=much\n", {"mean_luminance_cd_m2": 1}, "no numbers"),
-        (
-            "PRIMARIES= 0.7 0.3 0.2 0.7 0.1 0.1 0.33 0.33\n",
-            {"mean_luminance_cd_m2": 1},
-            "convert it to those of Rec. 709",
-        ),
-        ("FORMAT=other\n", {"mean_luminance_cd_m2": 1}, "FORMAT 'other'"),
+        ("", {}, "luminance"),
+        ("", {"units": "W/sr/m2/nm"}, "units"),
+        ("", {"units": "radiance", "mean_luminance_cd_m2": 1}, "units and mean_luminance_cd_m2"),
+        ("EXPOSURE=0\n", {"mean_luminance_cd_m2": 1}, "EXPOSURE"),
+        ("EXPOSURE=much\n", {"mean_luminance_cd_m2": 1}, "EXPOSURE"),
+        ("PRIMARIES= 0.7 0.3 0.2 0.7 0.1 0.1 0.33 0.33\n", {"mean_luminance_cd_m2": 1}, "PRIMARIES"),
+        ("FORMAT=other\n", {"mean_luminance_cd_m2": 1}, "FORMAT"),
         ("COLORCORR=1 2 3\n", {"mean_luminance_cd_m2": 1}, "COLORCORR"),
     ],
 )
-def test_radiance_files_that_say_what_is_not_known(
-    tmp_path: Path, head: str, options: dict[str, object], message: str
-) -> None:
-    with pytest.raises(FileError, match=message):
-        read_scene(hdr(tmp_path / "a.hdr", decades(), head), **options)
+def test_unsupported_files(tmp_path: Path, head: str, options: dict[str, object], about: str) -> None:
+    assert about in error_of(hdr(tmp_path / "a.hdr", decades(), head), **options).what
 
 
-def test_damaged_radiance_files_are_one_line(tmp_path: Path) -> None:
-    whole = hdr(tmp_path / "a.hdr", decades()).read_bytes()
+@pytest.mark.parametrize("runs", [True, False])
+def test_damaged_files_are_an_error(tmp_path: Path, runs: bool) -> None:
+    whole = hdr(tmp_path / "a.hdr", decades(), runs=runs).read_bytes()
     for count in (12, 30, 55, 80, len(whole) // 2, len(whole) - 3):
         (tmp_path / "a.hdr").write_bytes(whole[:count])
-        with pytest.raises(FileError):
-            read_scene(tmp_path / "a.hdr", mean_luminance_cd_m2=1)
+        assert "truncated" in error_of(tmp_path / "a.hdr", mean_luminance_cd_m2=1).what
     (tmp_path / "a.hdr").write_bytes(whole.replace(b"-Y 11 +X 30", b"+X 30 -Y 11"))
-    with pytest.raises(FileError, match="turned or mirrored"):
-        read_scene(tmp_path / "a.hdr", mean_luminance_cd_m2=1)
+    assert "rotated" in error_of(tmp_path / "a.hdr", mean_luminance_cd_m2=1).what
+    (tmp_path / "a.hdr").write_bytes(whole.replace(b"-Y 11 +X 30", b"-Y 16000 +X 16000"))
+    assert "cannot hold" in error_of(tmp_path / "a.hdr", mean_luminance_cd_m2=1).what
+
+
+def test_values_are_the_middle_of_their_step(tmp_path: Path) -> None:
+    """Radiance's colr_color: (mantissa + 0.5) / 256 times 2 to the exponent, of the bytes themselves."""
+    codes = RNG.integers(0, 256, (6, 20, 4)).astype(np.uint8)
+    codes[..., 0] |= 128  # as writers normalize
+    codes[..., 3] = RNG.integers(100, 156, (6, 20))
+    codes[0, :5, 3] = codes[0, :5, :3] = 0
+    path = tmp_path / "a.hdr"
+    path.write_bytes(b"#?RADIANCE\n\n-Y 6 +X 20\n" + run_length(codes))
+    scale = np.ldexp(1.0, codes[..., 3].astype(int) - 136) * (codes[..., 3] > 0)
+    wanted = from_hdr((codes[..., :3] + 0.5) * scale[..., None], mean_luminance_cd_m2=10.0)
+    np.testing.assert_array_equal(read_scene(path, mean_luminance_cd_m2=10.0).weights, wanted.weights)
 
 
 def test_pictures_in_xyz(tmp_path: Path) -> None:
@@ -130,16 +147,15 @@ def test_pictures_in_xyz(tmp_path: Path) -> None:
     assert weights / weights.mean() == pytest.approx(np.ones(3), abs=1 / 64)  # the matrix triples a step of 1 / 256
 
 
-def test_xyz_outside_srgb_is_refused_or_made_zero(tmp_path: Path) -> None:
-    """BT.2020's green, which sRGB has not: by colour-science's matrix below 0 in red and blue."""
+def test_xyz_outside_srgb_is_an_error_or_set_to_zero(tmp_path: Path) -> None:
+    """BT.2020's green, outside sRGB: by colour-science's matrix negative in red and blue."""
     import colour
 
     values = np.full((2, 8, 3), [0.9505, 1.0, 1.0890])
     values[1, 3] = 0.1446, 0.6780, 0.0281
     file = hdr(tmp_path / "a.hdr", values)
     file.write_bytes(file.read_bytes().replace(b"rgbe\n", b"xyze\n", 1))
-    with pytest.raises(FileError, match=r"1 of 16 pixels have colours that sRGB lacks; .*\(negative='zero'\)$"):
-        read_scene(file, mean_luminance_cd_m2=1)
+    assert error_of(file, mean_luminance_cd_m2=1).arguments == {"negative": "zero"}
     red, green, blue = read_scene(file, mean_luminance_cd_m2=1, negative="zero").weights
     wanted = colour.XYZ_to_RGB(values[1, 3], "sRGB")[1]
     assert (red[1, 3], blue[1, 3]) == (0, 0)

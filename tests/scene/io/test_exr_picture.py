@@ -73,49 +73,51 @@ def test_white_of_other_primaries_stays_white(tmp_path: Path) -> None:
     assert_allclose(read_scene(file).weights, 0.5, atol=1e-4)
 
 
-def test_colours_outside_srgb_are_refused_or_made_zero(tmp_path: Path) -> None:
+def test_colors_outside_srgb_are_an_error_or_set_to_zero(tmp_path: Path) -> None:
     rgb = np.full((2, 3, 3), 0.5)
     rgb[1, 1] = 0.5, -0.2, 0.5
     file = picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)
-    with pytest.raises(FileError, match="1 of 6 pixels have colours that sRGB lacks"):
+    with pytest.raises(FileError) as caught:
         read_scene(file)
+    assert caught.value.arguments == {"negative": "zero"}
     assert read_scene(file, negative="zero").weights[:, 1, 1].tolist() == [0.5, 0, 0.5]
 
 
-# What is refused
-
-
-def test_values_that_are_no_numbers_are_refused_or_zero_and_infinite_ones_refused(tmp_path: Path) -> None:
+def test_nan_is_an_error_or_zero_and_infinite_values_are_an_error(tmp_path: Path) -> None:
     rgb = np.full((2, 3, 3), 0.5)
     rgb[1, 1, 2] = np.nan
     file = picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)
-    with pytest.raises(FileError, match="no numbers; mend them, or say no_data='zero'"):
+    with pytest.raises(FileError) as caught:
         read_scene(file)
+    assert caught.value.arguments == {"no_data": "zero"}
     assert read_scene(file, no_data="zero").weights[:, 1].T.tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
     rgb[0, 0] = np.inf
-    for said in ({}, {"no_data": "zero"}, {"negative": "zero"}):
-        with pytest.raises(FileError, match="values that are infinite; mend them, since no light is"):
-            read_scene(picture(tmp_path / "b.exr", rgb, whiteLuminance=1.0), **said)
+    for options in ({}, {"no_data": "zero"}, {"negative": "zero"}):
+        with pytest.raises(FileError) as caught:
+            read_scene(picture(tmp_path / "b.exr", rgb, whiteLuminance=1.0), **options)
+        assert caught.value.what == "has infinite values"
 
 
-def test_a_little_below_zero_is_rounding_beside_its_own_pixel_s_light_only(tmp_path: Path) -> None:
-    """A sun in the picture makes no colour of a dark pixel rounding."""
+def test_small_negative_values_are_rounding_relative_to_their_own_pixel(tmp_path: Path) -> None:
+    """A bright sun in the picture does not enlarge the tolerance of a dark pixel."""
     rgb = np.full((2, 3, 3), 0.5)
     rgb[1, 1] = 0.5, -4e-4, 0.5
     assert read_scene(picture(tmp_path / "a.exr", rgb, whiteLuminance=1.0)).weights[1, 1, 1] == 0
     rgb[0, 0], rgb[1, 1] = 1e4, (0.5, -0.01, 0.5)
-    with pytest.raises(FileError, match="1 of 6 pixels"):
+    with pytest.raises(FileError):
         read_scene(picture(tmp_path / "b.exr", rgb, whiteLuminance=1.0))
 
 
-def test_primaries_that_make_no_colours(tmp_path: Path) -> None:
-    for said in ((0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.3127, 0.329), (0.64, 0.0, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)):
-        file = picture(tmp_path / "a.exr", np.ones((2, 2, 3)), chromaticities=said, whiteLuminance=1.0)
-        with pytest.raises(FileError, match=r"primaries .*mend its head"):
+def test_invalid_primaries(tmp_path: Path) -> None:
+    for values in ((0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.3127, 0.329), (0.64, 0.0, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)):
+        file = picture(tmp_path / "a.exr", np.ones((2, 2, 3)), chromaticities=values, whiteLuminance=1.0)
+        with pytest.raises(FileError) as caught:
             read_scene(file)
+        assert caught.value.where == "chromaticities"
 
 
-def test_luminance_alone_is_no_band(tmp_path: Path) -> None:
+def test_a_luminance_picture_is_an_error(tmp_path: Path) -> None:
     OpenEXR.File({}, {"Y": np.ones((3, 4), np.float32)}).write(str(tmp_path / "y.exr"))
-    with pytest.raises(FileError, match=r"is a picture of luminance \('Y'\); save it as R, G and B"):
+    with pytest.raises(FileError) as caught:
         read_scene(tmp_path / "y.exr", mean_luminance_cd_m2=1)
+    assert "picture of luminance" in caught.value.what

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-
-import pytest
 
 COLORANTS = {
     "sRGB": (0.43607, 0.22249, 0.01392, 0.38515, 0.71687, 0.09708, 0.14307, 0.06061, 0.71410),
@@ -14,7 +11,7 @@ COLORANTS = {
     "ProPhoto RGB": (0.79767, 0.28804, 0.0, 0.13519, 0.71188, 0.0, 0.03134, 0.00009, 0.82491),
     "BT.2020": (0.67346, 0.27904, -0.00193, 0.16566, 0.67534, 0.02998, 0.12505, 0.04561, 0.79684),
 }
-"""X, Y, Z of red, green and blue, as their makers' profiles have them (HP and Microsoft, Apple, Adobe, Kodak)."""
+"""X, Y, Z of red, green and blue in the makers' profiles (HP and Microsoft, Apple, Adobe, Kodak)."""
 
 
 def fixed(*values: float) -> bytes:
@@ -37,8 +34,9 @@ def written(
     colorants: str = "sRGB",
     curve: str | bytes = "sRGB",
     extra: dict[bytes, bytes] | None = None,
+    without: bytes | None = None,
 ) -> bytes:
-    """A profile of version 4: its description, colorants and curves, and other tags."""
+    """Return a profile of version 4: description, colorants, curves and other tags; without tags of one ending."""
     values = COLORANTS[colorants]
     light = CURVES[curve] if isinstance(curve, str) else curve
     text = name.encode("utf-16-be")
@@ -48,6 +46,8 @@ def written(
         tags[letter + b"XYZ"] = b"XYZ \0\0\0\0" + fixed(*values[3 * k : 3 * k + 3])
         tags[letter + b"TRC"] = light
     tags |= extra or {}
+    if without is not None:
+        tags = {tag: content for tag, content in tags.items() if not tag.endswith(without)}
     at, table, body = 132 + 12 * len(tags), b"", b""
     for tag, content in tags.items():
         table += struct.pack(">4sII", tag, at + len(body), len(content))
@@ -57,9 +57,3 @@ def written(
     head[36:40] = b"acsp"
     head[68:80] = fixed(0.9642, 1.0, 0.8249)
     return bytes(head) + struct.pack(">I", len(tags)) + table + body
-
-
-@pytest.fixture(scope="session")
-def profile() -> Callable[..., bytes]:
-    """`profile(name, colorants, curve, extra)`."""
-    return written

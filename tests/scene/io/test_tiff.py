@@ -1,4 +1,4 @@
-"""TIFF stacks: pages, samples, compression, byte orders, and refusals."""
+"""TIFF stacks: pages, samples, compression, byte orders, and invalid files."""
 
 from __future__ import annotations
 
@@ -33,6 +33,14 @@ def stack(path: Path, array: np.ndarray = CUBE, told: dict[str, Any] | str | Non
     return path
 
 
+def error_of(path: Path, **options: Any) -> FileError:
+    with pytest.raises(FileError) as caught:
+        read_scene(path, **options)
+    assert caught.value.path == str(path)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
 def whole(path: Path, **options: Any) -> np.ndarray:
     return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(8)])
 
@@ -40,17 +48,27 @@ def whole(path: Path, **options: Any) -> np.ndarray:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 @pytest.mark.parametrize(
     "how",
-    [{}, {"byteorder": ">"}, {"rowsperstrip": 4}, {"compression": "zlib"}, {"tile": (16, 16)}],
+    [
+        {},
+        {"byteorder": ">"},
+        {"rowsperstrip": 4},
+        {"compression": "zlib"},
+        {"compression": "lzw"},
+        {"compression": "packbits"},
+        {"compression": "zlib", "predictor": True},
+        {"compression": "zstd"},
+        {"tile": (16, 16)},
+    ],
 )
 def test_a_page_a_band(tmp_path: Path, dtype: type, how: dict[str, Any]) -> None:
     path = stack(tmp_path / "a.tif", CUBE.astype(dtype), **how)
     assert_allclose(whole(path), CUBE.astype(dtype))
-    where_it_is = open_cube(path).path == path
-    assert where_it_is == ("compression" not in how and "tile" not in how)
+    in_place = open_cube(path).path == path
+    assert in_place == ("compression" not in how and "tile" not in how)
 
 
 @pytest.mark.parametrize("planar", ["contig", "separate"])
-@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw"])
 def test_one_page_of_many_samples(tmp_path: Path, planar: str, compression: str | None) -> None:
     array = CUBE if planar == "contig" else CUBE.transpose(2, 0, 1)
     tifffile.imwrite(
@@ -65,10 +83,9 @@ def test_one_page_of_many_samples(tmp_path: Path, planar: str, compression: str 
     assert_allclose(whole(tmp_path / "a.tif"), CUBE)
 
 
-def test_what_is_said_beside_or_by_page(tmp_path: Path) -> None:
+def test_descriptions_beside_the_file_or_by_page(tmp_path: Path) -> None:
     path = stack(tmp_path / "a.tif", told="a stack from a filter wheel")
-    with pytest.raises(FileError, match="does not say the wavelengths"):
-        open_cube(path, units="photons")
+    assert "wavelength" in error_of(path, units="photons").what
     (tmp_path / "a.json").write_text(json.dumps(TOLD | {"distance_m": 2, "no_data": 5}), encoding="utf-8")
     assert open_cube(path).distance_m == 2.0
     assert np.isnan(whole(path)).sum() == (CUBE == 5).sum()
@@ -91,50 +108,43 @@ def test_what_is_written_is_what_another_reads(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    ("told", "why"),
+    ("told", "about"),
     [
-        ({"wavelength_nm": GRID.tolist()}, "does not say the units"),
-        ({"units": "photons"}, "does not say the wavelengths"),
-        (TOLD | {"wavelength_nm": (GRID / 1000).tolist()}, "0.4 to 0.7 in nm, which no camera sees"),
-        (TOLD | {"wavelength_nm": GRID[::-1].tolist()}, "not sorted: band 2 has 650 nm"),
-        (TOLD | {"wavelength_nm": GRID[1:].tolist()}, "its wavelength_nm is not 7 finite numbers"),
-        (TOLD | {"wavelength_nm": "visible"}, "its wavelength_nm is not 7 finite numbers"),
-        (TOLD | {"units": "DN"}, "'DN' are not understood"),
-        (TOLD | {"distance_m": "far"}, "its distance_m is no number"),
-        (TOLD | {"distance_m": -2}, "its distance_m is -2, not above 0"),
-        ('{"wavelength_nm": [400,', "no JSON; it is cut off"),
+        ({"wavelength_nm": GRID.tolist()}, "units"),
+        ({"units": "photons"}, "wavelength"),
+        (TOLD | {"wavelength_nm": (GRID / 1000).tolist()}, "wavelength"),
+        (TOLD | {"wavelength_nm": GRID[::-1].tolist()}, "wavelength"),
+        (TOLD | {"wavelength_nm": GRID[1:].tolist()}, "wavelength_nm"),
+        (TOLD | {"wavelength_nm": "visible"}, "wavelength_nm"),
+        (TOLD | {"units": "DN"}, "units"),
+        (TOLD | {"distance_m": "far"}, "distance_m"),
+        (TOLD | {"distance_m": -2}, "distance_m"),
+        ('{"wavelength_nm": [400,', "not valid JSON"),
     ],
 )
-def test_descriptions_that_cannot_be(tmp_path: Path, told: dict[str, Any] | str, why: str) -> None:
-    path = stack(tmp_path / "a.tif", told=told)
-    with pytest.raises(FileError, match=why) as caught:
-        read_scene(path)
-    assert "\n" not in str(caught.value)
+def test_invalid_descriptions(tmp_path: Path, told: dict[str, Any] | str, about: str) -> None:
+    assert about in error_of(stack(tmp_path / "a.tif", told=told)).what
 
 
-def test_pages_that_cannot_be(tmp_path: Path) -> None:
+def test_invalid_pages(tmp_path: Path) -> None:
     with tifffile.TiffWriter(tmp_path / "b.tif") as file:
         file.write(CUBE[:, :, 0])
         file.write(CUBE[:9, :, 1])
-    with pytest.raises(FileError, match=r"page 2 is \(9, 20\) of uint16, page 1 \(33, 20\)"):
-        read_scene(tmp_path / "b.tif")
+    assert (error_of(tmp_path / "b.tif").what, error_of(tmp_path / "b.tif").value) == ("page 2", "(9, 20) of uint16")
     tifffile.imwrite(tmp_path / "c.tif", CUBE.astype(np.complex64), photometric="minisblack", planarconfig="contig")
-    with pytest.raises(FileError, match="a cube's are integers or floats"):
-        read_scene(tmp_path / "c.tif")
+    assert error_of(tmp_path / "c.tif").value == "complex64"
 
 
-@pytest.mark.parametrize("how", [{}, {"compression": "zlib"}])
+@pytest.mark.parametrize("how", [{}, {"compression": "zlib"}, {"compression": "lzw"}])
 @pytest.mark.parametrize("share", [0.001, 0.1, 0.6, 0.98])
 def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
     path = stack(tmp_path / "a.tif", **how)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(FileError, match=r"a\.tif") as caught:
-        read_scene(path)
-    assert "\n" not in str(caught.value)
+    error_of(path)
 
 
-def test_a_stray_file_beside_does_not_hide_the_description(tmp_path: Path) -> None:
+def test_an_unrelated_file_beside_does_not_hide_the_description(tmp_path: Path) -> None:
     path = stack(tmp_path / "x.tif")
     (tmp_path / "x.json").write_text('{"camera": "somebody\'s"}', encoding="utf-8")
     assert_allclose(whole(path), CUBE)
@@ -142,5 +152,4 @@ def test_a_stray_file_beside_does_not_hide_the_description(tmp_path: Path) -> No
     assert_allclose(whole(path), CUBE * 1e-3)
     bare = stack(tmp_path / "y.tif", told=json.dumps({"wavelength_nm": GRID.tolist()}))
     (tmp_path / "y.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(FileError, match=r"does not say the units .*\(y\.json beside it does not say them either\)"):
-        open_cube(bare)
+    assert "y.json" in error_of(bare).what

@@ -1,4 +1,4 @@
-"""OpenEXR: names, units, reversal, and files that are refused in one line."""
+"""OpenEXR: channel names, units, round trips, and invalid files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from numpy.testing import assert_allclose
 
 import photosite as ps
 from photosite.color.spectrum import photons_from_energy
-from photosite.errors import FileError, PhotositeWarning
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.scene.cube import Block
 from photosite.scene.io import exr
-from photosite.scene.io.exr_names import channel_name, spectral_channel
+from photosite.scene.io.exr import channel_name, spectral_channel
 from photosite.scene.io.files import open_cube, read_scene, write_scene
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import SceneCube
@@ -144,7 +145,7 @@ def test_layout_of_pbrt(tmp_path: Path) -> None:
     head = {"spectralLayoutVersion": "1.0", "emissiveUnits": "W.m^-2.sr^-1"}
     picture = {name: np.ones((9, 12), np.float16) for name in "RGB"}
     OpenEXR.File(head, channels | picture).write(str(tmp_path / "a.exr"))
-    with pytest.warns(PhotositeWarning, match="name no wavelength and are taken as per nm"):
+    with pytest.warns(PhotositeWarning, match="per nm"):
         scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
     assert scene.wavelength_nm[0] == pytest.approx(374.688, abs=5e-4)
     expected = photons_from_energy(float(channels[names[3]][2, 5]), scene.wavelength_nm[3])
@@ -160,7 +161,7 @@ def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
     names = [f"S{s}.{w:.0f},0nm" for s in range(4) for w in GRID]
     planes = {name: energy[..., k % GRID.size] * (1 if k < GRID.size else -0.5) for k, name in enumerate(names)}
     OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
-    with pytest.warns(PhotositeWarning, match="S1 to S3 are left out"):
+    with pytest.warns(PhotositeWarning, match="S1 to S3 are ignored"):
         scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
     assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
 
@@ -179,8 +180,9 @@ def test_radiance_and_reflectance_in_one_file(tmp_path: Path) -> None:
     values = some_radiance(4, 4)
     planes = {f"{layer}.{w:.0f},0nm": values[..., k] * (k + 1) for layer in ("S0", "T") for k, w in enumerate(GRID)}
     OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
-    with pytest.raises(FileError, match="say which is wanted"):
+    with pytest.raises(FileError) as caught:
         read_scene(tmp_path / "a.exr")
+    assert "units" in caught.value.arguments
     assert open_cube(tmp_path / "a.exr", units="W/m2/sr/nm").quantity == "energy radiance"
     assert open_cube(tmp_path / "a.exr", units="reflectance").quantity == "reflectance"
 
@@ -236,8 +238,9 @@ def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> N
     for factor, unit in ((1e19, f"m{PER_NM}"), (1e26, "too bright")):
         scene = Scene.uniform(np.full(GRID.size, factor), GRID)
         if unit == "too bright":
-            with pytest.raises(ValueError, match="16-bit floats end at 65504"):
+            with pytest.raises(InputError) as caught:
                 write_scene(scene, tmp_path / "a.exr", half=True)
+            assert caught.value.what == "radiance"
         else:
             write_scene(scene, tmp_path / "a.exr", half=True)
             assert OpenEXR.File(str(tmp_path / "a.exr")).header()["emissiveUnits"] == unit
@@ -247,51 +250,49 @@ def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> N
 # Pictures
 
 
-def one_line(error: pytest.ExceptionInfo[FileError], file: Path) -> str:
-    text = str(error.value)
-    assert text.startswith(str(file))
-    assert "\n" not in text
-    assert len(text) < 420
-    return text
+def error_of(path: Path, **options: Any) -> FileError:
+    with pytest.raises(FileError) as caught:
+        read_scene(path, **options)
+    assert caught.value.path == str(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 420
+    return caught.value
 
 
 @pytest.mark.parametrize(
-    ("head", "options", "said"),
+    ("head", "options", "about"),
     [
-        ({}, {}, r"does not say the units .* say them \(units='W/m2/sr/nm'\)"),
-        ({"emissiveUnits": "lx"}, {}, "units 'lx' are not understood"),
-        ({"emissiveUnits": PER_NM}, {"illuminant": "D65"}, "its light cannot be changed"),
-        ({"emissiveUnits": PER_NM, "pixelAspectRatio": 2.0}, {}, "pixels that are not square"),
-        ({"emissiveUnits": PER_NM}, {"wavelength_nm": [400, 500]}, "says its wavelengths itself"),
+        ({}, {}, "units"),
+        ({"emissiveUnits": "lx"}, {}, "units"),
+        ({"emissiveUnits": PER_NM}, {"illuminant": "D65"}, ""),
+        ({"emissiveUnits": PER_NM, "pixelAspectRatio": 2.0}, {}, "pixelAspectRatio"),
+        ({"emissiveUnits": PER_NM}, {"wavelength_nm": [400, 500]}, "wavelength"),
     ],
 )
-def test_spectral_file_refused(tmp_path: Path, head: dict[str, object], options: dict[str, object], said: str) -> None:
-    file = spectral(tmp_path / "a.exr", some_radiance(), **head)
-    with pytest.raises(FileError, match=said) as error:
-        read_scene(file, **options)
-    one_line(error, file)
+def test_invalid_spectral_files(
+    tmp_path: Path, head: dict[str, object], options: dict[str, object], about: str
+) -> None:
+    assert about in error_of(spectral(tmp_path / "a.exr", some_radiance(), **head), **options).what
 
 
 @pytest.mark.parametrize(
-    ("names", "options", "said"),
+    ("names", "options", "about"),
     [
-        (["depth.Z", "N.X"], {}, r"neither spectral channels .* but '.*depth\.Z'"),
+        (["depth.Z", "N.X"], {}, "neither spectral channels"),
         ([f"AOV{k:02d}" for k in range(20)], {}, "and 12 more"),
-        (["S1.500,0nm"], {}, "polarised light alone"),
+        (["S1.500,0nm"], {}, "only polarised light"),
         (["T.500,0nm", "T.450,0nm.500,0nm"], {}, "re-radiation"),
-        (["T.500,0nm"], {"units": "W/m2/sr/nm"}, "holds reflectances"),
-        (["T.500,0nm"], {}, "say the light on them"),
-        (["R", "G", "B"], {}, "does not say how bright its white is"),
-        (["R", "G", "B"], {"units": "W/m2/sr/nm"}, "which have no units"),
-        (["a", "b"], {"wavelength_nm": [500], "units": "relative"}, "2, and 1 wavelengths are given"),
+        (["T.500,0nm"], {"units": "W/m2/sr/nm"}, "has reflectances"),
+        (["T.500,0nm"], {}, "reflectances"),
+        (["R", "G", "B"], {}, "luminance of white"),
+        (["R", "G", "B"], {"units": "W/m2/sr/nm"}, "units"),
+        (["a", "b"], {"wavelength_nm": [500], "units": "relative"}, "1 wavelengths are given"),
     ],
 )
-def test_channels_refused(tmp_path: Path, names: list[str], options: dict[str, object], said: str) -> None:
+def test_invalid_channels(tmp_path: Path, names: list[str], options: dict[str, object], about: str) -> None:
     file = tmp_path / "a.exr"
     OpenEXR.File({}, {name: np.ones((4, 5), np.float32) for name in names}).write(str(file))
-    with pytest.raises(FileError, match=said) as error:
-        read_scene(file, **options)
-    one_line(error, file)
+    assert about in error_of(file, **options).what
 
 
 @pytest.mark.parametrize("keep", [6, 40, 300, 0.3, 0.9])
@@ -305,23 +306,19 @@ def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.C
     OpenEXR.File([wanted] if parts == 1 else [preview, wanted]).write(str(file))
     content = file.read_bytes()
     file.write_bytes(content[: int(len(content) * keep) if keep < 1 else int(keep)])
-    with pytest.raises(FileError, match="truncated OpenEXR" if keep > 6 or keep < 1 else "OpenEXR file") as error:
-        read_scene(file)
-    one_line(error, file)
+    assert "truncated" in error_of(file).what
     assert capfd.readouterr() == ("", "")
 
 
 def test_file_whose_writer_was_stopped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The places of the last rows, which are written at the end, are 0."""
+    """The offsets of the last rows, which are written at the end, are 0."""
     file = spectral(tmp_path / "a.exr", some_radiance(), emissiveUnits=PER_NM)
     content = bytearray(file.read_bytes())
     chunks = 3  # 37 rows, 16 in each
     table = next(k for k in range(len(content)) if content[k : k + 8] == (k + 8 * chunks).to_bytes(8, "little"))
     content[table + 16 : table + 24] = bytes(8)
     file.write_bytes(content[: int.from_bytes(content[table + 8 : table + 16], "little")])
-    with pytest.raises(FileError, match="not all of its rows were written") as error:
-        read_scene(file)
-    one_line(error, file)
+    assert "is truncated" in error_of(file).what
     assert capfd.readouterr() == ("", "")
 
 
@@ -337,21 +334,17 @@ def test_damaged_head(tmp_path: Path, good: bytes, bad: bytes, capfd: pytest.Cap
     content = file.read_bytes()
     assert good in content
     file.write_bytes(content.replace(good, bad))
-    with pytest.raises(FileError) as error:
-        read_scene(file)
-    one_line(error, file)
+    error_of(file)
     assert capfd.readouterr() == ("", "")
 
 
 def test_not_an_exr(tmp_path: Path) -> None:
     file = tmp_path / "a.exr"
     file.write_bytes(b"\x89PNG not an exr at all")
-    with pytest.raises(FileError, match="is no OpenEXR file") as error:
-        read_scene(file)
-    one_line(error, file)
+    assert error_of(file).what == "is not an OpenEXR file"
 
 
-def test_missing_extra_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_extra_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
     file = spectral(tmp_path / "a.exr", some_radiance(2, 2))

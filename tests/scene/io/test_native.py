@@ -1,4 +1,4 @@
-"""photosite's own scene file: mapped, whole or not at all, and refused in one line where it is damaged."""
+"""photosite's own scene file: mapped weights, atomic writing, and damaged files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 import photosite as ps
 from photosite.errors import FileError
-from photosite.scene.io import native
+from photosite.scene.io import hdf5
 from photosite.scene.io.files import read_scene
 from photosite.scene.scene import Scene
 from photosite.scene.weights import MappedWeights
@@ -44,7 +44,7 @@ def test_a_file_may_be_replaced_by_the_scene_that_is_mapped_from_it(chart: Path)
 
 def test_writing_goes_by_rows(chart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = read_scene(chart)
-    monkeypatch.setattr(native, "_BLOCK_BYTES", 1)
+    monkeypatch.setattr(hdf5, "_BLOCK_BYTES", 1)
     scene.save(chart.with_name("other.h5"))
     assert np.array_equal(read_scene(chart.with_name("other.h5")).weights, scene.weights)
 
@@ -72,27 +72,28 @@ WEIGHTS = np.ones((24, 4, 5), np.float32)
 
 
 @pytest.mark.parametrize(
-    ("change", "why"),
+    ("change", "about"),
     [
-        (_attribute("photosite_scene", 2), "of version 2; this photosite reads version 1"),
-        (_attribute("units", np.bytes_(b"W/sr/m2/nm")), "has units 'W/sr/m2/nm'; a scene file's are photons"),
-        (_attribute("distance_m", -1.0), "its distance_m is -1.0"),
-        (_attribute("relative_error", np.nan), "its relative_error is nan"),
-        (lambda file: file.__delitem__("basis"), "without 'basis'; was it written whole"),
-        (_replaced("weights", WEIGHTS, chunks=(1, 4, 5)), "are not in one piece; write the scene anew"),
-        (_replaced("weights", WEIGHTS.astype(np.float64)), "not .K, rows, cols. of 32-bit floats"),
-        (_replaced("weights", WEIGHTS[:3]), "got weights .3, 4, 5., basis .24, 41."),
-        (_replaced("weights", WEIGHTS * np.nan), "some of its weights are no numbers"),
-        (_replaced("wavelength_nm", np.arange(41.0)[::-1] + 400), "must increase"),
-        (_replaced("regions", np.array([[1, 2, 3]])), "not .n, 4."),
+        (_attribute("photosite_scene", 2), "version"),
+        (_attribute("units", np.bytes_(b"W/sr/m2/nm")), "units"),
+        (_attribute("distance_m", -1.0), "distance_m"),
+        (_attribute("relative_error", np.nan), "relative_error"),
+        (lambda file: file.__delitem__("basis"), "basis"),
+        (_replaced("weights", WEIGHTS, chunks=(1, 4, 5)), "not contiguous"),
+        (_replaced("weights", WEIGHTS.astype(np.float64)), "weights"),
+        (_replaced("weights", WEIGHTS[:3]), "weights"),
+        (_replaced("weights", WEIGHTS * np.nan), "weights are not finite"),
+        (_replaced("wavelength_nm", np.arange(41.0)[::-1] + 400), "wavelength"),
+        (_replaced("regions", np.array([[1, 2, 3]])), "regions"),
     ],
 )
-def test_files_that_cannot_be(chart: Path, change: Callable[[Any], None], why: str) -> None:
+def test_invalid_files(chart: Path, change: Callable[[Any], None], about: str) -> None:
     with h5py.File(chart, "r+") as file:
         change(file)
-    with pytest.raises(FileError, match=why) as caught:
+    with pytest.raises(FileError) as caught:
         read_scene(chart)
-    assert str(caught.value).startswith(str(chart))
+    assert caught.value.path == str(chart)
+    assert about in caught.value.what
     assert "\n" not in str(caught.value)
 
 
@@ -100,5 +101,6 @@ def test_files_that_cannot_be(chart: Path, change: Callable[[Any], None], why: s
 def test_a_truncated_file(chart: Path, share: float) -> None:
     content = chart.read_bytes()
     chart.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(FileError, match=r"is it truncated|is truncated"):
+    with pytest.raises(FileError) as caught:
         read_scene(chart)
+    assert caught.value.path == str(chart)

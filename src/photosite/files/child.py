@@ -1,0 +1,163 @@
+"""A child process that reads untrusted files, with limits on time and memory.
+
+Some C libraries crash, hang or allocate gigabytes on damaged files. Here that is an error in the parent. The child is
+started by the first call (about 0.4 s) and serves later ones (about 0.2 ms each), so that thousands of files need one
+child. It is replaced when it dies, and it ends with its parent.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import importlib
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, BinaryIO
+
+from photosite.errors import PhotositeError
+
+_START_S = 120.0
+"""Time limit for starting the child and importing a module, on a busy machine."""
+
+
+class ChildError(Exception):
+    """The call did not return: the child crashed, ran out of time or memory, or raised an exception."""
+
+
+def call_in_child(function: Callable[..., Any], *arguments: Any, time_s: float, memory_bytes: int) -> Any:
+    """Call a function in the child process and return its result.
+
+    Parameters
+    ----------
+    function
+        A function of a module. The child imports that module, so keep the module's imports few.
+    *arguments
+        Arguments and result must be picklable.
+    time_s
+        Time limit of the call, in seconds; starting the child is not included.
+    memory_bytes
+        Limit of the child's address space. Not enforced on Windows.
+
+    Raises
+    ------
+    PhotositeError
+        If the function raised it.
+    ChildError
+        If the call failed in any other way.
+
+    Examples
+    --------
+    >>> import math
+    >>> call_in_child(math.hypot, 3, 4, time_s=10, memory_bytes=1 << 30)
+    5.0
+    """
+    global _child
+    with _lock:
+        if _child is None or _child.process.poll() is not None:
+            _child = _Child()
+        try:
+            if function.__module__ not in _child.modules:
+                _child.call((importlib.import_module, (function.__module__,), 0), _START_S)
+                _child.modules.add(function.__module__)
+            failed, result = _child.call((function, arguments, memory_bytes), time_s)
+        except ChildError:
+            _child.end()
+            _child = None
+            raise
+    if not failed:
+        return result
+    raise result if isinstance(result, PhotositeError) else ChildError(result)
+
+
+class _Child:
+    def __init__(self) -> None:
+        self.modules: set[str] = set()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "photosite.files.child"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        )
+
+    def call(self, request: tuple[Callable[..., Any], tuple[Any, ...], int], time_s: float) -> tuple[bool, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        timer = threading.Timer(time_s, self.process.kill)
+        timer.start()
+        try:
+            pickle.dump(request, self.process.stdin)
+            self.process.stdin.flush()
+            answer: tuple[bool, Any] = pickle.load(self.process.stdout)
+            return answer
+        except (EOFError, OSError, pickle.UnpicklingError):
+            in_time = timer.is_alive()
+            raise ChildError("the reader crashed" if in_time else f"reading took longer than {time_s:g} s") from None
+        finally:
+            timer.cancel()
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout):
+            with contextlib.suppress(OSError):
+                stream.close()  # type: ignore[union-attr]
+
+
+_lock = threading.Lock()
+_child: _Child | None = None
+
+
+def _end() -> None:
+    if _child is not None:
+        _child.end()
+
+
+def _forget() -> None:
+    """Leave the child to the process that was forked from."""
+    global _child, _lock
+    _child, _lock = None, threading.Lock()
+
+
+atexit.register(_end)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+def _limit_memory(size: int) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = size or hard
+    resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
+    while True:
+        try:
+            function, arguments, memory_bytes = pickle.load(requests)
+        except EOFError:
+            return
+        _limit_memory(memory_bytes)
+        try:
+            result = function(*arguments)
+            answer = pickle.dumps((False, None if function is importlib.import_module else result))
+        except PhotositeError as error:
+            answer = pickle.dumps((True, error))
+        except Exception as error:
+            answer = pickle.dumps((True, " ".join(str(error).split())[:200] or type(error).__name__))
+        answers.write(answer)
+        answers.flush()
+
+
+if __name__ == "__main__":
+    _requests, _answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints must not mix with the answers
+    _serve(_requests, _answers)

@@ -1,0 +1,198 @@
+"""HDF5 files of unknown origin: opened, listed and checked, with every failure as a `FileError`.
+
+libhdf5 (2.0.0) can loop for ever, crash or allocate gigabytes when it reads damaged data of variable length (global
+heaps, where most programs keep text attributes). Such data are read in a child process; the parent never reads them.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photosite.errors import FileError, PhotositeError
+from photosite.files.child import ChildError, call_in_child
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+TIME_LIMIT_S = 5.0
+"""Time limit of the child for one file; valid files take milliseconds."""
+_MEMORY_BYTES = 1 << 30
+_HEAP_SIGNATURE = b"GCOL"
+_LARGEST_SEARCHED = 64 << 20
+"""Bytes of a file that is searched for heaps; a larger one is always inspected by the child."""
+_MOST_VALUES = 1 << 22
+"""Values of a dataset that is read at once: spectra and lists, not images."""
+_HIGHEST_COMPRESSION = 2000
+"""Bytes of values to a byte in the file; deflate reaches 1030."""
+
+
+class Hdf5File:
+    """An open file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    file
+        The file as h5py opened it.
+
+    Attributes
+    ----------
+    datasets
+        All datasets by name, without a leading slash.
+    """
+
+    def __init__(self, path: Path, file: Any) -> None:
+        import h5py
+
+        self.path, self.file = path, file
+        self.datasets: dict[str, Any] = {}
+        if _has_heap(path):
+            _ = self._texts
+
+        def collect(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                self.datasets[name] = item
+
+        file.visititems(collect)
+
+    def attributes(self, item: Any, *, inherited: bool = False) -> dict[str, Any]:
+        """Return an item's attributes as `plain` values.
+
+        Parameters
+        ----------
+        item
+            A dataset, group or the file.
+        inherited
+            Add the attributes of the groups above it, where the item has none of that name.
+        """
+        found: dict[str, Any] = {}
+        while True:
+            texts: dict[str, Any] = {}
+            for name in item.attrs:
+                if item.attrs.get_id(name).dtype.hasobject:
+                    texts = self._texts.get(item.name, {})
+                    if name in texts:
+                        found.setdefault(name, plain(texts[name]))
+                else:
+                    found.setdefault(name, plain(item.attrs[name]))
+            if not inherited or item.name == "/":
+                return found
+            item = item.parent
+
+    @cached_property
+    def _texts(self) -> dict[str, dict[str, Any]]:
+        """Text attributes of variable length, by item and name."""
+        try:
+            found: dict[str, dict[str, Any]] = call_in_child(
+                read_texts, str(self.path), time_s=TIME_LIMIT_S, memory_bytes=_MEMORY_BYTES
+            )
+        except ChildError as error:
+            raise FileError(self.path, f"is damaged: its attributes cannot be read ({error})") from None
+        return found
+
+
+@contextmanager
+def open_hdf5(path: Path) -> Iterator[Hdf5File]:
+    """Open a file for reading.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, on opening or within the block.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            yield Hdf5File(path, file)
+    except PhotositeError:
+        raise
+    except Exception as error:  # h5py passes on OSError, KeyError, RuntimeError, ValueError, MemoryError ...
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FileError(path, f"cannot be read as HDF5 ({reason})", hint="Check that the file is complete") from None
+
+
+def read_texts(path: str) -> dict[str, dict[str, Any]]:
+    """Read all text attributes of variable length; for the child process.
+
+    Raises
+    ------
+    FileError
+        If an attribute is a list of variable length. Damage turns text into such lists; lists of references, as
+        netCDF writes them, are skipped.
+    """
+    import h5py
+
+    found: dict[str, dict[str, Any]] = {}
+
+    def collect(item: Any) -> None:
+        for name in item.attrs:
+            dtype = item.attrs.get_id(name).dtype
+            if not dtype.hasobject:
+                continue
+            if h5py.check_string_dtype(dtype) is not None:
+                found.setdefault(item.name, {})[name] = item.attrs[name]
+            elif h5py.check_ref_dtype(h5py.check_vlen_dtype(dtype) or dtype) is None:
+                raise FileError(path, "attributes must not be lists of variable length", where=f"{item.name}: {name}")
+
+    with h5py.File(path, "r") as file:
+        collect(file)
+        file.visititems(lambda _, item: collect(item))
+    return found
+
+
+def _has_heap(path: Path) -> bool:
+    """Return whether the file may have a global heap."""
+    if path.stat().st_size > _LARGEST_SEARCHED:
+        return True
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return content.find(_HEAP_SIGNATURE) >= 0
+
+
+def plain(value: Any) -> Any:
+    """Return an attribute's value with Python's own text and numbers; arrays of several values stay arrays."""
+    if isinstance(value, bytes | np.bytes_):
+        return value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind == "S":
+            value = np.char.decode(value, "utf-8", "replace")
+        return plain(value.ravel()[0]) if value.size == 1 and value.ndim <= 1 else value
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def read_numbers(path: Path, data: Any) -> NDArray[np.float64]:
+    """Read a small dataset of numbers.
+
+    Raises
+    ------
+    FileError
+        If the dataset is large, does not hold numbers, or is incomplete.
+    """
+    if data.dtype.kind not in "fiu" or math.prod(data.shape) > _MOST_VALUES:
+        raise FileError(path, f"is {data.shape} of {data.dtype}, not a short list of numbers", where=data.name)
+    check_stored(path, data)
+    return np.asarray(data[()], dtype=np.float64)
+
+
+def check_stored(path: Path, data: Any) -> None:
+    """Check that the file is large enough for a dataset's shape.
+
+    Raises
+    ------
+    FileError
+        If the file stores fewer bytes than the shape needs.
+    """
+    size, stored = math.prod(data.shape) * data.dtype.itemsize, data.id.get_storage_size()
+    contiguous = data.chunks is None and data.external is None
+    if not data.is_virtual and (stored < size if contiguous else size > _HIGHEST_COMPRESSION * stored):
+        hint = "Check that the file is complete"
+        raise FileError(path, f"stores {stored} bytes of {size}", where=data.name, hint=hint)
