@@ -54,7 +54,7 @@ def load_mat(file: Path, array_folder: Path | None = None) -> dict[str, Any]:
         If the file cannot be read, is damaged, or of version 7.3.
     """
     if not file.is_file():
-        raise FileError(file, "does not exist")
+        raise FileError(file, "there is no such file")
     time_s = _TIME_S + file.stat().st_size / _BYTES_PER_S
     try:
         content: dict[str, Any] = call_in_child(read_mat, file, array_folder, time_s=time_s, memory_bytes=_MEMORY_BYTES)

@@ -1,4 +1,4 @@
-"""ENVI files: as the `spectral` library itself reads them, and files that are refused in one line."""
+"""ENVI files: compared with the `spectral` library's own reading, and invalid files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,18 @@ PLAIN = {"wavelength": GRID.tolist(), "wavelength units": "Nanometers", "data un
 
 
 def saved(folder: Path, array: np.ndarray, metadata: dict[str, object] | None = None, **how: object) -> Path:
-    """A file that the library wrote."""
+    """Return a file written by the library."""
     path = folder / "cube.hdr"
     given = {"interleave": "bsq", "ext": "img", "force": True} | how
     envi.save_image(str(path), array, metadata=PLAIN if metadata is None else metadata, **given)
     return path
+
+
+def error_of(path: Path, **options: object) -> FileError:
+    with pytest.raises(FileError) as caught:
+        read_scene(path, **options)
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
 def whole(path: Path, **options: object) -> np.ndarray:
@@ -42,7 +49,7 @@ def test_as_the_library_reads_it(tmp_path: Path, interleave: str, dtype: type, b
     theirs = np.asarray(envi.open(str(path)).load())
     assert_allclose(whole(path), theirs)
     assert_allclose(whole(path), array)
-    assert_allclose(whole(path.with_suffix(".img")), array)  # by the name of the numbers
+    assert_allclose(whole(path.with_suffix(".img")), array)  # by the name of the data
 
 
 def test_reflectance_scale_factor_and_missing_values(tmp_path: Path) -> None:
@@ -57,11 +64,10 @@ def test_reflectance_scale_factor_and_missing_values(tmp_path: Path) -> None:
     assert np.isnan(found[1, 2, 3])
     assert np.isnan(found).sum() == 1
     assert_allclose(found[0], array[0] / 10_000)
-    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
-    with pytest.raises(FileError, match=r"no data at row 1, column 2, band 4 \(600 nm\)"):
-        read_scene(path, **said)
-    with pytest.warns(PhotositeWarning, match=r"cube\.hdr: 1 missing values were taken as 0"):
-        assert read_scene(path, no_data="zero", **said).mean_luminance_cd_m2() == pytest.approx(100)
+    options = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
+    error_of(path, **options)
+    with pytest.warns(PhotositeWarning, match="1 missing"):
+        assert read_scene(path, no_data="zero", **options).mean_luminance_cd_m2() == pytest.approx(100)
 
 
 def test_gains_by_band_and_an_offset(tmp_path: Path) -> None:
@@ -74,7 +80,7 @@ def test_gains_by_band_and_an_offset(tmp_path: Path) -> None:
     assert_allclose(whole(path), array * np.arange(1.0, 6))
 
 
-def test_bad_bands_are_said(tmp_path: Path) -> None:
+def test_bad_bands_are_skipped_with_a_warning(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((2, 2, 5), np.float32), PLAIN | {"bbl": [1, 1, 0, 1, 1]})
     with pytest.warns(PhotositeWarning, match="1 of 5 bands are marked as bad"):
         read_scene(path)
@@ -88,52 +94,47 @@ def test_photons_are_made_of_watts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("pattern", "put", "why"),
+    ("pattern", "replacement", "about"),
     [
         (r"wavelength units *=.*\n", "", None),
-        (r"wavelength units *=.*", "wavelength units = Micrometers", r"450000 to 600000 in Micrometers.*other unit"),
-        (r"wavelength units *=.*", "wavelength units = cubits", "'cubits', an unknown unit"),
-        (r"data units *=.*\n", "", r"does not say the units of its values; say them: units='W/sr/m2/nm'"),
-        (r"data units *=.*", "data units = DN", r"units 'DN' are not understood.*say units='...' to overrule"),
-        (r"lines *=.*", "lines = 5", r"has 96 bytes, and its header cube.hdr describes 120: it is truncated, or lines"),
-        (r"samples *=.*", "samples = 2", r"has 96 bytes, and its header cube.hdr describes 64: lines, samples"),
-        (r"samples *=.*", "samples = -2", r"says \(4, -2, 4\)"),
-        (r"bands *=.*\n", "", r"Mandatory parameter \"bands\" missing"),
-        (r"bands *=.*", "bands = many", "is no ENVI header that can be read"),
-        (r"data type *=.*", "data type = 6", r"has data of type 6 \(complex64\); .* save magnitudes"),
+        (r"wavelength units *=.*", "wavelength units = Micrometers", "wavelength"),
+        (r"wavelength units *=.*", "wavelength units = cubits", "wavelength"),
+        (r"data units *=.*\n", "", "units"),
+        (r"data units *=.*", "data units = DN", "units"),
+        (r"lines *=.*", "lines = 5", "size"),
+        (r"samples *=.*", "samples = 2", "size"),
+        (r"samples *=.*", "samples = -2", "samples"),
+        (r"bands *=.*\n", "", "bands"),
+        (r"bands *=.*", "bands = many", "cannot be read"),
+        (r"data type *=.*", "data type = 6", "data type"),
         (r"data type *=.*", "data type = 77", "'77' is missing or unknown"),
-        (r"interleave *=.*", "interleave = bob", "interleave 'bob'"),
-        (r"450.0 ,", "505.0 ,", r"not sorted: band 2 has 500 nm after 505 nm.*sort_bands=True"),
-        (r"450.0 ,", "", "'wavelength' has 3 entries for 4 bands"),
-        (r"450.0 ,", "red ,", "'wavelength' holds something that is no number"),
-        (r"ENVI\n", "ENVY\n", "does not appear to be an ENVI header"),
-        (r"wavelength units *=", "file compression = 1\nwavelength units =", "data are compressed"),
-        (r"wavelength units *=", "data ignore value = x\nwavelength units =", "'data ignore value' is 'x'"),
-        (r"wavelength units *=", "reflectance scale factor = 0\nwavelength units =", "is 0, not above 0"),
+        (r"interleave *=.*", "interleave = bob", "interleave"),
+        (r"450.0 ,", "505.0 ,", "wavelength"),
+        (r"450.0 ,", "", "wavelength"),
+        (r"450.0 ,", "red ,", "wavelength"),
+        (r"ENVI\n", "ENVY\n", "ENVI header"),
+        (r"wavelength units *=", "file compression = 1\nwavelength units =", "compressed"),
+        (r"wavelength units *=", "data ignore value = x\nwavelength units =", "data ignore value"),
+        (r"wavelength units *=", "reflectance scale factor = 0\nwavelength units =", "reflectance scale factor"),
     ],
 )
-def test_headers_that_cannot_be(tmp_path: Path, pattern: str, put: str, why: str | None) -> None:
+def test_invalid_headers(tmp_path: Path, pattern: str, replacement: str, about: str | None) -> None:
     head = PLAIN | {"wavelength": GRID[:4].tolist()}
     path = saved(tmp_path, RNG.integers(1, 9, (4, 3, 4)).astype(np.int16), head)
-    text, changed = re.subn(pattern, put, path.read_text(encoding="ascii"), count=1)
+    text, changed = re.subn(pattern, replacement, path.read_text(encoding="ascii"), count=1)
     assert changed, text
     path.write_text(text, encoding="ascii")
-    if why is None:
+    if about is None:
         assert read_scene(path).wavelength_nm.tolist() == GRID[:4].tolist()
         return
-    with pytest.raises(FileError, match=why) as caught:
-        read_scene(path)
-    assert "\n" not in str(caught.value)
-    assert str(tmp_path) in str(caught.value)
+    assert about in error_of(path).what
 
 
-def test_a_half_is_missing(tmp_path: Path) -> None:
+def test_a_missing_header_or_data_file(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((4, 3, 5), np.float32))
     path.rename(tmp_path / "other.hdr")
-    with pytest.raises(FileError, match=r"cube.img: has no header: cube.hdr is not beside it"):
-        read_scene(tmp_path / "cube.img")
-    with pytest.raises(FileError, match=r"other.hdr: has no data beside it: other.img"):
-        read_scene(tmp_path / "other.hdr")
+    assert error_of(tmp_path / "cube.img").what == "has no header cube.hdr beside it"
+    assert "has no data beside it" in error_of(tmp_path / "other.hdr").what
 
 
 def test_data_that_shrink_while_they_are_read(tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_data_that_shrink_while_they_are_read(tmp_path: Path) -> None:
     cube = open_cube(path)
     with path.with_suffix(".img").open("r+b") as file:
         file.truncate(1000)
-    with pytest.raises(FileError, match="is truncated: it ends at byte 1000"):
+    with pytest.raises(FileError):
         list(cube.blocks(10))
 
 
@@ -152,88 +153,80 @@ def test_bands_of_a_range(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="illuminant D65") as caught:
         read_scene(path, illuminant="D65", mean_luminance_cd_m2=100)
     assert "band_range_nm=(300, 830)" in str(caught.value)
-    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100, "band_range_nm": (400, 780), "tolerance": 1e-6}
-    scene = read_scene(path, **said)
+    options = {"illuminant": "D65", "mean_luminance_cd_m2": 100, "band_range_nm": (400, 780), "tolerance": 1e-6}
+    scene = read_scene(path, **options)
     assert scene.wavelength_nm.tolist() == [400, 600, 780]
     assert scene.reflectance is not None
     found = np.tensordot(scene.weights, scene.reflectance, axes=(0, 0))
     assert_allclose(found, array[:, :, :3], rtol=1e-5)
     assert read_scene(path, illuminant="A", mean_luminance_cd_m2=100).wavelength_nm[-1] == 1000
-    done = convert(path, tmp_path / "out.h5", **said)
+    done = convert(path, tmp_path / "out.h5", **options)
     assert (done.bands, done.scene.wavelength_nm.size) == (3, 3)
-    with pytest.raises(FileError, match="no band left"):
-        read_scene(path, **said | {"band_range_nm": (410, 420)})
+    error_of(path, **options | {"band_range_nm": (410, 420)})
     for bad in ([400], (780, 400), "400:780", (0, 780)):
-        with pytest.raises(InputError, match="band_range_nm is"):
+        with pytest.raises(InputError, match="band_range_nm"):
             read_scene(path, band_range_nm=bad)
 
 
 @pytest.mark.parametrize("name", ["cube.hdr", "cube.img"])
-def test_what_is_read_is_not_written_over_when_bands_are_picked(tmp_path: Path, name: str) -> None:
+def test_the_input_is_not_overwritten_when_bands_are_selected(tmp_path: Path, name: str) -> None:
     path = saved(tmp_path, np.ones((2, 2, 5), np.float32))
-    with pytest.raises(FileError, match="would be written over"):
+    with pytest.raises(FileError):
         convert(tmp_path / name, path, band_range_nm=(450, 500))
 
 
 def test_bad_bands_hold_no_values(tmp_path: Path) -> None:
-    """What stands in a bad band is never looked at: not missing values, not a second 500 nm."""
+    """Values and wavelengths of bad bands are ignored: missing values, a second 500 nm."""
     array = np.ones((2, 2, 5), np.float32) * np.arange(1, 6, dtype=np.float32)
     array[..., 2] = np.nan
     path = saved(tmp_path, array, PLAIN | {"bbl": [1, 1, 0, 1, 1], "wavelength": [450, 500, 500, 600, 650]})
-    with pytest.warns(PhotositeWarning, match=r"1 of 5 bands are marked as bad \(bbl\) and left out, the first band 3"):
+    with pytest.warns(PhotositeWarning, match=r"1 of 5 bands .*\(bbl\) and skipped, the first is band 3"):
         scene = read_scene(path)
     assert scene.wavelength_nm.tolist() == [450, 500, 600, 650]
     energy = scene.radiance(0, 0) / photons_from_energy(1.0, scene.wavelength_nm)
     assert_allclose(energy, [1, 2, 4, 5], rtol=1e-4)
     none = saved(tmp_path, array, PLAIN | {"bbl": [0] * 5})
-    with pytest.raises(FileError, match="marks all its bands as bad"):
-        read_scene(none)
+    assert "marks all its bands as bad" in error_of(none).what
 
 
 @pytest.mark.parametrize(
     ("units", "scale"), [("percent", 0.01), ("reflectance", 1.0), ("reflectance/20000", 1 / 20_000)]
 )
-def test_a_scale_factor_and_units_that_are_said(tmp_path: Path, units: str, scale: float) -> None:
+def test_a_scale_factor_overridden_by_units(tmp_path: Path, units: str, scale: float) -> None:
     array = RNG.integers(1, 2, (4, 6, 5)).astype(np.int16)
     path = saved(tmp_path, array, {"wavelength": GRID.tolist(), "reflectance scale factor": 10_000})
-    with pytest.warns(
-        PhotositeWarning,
-        match=rf"the file says 'reflectance scale factor = 10000', and units='{units}' was said; what was said",
-    ):
+    with pytest.warns(PhotositeWarning, match=f"'reflectance scale factor = 10000'; units='{units}' overrides"):
         assert_allclose(whole(path, units=units), array * scale)
     assert_allclose(whole(path), array / 10_000)
     assert_allclose(whole(path, units="reflectance/10000"), array / 10_000)  # no contradiction, no warning
 
 
-def test_reflectances_on_another_scale_are_refused(tmp_path: Path) -> None:
+def test_reflectances_on_another_scale_are_an_error(tmp_path: Path) -> None:
     array = RNG.integers(0, 10_000, (8, 8, 5)).astype(np.uint16)
     array[0, 0] = 9999
     path = saved(tmp_path, array, {"wavelength": GRID.tolist()})
-    said = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
-    with pytest.raises(FileError, match=r"reflectances up to 9999, .*units='percent', units='reflectance/10000'"):
-        read_scene(path, units="reflectance", **said)
-    scene = read_scene(path, units="reflectance/10000", **said)
+    options = {"illuminant": "D65", "mean_luminance_cd_m2": 100}
+    assert "9999" in str(error_of(path, units="reflectance", **options))
+    scene = read_scene(path, units="reflectance/10000", **options)
     assert scene.reflectance is not None
     assert_allclose(scene.weights[:, 0, 0] @ scene.reflectance, 0.9999, atol=2e-3)
     sparks = np.full((20, 20, 5), 0.5, np.float32)
     sparks[0, 0] = 3.0  # one sample of 400: a spark
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    assert read_scene(path, **said).shape == (20, 20)
+    assert read_scene(path, **options).shape == (20, 20)
     sparks[:2] = 12.0
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    with pytest.warns(PhotositeWarning, match="reflectances up to 12, .*; 200 of 2000 are above 2: glints"):
-        read_scene(path, **said)
+    with pytest.warns(PhotositeWarning, match="reflectances up to 12"):
+        read_scene(path, **options)
     sparks[0, 0] = 2e3
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    with pytest.raises(FileError, match=r"reflectances up to 2000, .*; mend what is wild"):
-        read_scene(path, **said)
+    assert "2000" in str(error_of(path, **options))
     sparks[:6] = 3.0
     path = saved(tmp_path, sparks, {"wavelength": GRID.tolist(), "data units": "reflectance"})
-    with pytest.raises(FileError, match=r"reflectances up to 3, .*; say what white is"):
-        read_scene(path, **said)
+    assert "reflectances up to 3" in str(error_of(path, **options))
 
 
-def test_numbers_without_an_ending(tmp_path: Path) -> None:
+def test_data_without_a_suffix(tmp_path: Path) -> None:
     path = saved(tmp_path, np.ones((2, 3, 5), np.float32))
     (tmp_path / "cube.img").rename(tmp_path / "cube")
     assert read_scene(tmp_path / "cube").shape == read_scene(path).shape == (2, 3)

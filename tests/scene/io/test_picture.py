@@ -345,7 +345,7 @@ def test_cmyk_is_an_error(tmp_path: Path) -> None:
 def test_required_and_inapplicable_options(tmp_path: Path) -> None:
     file = saved(tmp_path / "a.png", CODES)
     assert "mean_luminance_cd_m2" in error_of(file, mean_luminance_cd_m2=None).arguments
-    assert "units" in error_of(file, units="W/sr/m2/nm").what
+    assert "units" in error_of(file, units="W/sr/m2/nm").arguments
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.jpg"])

@@ -1,1 +1,1 @@
-"""Scene files, one module a format."""
+"""Scene files, one module a format, and what formats share: units, color spaces, patch tables."""

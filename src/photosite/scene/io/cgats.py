@@ -1,7 +1,7 @@
 """Measured charts as CGATS text (CGATS.17, ISO 28178, IT8.7, Argyll's .ti3): tables of patches with spectra.
 
-A field of a spectrum is called by its wavelength (`SPECTRAL_NM_380`, `SPECTRAL_NM380`, `SPECTRAL_380`, `SPEC_380`,
-`nm380`, `R_380nm`), or wavelength and value alternate (`SPECTRAL_NM SPECTRAL_PCT`, or `SPECTRAL_DEC`).
+Fields of a spectrum are named by wavelength (`SPECTRAL_NM_380`, `SPECTRAL_NM380`, `SPECTRAL_380`, `SPEC_380`, `nm380`,
+`R_380nm`), or wavelength and value alternate (`SPECTRAL_NM SPECTRAL_PCT`, or `SPECTRAL_DEC`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _NAMES = ("SAMPLE_NAME", "SAMPLENAME", "SAMPLE_LOC", "SAMPLE_ID", "SAMPLEID")
 
 @dataclass(frozen=True)
 class _Section:
-    """A table: its keywords, fields, and sets with the lines they end on."""
+    """A table: its keywords, fields, and sets with the line on which each ends."""
 
     keywords: dict[str, str]
     fields: tuple[str, ...]
@@ -44,7 +44,7 @@ class _Section:
 
 
 def read(path: Path, options: ReadOptions) -> Scene:
-    """The chart that a file's patches make.
+    """Read a chart.
 
     Raises
     ------
@@ -55,33 +55,25 @@ def read(path: Path, options: ReadOptions) -> Scene:
 
 
 def read_patches(path: Path) -> PatchTable:
-    """The first table with spectra.
-
-    Parameters
-    ----------
-    path
-        The file.
+    """Read the first table with spectra.
 
     Raises
     ------
     FileError
-        If there is none, or the file is damaged; with the line where there is one.
+        If there is none, or the file is damaged; with the line where known.
     """
     sections = _sections(path, read_text(path))
     if not sections:
-        raise FileError(path, "is no CGATS file: it has no BEGIN_DATA_FORMAT; expected tables of patches")
+        raise FileError(path, "is not a CGATS file: it has no BEGIN_DATA_FORMAT")
     for section in sections:
         if any(_SPECTRAL.fullmatch(field) for field in section.fields) or "SPECTRAL_NM" in section.fields:
             return _table(path, section)
     fields = ", ".join(sections[0].fields[:8])
-    raise FileError(
-        path,
-        f"holds no spectra, only {fields}; a colour alone does not tell a reflectance: export it with spectral data",
-    )
+    raise FileError(path, f"has no spectra, only {fields}", hint="Export it with spectral data")
 
 
 def _sections(path: Path, text: str) -> list[_Section]:
-    """All tables of a file."""
+    """Parse all tables of a file."""
     found: list[_Section] = []
     keywords: dict[str, str] = {}
     fields: list[str] = []
@@ -109,12 +101,12 @@ def _sections(path: Path, text: str) -> list[_Section]:
         elif len(tokens) > 1:
             keywords[first] = tokens[1]
     if state != "head":
-        raise FileError(path, "is truncated: what begins here has no END line", begun)
+        raise FileError(path, "is truncated: the section that begins here has no END line", begun)
     return found
 
 
 def _tokens(line: str, by_tabs: bool) -> list[str]:
-    """Words of a line, quotes taken off, up to a comment; between tabs where names hold unquoted blanks."""
+    """Return the words of a line without quotes, up to a comment; split at tabs where names have unquoted blanks."""
     if by_tabs and "\t" in line:
         return [cell.strip().strip('"') for cell in line.strip("\r\n").rstrip("\t").split("\t")]
     words: list[str] = []
@@ -129,22 +121,24 @@ def _section(
     path: Path, keywords: dict[str, str], fields: list[str], rows: list[tuple[int, list[str]]], begun: int
 ) -> _Section:
     if not fields:
-        raise FileError(path, "data without BEGIN_DATA_FORMAT, the names of their fields", begun)
-    said = keywords.get("NUMBER_OF_FIELDS")
-    if said is not None and said != str(len(fields)):
-        raise FileError(path, f"NUMBER_OF_FIELDS is {said[:20]}, and {len(fields)} fields are named", begun)
+        raise FileError(path, "the data have no BEGIN_DATA_FORMAT with the names of their fields", begun)
+    stated = keywords.get("NUMBER_OF_FIELDS")
+    if stated is not None and stated != str(len(fields)):
+        raise FileError(path, "NUMBER_OF_FIELDS", begun, value=stated[:20], expected=f"{len(fields)}, as named")
     wanted = keywords.get("NUMBER_OF_SETS")
     odd = next(((line, len(words)) for line, words in rows if len(words) != len(fields)), None)
     if odd is not None:
         words = [word for _, row in rows for word in row]
-        if str(len(words) / len(fields)) != f"{wanted}.0":  # sets that run over lines are as many as the file says
-            raise FileError(path, f"expected {len(fields)} values, one for each field, got {odd[1]}", odd[0])
+        if str(len(words) / len(fields)) != f"{wanted}.0":  # sets over several lines match the stated number
+            expected = f"{len(fields)}, one for each field"
+            raise FileError(path, "number of values", odd[0], value=odd[1], expected=expected)
         last = rows[-1][0]
         sets = [words[k : k + len(fields)] for k in range(0, len(words), len(fields))]
         return _Section(dict(keywords), tuple(fields), tuple(map(tuple, sets)), (last,) * len(sets))
     if wanted is not None and wanted != str(len(rows)):
+        hint = "Check that the file is complete"
         raise FileError(
-            path, f"NUMBER_OF_SETS is {wanted[:20]}, and {len(rows)} are there; is the file complete?", begun
+            path, "NUMBER_OF_SETS", begun, value=wanted[:20], expected=f"{len(rows)}, as present", hint=hint
         )
     return _Section(
         dict(keywords), tuple(fields), tuple(tuple(words) for _, words in rows), tuple(line for line, _ in rows)
@@ -153,10 +147,10 @@ def _section(
 
 def _table(path: Path, section: _Section) -> PatchTable:
     if not section.sets:
-        raise FileError(path, "has spectral fields and no patches")
+        raise FileError(path, "has no patches")
     if "SPECTRAL_NM" in section.fields:
-        wavelengths, columns, said = _pairs(path, section)
-        units: Units | None = said
+        units: Units | None
+        wavelengths, columns, units = _pairs(path, section)
     else:
         matches = [(k, match) for k, field in enumerate(section.fields) if (match := _SPECTRAL.fullmatch(field))]
         columns = [k for k, _ in matches]
@@ -179,33 +173,33 @@ def _table(path: Path, section: _Section) -> PatchTable:
 
 
 def _pairs(path: Path, section: _Section) -> tuple[list[float], list[int], Units]:
-    """Wavelengths and columns of the values of a table in which the two alternate."""
+    """Return wavelengths, columns of values, and units of a table in which the two alternate."""
     at = [k for k, field in enumerate(section.fields) if field == "SPECTRAL_NM"]
     kinds = {section.fields[k + 1] if k + 1 < len(section.fields) else "" for k in at}
     if len(kinds) != 1 or not kinds <= set(_PAIR):
-        raise FileError(path, "SPECTRAL_NM without SPECTRAL_PCT or SPECTRAL_DEC, all of one kind, after it")
+        raise FileError(path, "SPECTRAL_NM must be followed by SPECTRAL_PCT or SPECTRAL_DEC, always the same")
     wavelengths: list[float] = []
     for words, line in zip(section.sets, section.lines, strict=True):
         row = [number(path, words[k], line, "SPECTRAL_NM") for k in at]
         if wavelengths and row != wavelengths:
-            raise FileError(path, "this patch has other wavelengths than the first; export all with the same", line)
+            raise FileError(path, "this patch has other wavelengths than the first", line, hint="Export all alike")
         wavelengths = row
     return wavelengths, [k + 1 for k in at], _PAIR[kinds.pop()]
 
 
 def _norm(path: Path, keywords: dict[str, str]) -> Units | None:
-    """Argyll's scale; of what glows it is none of reflectance."""
+    """Return Argyll's scale of reflectances; not defined for measurements of displays."""
     norm = keywords.get("SPECTRAL_NORM")
     if norm is None or keywords.get("DEVICE_CLASS", "").upper() not in ("OUTPUT", "INPUT"):
         return None
     value = number(path, norm, None, "SPECTRAL_NORM")
     if value <= 0:
-        raise FileError(path, f"SPECTRAL_NORM is what a perfect white has, above 0, not {norm[:20]}")
+        raise FileError(path, "SPECTRAL_NORM", value=value, expected="above 0")
     return Units("reflectance", 1 / value)
 
 
 def _names(path: Path, section: _Section) -> tuple[str, ...]:
-    """Of the first field with names that tells the patches apart."""
+    """Return the names in the first field in which they are unique."""
     present = [section.fields.index(field) for field in _NAMES if field in section.fields]
     for k in present:
         names = [words[k] for words in section.sets]
@@ -226,7 +220,8 @@ def write(scene: Scene, path: Path) -> None:
     """
     table = patch_table(scene, path)
     if table.units is None or table.units.quantity != "reflectance":
-        raise FileError(path, "cannot be written: CGATS holds reflectances, and the scene's are not known; write .csv")
+        what = "cannot be written: CGATS needs reflectances, and the scene's are unknown"
+        raise FileError(path, what, hint="Write .csv")
     fields = ["SAMPLE_ID", "SAMPLE_NAME", *(f"SPECTRAL_NM_{wavelength:g}" for wavelength in table.wavelength_nm)]
     lines = ["CGATS.17", 'ORIGINATOR "photosite"', f'DESCRIPTOR "{_plain(table.title or "")}"']
     lines += ['DEVICE_CLASS "INPUT"', 'SPECTRAL_NORM "1"', f'LGOROWLENGTH "{table.cols}"']

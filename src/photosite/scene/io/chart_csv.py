@@ -1,10 +1,10 @@
-"""Measured charts as CSV: a line per patch and a column per wavelength, or the other way round; the heading tells.
+"""Measured charts as CSV: a line per patch and a column per wavelength, or the reverse, by the heading.
 
     patch,400,410,420            wavelength_nm,white,grey
     white,0.81,0.85,0.88         400,0.81,0.19
     grey,0.19,0.19,0.19          410,0.85,0.19
 
-Commas, semicolons or tabs between; what follows a # is a note, and `# units: percent` says what the values are.
+Separated by commas, semicolons or tabs. Lines that begin with # are comments; `# units: percent` states the units.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from photosite.scene.units import Units, parse_units
 
 Line = tuple[int, list[str]]
 
-_NOTE = re.compile(r"#\s*(units|cols|title)\s*[:=]\s*(.+)", re.IGNORECASE)
+_COMMENT = re.compile(r"#\s*(units|cols|title)\s*[:=]\s*(.+)", re.IGNORECASE)
 _WAVELENGTH = re.compile(r"(?:lambda|wavelengths?|wl)?[ _]*(\d+(?:\.\d+)?) *(nm|um|µm)?", re.IGNORECASE)
 _AXIS = re.compile(
     r"(?:lambda|wavelengths?|wl|nm)(?:[ _]*[\[(]?(nm|um|µm|nanometers?|nanometres?)[\])]?)?", re.IGNORECASE
@@ -42,7 +42,7 @@ _EXPECTED = "a heading 'patch,400,410,...' with a line per patch, or 'wavelength
 
 
 def read(path: Path, options: ReadOptions) -> Scene:
-    """The chart that a file's patches make.
+    """Read a chart.
 
     Raises
     ------
@@ -53,58 +53,53 @@ def read(path: Path, options: ReadOptions) -> Scene:
 
 
 def read_patches(path: Path) -> PatchTable:
-    """The table in a file.
-
-    Parameters
-    ----------
-    path
-        The file.
+    """Read the table of a file.
 
     Raises
     ------
     FileError
-        If it is none; with the line where there is one.
+        If the file is not such a table; with the line where known.
     """
-    notes, lines = _lines(read_text(path))
+    comments, lines = _lines(read_text(path))
     if len(lines) < 2:
-        raise FileError(path, f"holds no chart: expected {_EXPECTED}")
+        raise FileError(path, f"has no chart; expected {_EXPECTED}")
     heading, body = lines[0], lines[1:]
     for line_number, cells in body:
         if len(cells) != len(heading[1]):
-            raise FileError(path, f"expected {len(heading[1])} cells as in the heading, got {len(cells)}", line_number)
+            expected = f"{len(heading[1])} as in the heading"
+            raise FileError(path, "number of cells", line_number, value=len(cells), expected=expected)
     if axis := _AXIS.fullmatch(heading[1][0]):
         table = _by_lines(path, heading, body, axis[1])
     else:
         table = _by_columns(path, heading, body)
     try:
-        units: Units | None = parse_units(notes["units"]) if "units" in notes else None
+        units: Units | None = parse_units(comments["units"]) if "units" in comments else None
     except InputError as error:
-        raise FileError(path, str(error)) from None
-    across = notes.get("cols", "")
-    cols = patches_across(across)
-    return PatchTable(path, table.names, table.wavelength_nm, table.values, units, cols, notes.get("title"))
+        raise error.in_file(path) from None
+    cols = patches_across(comments.get("cols", ""))
+    return PatchTable(path, table.names, table.wavelength_nm, table.values, units, cols, comments.get("title"))
 
 
 def _lines(text: str) -> tuple[dict[str, str], list[Line]]:
-    """What notes say, and the lines that hold something, in cells."""
-    notes: dict[str, str] = {}
+    """Return the values in comments, and the cells of the other lines."""
+    comments: dict[str, str] = {}
     kept: list[tuple[int, str]] = []
     for line_number, line in enumerate(text.split("\n"), start=1):
-        if match := _NOTE.fullmatch(line.strip()):
-            notes[match[1].lower()] = " ".join(match[2].split())
+        if match := _COMMENT.fullmatch(line.strip()):
+            comments[match[1].lower()] = " ".join(match[2].split())
         elif not line.lstrip().startswith("#") and line.strip(" ,;\t"):
             kept.append((line_number, line))
     mark = max("\t;,", key=kept[0][1].count) if kept else ","
-    return notes, [
+    return comments, [
         (at, [cell.strip() for cell in row]) for at, line in kept for row in csv.reader([line], delimiter=mark)
     ]
 
 
 def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
-    """A line per patch: the first column names it, those headed by a wavelength are its spectrum."""
+    """Parse a line per patch: its name first, then its spectrum in the columns headed by a wavelength."""
     found = [(k, match) for k, cell in enumerate(heading[1]) if (match := _WAVELENGTH.fullmatch(cell))]
     if not found or found[0][0] == 0:
-        raise FileError(path, f"has a heading without wavelengths; expected {_EXPECTED}", heading[0])
+        raise FileError(path, f"the heading has no wavelengths; expected {_EXPECTED}", heading[0])
     grid = wavelengths_in_nm(path, [float(match[1]) for _, match in found], _unit(path, heading, found), None)
     values = [[number(path, cells[k], at, f"'{heading[1][k]}'", gaps=True) for k, _ in found] for at, cells in body]
     names = checked_names(path, [cells[0] for _, cells in body], [at for at, _ in body])
@@ -114,15 +109,15 @@ def _by_columns(path: Path, heading: Line, body: list[Line]) -> PatchTable:
 def _unit(path: Path, heading: Line, found: list[tuple[int, re.Match[str]]]) -> str | None:
     units = {match[2] for _, match in found}
     if len(units) > 1:
-        raise FileError(path, "has wavelengths of several units, or some without one, in its heading", heading[0])
+        raise FileError(path, "the wavelengths in the heading have mixed units", heading[0])
     return units.pop()
 
 
 def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> PatchTable:
-    """A line per wavelength: a column per patch."""
+    """Parse a line per wavelength and a column per patch."""
     names = heading[1][1:]
     if not names:
-        raise FileError(path, f"has wavelengths and no patches; expected {_EXPECTED}", heading[0])
+        raise FileError(path, f"the heading has no patches; expected {_EXPECTED}", heading[0])
     wavelengths = [number(path, cells[0], at, "a wavelength") for at, cells in body]
     unit = "nm" if heading[1][0].lower() == "nm" else unit
     grid = wavelengths_in_nm(path, wavelengths, unit, None)
@@ -134,7 +129,7 @@ def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> 
 
 
 def write(scene: Scene, path: Path) -> None:
-    """Write the patches of a chart: reflectances where they are known, else energy radiance.
+    """Write the patches of a chart: reflectances where known, else energy radiance.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """ENVI: a text header (.hdr) and a file of plain numbers beside it, read through the `spectral` library.
 
 Fields used: samples, lines, bands, header offset, data type, interleave, byte order; wavelength and wavelength units;
-reflectance scale factor (values over it are reflectance); data gain values (times, per band); data ignore value; bbl,
-the list of bad bands (those marked 0 are left out); data units, which photosite writes and reads as
-`photosite.scene.units` has them, with distance m, width m and light.
+reflectance scale factor (a divisor); data gain values (a factor per band); data ignore value; bbl, the list of bad
+bands (those marked 0 are skipped); and, written by photosite, data units (see `photosite.scene.units`), distance m,
+width m and light.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ _BLOCK_BYTES = 32 << 20
 _INTERLEAVES: tuple[Interleave, ...] = ("bsq", "bil", "bip")
 
 
-def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
-    """The cube of an ENVI file, given by its header or by its numbers.
+def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
+    """Open the cube of an ENVI file, named by its header or by its data.
 
     Raises
     ------
     FileError
-        If one of the two is missing, they do not fit, or the header lacks what is needed.
+        If one of the two is missing, they do not fit together, or the header lacks required fields.
     """
     header_path = _header_of(path)
     header = _read_header(header_path)
-    with _complaints(header_path):
+    with _library_errors(header_path):
         from spectral.io import envi
 
         envi.check_compatibility(header)
@@ -55,33 +55,30 @@ def open_cube(path: Path, said: ReadOptions) -> SpectralCube:
         offset = int(layout.offset)
     interleave = next((kind for kind in _INTERLEAVES if kind == str(header["interleave"]).lower()), None)
     if dtype.kind not in "fiu":
-        raise FileError(
-            header_path,
-            f"has data of type {header.get('data type')} ({dtype}); a scene's are integers or real floats: "
-            "save magnitudes as type 4",
-        )
-    if interleave is None or min(shape) <= 0 or offset < 0:
-        raise FileError(
-            header_path, f"says {shape} lines, samples, bands of {dtype}, interleave '{header['interleave']!s:.10}'"
-        )
+        hint = "Save magnitudes as type 4"
+        raise FileError(header_path, "data type", value=str(dtype), expected="integers or real floats", hint=hint)
+    if interleave is None:
+        raise FileError(header_path, "interleave", value=str(header["interleave"]), expected="bsq, bil or bip")
+    if min(shape) <= 0 or offset < 0:
+        raise FileError(header_path, "lines, samples and bands", value=shape, expected="above 0")
     if str(header.get("file compression", "0")).strip() not in ("0", ""):
-        raise FileError(header_path, "says that its data are compressed; save them without compression")
+        raise FileError(header_path, "has compressed data", hint="Save it without compression")
     if str(header.get("file type", "")).strip().lower() == "envi spectral library":
-        raise FileError(header_path, "is a library of spectra, and no image")
+        raise FileError(header_path, "is a library of spectra, not an image")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
     values = _list(header_path, header, "wavelength", bands)
     unit = str(header["wavelength units"]) if "wavelength units" in header else None
     if unit is not None and unit.strip().lower() in ("", "unknown"):
         unit = None
-    units = _units(header_path, header, said)
+    units = _units(header_path, header, options)
     gain = _list(header_path, header, "data gain values", bands)
     if _list(header_path, header, "data offset values", bands, 0.0) is not None:
-        raise FileError(header_path, "has data offset values, which are not read; save the data with them applied")
+        raise FileError(header_path, "has data offset values, which are not supported", hint="Apply them to the data")
     cube = RawCube(
         name=str(path),
         shape=shape,
-        wavelength_nm=wavelengths_in_nm(header_path, values, unit, said.wavelength_nm),
+        wavelength_nm=wavelengths_in_nm(header_path, values, unit, options.wavelength_nm),
         quantity=units.quantity,
         light=_list(header_path, header, "light", bands),
         distance_m=_number(header_path, header, "distance m"),
@@ -106,7 +103,7 @@ def _header_of(path: Path) -> Path:
     with path.open("rb") as file:
         if file.read(4) == b"ENVI":
             return path
-    raise FileError(path, f"has no header: {path.with_suffix('.hdr').name} is not beside it")
+    raise FileError(path, f"has no header {path.with_suffix('.hdr').name} beside it")
 
 
 def _data_of(path: Path, header_path: Path) -> Path:
@@ -116,30 +113,30 @@ def _data_of(path: Path, header_path: Path) -> Path:
         for candidate in {header_path.with_suffix(suffix), header_path.with_suffix(suffix.upper())}:
             if candidate.is_file() and candidate != header_path:
                 return candidate
-    raise FileError(
-        path, f"has no data beside it: {header_path.with_suffix('.img').name}, or the name without ending, say"
-    )
+    raise FileError(path, f"has no data beside it, such as {header_path.with_suffix('.img').name}")
 
 
 @contextmanager
-def _complaints(path: Path) -> Iterator[None]:
-    """What the library stumbles over, as one line."""
+def _library_errors(path: Path) -> Iterator[None]:
+    """Turn the library's exceptions into a `FileError`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # names of fields in capitals
+            warnings.simplefilter("ignore")  # field names in capitals
             yield
     except ImportError:
-        raise FileError(path, "reading ENVI needs the extra 'spectral': pip install 'photosite[spectral]'") from None
+        hint = "Run pip install 'photosite[spectral]'"
+        raise FileError(path, "is ENVI, which needs the extra 'spectral'", hint=hint) from None
     except KeyError as error:
-        raise FileError(path, f"is no whole ENVI header: {error} is missing or unknown") from None
-    except Exception as error:  # the library raises whatever its parsing runs into
-        if isinstance(error, FileError):
-            raise
-        raise FileError(path, f"is no ENVI header that can be read ({' '.join(str(error).split())})") from None
+        raise FileError(path, f"is not a complete ENVI header: {error} is missing or unknown") from None
+    except FileError:
+        raise
+    except Exception as error:  # the exceptions of the library's parser
+        reason = " ".join(str(error).split())[:200]
+        raise FileError(path, f"cannot be read as an ENVI header ({reason})") from None
 
 
 def _read_header(path: Path) -> Mapping[str, Any]:
-    with _complaints(path):
+    with _library_errors(path):
         from spectral.io import envi
 
         header: Mapping[str, Any] = envi.read_envi_header(str(path))
@@ -148,63 +145,53 @@ def _read_header(path: Path) -> Mapping[str, Any]:
 
 def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
     size = data_path.stat().st_size
-    if size == wanted:
-        return
-    why = "it is truncated, or " if size < wanted else ""
-    raise FileError(
-        data_path,
-        f"has {size} bytes, and its header {header_path.name} describes {wanted}: {why}lines, samples, bands, data "
-        "type or header offset are not this file's",
-    )
+    if size != wanted:
+        hint = f"Check that the file is complete and that {header_path.name} is its header"
+        raise FileError(data_path, "size", value=f"{size} bytes", expected=f"{wanted} bytes by its header", hint=hint)
 
 
 def _good_bands(path: Path, header: Mapping[str, Any], bands: int) -> NDArray[np.bool_]:
-    """(bands,) whether each is marked as good (bbl): 1, or above 0; those marked 0 are left out, and that is said."""
+    """Return (bands,) whether each band is good: bbl is not 0. Warn of bad bands."""
     listed = _list(path, header, "bbl", bands)
     if listed is None or (listed != 0).all():
         return np.ones(bands, np.bool_)
     bad = np.flatnonzero(listed == 0)
     if len(bad) == bands:
-        raise FileError(path, "marks all its bands as bad (bbl); mark those that are good with 1, or take bbl out")
-    warnings.warn(
-        f"{path}: {len(bad)} of {bands} bands are marked as bad (bbl) and left out, the first band {bad[0] + 1}; take "
-        "bbl out of the header to use them",
-        PhotositeWarning,
-        stacklevel=3,
-    )
+        raise FileError(path, "marks all its bands as bad (bbl)", hint="Mark good bands with 1, or remove bbl")
+    what = f"{len(bad)} of {bands} bands are marked as bad (bbl) and skipped, the first is band {bad[0] + 1}"
+    hint = "Remove bbl from the header to use them"
+    warnings.warn(PhotositeWarning(what, where=str(path), hint=hint), stacklevel=3)
     return np.asarray(listed != 0)
 
 
-def _units(path: Path, header: Mapping[str, Any], said: ReadOptions) -> Units:
+def _units(path: Path, header: Mapping[str, Any], options: ReadOptions) -> Units:
     factor = _number(path, header, "reflectance scale factor")
     stated = next((header[name] for name in _UNIT_FIELDS if name in header), None)
     if factor is None:
-        return file_units(path, said, stated)
+        return file_units(path, options, stated)
     own, text = Units("reflectance", 1 / factor), f"reflectance scale factor = {factor:g}"
-    if said.units is None:
-        units = own if stated is None else file_units(path, said, stated)
+    if options.units is None:
+        units = own if stated is None else file_units(path, options, stated)
         return units if units.quantity != "reflectance" else own
     try:
         if stated is not None and (units := parse_units(str(stated)[:80])).quantity != "reflectance":
             own, text = units, str(stated)
-    except InputError:  # what is not understood cannot contradict
+    except InputError:  # unknown units cannot contradict
         pass
-    return override_units(path, said.units, text, own)
+    return override_units(path, options.units, text, own)
 
 
 def _list(path: Path, header: Mapping[str, Any], name: str, bands: int, neutral: float | None = None) -> Array | None:
-    """(bands,) numbers of a field; None where it is missing, or `neutral` throughout."""
+    """Return a field's (bands,) numbers; None where it is missing, or `neutral` throughout."""
     if name not in header:
         return None
     given = header[name]
     try:
         values = np.array([float(value) for value in (given if isinstance(given, list) else [given])])
     except ValueError:
-        raise FileError(path, f"its '{name}' holds something that is no number") from None
-    if values.size != bands:
-        raise FileError(path, f"its '{name}' has {values.size} entries for {bands} bands")
-    if not np.isfinite(values).all():
-        raise FileError(path, f"its '{name}' holds something that is not finite")
+        values = np.empty(0)
+    if values.size != bands or not np.isfinite(values).all():
+        raise FileError(path, name, value=given, expected=f"{bands} finite numbers, one for each band")
     return None if neutral is not None and (values == neutral).all() else values
 
 
@@ -214,14 +201,14 @@ def _number(path: Path, header: Mapping[str, Any], name: str, *, any_sign: bool 
     try:
         value = float(header[name])
     except (ValueError, TypeError):
-        raise FileError(path, f"its '{name}' is '{header[name]!s:.20}', not a number") from None
+        raise FileError(path, name, value=header[name], expected="a number") from None
     if not any_sign and not (math.isfinite(value) and value > 0):
-        raise FileError(path, f"its '{name}' is {value:g}, not above 0")
-    return value if math.isfinite(value) else None  # NaN is no data without being said
+        raise FileError(path, name, value=value, expected="above 0")
+    return value if math.isfinite(value) else None  # NaN is missing data in any case
 
 
 def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
-    """Header and numbers (.img) of a scene's photon radiance at every sample, in single precision, block by block.
+    """Write header and data (.img) of a scene's photon radiance at every sample, in single precision.
 
     Raises
     ------
@@ -232,9 +219,9 @@ def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
     """
     kind = next((kind for kind in _INTERLEAVES if kind == interleave), None)
     if kind is None:
-        raise InputError(f"interleave is 'bsq', 'bil' or 'bip', not '{interleave}'")
+        raise InputError("interleave", value=interleave, expected="'bsq', 'bil' or 'bip'")
     if path.suffix.lower() != ".hdr":
-        raise FileError(path, f"cannot be written: name the header, {path.with_suffix('.hdr').name}")
+        raise FileError(path, "name", value=path.name, expected=f"that of the header, {path.with_suffix('.hdr').name}")
     cube = cube_of_scene(scene)
     rows, cols, bands = cube.shape
     with atomic_path(path) as header, atomic_path(path.with_suffix(".img")) as numbers:

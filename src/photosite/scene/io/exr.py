@@ -30,7 +30,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Block, CubeHead, SpectralCube
-from photosite.scene.io.picture import check_options, scene_of_light
+from photosite.scene.io.picture import scene_of_light
 from photosite.scene.io.units import override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import primaries_to_srgb
@@ -325,7 +325,6 @@ def _picture(part: ExrPart, names: tuple[str, str, str], options: ReadOptions) -
     The attribute `chromaticities` defines red, green and blue; `whiteLuminance` is the luminance of 1 in all three, in
     cd/m2, unless the options give the mean.
     """
-    check_options(part.path, options)
     mean, white = options.mean_luminance_cd_m2, part.number("whiteLuminance")
     if mean is None and white is None:
         raise FileError(

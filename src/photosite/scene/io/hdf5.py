@@ -438,9 +438,6 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
     path, datasets, attributes = file.path, file.datasets, file.attributes(file.file)
     if attributes[VERSION_KEY] != 1:
         raise FileError(path, "version of the scene file", value=attributes[VERSION_KEY], expected="1")
-    for name in ("units", "wavelength_nm", "variable"):
-        if getattr(options, name) is not None:
-            raise FileError(path, f"is a scene file, to which {name} does not apply", hint=f"Leave {name} out")
     for name in ("weights", "basis", "wavelength_nm"):
         if name not in datasets:
             raise FileError(path, f"is a scene file without '{name}'", hint="Check that the file is complete")

@@ -1,6 +1,6 @@
-"""Measured charts: a table of named spectra, and the chart that is drawn from it or was.
+"""Measured charts: a table of named spectra, to and from the scene of a chart.
 
-How files write such a table: `photosite.scene.io.cgats`, `photosite.scene.io.chart_csv`.
+File formats of such tables: `photosite.scene.io.cgats`, `photosite.scene.io.chart_csv`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from photosite.scene.units import Units, bright_count, check_reflectances
 from photosite.values.region import Region
 
 LARGEST_BYTES = 1 << 24
-"""Of a file that is read at all: 20 000 patches of 100 wavelengths."""
+"""Limit for a file: 20 000 patches of 100 wavelengths."""
 
-_WILD_SHARE = 0.02
-"""Of a chart's values: a white among 24 patches is more of them."""
+_OUTLIER_SHARE = 0.02
+"""Share of a chart's values; a white among 24 patches is more."""
 _LONGEST_ROW = 8
-"""Patches that lie in one row for their names alone; a chart of more has rows."""
+"""Patches that may form one row by their names alone."""
 _UNEVEN = 1e-3
-"""RMS difference from a patch's mean, relative to that, above which it is said that the mean alone is written."""
+"""RMS difference from a patch's mean, relative to the mean, above which writing the mean alone is a warning."""
 _BRIGHTEST_FRACTION, _DARKEST_PERCENT, _CHART_OF = 1.3, 5.0, 6
-"""No reflectance factor is above 5, not of fluorescence; and of 6 patches or more, one reflects more than 1.3 %."""
+"""Reflectance factors are below 5, fluorescence included; of 6 patches or more, one reflects more than 1.3 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +47,17 @@ class PatchTable:
     path
         The file.
     names
-        Of the patches, all different.
+        Names of the patches, all different.
     wavelength_nm
         (wavelengths,) in the file's order.
     values
-        (patches, wavelengths) as the file has them.
+        (patches, wavelengths) as in the file.
     units
-        Of the values, where the file says them.
+        Units of the values, where the file states them.
     cols
-        Patches across, where the file says it.
+        Patches across, where the file states them.
     title
-        What the file calls itself.
+        Title in the file.
     """
 
     path: Path
@@ -70,14 +70,14 @@ class PatchTable:
 
 
 def read_text(path: Path) -> str:
-    """A file's text, in UTF-8 (with or without its mark), UTF-16 with its mark, or else Windows-1252.
+    """Read a file's text: UTF-8 (with or without a byte order mark), UTF-16 with one, or else Windows-1252.
 
-    What cannot be printed is read as U+FFFD, so that an error line can show it.
+    Unprintable characters become U+FFFD, so that messages can show them.
 
     Raises
     ------
     FileError
-        If it cannot be read or is too large for a chart's.
+        If the file cannot be read or is too large.
     """
     content = read_small(path, "a chart's table", LARGEST_BYTES)
     marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
@@ -94,45 +94,45 @@ def _printable(line: str) -> str:
 
 
 def number(path: Path, text: str, line: int | None, what: str, *, gaps: bool = False) -> float:
-    """A finite number, or NaN where there may be gaps and nothing or NaN stands; a decimal comma is understood.
+    """Parse a finite number, with a decimal point or comma; with `gaps`, empty text and NaN are NaN.
 
     Raises
     ------
     FileError
-        If it is none.
+        If the text is not such a number.
     """
     if gaps and not text.strip():
         return math.nan
     try:
         value = float(text.replace(",", ".") if text.count(",") == 1 else text)
     except ValueError:
-        raise FileError(path, f"expected a number for {what}, got {text[:40]!r}", line) from None
+        raise FileError(path, what, line, value=text[:40], expected="a number") from None
     if math.isinf(value) or (math.isnan(value) and not gaps):
-        raise FileError(path, f"expected a finite number for {what}, got {text[:40]!r}", line)
+        raise FileError(path, what, line, value=text[:40], expected="a finite number")
     return value
 
 
 def patches_across(text: str) -> int | None:
-    """A number of patches that a file says, or None where it says none that could be."""
+    """Parse a number of patches; return None if it is invalid."""
     return int(text) if re.fullmatch(r"[1-9]\d{0,3}", text.strip(), re.ASCII) else None
 
 
 def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
-    """The chart of a table: reflectances under a light, or radiances as they are.
+    """Return the chart of a table: reflectances under an illuminant, or radiances as they are.
 
-    Patches whose names are a letter and a number (A1, B12) and fill a rectangle lie there, letters down and numbers
-    across, as ISO 12641 has it; others in the order of the file, `options.patch_cols` across, or as many as the file
-    says, or half as many again across as down. More than 8 that would make one row (P1 to P24) count as others, and
-    that is said.
+    Patches whose names are a letter and a number (A1, B12) and fill a rectangle are placed by name, letters down and
+    numbers across, as in ISO 12641. Others keep the order of the file: `options.patch_cols` across, or as stated in the
+    file, or half as many again across as down. More than 8 names that would form one row (P1 to P24) are placed in this
+    way too, with a warning.
 
     Raises
     ------
     FileError
-        If the table does not say what is needed and the options do not either, or a spectrum cannot be.
+        If required data are neither in the table nor in the options, or a spectrum is invalid.
     """
     if options.wavelength_nm is not None:
-        raise FileError(table.path, "says its wavelengths itself; leave wavelength_nm out")
-    table = _taken(table, options)
+        raise FileError(table.path, "states its wavelengths", hint="Leave wavelength_nm out")
+    table = _selected(table, options)
     units = _units(table, options)
     values = _without_gaps(table, options) * units.scale
     if units.quantity == "reflectance":
@@ -141,20 +141,18 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
     names, values = tuple(table.names[k] for k in places), values[places]
     title = table.title or table.path.stem
     if units.quantity == "reflectance":
-        if options.illuminant is None:
+        if options.illuminant is None or options.mean_luminance_cd_m2 is None:
             raise FileError(
                 table.path,
-                "holds reflectances; say the light on them (illuminant='D65', mean_luminance_cd_m2=100)",
-            )
-        if options.mean_luminance_cd_m2 is None:
-            raise FileError(
-                table.path, "holds reflectances; say how bright they are lit on average (mean_luminance_cd_m2=100)"
+                "has reflectances, which need an illuminant and a luminance",
+                hint="Pass {illuminant} and {mean_luminance_cd_m2}",
+                arguments={"illuminant": "D65", "mean_luminance_cd_m2": 100},
             )
         light: str | float | Spectrum = options.illuminant
     else:
         light = _even_light(table, units, options)
     if not values.any():
-        raise FileError(table.path, "holds darkness: all its values are 0")
+        raise FileError(table.path, "has no light: all values are 0")
     try:
         chart = reflectance_chart(
             values,
@@ -170,13 +168,13 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
             width_m=options.width_m,
         )
     except InputError as error:
-        raise FileError(table.path, str(error)) from None
+        raise error.in_file(table.path) from None
     if units.quantity == "reflectance":
         return chart
     chart = replace(chart, reflectance=None, name=title)
     if options.mean_luminance_cd_m2 is not None:
         return chart
-    # A chart is drawn to a luminance: back to the radiance measured.
+    # Charts are drawn to a luminance; scale back to the measured radiance.
     brightest = int(values.sum(axis=1).argmax())
     region = chart.regions[brightest]
     measured = values[brightest] * _photons(units, table.wavelength_nm)
@@ -184,22 +182,23 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
 
 
 def patch_table(scene: Scene, path: Path) -> PatchTable:
-    """The named patches of a scene: mean reflectance where it is known, else energy radiance.
+    """Return the named patches of a scene: mean reflectance where it is known, else energy radiance.
 
     Parameters
     ----------
     scene
         A scene with regions.
     path
-        The file that the table is for.
+        The file to be written, for messages.
 
     Raises
     ------
     FileError
-        If it has no regions.
+        If the scene has no regions.
     """
     if not scene.regions:
-        raise FileError(path, f"cannot be written: '{scene.name}' has no patches; write it as an image (.h5, .exr)")
+        hint = "Write it as an image (.h5, .exr)"
+        raise FileError(path, f"cannot be written: the scene '{scene.name}' has no patches", hint=hint)
     basis = scene.reflectance
     units = Units("reflectance")
     if basis is None:
@@ -210,13 +209,8 @@ def patch_table(scene: Scene, path: Path) -> PatchTable:
     ]
     uneven = max(_unevenness(scene, part) for part in scene.regions)
     if uneven > _UNEVEN:
-        warnings.warn(
-            PhotositeWarning(
-                f"{path}: holds the means of patches that are not even (up to {uneven:.1%} RMS within one); write "
-                ".h5 to keep the scene as it is"
-            ),
-            stacklevel=3,
-        )
+        what = f"only the means of uneven patches are written (up to {uneven:.1%} RMS within one)"
+        warnings.warn(PhotositeWarning(what, where=str(path), hint="Write .h5 to keep the scene"), stacklevel=3)
     across = {part.c0 for part in scene.regions}
     names = tuple(part.name for part in scene.regions)
     title = scene.name.split(", illuminant ")[0] if units.quantity == "reflectance" else scene.name
@@ -224,7 +218,7 @@ def patch_table(scene: Scene, path: Path) -> PatchTable:
 
 
 def _unevenness(scene: Scene, part: Region) -> float:
-    """RMS of the radiance's difference from a patch's mean, relative to the mean's own."""
+    """Return the RMS difference of the radiance from a patch's mean, relative to the mean."""
     weights = scene.weights[:, part.r0 : part.r1, part.c0 : part.c1].reshape(len(scene.basis), -1).astype(np.float64)
     mean = weights.mean(axis=1)
     apart = weights - mean[:, None]
@@ -242,13 +236,15 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
     if table.units is not None:
         return table.units
     brightest = float(np.nanmax(table.values))
-    wild = np.argwhere(table.values > _BRIGHTEST_FRACTION)
-    if brightest > _DARKEST_PERCENT and len(wild) < _WILD_SHARE * table.values.size:
+    outliers = np.argwhere(table.values > _BRIGHTEST_FRACTION)
+    if brightest > _DARKEST_PERCENT and len(outliers) < _OUTLIER_SHARE * table.values.size:
         patch, band = np.unravel_index(int(np.nanargmax(table.values)), table.values.shape)
         raise FileError(
             table.path,
-            f"patch '{table.names[patch]}' has {brightest:g} at {table.wavelength_nm[band]:g} nm where nearly all else "
-            f"is below {_BRIGHTEST_FRACTION:g}; mend it, or say units='percent' if all are percent",
+            f"has an outlier, {brightest:g}, where nearly all values are below {_BRIGHTEST_FRACTION:g}",
+            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
+            hint="Correct it, or pass {units} if all are percent",
+            arguments={"units": "percent"},
         )
     if brightest > _DARKEST_PERCENT:
         return Units("reflectance", 0.01)
@@ -256,46 +252,51 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
         return Units("reflectance")
     raise FileError(
         table.path,
-        f"does not say whether its values, up to {brightest:g}, are percent or fractions; say units='percent' or "
-        "units='reflectance' (or the units of a radiance)",
+        f"does not state whether its values, up to {brightest:g}, are percent or fractions",
+        hint="Pass {units}, 'reflectance', or the units of a radiance",
+        arguments={"units": "percent"},
     )
 
 
-def _taken(table: PatchTable, options: ReadOptions) -> PatchTable:
-    """The bands that are wanted, in order of wavelength."""
+def _selected(table: PatchTable, options: ReadOptions) -> PatchTable:
+    """Return the wanted bands, in order of wavelength."""
     wanted = within_range(table.wavelength_nm, options.band_range_nm)
     if not wanted.any():
-        raise FileError(table.path, "has no wavelength in band_range_nm; choose another range")
+        raise FileError(table.path, "has no wavelength in band_range_nm", hint="Choose another range")
     grid, values = table.wavelength_nm[wanted], table.values[:, wanted]
     order = band_order(str(table.path), grid, sort=options.sort_bands)
     return replace(table, wavelength_nm=grid[order], values=values[:, order])
 
 
 def _without_gaps(table: PatchTable, options: ReadOptions) -> NDArray[np.float64]:
-    """The values, those that lack or are below 0 made 0 where that is said; how many is told."""
+    """Return the values; missing and negative ones are 0 where the options allow it, with a warning."""
     below, gaps = table.values < 0, np.isnan(table.values)
     if below.any() and options.negative != "zero":
         patch, band = np.argwhere(below)[0]
         raise FileError(
             table.path,
-            f"patch '{table.names[patch]}' has {table.values[patch, band]:g} at {table.wavelength_nm[band]:g} nm; "
-            "measure it again, or make what is below 0 zero (negative='zero')",
+            f"has a negative value, {table.values[patch, band]:g}",
+            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
+            hint="Measure it again, or pass {negative} to set negative values to 0",
+            arguments={"negative": "zero"},
         )
     if gaps.any() and options.no_data != "zero":
         patch, band = np.argwhere(gaps)[0]
         raise FileError(
             table.path,
-            f"patch '{table.names[patch]}' has no number at {table.wavelength_nm[band]:g} nm; measure it again, or "
-            "make what is missing 0 (no_data='zero')",
+            "has a missing value",
+            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
+            hint="Measure it again, or pass {no_data} to set missing values to 0",
+            arguments={"no_data": "zero"},
         )
     counts = ((int(gaps.sum()), "missing"), (int(below.sum()), "negative"))
-    if told := " and ".join(f"{count} {what}" for count, what in counts if count):
-        warnings.warn(PhotositeWarning(f"{table.path}: {told} values were taken as 0"), stacklevel=2)
+    if changed := " and ".join(f"{count} {what}" for count, what in counts if count):
+        warnings.warn(PhotositeWarning(f"{changed} values are set to 0", where=str(table.path)), stacklevel=2)
     return np.where(below | gaps, 0.0, table.values)
 
 
 def _layout(table: PatchTable, options: ReadOptions) -> tuple[int, int, list[int]]:
-    """Rows, columns, and the patches in the order of their places."""
+    """Return rows, columns, and the indices of the patches row by row."""
     count = len(table.names)
     in_order = list(range(count))
     if options.patch_cols is not None:
@@ -314,14 +315,15 @@ def _layout(table: PatchTable, options: ReadOptions) -> tuple[int, int, list[int
 
 
 def _near_square(table: PatchTable, in_order: list[int]) -> tuple[int, int, list[int]]:
-    """Patches that are numbered through: their names tell their order and no rows."""
+    """Place patches that are numbered consecutively, without rows."""
     count = len(in_order)
     cols = math.ceil(math.sqrt(1.5 * count))
+    names = f"{table.names[in_order[0]]} to {table.names[in_order[-1]]}"
     warnings.warn(
         PhotositeWarning(
-            f"{table.path}: the names of its {count} patches, {table.names[in_order[0]]} to "
-            f"{table.names[in_order[-1]]}, do not give rows; the chart has {cols} in a row",
-            hint="Pass the right number: {patch_cols}",
+            f"the names of the {count} patches, {names}, define no rows; they are placed {cols} across",
+            where=str(table.path),
+            hint="Pass {patch_cols} to choose the number",
             arguments={"patch_cols": cols},
         ),
         stacklevel=2,
@@ -335,30 +337,32 @@ def _photons(units: Units, grid: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _even_light(table: PatchTable, units: Units, options: ReadOptions) -> Spectrum:
-    """A light under which a reflectance chart's values are the radiances that were measured."""
+    """Return a light under which a chart of these reflectances has the measured radiances."""
     if options.illuminant is not None:
-        raise FileError(table.path, "holds radiances, whose light is in them; leave the illuminant out")
+        raise FileError(table.path, "has radiances, which include their light", hint="Leave the illuminant out")
     if units.quantity == "relative" and options.mean_luminance_cd_m2 is None:
         raise FileError(
-            table.path, "holds relative values; say how bright the chart is (mean_luminance_cd_m2=100) or their units"
+            table.path,
+            "has relative values, which need a luminance",
+            hint="Pass {mean_luminance_cd_m2}, or the units of a radiance",
+            arguments={"mean_luminance_cd_m2": 100},
         )
     energy = _photons(units, table.wavelength_nm) / photons_from_energy(1.0, table.wavelength_nm)
     return Spectrum(table.wavelength_nm, energy)
 
 
 def checked_names(path: Path, names: list[str], lines: list[int]) -> tuple[str, ...]:
-    """Names of patches.
+    """Return the names of patches.
 
     Raises
     ------
     FileError
-        If two are one; with the line of the second.
+        If a name occurs twice; with the line of the second.
     """
     seen: dict[str, int] = {}
     for name, line in zip(names, lines, strict=True):
         if name in seen:
-            raise FileError(
-                path, f"patch '{name[:40]}' stands in line {seen[name]} too; average them, or name one otherwise", line
-            )
+            hint = "Average them, or rename one"
+            raise FileError(path, f"patch '{name[:40]}' is in line {seen[name]} too", line, hint=hint)
         seen[name] = line
     return tuple(names)

@@ -180,19 +180,6 @@ def check_size(path: Path, rows: int, cols: int) -> None:
         raise FileError(path, "size", value=f"{rows} x {cols} pixels in {size} bytes", expected=expected)
 
 
-def check_options(path: Path, options: ReadOptions) -> None:
-    """Check that no options are given that do not apply to pictures.
-
-    Raises
-    ------
-    FileError
-        If one is given.
-    """
-    for name in ("units", "wavelength_nm", "variable"):
-        if getattr(options, name) is not None:
-            raise FileError(path, f"is a picture, to which {name} does not apply", hint=f"Leave {name} out")
-
-
 def scene_of_picture(path: Path, codes: NDArray[Any], space: RgbSpace, options: ReadOptions) -> Scene:
     """Return the scene of a display picture: (rows, cols, 3) codes of a color space.
 
@@ -201,7 +188,6 @@ def scene_of_picture(path: Path, codes: NDArray[Any], space: RgbSpace, options: 
     FileError
         If no luminance is given, or the colors cannot become reflectances.
     """
-    check_options(path, options)
     if options.mean_luminance_cd_m2 is None:
         raise FileError(
             path,

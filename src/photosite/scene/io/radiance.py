@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.color.colour_science import colour_science
 from photosite.errors import FileError
-from photosite.scene.io.picture import check_options, scene_of_light
+from photosite.scene.io.picture import scene_of_light
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 
@@ -43,7 +43,6 @@ def read(path: Path, options: ReadOptions) -> Scene:
     absolute = options.units is not None and options.units.strip().lower() == "radiance"
     if options.units is not None and not absolute:
         raise FileError(path, "units", value=options.units, expected="'radiance' for a Radiance picture in W/sr/m2")
-    check_options(path, ReadOptions(wavelength_nm=options.wavelength_nm, variable=options.variable))
     if absolute and options.mean_luminance_cd_m2 is not None:
         raise FileError(path, "units and mean_luminance_cd_m2 are both given", hint="Leave one of them out")
     if options.mean_luminance_cd_m2 is None and not absolute:
