@@ -12,8 +12,8 @@ from typing import Any
 
 from photosite.errors import InputError, PhotositeError, PythonSpelling, did_you_mean
 from photosite.scene.built_in import BUILT_IN_SCENES, DEFAULT_ILLUMINANT, built_in_scene, chart_options, check_built_in
-from photosite.scene.io.picture import read_alpha
 from photosite.scene.io.files import read_scene
+from photosite.scene.io.picture import read_alpha
 from photosite.scene.options import ReadOptions
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene

@@ -1,4 +1,4 @@
-"""How a picture's file is raised to spectra: by one name wherever a file is read, refused where it means nothing."""
+"""The method that makes spectra of a picture's colors: the same option wherever files are read."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def assert_same(one: Scene, other: Scene) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif"])
-def test_a_picture_is_raised_as_is_said(tmp_path: Path, name: str) -> None:
+def test_a_picture_uses_the_method(tmp_path: Path, name: str) -> None:
     file = picture(tmp_path, name)
     assert_same(read_scene(file, **SMOOTH), from_srgb(CODES, method="jakob-hanika"))
     plain = read_scene(file, method="mallett-yuksel", mean_luminance_cd_m2=40.0)
@@ -45,34 +45,35 @@ def test_a_picture_is_raised_as_is_said(tmp_path: Path, name: str) -> None:
     assert len(plain.basis) == 3
 
 
-def test_the_tolerance_is_that_of_the_smooth_spectra(tmp_path: Path) -> None:
+def test_the_tolerance_applies_to_smooth_spectra(tmp_path: Path) -> None:
     fine, coarse = (read_scene(picture(tmp_path), tolerance=share, **SMOOTH) for share in (1e-4, 1e-2))
     assert len(fine.basis) > len(coarse.basis)
     assert fine.relative_error < 1e-4 < coarse.relative_error < 1e-2
 
 
-def test_a_request_and_a_conversion_hand_it_on(tmp_path: Path) -> None:
+def test_requests_and_conversions_pass_the_method_on(tmp_path: Path) -> None:
     file = picture(tmp_path)
     wanted = read_scene(file, **SMOOTH)
-    asked = SceneRequest(str(file), mean_luminance_cd_m2=40.0, options={"method": "jakob-hanika"})
+    asked = SceneRequest(str(file), {"method": "jakob-hanika", "mean_luminance_cd_m2": 40.0})
     assert_same(asked.scene(), wanted)
     coarse = convert(file, tmp_path / "a.h5", tolerance=0.01, **SMOOTH)
     assert coarse.components < len(wanted.basis)
     assert len(read_scene(tmp_path / "a.h5").basis) == coarse.components
-    with pytest.raises(FileError, match="leave the tolerance out"):
+    with pytest.raises(FileError):
         convert(file, tmp_path / "a.h5", tolerance=0.01, mean_luminance_cd_m2=40.0)
 
 
 @pytest.mark.parametrize("name", ["a.h5", "a.mat", "a.tif", "a.hdr", "a.csv", "a.exr"])
-def test_what_is_no_display_picture_refuses_it(tmp_path: Path, name: str) -> None:
+def test_other_files_have_no_method(tmp_path: Path, name: str) -> None:
     write_scene(macbeth(), tmp_path / name)
-    with pytest.raises(FileError, match=r"method says how the colours of a display picture .* leave it out") as caught:
+    with pytest.raises(FileError) as caught:
         read_scene(tmp_path / name, **SMOOTH)
-    assert "\n" not in str(caught.value)
+    assert caught.value.arguments == {"method": "jakob-hanika"}
 
 
-def test_a_method_that_is_none_and_a_formula(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no method 'jakob'; known are: mallett-yuksel"):
+def test_unknown_methods_and_built_in_scenes(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
         read_scene(picture(tmp_path), method="jakob")
-    with pytest.raises(InputError, match="no option 'method'"):
-        SceneRequest("ramp", options={"method": "jakob-hanika"}).scene()
+    assert (caught.value.what, caught.value.value) == ("method", "jakob")
+    with pytest.raises(InputError, match="method"):
+        SceneRequest("ramp", {"method": "jakob-hanika"}).scene()
