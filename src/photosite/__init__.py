@@ -1,7 +1,7 @@
 """photosite measures image sensors and simulates the cameras around them.
 
-The public face: frames of darkness and of flat light become a sensor file; a spectral scene, a lens and that file
-become simulated raw frames; measured and simulated frames are compared. Names are imported when first used.
+Dark frames and flat fields give a sensor file. A spectral scene, a lens and a sensor file give simulated raw frames.
+Measured and simulated frames are compared. Public names are imported on first use.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-# Not when first used: the folder has the same name, and whoever imported from it first would have hidden the function.
+# Imported here, because the folder of the same name would hide the function after `import photosite.develop`.
 from photosite.develop.develop import develop as develop
 
 __version__ = "0.1.0"
 
-_HOMES = {
+_MODULE_OF = {
     "Camera": "photosite.camera.camera",
     "DiffractionLimited": "photosite.optics.diffraction",
     "Distortion": "photosite.optics.distortion",
@@ -61,7 +61,7 @@ _MODULES = {
     "render": "photosite.scene.render",
 }
 
-__all__ = [*_HOMES, *_MODULES, "__version__", "develop"]
+__all__ = [*_MODULE_OF, *_MODULES, "__version__", "develop"]
 
 if TYPE_CHECKING:
     from photosite.calibration.calibrate import calibrate as calibrate
@@ -111,10 +111,10 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
         value: Any = importlib.import_module(_MODULES[name])
-    elif name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
+    elif name in _MODULE_OF:
+        value = getattr(importlib.import_module(_MODULE_OF[name]), name)
     else:
-        raise AttributeError(f"photosite has no '{name}'")
+        raise AttributeError(f"module 'photosite' has no attribute '{name}'")
     globals()[name] = value
     return value
 

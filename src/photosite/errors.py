@@ -266,10 +266,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     Examples
     --------
     >>> did_you_mean("fil_factor", ["fill_factor", "width_um"])
-    "did you mean 'fill_factor'?"
+    "Did you mean 'fill_factor'?"
     >>> did_you_mean("zzz", ["fill_factor", "width_um"])
-    'known are: fill_factor, width_um'
+    'Known are: fill_factor, width_um'
     """
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1)
-    return f"did you mean '{close[0]}'?" if close else "known are: " + ", ".join(names)
+    return f"Did you mean '{close[0]}'?" if close else "Known are: " + ", ".join(names)

@@ -149,7 +149,7 @@ def test_errors_of_the_scene_name_line_and_field(tmp_path: Path, text: str, line
     ],
 )
 def test_misspelled_names_get_the_similar_one(tmp_path: Path, text: str, meant: str) -> None:
-    with pytest.raises(FileError, match=f"did you mean '{meant}'"):
+    with pytest.raises(FileError, match=f"Did you mean '{meant}'"):
         load_camera(written(tmp_path, text))
 
 

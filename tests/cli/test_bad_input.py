@@ -75,13 +75,13 @@ def test_misspelt_field_names_line_and_meaning(refused: Any, tmp_path: Path) -> 
     for arguments in (["sensors", "check", file], ["simulate", *SMALL, "--sensor", file, "-o", tmp_path / "s.dng"]):
         message = refused(*arguments)
         assert f"{file}:{line}: " in message
-        assert "did you mean 'fill_factor'?" in message
+        assert "Did you mean 'fill_factor'?" in message
 
 
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--illuminant", "D66", "did you mean 'D65'?"),
+        ("--illuminant", "D66", "Did you mean 'D65'?"),
         ("--scene", "macbet", "'macbeth'"),
         ("--luminance", "0", "above 0"),
         ("--f-number", "-8", "above 0"),

@@ -43,5 +43,5 @@ def test_a_folder_that_holds_something_is_left_alone(photosite: Any, tmp_path: P
 def test_a_wrong_chapter_leaves_nothing(photosite: Any, tmp_path: Path) -> None:
     wrong = photosite("reproduce", "farrell2008", "-o", tmp_path / "out", "--only", "tabel1")
     assert (wrong.status, wrong.out) == (2, "")
-    assert "did you mean 'table1'?" in wrong.err
+    assert "Did you mean 'table1'?" in wrong.err
     assert not list(tmp_path.iterdir())

@@ -59,10 +59,10 @@ def test_version(photosite: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["simulat"], "did you mean 'simulate'?"),
-        (["sensors", "shw"], "did you mean 'show'?"),
-        (["sensors", "lst"], "did you mean 'list'?"),
-        (["sensors", "zzz"], "known are: list, show"),
+        (["simulat"], "Did you mean 'simulate'?"),
+        (["sensors", "shw"], "Did you mean 'show'?"),
+        (["sensors", "lst"], "Did you mean 'list'?"),
+        (["sensors", "zzz"], "Known are: list, show"),
         (["simulate", "--sead", "3"], "--seed"),
         (["simulate", "--seed", "-1"], "--seed"),
         (["shoot"], "--output"),

@@ -158,7 +158,7 @@ def test_errors_are_one_line(photosite: Any, file: Path) -> None:
     file.write_text(FILE.replace("zernike", "zernikes"), encoding="utf-8")
     refused = photosite("optics", "check", file)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
-    assert "mine.optics.yaml:6: blur: unknown field 'zernikes'. did you mean 'zernike'?" in refused.err
+    assert "mine.optics.yaml:6: blur: unknown field 'zernikes'. Did you mean 'zernike'?" in refused.err
     for option in ("--wavelength", "--distance"):
         for value in ("nan", "0.5" if option == "--wavelength" else "0"):
             file.write_text(FILE, encoding="utf-8")
@@ -166,4 +166,4 @@ def test_errors_are_one_line(photosite: Any, file: Path) -> None:
             assert (refused.status, refused.out, refused.err.count("\n")) == (2, "", 1)
     refused = photosite("optics", "check", file, "--wavelength", "nan")
     assert "--wavelength must be above 0, got nan" in refused.err
-    assert "did you mean 'check'" in photosite("optics", "chek", file).err
+    assert "Did you mean 'check'" in photosite("optics", "chek", file).err

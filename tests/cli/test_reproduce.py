@@ -33,7 +33,7 @@ def test_help_lists_the_conditions(photosite: Any) -> None:
 
 def test_wrong_calls_are_one_line(photosite: Any) -> None:
     for arguments, said in (
-        (("reproduce", "coverag"), "did you mean 'coverage'?"),
+        (("reproduce", "coverag"), "Did you mean 'coverage'?"),
         (("reproduce", "coverage", "--condition", "few-mono"), "few-mono-12"),
         (("reproduce", "coverage", "--sensors", "0"), "--sensors"),
         (("reproduce", "coverage", "--quick", "--sensors", "40"), "one of the two"),

@@ -182,7 +182,7 @@ def test_the_example_of_the_help_fills_the_range(photosite: Any, tmp_path: Path)
     [
         (
             ("--scene", "macbet"),
-            "no scene 'macbet': it is neither a built-in scene nor a file. did you mean 'macbeth'?",
+            "no scene 'macbet': it is neither a built-in scene nor a file. Did you mean 'macbeth'?",
         ),
         (("--scene", "gone.hdr"), "gone.hdr: cannot be read"),
         (("--scene-option", "contrast"), "expected NAME=VALUE"),
@@ -206,4 +206,4 @@ def test_errors_are_one_line(photosite: Any, tmp_path: Path, told: tuple[Any, ..
 def test_no_such_subcommand(photosite: Any) -> None:
     done = photosite("scenes", "shw")
     assert (done.status, done.out) == (2, "")
-    assert "no command 'scenes shw'; did you mean 'show'?" in done.err
+    assert "no command 'scenes shw'; Did you mean 'show'?" in done.err

@@ -225,4 +225,4 @@ def test_invalid_arguments(call: Callable[[], object], field: str) -> None:
 def test_unknown_names_are_answered_with_the_nearest(name: str, nearest: str) -> None:
     with pytest.raises(InputError) as caught:
         illuminant(name)
-    assert caught.value.hint == f"did you mean '{nearest}'?"
+    assert caught.value.hint == f"Did you mean '{nearest}'?"

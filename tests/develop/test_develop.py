@@ -130,7 +130,7 @@ def test_frames_that_cannot_be_developed():
     mono = RawFrame(np.ones((4, 4), np.uint16), bits=12)
     with raises(InputError, "a monochrome frame has no white balance"):
         develop(mono, (1, 1, 1))
-    with raises(InputError, "white_balance", hint="did you mean 'none'?"):
+    with raises(InputError, "white_balance", hint="Did you mean 'none'?"):
         develop(mono, "non")
 
 

@@ -51,7 +51,7 @@ def test_files_that_cannot_be_read(tmp_path):
 
 def test_keys_and_texts():
     data = parse_yaml("name: x\nfrmes: 3\n", "f.yaml")
-    with pytest.raises(FileError, match=r"f\.yaml:2: a protocol has no key 'frmes'; did you mean 'frames'"):
+    with pytest.raises(FileError, match=r"f\.yaml:2: a protocol has no key 'frmes'; Did you mean 'frames'"):
         check_keys("f.yaml", data, ("name", "frames"), "a protocol")
     assert (optional_text("f.yaml", data, "name"), optional_text("f.yaml", data, "none")) == ("x", None)
     with pytest.raises(FileError, match=r"f\.yaml:2: 'frmes' is text, not 3"):

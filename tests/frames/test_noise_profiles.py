@@ -202,7 +202,7 @@ def test_missing_and_unknown_names(tmp_path):
     path.write_text(json.dumps({"version": 0, "noiseprofiles": [{"models": models}]}))
     with raises(InputError, "the file holds 2 cameras", arguments={"model": "D200"}):
         read_darktable(path)
-    with raises(InputError, "model", value="D20", hint="did you mean 'D200'?"):
+    with raises(InputError, "model", value="D20", hint="Did you mean 'D200'?"):
         read_darktable(path, "D20")
     assert read_darktable(path, "D300")[0].camera == "D300"
     with raises(InputError, "the noise profile does not state its gain setting"):

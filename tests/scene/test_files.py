@@ -235,7 +235,7 @@ def test_invalid_options_of_reading(option: str, value: Any) -> None:
 def test_unknown_options_of_reading(name: str, meant: str) -> None:
     with pytest.raises(InputError, match=f"no option '{name}'") as caught:
         read_scene("a.h5", **{name: 1})
-    assert caught.value.hint == f"did you mean '{meant}'?"
+    assert caught.value.hint == f"Did you mean '{meant}'?"
 
 
 def test_options_accept_numpy_values() -> None:
@@ -249,7 +249,7 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
         some_scene().save(tmp_path / "scene.png")
     with pytest.raises(InputError, match="no option 'interleav'") as caught:
         write_scene(some_scene(), tmp_path / "a.hdr", interleav="bsq")
-    assert caught.value.hint == "did you mean 'interleave'?"
+    assert caught.value.hint == "Did you mean 'interleave'?"
     with pytest.raises(FileError, match="cannot be written"):
         some_scene().save(tmp_path / "no" / "scene.h5")
 

@@ -231,11 +231,11 @@ def test_light_has_its_colours() -> None:
         (lambda: from_hdr(np.full((2, 2, 3), 1e39), 1.0), "3e38"),
         (lambda: from_hdr(np.ones((2, 2, 3)), -1.0), "white_luminance_cd_m2 must be above 0"),
         (lambda: from_hdr(np.eye(3)[None], 1.0, space="Display P3"), "outside sRGB"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "did you mean 'sRGB'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), space="sRGBB"), "Did you mean 'sRGB'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), space=None), "space must be the name of an RGB space"),  # type: ignore[arg-type]
         (lambda: from_rgb(np.full((2, 2, 3), np.inf), out_of_gamut="clip"), "finite everywhere"),
         (lambda: from_rgb(np.full((2, 2, 3), 1.5)), "picture must be from 0 to 1"),
-        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "did you mean 'jakob-hanika'"),
+        (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanica"), "Did you mean 'jakob-hanika'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), out_of_gamut="cut"), "'refuse' or 'clip'"),
         (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", tolerance=0), "between 0 and 1"),
         (lambda: from_rgb(np.ones((2, 2, 3)), method="jakob-hanika", wavelength_nm=[300, 500]), "within 380 to 780"),

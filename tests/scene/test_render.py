@@ -235,7 +235,7 @@ WALL = '<shape type="rectangle"><bsdf type="diffuse"><spectrum name="%s" value="
         (f'<scene version="3.0.0">{CAMERA % "width"}</scene>', "has no light"),
         (
             f'<scene version="3.0.0">{SKY}{CAMERA % "widht"}</scene>',
-            "film has no property 'widht'.*did you mean 'width'",
+            "film has no property 'widht'.*Did you mean 'width'",
         ),
         (f'<scene version="3.0.0">{SKY}{CAMERA % "width"}{WALL % "reflectence"}</scene>', "reflectence"),
         ('<scene version="3.0.0"><shape type="ply"><string name="filename" value="no.ply"/></shape></scene>', "no.ply"),

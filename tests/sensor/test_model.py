@@ -32,7 +32,7 @@ def test_with_changes_a_copy() -> None:
     other = D200.with_(prnu_percent=2, cfa="mono", channels={"M": {"wavelength_nm": [500], "quantum_efficiency": [1]}})
     assert (D200.noise.prnu_percent.value, other.noise.prnu_percent.value) == (1.126, 2.0)
     assert other.channel_names == ("M",)
-    with raises(InputError, "a sensor has no field 'prnu_percnt'", hint="did you mean 'prnu_percent'?"):
+    with raises(InputError, "a sensor has no field 'prnu_percnt'", hint="Did you mean 'prnu_percent'?"):
         D200.with_(prnu_percnt=2)
     with raises(InputError, "black_level_dn", where="readout", value=4095.0):
         D200.with_(black_level_dn=4095)

@@ -124,7 +124,7 @@ def test_wrong_numbers_are_refused(changes: dict[str, int], said: str) -> None:
 
 
 def test_an_unknown_condition_is_refused() -> None:
-    with pytest.raises(InputError, match="did you mean 'few-mono-12'"):
+    with pytest.raises(InputError, match="Did you mean 'few-mono-12'"):
         condition("few-mono-21")
 
 

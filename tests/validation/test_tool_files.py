@@ -89,7 +89,7 @@ def test_mat_mosaic_in_a_structure(tmp_path):
     [
         ({"a": VALUES}, ReadOptions(RGGB, 12), "unit of a MATLAB file is unknown"),
         ({"a": VALUES, "b": VALUES}, ELECTRONS, "number of numeric arrays"),
-        ({"a": VALUES}, ReadOptions(RGGB, 12, unit="e", variable="aa"), "did you mean 'a'?"),
+        ({"a": VALUES}, ReadOptions(RGGB, 12, unit="e", variable="aa"), "Did you mean 'a'?"),
         ({"a": "text"}, ELECTRONS, "number of numeric arrays"),
         ({"a": VALUES[:5]}, ELECTRONS, "cell array 'patch_names'"),
         ({"a": VALUES[:, :2]}, ELECTRONS, "cell array 'channel_names'"),

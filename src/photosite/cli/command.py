@@ -130,5 +130,5 @@ class Group(Command, click.Group):
         known = self.list_commands(ctx)
         if args[0] not in known and not args[0].startswith("-"):
             called = f"{self.name} {args[0]}" if ctx.parent is not None else args[0]
-            raise click.UsageError(f"no command '{called}'; {did_you_mean(args[0], known)}", ctx)
+            raise click.UsageError(f"no command '{called}'. {did_you_mean(args[0], known)}", ctx)
         return super().resolve_command(ctx, args)

@@ -94,7 +94,7 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
     (array([100.]), array([100.]))
     >>> illuminant("LED-B11")
     Traceback (most recent call last):
-    photosite.errors.InputError: illuminant must be a known name, got 'LED-B11'. did you mean 'LED-B1'?
+    photosite.errors.InputError: illuminant must be a known name, got 'LED-B11'. Did you mean 'LED-B1'?
     """
     grid = wavelength_grid(wavelength_nm)
     if isinstance(name, Spectrum):

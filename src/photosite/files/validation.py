@@ -48,7 +48,7 @@ def validation_error(model: type[BaseModel], error: ValidationError) -> InputErr
     ...     Lens.model_validate({"f_numbr": 8})
     ... except ValidationError as error:
     ...     print(validation_error(Lens, error))
-    unknown field 'f_numbr'. did you mean 'f_number'?
+    unknown field 'f_numbr'. Did you mean 'f_number'?
     """
     return _described(model, _first(error))
 

@@ -137,7 +137,7 @@ def check_keys(path: str | PathLike[str], data: Mapping[Any, Any], known: Sequen
     for key in data:
         if key not in known:
             name = str(key)[:80]
-            raise FileError(path, f"{what} has no key '{name}'; {did_you_mean(name, known)}", line_of(data, key))
+            raise FileError(path, f"{what} has no key '{name}'. {did_you_mean(name, known)}", line_of(data, key))
 
 
 def optional_text(path: str | PathLike[str], data: Mapping[Any, Any], key: str) -> str | None:

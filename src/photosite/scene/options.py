@@ -128,5 +128,5 @@ class ReadOptions(Validated):
     @classmethod
     def unknown(cls, name: str) -> InputError:
         """Return the error for an option that does not exist."""
-        similar = f"did you mean '{_ALIASES[name]}'?" if name in _ALIASES else did_you_mean(name, cls.model_fields)
+        similar = f"Did you mean '{_ALIASES[name]}'?" if name in _ALIASES else did_you_mean(name, cls.model_fields)
         return InputError(f"reading a scene has no option '{name}'", hint=similar)

@@ -116,7 +116,7 @@ class SceneRequest:
     (20, 30)
     >>> SceneRequest("slantededge")
     Traceback (most recent call last):
-    photosite.errors.InputError: no scene 'slantededge': it is neither a built-in scene nor a file. did you mean \
+    photosite.errors.InputError: no scene 'slantededge': it is neither a built-in scene nor a file. Did you mean \
 'slanted-edge'?
     """
 

@@ -204,5 +204,5 @@ def condition(name: str) -> Condition:
     (30, 8)
     """
     if name not in CONDITIONS:
-        raise InputError(f"there is no condition '{name}'; {did_you_mean(name, CONDITIONS)}")
+        raise InputError(f"there is no condition '{name}'. {did_you_mean(name, CONDITIONS)}")
     return CONDITIONS[name]

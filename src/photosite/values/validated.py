@@ -78,7 +78,7 @@ def check_choice(name: str, value: object, choices: Any) -> None:
     >>> from typing import Literal
     >>> check_choice("waveform", "sin", Literal["sine", "square"])
     Traceback (most recent call last):
-    photosite.errors.InputError: waveform must be 'sine' or 'square', got 'sin'. did you mean 'sine'?
+    photosite.errors.InputError: waveform must be 'sine' or 'square', got 'sin'. Did you mean 'sine'?
     """
     known = get_args(choices)
     if value not in known:

@@ -41,5 +41,5 @@ def test_chapters_run_in_order_with_what_they_need_and_hand_on_results(monkeypat
 
 
 def test_an_unknown_chapter_is_refused() -> None:
-    with pytest.raises(InputError, match="did you mean 'table1'"):
+    with pytest.raises(InputError, match="Did you mean 'table1'"):
         reproduce(5, ["tabel1"])

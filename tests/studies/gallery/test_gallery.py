@@ -39,7 +39,7 @@ def test_keys_are_unique_and_chosen_by_name() -> None:
     keys = [entry.key for entry in GALLERY]
     assert len(set(keys)) == len(keys) >= 15
     assert [entry.key for entry in chosen(["glare", "patterns"])] == ["patterns", "glare"]  # in the gallery's order
-    with pytest.raises(InputError, match=r"no picture 'glar'; did you mean 'glare'"):
+    with pytest.raises(InputError, match=r"no picture 'glar'; Did you mean 'glare'"):
         chosen(["glar"])
 
 

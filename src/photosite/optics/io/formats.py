@@ -167,7 +167,7 @@ def load_optics(path: str | PathLike[str]) -> Lens:
     ...     _ = file.write_text("photosite_optics: 1\\nf_number: 2.8\\nfocal_lenght_mm: 50\\n")
     ...     load_optics(file)
     Traceback (most recent call last):
-    photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'. did you mean 'focal_length_mm'?
+    photosite.errors.FileError: ...mine.optics.yaml:3: unknown field 'focal_lenght_mm'. Did you mean 'focal_length_mm'?
     """
     lens: Lens = read("lens", path)
     return lens

@@ -48,7 +48,7 @@ def run_cases(names: Sequence[str], quick: bool, say: Callable[[str], object]) -
     """
     for name in names:
         if name not in CASES:
-            raise InputError(f"there is no benchmark case '{name}'; {did_you_mean(name, CASES)}")
+            raise InputError(f"there is no benchmark case '{name}'. {did_you_mean(name, CASES)}")
     measured = {}
     for name in names or CASES:
         say(name)

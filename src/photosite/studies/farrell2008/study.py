@@ -162,7 +162,7 @@ def _with_needs(keys: list[str]) -> set[str]:
     while keys:
         key = keys.pop()
         if key not in known:
-            raise InputError(f"the study has no chapter '{key}'; {did_you_mean(key, known)}")
+            raise InputError(f"the study has no chapter '{key}'. {did_you_mean(key, known)}")
         if key not in wanted:
             wanted.add(key)
             keys += known[key].needs

@@ -73,7 +73,7 @@ def chosen(keys: Sequence[str] | None) -> tuple[Entry, ...]:
     known = {entry.key: entry for entry in GALLERY}
     for key in keys or ():
         if key not in known:
-            raise InputError(f"the gallery has no picture '{key}'; {did_you_mean(key, known)}")
+            raise InputError(f"the gallery has no picture '{key}'. {did_you_mean(key, known)}")
     return tuple(entry for entry in GALLERY if keys is None or entry.key in keys)
 
 
