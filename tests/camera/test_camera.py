@@ -108,7 +108,7 @@ def test_mean_electrons_are_never_negative_beside_an_edge() -> None:
 
 @pytest.mark.parametrize("cells", [1, 3])
 def test_light_is_conserved(cells: int) -> None:
-    """The sum over pixels of a scene that ends in darkness is the uniform field's electrons times its area."""
+    """The sum over pixels of a scene on black is the uniform field's electrons times its area."""
     grid = np.arange(400.0, 701.0, 10)
     weights = np.zeros((1, 64, 64), np.float32)
     weights[0, 24:40, 20:44] = np.random.default_rng(2).random((16, 24))

@@ -1,4 +1,4 @@
-"""What is kept from frame to frame, and what few modes leave open: against lenses that nothing is kept of."""
+"""The cache of transfers, and the tolerance with few modes, compared with lenses without a cache."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_second_frame_uses_the_cache() -> None:
 
 
 def test_cache_key_has_scene_distance_sensor_and_cells() -> None:
-    """Frames through one lens, in turn, against those of lenses that see one frame each."""
+    """Alternating frames through one lens, compared with a new lens for each frame."""
     chart, color = ps.charts.macbeth(), LateralColor.from_magnification([400, 700], [1.0005, 0.9995])
     lens, _ = counted(lateral_color=color)
     smaller = D200.with_(fill_factor=D200.pixel.fill_factor.value / 2)

@@ -1,4 +1,4 @@
-"""What may lie below 0 beside a blurred point, and what is refused as negative light."""
+"""Values below 0 beside a blurred point, and negative light, which is an error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.errors import InputError
 @pytest.mark.parametrize("blades", [0, 3, 6])
 @pytest.mark.parametrize("distance_m", [1.5, 5.0])
 def test_defocused_point_on_black_is_not_negative(blades: int, distance_m: float) -> None:
-    """The transforms' rounding beside its wide, dim image is no negative light: its light is the unblurred point's."""
+    """Rounding of the transforms beside a wide, dim image is not an error, and light is conserved."""
     lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=blades)), focus_distance_m=2.0)
     grid = np.arange(400.0, 701.0, 100)
     weights = np.zeros((1, 128, 192), np.float32)

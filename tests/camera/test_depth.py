@@ -1,4 +1,4 @@
-"""Planes in depth: against the painter's way, light, and rays through every part of a thin lens's pupil."""
+"""Planes in depth compared with occlusion in focus, and with rays through every part of a thin lens's pupil."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ PITCH_M = 6.05e-6
 GRID_NM = np.arange(400.0, 701.0, 50)
 WHITE = np.full((1, GRID_NM.size), 1e15)
 FINEST_M = 0.35 * PITCH_M
-"""Sigma of what even a plane in focus is spread by."""
+"""Sigma of the blur of a plane in focus."""
 CELLS = 3
 
 
 @dataclass(frozen=True)
 class ThinLens(DiffractionLimited):
-    """Geometrical optics: a disc of light on the sensor for what is out of focus, and a little Gaussian for all."""
+    """Geometrical optics: a disc for defocused points, and a small Gaussian for all points."""
 
     focus_m: float = 2.0
 
@@ -45,7 +45,7 @@ class ThinLens(DiffractionLimited):
         return super().irradiance_per_radiance(wavelength_nm, self.focus_m)
 
     def radius_m(self, distance_m: float) -> float:
-        """Signed radius of the disc: how far light through the pupil's right edge falls to the right."""
+        """Return the signed radius of the disc: the shift to the right of light through the pupil's right edge."""
         pupil_m = self.focal_length_mm * 1e-3 / self.f_number / 2
         return pupil_m * self.image_m * (1 / self.focus_m - 1 / distance_m)
 
@@ -86,7 +86,7 @@ def striped(values: NDArray[np.float64], distance_m: float, basis: NDArray[np.fl
 
 
 def line(planes: Planes) -> NDArray[np.float64]:
-    """The middle row, of an even field's level."""
+    """Return the middle row, relative to a uniform field."""
     return CAMERA.mean_electrons(planes, 1.0)[ROWS // 2].astype(np.float64) / FULL
 
 
@@ -98,7 +98,7 @@ FINE = 20
 def traced(
     planes: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]], rays: int = 401
 ) -> NDArray[np.float64]:
-    """The oracle: for each part of the pupil the painter's picture that it sees, near over far; all of them summed.
+    """The reference: the sum over parts of the pupil of the planes that each part sees, near over far.
 
     Planes are (distance, radiance, alpha), near to far, as `striped` has them.
     """
@@ -135,7 +135,7 @@ ONES = np.ones(SAMPLES)
 
 
 def compared(planes: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]]) -> NDArray[np.float64]:
-    """Layers less rays, of full scale."""
+    """Return layers minus rays, relative to full scale."""
     ours = Planes(
         tuple(
             Plane(striped(radiance, distance), np.broadcast_to(alpha, (CELLS * ROWS * 8, SAMPLES)))
@@ -160,7 +160,7 @@ def test_edge_in_front_of_a_uniform_plane() -> None:
 
 
 def test_two_half_planes_in_focus() -> None:
-    """In focus, dark beside bright: near over far, then the lens's finest blur; a pixel from the edge it is exact."""
+    """In focus, dark beside bright: near over far, then the smallest blur; exact one pixel from the edge."""
     near, far = Plane(striped(ONES, 2.0), np.tile(half(), (CELLS * ROWS * 8, 1))), striped(0.25 * ONES, 2.0)
     got = line(Planes((near, far)))
     np.testing.assert_allclose(got[: COLS // 2 - 3], 1.0, atol=1e-5)
@@ -174,7 +174,7 @@ def test_one_of_two_planes_in_focus(near: float, far: float) -> None:
 
 
 def test_errors_of_linear_layers() -> None:
-    """What docs/depth.md states: of full scale, at single pixels near the edge."""
+    """As docs/depth.md states, relative to full scale, at single pixels near the edge."""
     both = compared([(1.0, texture(1), half()), (4.0, texture(2), ONES)])
     assert 0.05 < largest(both) < 0.11
     # The edge of what is behind falls on the edge before it: rays see none of its light, or all of it.
@@ -187,13 +187,13 @@ def test_errors_of_linear_layers() -> None:
     [(2.0, 2.0, 2.0, 2e-4), (1.999, 2.0, 2.001, 2e-3), (1.0, 1.002, 1.004, 2.5e-3)],
 )
 def test_planes_blurred_alike(near: float, middle: float, far: float, limit: float) -> None:
-    """In focus, or out of it by the same: structure behind structure, edges on edges."""
+    """In focus, or defocused equally: structure behind structure, edges on edges."""
     planes = [(near, texture(1), half(0.45)), (middle, texture(3), half(0.5)), (far, texture(2) * half(0.5), ONES)]
     assert largest(compared(planes)) < limit
 
 
 def test_overlapping_planes_occlude_once() -> None:
-    """Two in focus, covering parts of each other, before a blurred even plane."""
+    """Two planes in focus that overlap, in front of a blurred uniform plane."""
     planes = [(2.0, texture(1), 0.6 * half(0.45)), (2.0, texture(3), 0.5 * half(0.5)), (4.0, 0.7 * ONES, ONES)]
     assert largest(compared(planes)) < 2e-4
 
@@ -217,7 +217,7 @@ def test_lens_with_everything_in_focus() -> None:
 
 @pytest.mark.parametrize("cells", [1, 3])
 def test_uniform_planes_stay_uniform(cells: int) -> None:
-    """The same radiance at three distances, edges of every kind: even to 1e-5, at the edges too."""
+    """The same radiance at three distances, with edges: uniform to 1e-5, at the edges too."""
     sensor = D200.with_(rows=64, cols=96)
     rng = np.random.default_rng(7)
     basis = (1e14 * (1 + np.sin(GRID_NM / 60)))[None]

@@ -1,4 +1,4 @@
-"""Distortion and lateral colour through the whole camera: positions, light, plain laying, one warp a wavelength."""
+"""Distortion and lateral colour of a camera: positions, light, and the sum over wavelengths."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ def test_nothing_changes_behind_a_lens_that_differs_over_the_field_either() -> N
 
 @pytest.mark.parametrize(("cells", "limit"), [(1, 0.05), (3, 0.012)])
 @pytest.mark.parametrize("k", [-0.06, 0.04])
-def test_points_fall_where_the_mapping_says(k: float, cells: int, limit: float) -> None:
-    """A grid of points of a pixel's size in darkness: their centroids, against the cubic.
+def test_points_follow_the_mapping(k: float, cells: int, limit: float) -> None:
+    """A grid of points one pixel wide on black: their centroids, compared with the cubic.
 
     What is left is the laying on cells: a point that is not a whole number of cells wide is drawn to their middles.
     """
@@ -150,8 +150,8 @@ def test_points_fall_where_the_mapping_says(k: float, cells: int, limit: float) 
 
 
 @pytest.mark.parametrize("k", [-0.05, 0.05])
-def test_irradiance_is_radiances_and_light_follows_area(k: float) -> None:
-    """An even square in darkness: its level is kept, and its light is its level times the image's area."""
+def test_irradiance_is_preserved_and_light_follows_area(k: float) -> None:
+    """A uniform square on black keeps its level, and its light is the level times the image's area."""
     sensor, half = mono(200, 200), 60
     weights = np.zeros((1, 200, 200), np.float32)
     weights[0, 100 - half : 100 + half, 100 - half : 100 + half] = 1
@@ -182,8 +182,8 @@ def by_wavelength(scene: Scene, curves: RadialMapping, sensor: Sensor) -> NDArra
     return total
 
 
-def test_lateral_color_is_the_sum_of_the_wavelengths_images() -> None:
-    """Red and blue 0.8 pixels apart at the corner, 61 wavelengths on 5 nodes: against one warp a wavelength."""
+def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
+    """Red and blue 0.8 pixels apart at the corner, 61 wavelengths on 5 nodes, compared with one warp per wavelength."""
     sensor = D200.with_(rows=60, cols=80)
     rng = np.random.default_rng(6)
     grid = np.arange(400.0, 701.0, 5)

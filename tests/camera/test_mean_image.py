@@ -1,4 +1,4 @@
-"""Point spreads of any shape, and such as differ over the field: against closed forms and slow, obvious ways."""
+"""Images with PSFs of any shape, and with PSFs that vary over the field, compared with closed forms and direct sums."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LINE = np.array([550.0])
 
 @dataclass(frozen=True)
 class Lens(DiffractionLimited):
-    """A lens with a given spread."""
+    """A lens with a given PSF."""
 
     f_number: float = 8.0
     focal_length_mm: float = 50.0
@@ -55,7 +55,7 @@ class Spot:
         return np.asarray(self.share * blur * np.exp(-2j * math.pi * (fy * self.y_m + fx * self.x_m)))
 
     def read(self, dy_m: Array, dx_m: Array, cell_m: float = PITCH_M) -> Array:
-        """What a photodetector reads of a cell of radiance 1 that lies (dy, dx) above and left of it."""
+        """Return the signal of a photodetector from a cell of radiance 1 that is (dy, dx) above and left of it."""
         return self.share * self._line(dy_m - self.y_m, cell_m) * self._line(dx_m - self.x_m, cell_m)
 
     def _line(self, t: Array, cell_m: float) -> Array:
@@ -100,7 +100,7 @@ def random_scene(rows: int, cols: int, seed: int = 1, count: int = 5) -> Scene:
 
 
 def as_plane(lens: DiffractionLimited) -> PlanePsf:
-    """A lens's radial spread as if nothing were known of its symmetry."""
+    """Return a radial PSF as a plane PSF."""
     radial = lens.point_spread(1.2)
     return PlanePsf(
         lambda fy, fx, w: radial.otf(np.hypot(fy, fx), w).astype(complex), radial.cutoff_per_m, radial.reach_m
@@ -114,7 +114,7 @@ def even_electrons(sensor: Sensor, lens: Any) -> float:
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 @pytest.mark.parametrize("cells", [1, 3])
 def test_diffraction_as_radial_or_plane_psf_is_the_same(f_number: float, cells: int) -> None:
-    """Within 1e-5 of full scale, far from where either frame's padding ends."""
+    """Within 1e-5 of full scale, far from the end of the padding."""
     lens = DiffractionLimited(f_number, 50)
     scene = random_scene(96, 128)
     tiled = Scene(np.tile(scene.weights, (1, 5, 5)), scene.basis, scene.wavelength_nm)
@@ -127,7 +127,7 @@ def test_diffraction_as_radial_or_plane_psf_is_the_same(f_number: float, cells: 
 
 
 def test_cone_of_diffraction_is_found_with_smooth_blur() -> None:
-    """1 for a circular pupil, with defocus or without; 0 for a Gaussian, which has none."""
+    """1 for a circular pupil, with or without defocus; 0 for a Gaussian, which has no cone."""
     radial = DiffractionLimited(8, 50).point_spread(1.2)
     exact = as_plane(DiffractionLimited(8, 50))
     blurred = PlanePsf(
@@ -149,7 +149,7 @@ def comatic(scale: float) -> Any:
 
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 def test_asymmetric_psf_equals_the_sum_over_wavelengths(f_number: float) -> None:
-    """Against one transform pair per wavelength in double precision, every folded term; within 1e-5 of full scale."""
+    """Compared with one transform pair per wavelength in double precision, with all folded terms: within 1e-5."""
     lens, flare = DiffractionLimited(f_number, 50), comatic(1.0)
     exact = as_plane(lens)
     spread = PlanePsf(
@@ -187,7 +187,7 @@ def test_asymmetric_psf_equals_the_sum_over_wavelengths(f_number: float) -> None
 @pytest.mark.parametrize("cells", [1, 3])
 @pytest.mark.parametrize("spots", [(Spot(1, 4e-6),), COMA, (Spot(1, 2e-6, 31e-6, -18e-6),)])
 def test_image_of_a_point_is_the_psf_times_photodetector_and_cell(spots: tuple[Spot, ...], cells: int) -> None:
-    """The closed form within 1e-6 of its peak, the right way round: positive is down and right.
+    """The closed form within 1e-6 of its peak, in the right orientation: positive is down and right.
 
     The sample is as large as a pixel, whatever the cells.
     """
@@ -209,7 +209,7 @@ def test_light_is_conserved_to_a_millionth(spots: tuple[Spot, ...]) -> None:
 @pytest.mark.parametrize("cells", [1, 3])
 @pytest.mark.parametrize("f_number", [2.8, 8.0])
 def test_kernels_and_cones_add_up_to_all_light(f_number: float, cells: int) -> None:
-    """The operator itself, to 1e-9: of diffraction, whose rings never end, with a flare."""
+    """The operator itself, to 1e-9, for diffraction with a flare."""
     exact, flare = as_plane(DiffractionLimited(f_number, 50)), comatic(1.0)
     spread = PlanePsf(lambda fy, fx, w: exact.otf(fy, fx, w) * flare(fy, fx, w), exact.cutoff_per_m, exact.reach_m)
     sampling = Sampling((PITCH_M, PITCH_M), (SIDE_M, SIDE_M), cells)
@@ -240,7 +240,7 @@ def test_uniform_scene_stays_uniform() -> None:
 
 
 def test_psfs_are_linear_between_known_wavelengths() -> None:
-    """At 500 nm one spot, at 600 nm another: at 525 nm three quarters of the first; at 450 nm the first alone."""
+    """One spot at 500 nm, another at 600 nm: three quarters of the first at 525 nm, the first alone at 450 nm."""
     first, second = Spot(1, 3e-6, 10e-6), Spot(1, 5e-6, 0, -12e-6)
     whole = plane(first, second)
     given = PlanePsf(
@@ -287,7 +287,7 @@ def spots_at(y_m: float, x_m: float) -> tuple[Spot, Spot]:
 
 
 def full_rank() -> FieldPsf:
-    """One mode for each node, whose weight is 1 there and 0 at the others."""
+    """Return one mode per node, whose weight is 1 there and 0 at other nodes."""
     count = NODES_Y_M.size * NODES_X_M.size
     weights = np.eye(count).reshape(count, NODES_Y_M.size, NODES_X_M.size)
     modes = tuple(plane(*spots_at(y, x)) for y in NODES_Y_M for x in NODES_X_M)
@@ -299,7 +299,7 @@ def hats(nodes: Array, at: float) -> Array:
 
 
 def applied_directly(radiance: Array, cells: int = 1) -> Array:
-    """Sample after sample, each with its own spread: linear between those of the four nodes around it.
+    """Sum over samples, each with its own PSF, interpolated between the four nodes around it.
 
     Beyond the frame the scene goes on with its border samples, as far as any flare reaches.
     """
@@ -323,7 +323,7 @@ def applied_directly(radiance: Array, cells: int = 1) -> Array:
 
 
 def measured(spread: PointSpread, radiance: Array, cells: int = 1) -> Array:
-    """Electrons over those of radiance 1 everywhere."""
+    """Electrons relative to those of radiance 1 everywhere."""
     lens, sensor = Lens(given=spread), mono(ROWS, COLS)
     scene = Scene(radiance[None].astype(np.float32), np.array([[1e17]]), LINE)
     got = ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.01)
@@ -349,7 +349,7 @@ def test_field_psf_at_points_over_the_field(row: int, col: int, cells: int) -> N
 
 @pytest.mark.parametrize("factor", [0.5, 2])
 def test_scenes_coarser_and_finer_than_the_cells(factor: float) -> None:
-    """Laid on the cells first: a sample of several pixels, and several samples in a pixel."""
+    """Resampled on the cells first: samples larger than a pixel, and several samples per pixel."""
     rng = np.random.default_rng(4)
     twice = np.ones((2, 2))
     if factor < 1:
@@ -372,7 +372,7 @@ def wider_in_red(spread: PlanePsf) -> PlanePsf:
 
 
 def test_reduction_of_maps_and_modes_is_within_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A chart of 24 spectra behind four parts, as few terms, against all 96: within 1e-5 of full scale."""
+    """A chart of 24 spectra and a lens of four modes, with few terms and with all 96: within 1e-5 of full scale."""
     nodes = np.array([-90e-6, 90e-6])
     modes = tuple(wider_in_red(plane(*spots_at(y, x))) for y in nodes for x in nodes)
     lens = Lens(given=FieldPsf(nodes, nodes, np.eye(4).reshape(4, 2, 2), modes))

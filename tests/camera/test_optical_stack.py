@@ -1,4 +1,4 @@
-"""The optical stack applied: against closed forms, sums by hand, and a loop over pixels and their neighbours."""
+"""The optical stack compared with closed forms, sums by hand, and a loop over pixels and their neighbours."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def kernels(size: int, seed: int) -> dict[str, list[list[float]]]:
 
 
 def handed_out(mosaic: NDArray[np.float64], of: dict[str, Any], tile: tuple[tuple[str, ...], ...]) -> Any:
-    """Each pixel hands its shares to its neighbours; what leaves the frame is gone."""
+    """Each pixel gives its shares to its neighbours; shares outside the frame are lost."""
     rows, cols = mosaic.shape
     out = np.zeros_like(mosaic)
     for r, c in np.ndindex(rows, cols):
@@ -52,7 +52,7 @@ def handed_out(mosaic: NDArray[np.float64], of: dict[str, Any], tile: tuple[tupl
 
 
 def test_uniform_colours_match_the_mixing_matrix_by_hand() -> None:
-    """RGGB, shares p to each side and d to each corner: every pixel of every place, borders too."""
+    """RGGB, shares p to each side and d to each corner: every pixel at every site, borders included."""
     p, d = {"R": 0.02, "G": 0.01, "B": 0.005}, {"R": 0.004, "G": 0.002, "B": 0.001}
     plus = {n: [[d[n], p[n], d[n]], [p[n], 1 - 4 * p[n] - 4 * d[n], p[n]], [d[n], p[n], d[n]]] for n in "RGB"}
     light = ps.charts.uniform("A", 40)
@@ -73,7 +73,7 @@ def test_uniform_colours_match_the_mixing_matrix_by_hand() -> None:
 
 
 def test_neutral_and_color_matrix_include_crosstalk() -> None:
-    """What a file says gray reads is what an even field's pixels read, and a chart is developed to its colours."""
+    """The neutral in the metadata is the reading of a uniform field, and a chart is developed to its colours."""
     plus = [[0, 0.03, 0], [0.05, 0.84, 0.05], [0, 0.03, 0]]
     wide = [[0.02, 0.02, 0.02], [0.02, 0.84, 0.02], [0.02, 0.02, 0.02]]
     sensor = D200.with_(crosstalk={"optical": {"R": wide, "G": plus, "B": plus}})
@@ -82,8 +82,8 @@ def test_neutral_and_color_matrix_include_crosstalk() -> None:
     reading = np.array(
         [even[0::2, 0::2].mean(), (even[0::2, 1::2].mean() + even[1::2, 0::2].mean()) / 2, even[1::2, 1::2].mean()]
     )
-    told = np.array(camera.as_shot_neutral(light).split(","), float)
-    assert told == pytest.approx(reading / reading.max(), rel=1e-4)
+    neutral = np.array(camera.as_shot_neutral(light).split(","), float)
+    assert neutral == pytest.approx(reading / reading.max(), rel=1e-4)
     daylight = camera.mean_electrons(ps.charts.uniform("D65", 100), 0.1)
     white = np.array([daylight[0::2, 0::2].mean(), daylight[0::2, 1::2].mean(), daylight[1::2, 1::2].mean()])
     matrix = camera.capture(light, 0.1).color_matrix
@@ -93,7 +93,7 @@ def test_neutral_and_color_matrix_include_crosstalk() -> None:
 
 
 def test_optical_crosstalk_precedes_electrical() -> None:
-    """Random kernels for each colour, one lit frame's inside: the two stages, a pixel at a time."""
+    """Random kernels per colour, away from the border: the two stages, pixel by pixel."""
     crosstalk = Crosstalk.model_validate({"optical": kernels(3, 1), "electrical": kernels(5, 2)})
     rng = np.random.default_rng(3)
     mosaic = np.zeros((24, 30))
@@ -108,7 +108,7 @@ def test_optical_crosstalk_precedes_electrical() -> None:
 
 
 def test_image_of_a_point_is_its_kernel() -> None:
-    """The pixel that gives counts: a red point spreads by red's kernel, the right way round."""
+    """A red point spreads by the red kernel, in the right orientation."""
     for name, place in {"R": (10, 12), "G": (10, 13), "B": (11, 13)}.items():
         point = np.zeros((40, 44), np.float32)
         point[place] = 1.0
@@ -120,7 +120,7 @@ def test_image_of_a_point_is_its_kernel() -> None:
 
 
 def test_shares_of_each_pixel_sum_to_1() -> None:
-    """Of any tile: the shares that go out from a place sum to 1."""
+    """For any tile, the shares from one site sum to 1."""
     tile = (("R", "G", "G"), ("B", "G", "R"))
     crosstalk = Crosstalk.model_validate({"optical": kernels(5, 4), "electrical": kernels(3, 5)})
     shares = crosstalk_shares(crosstalk, tile)
@@ -161,7 +161,7 @@ def test_blocked_light_gives_no_warning() -> None:
 
 
 def test_color_matrix_includes_filters() -> None:
-    """A filter in the file, and the same filter in the quantum efficiencies: one camera."""
+    """A filter in the file equals the same filter in the quantum efficiencies."""
     table = {"wavelength_nm": [300, 500, 650, 800], "transmittance": [0.9, 1, 0.2, 0]}
     passed = np.interp(GRID, table["wavelength_nm"], table["transmittance"])
     channels = {
@@ -220,7 +220,7 @@ class Plane(Spot):
 
 @pytest.mark.parametrize(("lens", "pixels"), [(Spot(4, 50), 8), (Plane(4, 50), 30)], ids=["radial", "plane"])
 def test_widely_split_spots_are_separate(lens: ps.DiffractionLimited, pixels: int) -> None:
-    """Splits of many times the lens's own spread: a kernel has room for both spots."""
+    """Splits of many times the size of the PSF: the kernel contains both spots."""
     sensor = one_light(D200.with_(rows=60, cols=90))
     split = sensor.with_(low_pass_filter={"split_x_um": pixels * 6.05})
     plain, got = (
@@ -234,7 +234,7 @@ def test_widely_split_spots_are_separate(lens: ps.DiffractionLimited, pixels: in
 
 @pytest.mark.parametrize("periods", [4, 9, 16, 20])
 def test_the_low_pass_filters_transfer_is_the_cosine(periods: int) -> None:
-    """A sinusoid along the rows: with the filter its modulation falls by |cos(pi f split)|, by nothing across."""
+    """A sinusoid along the rows: the filter reduces its modulation by |cos(pi f split)|, and not across."""
     sensor = one_light(D200.with_(rows=20, cols=64))
     pitch_um = sensor.pixel.width_um.value
     # The wave goes on beyond the frame. Five samples and cells a pixel: what they add lies beyond the lens's cutoff.
@@ -305,7 +305,7 @@ def test_light_beyond_the_angular_response_table_is_an_error() -> None:
 
 
 def test_angular_response_comes_before_crosstalk() -> None:
-    """A pixel gives of what it took: the two in this order, by hand, in one row of a monochrome chip."""
+    """The two in this order, by hand, in one row of a monochrome chip."""
     table = {"angle_deg": [0, 60], "relative_response": [1, 0], "exit_pupil_mm": 0.02}
     right = {"M": [[0, 0, 0], [0, 0.75, 0.25], [0, 0, 0]]}
     sensor = one_light(D200.with_(rows=1, cols=8))

@@ -1,4 +1,4 @@
-"""Scenes of few spectra before a camera: what their reduction left below 0 is dark, real negative light is refused."""
+"""Scenes reduced to few spectra: negative values within the reduction error become 0, larger ones are an error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GRID = np.arange(400.0, 701, 10)
 
 
 def rare_colours() -> np.ndarray:
-    """Smooth spectra, and points of narrow ones in the dark, too rare for spectra of their own."""
+    """Return a scene of smooth spectra with few points of narrow spectra on black."""
     rng = np.random.default_rng(0)
     wide = np.exp(-(((GRID - 600) / 120) ** 2)), np.exp(-(((GRID - 520) / 60) ** 2))
     radiance = rng.uniform(0.2, 1, (200, 300, 1)) * wide[0] + rng.uniform(0, 0.3, (200, 300, 1)) * wide[1]

@@ -1,4 +1,4 @@
-"""The table of a lens's transfer function, where it swings between the nodes."""
+"""Refinement of the table of a lens's transfer function that oscillates between the nodes."""
 
 from __future__ import annotations
 

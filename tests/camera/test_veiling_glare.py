@@ -1,4 +1,4 @@
-"""Veiling glare against a plain sum over pixels, the limits of ISO 9358, and conservation of light."""
+"""Veiling glare compared with a sum over pixels, the limits of ISO 9358, and conservation of light."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def veiled(
 
 
 def mirrored_sum(frame: NDArray[np.float64], spread: tuple[float, float]) -> NDArray[np.float64]:
-    """The oracle: every pixel's light, and that of five mirror images each way, summed with the kernel.
+    """The reference: the kernel's sum over all pixels, and over five mirror images in each direction.
 
     `spread` in pixels on each axis.
     """
@@ -63,7 +63,7 @@ def test_light_of_each_channel_is_conserved(cfa: str, spread: float | None) -> N
 
 
 def test_black_spot_on_a_bright_field() -> None:
-    """ISO 9358: what is read in a small black spot, over the field around it, is the veiling glare index."""
+    """ISO 9358: the signal in a small black spot, relative to the field around it, is the veiling glare index."""
     rows, cols, side = 300, 400, 6
     frame = np.full((rows, cols), 5000.0)
     frame[147 : 147 + side, 197 : 197 + side] = 0

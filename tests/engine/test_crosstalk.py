@@ -1,4 +1,4 @@
-"""Gathered shares and response by angle, against loops that follow the words."""
+"""Gathered shares and angular response compared with loops over pixels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.engine.crosstalk import gathered, scale_by_angle
 
 
 def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Every pixel, every neighbour; beyond the border by whole tiles back into the frame."""
+    """Every pixel and neighbour; beyond the border, shifted by whole tiles into the frame."""
     (rows, cols), (period_r, period_c, size, _) = mosaic.shape, shares.shape
 
     def back(index: int, length: int, period: int) -> int:

@@ -1,4 +1,4 @@
-"""Our logarithm and exponential against the math library, in units in the last place."""
+"""Logarithm and exponential compared with the math library, in units in the last place."""
 
 from __future__ import annotations
 

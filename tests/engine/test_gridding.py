@@ -1,4 +1,4 @@
-"""A kernel's spectrum at the frequencies of a large frame, against the sum that it is."""
+"""The spectrum of a kernel at the frequencies of a large frame, compared with the direct sum."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def interpolated(kernels: NDArray[np.float64], rows: int, cols: int) -> NDArray[
 
 @pytest.mark.parametrize(("size", "rows", "cols"), [(65, 200, 180), (65, 97, 131), (75, 40, 60), (99, 30, 32)])
 def test_spectrum_of_a_kernel_is_accurate_to_a_millionth(size: int, rows: int, cols: int) -> None:
-    """Of kernels that fill their cells to the corners, the worst there are; also those wider than the frame."""
+    """For kernels that are large in all corners, the worst case, and for kernels wider than the frame."""
     kernels = np.random.default_rng(5).random((2, size, size))
     got = interpolated(kernels, rows, cols)
     for ours, kernel in zip(got, kernels, strict=True):

@@ -1,4 +1,4 @@
-"""Layers on their cells: weights over the field, and light that adds up."""
+"""Layers: field weights, and the sum of layers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def layer(rows: int = 12, cols: int = 15) -> Layer:
 
 
 def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """A map whose samples are whole numbers of pixels or of cells, on the padded grid; its border goes on beyond."""
+    """Return a map with samples of whole pixels or cells on the padded grid, with repeated border."""
     rows, cols = values.shape[0] // 12 or 1, values.shape[1] // 15 or 1
     pixels = np.kron(values, np.ones((max(12 // values.shape[0], 1), max(15 // values.shape[1], 1))))
     cells = np.kron(pixels, np.ones((3 // rows, 3 // cols)))
@@ -40,7 +40,7 @@ def on_cells(values: NDArray[np.float32]) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("rows", "cols"), [(12, 15), (4, 5), (36, 45), (36, 15)])
 def test_term_is_the_sum_of_weighted_maps(rows: int, cols: int) -> None:
-    """Against SciPy's linear interpolation, for scenes with fewer and with more samples than pixels."""
+    """Compared with SciPy's linear interpolation, for scenes with fewer and with more samples than pixels."""
     one = layer(rows, cols)
     points = np.stack(
         np.meshgrid(
@@ -84,7 +84,7 @@ def test_radial_part_and_kernel_add_up() -> None:
 
 @pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 2), (4, 4)])
 def test_kernel_is_a_convolution_for_any_tile(tile: tuple[int, int]) -> None:
-    """Against SciPy's, in the middle of a frame, every site from its own channel."""
+    """Compared with SciPy's, in the centre of a frame, at each channel's sites."""
     from scipy.signal import convolve2d
 
     grid = Grid((24, 36), 8, tile)
@@ -123,7 +123,7 @@ def test_node_maps_of_several_views_equal_separate_layers() -> None:
 
 
 def test_terms_warped_together_equal_single_terms() -> None:
-    """Seven terms over a field, of one, two and three parts each, more than go together at once."""
+    """Seven terms with one to three modes each, more than are warped together."""
     radius = np.hypot(20, 20) * 6e-6
     warp = Warp(np.linspace(1.0, 1.05, 65), radius**2 / 64, (6e-6, 5e-6))
     view = replace(layer(9, 11).views[0], warp=warp)

@@ -1,4 +1,4 @@
-"""Philox4x32-10 against the known answers that Random123 publishes (kat_vectors)."""
+"""Philox4x32-10 compared with the known answers published by Random123 (kat_vectors)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_known_answers(counter: list[int], key: list[int], answer: list[int]) ->
 
 @pytest.mark.parametrize("seed", [0, 1, 123456789, 2**63 + 11, 2**64 - 1])
 def test_agrees_with_the_definition_in_integers(seed: int) -> None:
-    """An independent Philox4x32-10: the slow and obvious one in Python's integers."""
+    """An independent Philox4x32-10 in Python integers."""
 
     def slow(c: list[int], k: list[int]) -> list[int]:
         for _ in range(10):

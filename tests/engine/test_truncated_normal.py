@@ -1,4 +1,4 @@
-"""Normal vectors cut off at zero, beside rejection sampling and closed forms."""
+"""Truncated normal vectors compared with rejection sampling and closed forms."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_equal_momenta_give_equal_draws():
 
 
 def test_chain_starts_inside_and_near_the_mode():
-    """Eight walls at odds, the mean far behind some of them: all kept, and no point inside is more probable by far."""
+    """Eight walls, with the mean far behind some: the start is inside, and no inside point is much more probable."""
     from photosite.engine.truncated_normal import _inside
 
     rng = np.random.default_rng(4)

@@ -1,4 +1,4 @@
-"""Random variates against their distributions. Seeds are fixed; each test says how often chance alone would fail it."""
+"""Random variates compared with their distributions. Seeds are fixed; each test states its false-alarm rate."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_poisson_counts_follow_the_law(mean: float) -> None:
 
 
 def test_the_poisson_test_has_power() -> None:
-    """A rounded Gaussian of the right mean and variance, the usual stand-in, is found out up to a mean of 300."""
+    """A rounded Gaussian with the right mean and variance fails the test up to a mean of 300."""
     rng = np.random.default_rng(5)
     for mean in (10.0, 100.0, 300.0):
         stand_in = np.rint(rng.normal(mean, math.sqrt(mean), N)).astype(np.int64)
@@ -86,7 +86,7 @@ def test_normal_quantiles_match_scipy() -> None:
 
 
 def test_normal_deviates_pass_anderson_darling() -> None:
-    """Against the known law; the statistic's 1e-4 point for a fully specified law is 8.8 (Marsaglia 2004)."""
+    """The 1e-4 point of the statistic for a fully specified distribution is 8.8 (Marsaglia 2004)."""
     z = np.sort(many_normal(N, np.uint32(1), *key_from_seed(23)))
     i = np.arange(1, N + 1)
     a2 = -N - np.mean((2 * i - 1) * (stats.norm.logcdf(z) + stats.norm.logsf(z[::-1])))

@@ -1,4 +1,4 @@
-"""Means over places that a warp looks at, against polygons clipped by hand, plain laying and conservation."""
+"""Warped means compared with clipped polygons, plain resampling and conservation of light."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Point = tuple[float, float]
 def corners_of(
     rows: int, cols: int, shape: tuple[int, int], step: tuple[float, float], axis: tuple[float, float], k: float = 0.0
 ) -> Corners:
-    """Cells about the axis, in a frame of one cell a pixel; looked at: distance (1 + k r^2 / R^2), R the corner's."""
+    """Return cells around the axis, one per pixel, that see distance (1 + k r^2 / R^2), R being the corner's."""
     y_m, x_m = ((np.arange(n + 1) - n / 2) * PITCH_M for n in (rows, cols))
     squared = np.linspace(0, y_m[-1] ** 2 + x_m[-1] ** 2, 257)
     warp = Warp(1 + k * squared / squared[-1], float(squared[1]), (PITCH_M, PITCH_M))
@@ -30,7 +30,7 @@ def warped(values: NDArray[np.float32], corners: Corners) -> NDArray[np.float32]
 
 
 def looked_at(corners: Corners) -> NDArray[np.float64]:
-    """(rows + 1, cols + 1, 2) x and y in the map, the formula once more."""
+    """Return (rows + 1, cols + 1, 2) x and y in the map, by the formula."""
     y, x = np.meshgrid(corners.y_m, corners.x_m, indexing="ij")
     nodes = np.arange(corners.warp.scale.size) * corners.warp.step_m2
     scale = np.interp(y**2 + x**2, nodes, corners.warp.scale)
@@ -44,7 +44,7 @@ def area(polygon: list[Point]) -> float:
 
 
 def clipped(polygon: list[Point], axis: int, limit: float, above: bool) -> list[Point]:
-    """Sutherland and Hodgman: what of a polygon lies on one side of a line."""
+    """Return the part of a polygon on one side of a line (Sutherland and Hodgman)."""
     kept: list[Point] = []
     for p, q in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         inside = [(point[axis] >= limit) == above for point in (p, q)]
@@ -71,7 +71,7 @@ def mean_by_clipping(values: NDArray[np.float32], quadrilateral: list[Point]) ->
 @pytest.mark.parametrize("k", [-0.25, 0.0, 0.4])
 @pytest.mark.parametrize("step", [(0.07, 0.05), (0.9, 1.1), (2.7, 3.3)])
 def test_means_equal_those_of_clipped_quadrilaterals(k: float, step: tuple[float, float]) -> None:
-    """The map ends inside the grid's view on two sides: beyond, its border samples repeat."""
+    """The map ends inside the grid on two sides; its border samples repeat beyond."""
     shape = (int(9 * step[0]) + 3, int(12 * step[1]) + 3)
     values = np.random.default_rng(3).random(shape).astype(np.float32)
     corners = corners_of(10, 14, shape, step, (shape[0] / 2 - 1.3, shape[1] / 2 + 0.4), k)
