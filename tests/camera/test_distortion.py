@@ -82,7 +82,7 @@ def random_scene(rows: int, cols: int, count: int = 3) -> Scene:
 
 
 @pytest.mark.parametrize("cells", [1, 3])
-def test_a_mapping_that_moves_nothing_changes_nothing(cells: int) -> None:
+def test_mapping_without_distortion(cells: int) -> None:
     sensor, scene = D200.with_(rows=80, cols=120), random_scene(100, 140)
     plain, moved = (
         ps.Camera(lens(curves), sensor, cells_per_pixel=cells).mean_electrons(scene, 0.01)
@@ -91,7 +91,7 @@ def test_a_mapping_that_moves_nothing_changes_nothing(cells: int) -> None:
     assert np.abs(moved - plain).max() < 1e-6 * plain.max()
 
 
-def test_nothing_changes_behind_a_lens_that_differs_over_the_field_either() -> None:
+def test_mapping_without_distortion_with_a_field_psf() -> None:
     sensor, scene = D200.with_(rows=80, cols=120), random_scene(100, 140)
 
     @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
     assert np.abs(without - want).max() > 3e-2 * want.max()
 
 
-def test_where_as_many_nodes_are_needed_the_sum_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_node_per_wavelength_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warps, "_STEP_PIXELS", 1e-3)
     monkeypatch.setattr(transfers, "_OF_SHARED_COLORS", 5e-6)
     sensor, scene = D200.with_(rows=60, cols=80), random_scene(60, 80)
@@ -209,7 +209,7 @@ def test_where_as_many_nodes_are_needed_the_sum_is_exact(monkeypatch: pytest.Mon
     assert np.abs(got - want).max() < 1e-5 * want.max()
 
 
-def test_an_even_scene_of_many_samples_stays_even() -> None:
+def test_uniform_scene_of_many_samples_stays_uniform() -> None:
     sensor = D200.with_(rows=60, cols=80)
     scene = Scene(np.ones((1, 30, 40), np.float32), np.full((1, GRID_NM.size), 1e15), GRID_NM)
     even = ps.Camera(lens(), sensor).mean_electrons(Scene.uniform(scene.basis[0], GRID_NM), 0.01)
@@ -218,7 +218,7 @@ def test_an_even_scene_of_many_samples_stays_even() -> None:
 
 
 @pytest.mark.parametrize("k", [-0.08, 0.05])
-def test_regions_lie_in_their_patches(k: float) -> None:
+def test_regions_are_inside_their_patches(k: float) -> None:
     sensor = D200.with_(rows=264, cols=392)
     chart = ps.charts.macbeth()
     camera = ps.Camera(lens(third_order(k, corner_m(sensor), lateral=2e-3)), sensor)
@@ -240,21 +240,21 @@ def test_regions_lie_in_their_patches(k: float) -> None:
         assert outer.r0 > asked[outer.name].r0 + 3  # barrel: the corner's patch moves inwards
 
 
-def test_a_frame_beyond_the_table_is_said() -> None:
+def test_frame_beyond_the_table_is_a_warning() -> None:
     sensor, scene = mono(60, 80), random_scene(60, 80, 1)
     short = RadialMapping(np.array([550.0]), np.array([0.0, 0.1e-3]), np.array([[0.0, 0.1e-3]]))
     with pytest.warns(PhotositeWarning, match=r"known up to an image height of 0.1 mm.* corner is at 0.3025 mm"):
         ps.Camera(lens(short), sensor).mean_electrons(scene, 0.01)
 
 
-def test_glare_comes_after_the_image() -> None:
+def test_glare_is_applied_after_the_image() -> None:
     sensor, scene = mono(60, 80), random_scene(60, 80, 1)
     plain = ps.Camera(lens(), sensor).mean_electrons(scene, 0.01)
     glare = ps.Camera(lens(glare=VeilingGlare(0.1)), sensor).mean_electrons(scene, 0.01)
     np.testing.assert_allclose(glare, 0.9 * plain + 0.1 * plain.mean(dtype=np.float64), rtol=1e-5)
 
 
-def test_no_mapping_takes_the_plain_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_mapping_needs_no_warp(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     plain = mosaic.mosaic_of_layers
     monkeypatch.setattr(mosaic, "mosaic_of_layers", lambda layers, *rest: seen.extend(layers) or plain(layers, *rest))
