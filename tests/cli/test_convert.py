@@ -35,10 +35,10 @@ def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> No
     assert f"41 bands as {len(scene.basis)} spectra" in done.out
     assert f"RMS error {scene.relative_error:.2e}" in done.out
     assert "tolerance 0.01" in done.out
-    told = photosite("convert", tmp_path / "chart.hdr", "-o", tmp_path / "b.h5", "--tolerance", "0.01", "--json").json
-    assert (told["components"], told["bands"], told["rows"], told["cols"]) == (len(scene.basis), 41, 132, 196)
-    assert told["relative_error"] == scene.relative_error
-    assert told["mean_luminance_cd_m2"] == pytest.approx(scene.mean_luminance_cd_m2())
+    facts = photosite("convert", tmp_path / "chart.hdr", "-o", tmp_path / "b.h5", "--tolerance", "0.01", "--json").json
+    assert (facts["components"], facts["bands"], facts["rows"], facts["cols"]) == (len(scene.basis), 41, 132, 196)
+    assert facts["relative_error"] == scene.relative_error
+    assert facts["mean_luminance_cd_m2"] == pytest.approx(scene.mean_luminance_cd_m2())
     again = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "b.h5")
     assert f"spectra; not reduced (RMS error {scene.relative_error:.2e}" in again.out
     assert "tolerance" not in again.out
@@ -46,7 +46,7 @@ def test_components_and_error_are_reported(photosite: Any, tmp_path: Path) -> No
 
 
 def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:
-    said: list[str] = []
+    options_given: list[str] = []
     steps = [
         ("does not state the units", ["--units", "reflectance"]),
         ("has no wavelengths of its bands", ["--wavelengths", "400:600:100"]),
@@ -57,16 +57,16 @@ def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:
     ]
     target = bare.with_name("out.h5")
     for line, option in steps:
-        done = photosite("convert", bare, "-o", target, *said)
+        done = photosite("convert", bare, "-o", target, *options_given)
         assert done.status == 2
         assert line in done.err
         assert not target.exists()
-        said += option
-    done = photosite("convert", bare, "-o", target, *said, "--distance", "2", "--width", "1", "--json")
+        options_given += option
+    done = photosite("convert", bare, "-o", target, *options_given, "--distance", "2", "--width", "1", "--json")
     assert done.status == 0, done.err
-    told = done.json
-    assert (told["no_data_values"], told["negative_values"]) == (1, 1)
-    assert (told["distance_m"], told["width_m"]) == (2, 1)
+    facts = done.json
+    assert (facts["no_data_values"], facts["negative_values"]) == (1, 1)
+    assert (facts["distance_m"], facts["width_m"]) == (2, 1)
     scene = ps.read_scene(target)
     assert scene.wavelength_nm.tolist() == GRID
     assert scene.mean_luminance_cd_m2() == pytest.approx(100)
@@ -77,19 +77,19 @@ def test_bands_on_the_first_axis(photosite: Any, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["cube"] = values
         file["cube"].attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"})
-    told = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
-    asked = photosite(*told).err
-    assert "a cube of (3, 20, 30), and 3 wavelengths fit its first axis. Pass --interleave" in asked
-    done = photosite(*told, "--interleave", "bsq").json
+    call = ("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--json")
+    error = photosite(*call).err
+    assert "a cube of (3, 20, 30), and 3 wavelengths fit its first axis. Pass --interleave" in error
+    done = photosite(*call, "--interleave", "bsq").json
     assert (done["rows"], done["cols"], done["bands"]) == (20, 30, 3)
 
 
 def test_bands_are_sorted_on_request(photosite: Any, bare: Path) -> None:
-    said = ["--units", "W/sr/m2/nm", "--no-data", "zero", "--negative", "zero", "--wavelengths", "600,400,500"]
-    done = photosite("convert", bare, "-o", bare.with_name("out.h5"), *said)
+    options_given = ["--units", "W/sr/m2/nm", "--no-data", "zero", "--negative", "zero", "--wavelengths", "600,400,500"]
+    done = photosite("convert", bare, "-o", bare.with_name("out.h5"), *options_given)
     assert done.status == 2
     assert "not sorted: band 2 has 400 nm after 600 nm" in done.err
-    assert photosite("convert", bare, "-o", bare.with_name("out.h5"), *said, "--sort-bands").status == 0
+    assert photosite("convert", bare, "-o", bare.with_name("out.h5"), *options_given, "--sort-bands").status == 0
     assert ps.read_scene(bare.with_name("out.h5")).wavelength_nm.tolist() == GRID
 
 
@@ -103,11 +103,13 @@ def test_invalid_wavelengths(photosite: Any, bare: Path, text: str) -> None:
 def test_the_method_for_pictures(photosite: Any, tmp_path: Path) -> None:
     codes = np.random.default_rng(6).integers(30, 220, (5, 7, 3)).astype(np.uint8)
     tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb")
-    told = ("--luminance", "40", "--json")
-    plain = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *told).json
-    smooth = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *told, "--method", "jakob-hanika").json
+    options = ("--luminance", "40", "--json")
+    plain = photosite("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *options).json
+    smooth = photosite(
+        "convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", *options, "--method", "jakob-hanika"
+    ).json
     assert plain["components"] == 3 < smooth["components"]
-    option = ("--scene-option", "method=jakob-hanika", *told)
+    option = ("--scene-option", "method=jakob-hanika", *options)
     assert photosite("scenes", "show", tmp_path / "a.tif", *option).json["spectra"] == smooth["components"]
     cube = photosite("convert", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--method", "jakob-hanika")
     assert cube.status == 2
@@ -117,8 +119,10 @@ def test_the_method_for_pictures(photosite: Any, tmp_path: Path) -> None:
 def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     grid = [400.0, 500, 600, 700, 900, 1000]
     values = np.random.default_rng(3).uniform(0.1, 0.9, (6, 8, 9)).astype(np.float32)
-    said = {"wavelength_nm": grid, "units": "reflectance"}
-    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", metadata=None, description=json.dumps(said))
+    metadata = {"wavelength_nm": grid, "units": "reflectance"}
+    tifffile.imwrite(
+        tmp_path / "a.tif", values, photometric="minisblack", metadata=None, description=json.dumps(metadata)
+    )
     call = ("convert", tmp_path / "a.tif", "-o", tmp_path / "a.h5", "--illuminant", "D65", "--luminance", "100")
     refused = photosite(*call)
     assert refused.status == 2
@@ -156,9 +160,9 @@ def test_patches_across_a_chart(photosite: Any, tmp_path: Path) -> None:
     lines = [f"P{k},{k / 50 + 0.1:g},0.5" for k in range(24)]
     (tmp_path / "a.csv").write_text("\n".join(["patch,500,600", *lines]))
     call = ("convert", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--illuminant", "A", "--luminance", "40")
-    told = photosite(*call)
-    assert told.status == 0
-    assert "photosite: warning: " in told.err
-    assert "--patch-cols 6" in told.err
+    done = photosite(*call)
+    assert done.status == 0
+    assert "photosite: warning: " in done.err
+    assert "--patch-cols 6" in done.err
     assert photosite(*call, "--patch-cols", "4").status == 0
     assert len({part.c0 for part in ps.read_scene(tmp_path / "a.h5").regions}) == 4

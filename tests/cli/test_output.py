@@ -1,4 +1,4 @@
-"""Progress of long commands, where nobody watches."""
+"""Progress of long commands, in a log."""
 
 from __future__ import annotations
 

@@ -18,9 +18,9 @@ SMALL = ("--rows", 66, "--cols", 98)
 
 
 def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
-    said = photosite("scenes", "--json").json["scenes"]
-    assert tuple(said) == BUILT_IN_SCENES
-    assert said["slanted-edge"]["options"]["contrast"] == 4.0
+    message = photosite("scenes", "--json").json["scenes"]
+    assert tuple(message) == BUILT_IN_SCENES
+    assert message["slanted-edge"]["options"]["contrast"] == 4.0
     text = photosite("scenes").out
     assert "ENVI: .hdr" in text
     assert all(name in text for name in BUILT_IN_SCENES)
@@ -28,14 +28,14 @@ def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
 
 def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:
     picture = tmp_path / "chart.png"
-    said = photosite("scenes", "show", "macbeth", "--luminance", 30, "--picture", picture, "--json").json
-    assert (said["rows"], said["cols"], said["spectra"]) == (132, 196, 24)
+    message = photosite("scenes", "show", "macbeth", "--luminance", 30, "--picture", picture, "--json").json
+    assert (message["rows"], message["cols"], message["spectra"]) == (132, 196, 24)
     chart = ps.charts.macbeth("A", 30)
-    assert said["mean_luminance_cd_m2"] == pytest.approx(chart.mean_luminance_cd_m2())
-    assert said["darkest_cd_m2"] == 0
+    assert message["mean_luminance_cd_m2"] == pytest.approx(chart.mean_luminance_cd_m2())
+    assert message["darkest_cd_m2"] == 0
     white = chart.with_mean_luminance(chart.mean_luminance_cd_m2())
     region = next(region for region in white.regions if region.name == "white")
-    assert said["brightest_cd_m2"] == pytest.approx(
+    assert message["brightest_cd_m2"] == pytest.approx(
         float(ps.Scene.uniform(white.radiance(region.r0, region.c0), white.wavelength_nm).mean_luminance_cd_m2()),
         rel=1e-4,
     )
@@ -43,14 +43,14 @@ def test_shows_what_a_scene_is(photosite: Any, tmp_path: Path) -> None:
 
 
 def test_the_luminance_of_a_chart_file_is_that_of_its_patches(photosite: Any, tmp_path: Path) -> None:
-    said = ("--luminance", 50)
-    made = photosite("scenes", "show", "macbeth", *said)
+    message = ("--luminance", 50)
+    made = photosite("scenes", "show", "macbeth", *message)
     assert "mean luminance 50 cd/m2 of the patches, 36.36 cd/m2 of all samples" in made.out
     ps.charts.macbeth("A", 40).save(tmp_path / "chart.h5")
-    assert photosite("scenes", "show", tmp_path / "chart.h5", *said).out == made.out
-    done = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "again.h5", *said, "--json").json
+    assert photosite("scenes", "show", tmp_path / "chart.h5", *message).out == made.out
+    done = photosite("convert", tmp_path / "chart.h5", "-o", tmp_path / "again.h5", *message, "--json").json
     assert done["patches_luminance_cd_m2"] == pytest.approx(50)
-    assert "mean luminance 50 cd/m2, darkest" in photosite("scenes", "show", "siemens-star", *said).out
+    assert "mean luminance 50 cd/m2, darkest" in photosite("scenes", "show", "siemens-star", *message).out
     for command in (("simulate",), ("scenes", "show"), ("convert",)):
         assert "of a chart's patches" in " ".join(photosite(*command, "--help").out.split())
 
@@ -65,8 +65,8 @@ def test_a_scene_file_is_simulated_as_the_scene(photosite: Any, tmp_path: Path) 
 
 
 def test_options_of_a_built_in_scene(photosite: Any, tmp_path: Path) -> None:
-    told = ("--scene", "slanted-edge", "--scene-option", "contrast=10", "--scene-option", "angle-deg=-7", "--cells", 3)
-    photosite("simulate", *SMALL, *told, "--width", 0.05, "-o", tmp_path / "shot.tif")
+    given = ("--scene", "slanted-edge", "--scene-option", "contrast=10", "--scene-option", "angle-deg=-7", "--cells", 3)
+    photosite("simulate", *SMALL, *given, "--width", 0.05, "-o", tmp_path / "shot.tif")
     sensor = ps.load_sensor("nikon-d200").with_(rows=66, cols=98)
     # Drawn with a sample for each of the three cells across a pixel: 0.05 m at 1.2 m is 2.17 mm, 359.3 pixels.
     edge = ps.charts.slanted_edge("A", 40, contrast=10, angle_deg=-7, width_m=0.05, rows=198, cols=1078)
@@ -100,8 +100,8 @@ def test_options_override_a_camera_file(photosite: Any, tmp_path: Path) -> None:
     first = photosite("simulate", "--camera", file, *SMALL, "-o", tmp_path / "a.tif", "--json").json
     assert first["sensor"] == ps.load_sensor("vendor-2.2um").name
     assert (first["exposure_s"], first["scene"]) == (0.1, "slanted edge, 5 degrees, contrast 8 : 1, illuminant D65")
-    told = ("--exposure", "1/50", "--f-number", 2, "--scene", "uniform", "--sensor", "nikon-d200")
-    second = photosite("simulate", "--camera", file, *SMALL, *told, "-o", tmp_path / "b.tif", "--json").json
+    given = ("--exposure", "1/50", "--f-number", 2, "--scene", "uniform", "--sensor", "nikon-d200")
+    second = photosite("simulate", "--camera", file, *SMALL, *given, "-o", tmp_path / "b.tif", "--json").json
     assert (second["exposure_s"], second["sensor"]) == (0.02, "Nikon D200")
     # The other scene is at the distance and in the light of the file's scene.
     camera = ps.Camera(ps.DiffractionLimited(2, 6), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
@@ -117,8 +117,8 @@ def test_another_file_keeps_its_own_light() -> None:
 
 
 def test_wavelengths_of_a_built_in_scene_and_of_a_file(photosite: Any, tmp_path: Path) -> None:
-    said = photosite("scenes", "show", "macbeth", "--wavelengths", "420:680:20", "--json").json
-    assert (said["first_nm"], said["last_nm"], said["wavelengths"]) == (420, 680, 14)
+    message = photosite("scenes", "show", "macbeth", "--wavelengths", "420:680:20", "--json").json
+    assert (message["first_nm"], message["last_nm"], message["wavelengths"]) == (420, 680, 14)
     photosite("simulate", *SMALL, "--scene", "macbeth", "--wavelengths", "400:700:50", "-o", tmp_path / "shot.tif")
     camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
     expected = camera.capture(ps.charts.macbeth("A", 40, wavelength_nm=np.arange(400, 701, 50)), 1 / 3)
@@ -126,9 +126,9 @@ def test_wavelengths_of_a_built_in_scene_and_of_a_file(photosite: Any, tmp_path:
     rng = np.random.default_rng(3)
     with h5py.File(tmp_path / "cube.h5", "w") as file:
         file["cube"] = rng.random((20, 30, 31))
-    told = ("--wavelengths", "400:700:10", "--units", "W/sr/m2/nm")
-    exact = photosite("scenes", "show", tmp_path / "cube.h5", *told, "--json").json
-    rough = photosite("scenes", "show", tmp_path / "cube.h5", *told, "--tolerance", 0.4, "--json").json
+    given = ("--wavelengths", "400:700:10", "--units", "W/sr/m2/nm")
+    exact = photosite("scenes", "show", tmp_path / "cube.h5", *given, "--json").json
+    rough = photosite("scenes", "show", tmp_path / "cube.h5", *given, "--tolerance", 0.4, "--json").json
     assert (exact["first_nm"], exact["last_nm"]) == (400, 700)
     assert rough["spectra"] < exact["spectra"] == 31
 
@@ -143,7 +143,7 @@ def test_hints_name_the_options_of_the_command(photosite: Any, tmp_path: Path) -
         ("convert", cube, "-o", tmp_path / "scene.h5"),
     ):
         negative = "--negative zero" if call[0] == "convert" else "--scene-option negative=zero"
-        for more, said in (
+        for more, message in (
             ((), "--units W/sr/m2/nm"),
             (("--units", "W/sr/m2/nm"), "--wavelengths 400,410,420"),
             ((*waves, "--units", "reflectance"), "--illuminant D65 and --luminance 100"),
@@ -151,15 +151,15 @@ def test_hints_name_the_options_of_the_command(photosite: Any, tmp_path: Path) -
         ):
             done = photosite(*call, *more)
             assert (done.status, done.out) == (2, "")
-            assert f" {said}" in done.err
+            assert f" {message}" in done.err
             assert "='" not in done.err
             assert "=[" not in done.err
 
 
 def test_a_picture_is_balanced_by_its_own_light(photosite: Any, tmp_path: Path) -> None:
     Image.new("RGB", (30, 20), (200, 120, 60)).save(tmp_path / "picture.png")
-    told = ("--scene", tmp_path / "picture.png", "--luminance", 40)
-    photosite("simulate", *SMALL, *told, "-o", tmp_path / "shot.dng")
+    given = ("--scene", tmp_path / "picture.png", "--luminance", 40)
+    photosite("simulate", *SMALL, *given, "-o", tmp_path / "shot.dng")
     camera = ps.Camera(ps.DiffractionLimited(8, 50), ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
     expected = camera.as_shot_neutral(ps.charts.uniform("D65", 1))
     kept = ps.read_raw(tmp_path / "shot.dng").metadata["as_shot_neutral"]
@@ -169,16 +169,16 @@ def test_a_picture_is_balanced_by_its_own_light(photosite: Any, tmp_path: Path) 
 
 
 def test_the_example_of_the_help_fills_the_range(photosite: Any, tmp_path: Path) -> None:
-    said = photosite("simulate", "--help").out
-    example = " ".join(said[said.index("Example: photosite simulate") :].split("\n\n")[0].split()).split()[3:]
-    told = ("--rows", 132, "--cols", 196, *example[: example.index("-o")], "-o", tmp_path / "shot.dng", "--json")
-    done = photosite("simulate", *told).json
+    message = photosite("simulate", "--help").out
+    example = " ".join(message[message.index("Example: photosite simulate") :].split("\n\n")[0].split()).split()[3:]
+    given = ("--rows", 132, "--cols", 196, *example[: example.index("-o")], "-o", tmp_path / "shot.dng", "--json")
+    done = photosite("simulate", *given).json
     assert done["saturated_fraction"] == 0
     assert done["max_dn"] > 0.4 * done["white_level_dn"]
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("given", "message"),
     [
         (
             ("--scene", "macbet"),
@@ -195,10 +195,10 @@ def test_the_example_of_the_help_fills_the_range(photosite: Any, tmp_path: Path)
         (("--cells", 2), "must be odd and positive"),
     ],
 )
-def test_errors_are_one_line(photosite: Any, tmp_path: Path, told: tuple[Any, ...], said: str) -> None:
-    done = photosite("simulate", *SMALL, *told, "-o", tmp_path / "shot.tif")
+def test_errors_are_one_line(photosite: Any, tmp_path: Path, given: tuple[Any, ...], message: str) -> None:
+    done = photosite("simulate", *SMALL, *given, "-o", tmp_path / "shot.tif")
     assert (done.status, done.out) == (2, "")
-    assert said in done.err
+    assert message in done.err
     assert len(done.err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
 

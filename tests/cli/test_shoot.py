@@ -41,7 +41,7 @@ def test_pedestal_is_said_aloud(photosite: Any, tmp_path: Path) -> None:
     assert as_it_is.json["black_level_dn"] == 0
 
 
-def test_shooting_from_maps_with_the_seed_nobody_chose_is_said(photosite: Any, tmp_path: Path) -> None:
+def test_maps_with_the_default_seed_give_a_note(photosite: Any, tmp_path: Path) -> None:
     """Maps of frames shot with seed 0 hold a share of its noise, which seed 0 repeats."""
     sensor = ps.load_sensor("nikon-d200").with_(rows=8, cols=12, black_level_dn=32)
     sensor = sensor.with_(maps=drawn_maps(sensor).save(tmp_path / "mine.maps.h5"))
@@ -49,12 +49,12 @@ def test_shooting_from_maps_with_the_seed_nobody_chose_is_said(photosite: Any, t
     size = ("--sensor", tmp_path / "mine.sensor.yaml", "--no-pedestal")
     silent = photosite("shoot", *size, "-o", tmp_path / "a")
     assert silent.status == 0, silent.err
-    assert "maps hold what is left of their frames' noise" in silent.err
-    assert "if those were shot with seed 0" in silent.err
+    assert "maps contain residual noise of their frames" in silent.err
+    assert "if these were simulated with seed 0" in silent.err
     for seed in (0, 1):
-        assert "maps hold" not in photosite("shoot", *size, "--seed", seed, "-o", tmp_path / f"b{seed}").err
+        assert "residual noise" not in photosite("shoot", *size, "--seed", seed, "-o", tmp_path / f"b{seed}").err
     plain = photosite("shoot", "--rows", 8, "--cols", 12, "--no-pedestal", "-o", tmp_path / "c")
-    assert "maps hold" not in plain.err
+    assert "residual noise" not in plain.err
 
 
 def test_photons_where_the_light_is_metered(photosite: Any, tmp_path: Path) -> None:

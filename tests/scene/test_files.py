@@ -244,7 +244,7 @@ def test_options_accept_numpy_values() -> None:
     assert options.given() == expected
 
 
-def test_what_cannot_be_written(tmp_path: Path) -> None:
+def test_invalid_outputs(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"one of the suffixes \.h5, \.mat"):
         some_scene().save(tmp_path / "scene.png")
     with pytest.raises(InputError, match="no option 'interleav'") as caught:

@@ -105,16 +105,16 @@ def differences_at_1_nm(scene: Scene, picture: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("method", "fine", "drawn_out"), [("mallett-yuksel", 0.08, 0.08), ("jakob-hanika", 0.04, 0.17)]
+    ("method", "fine", "interpolated"), [("mallett-yuksel", 0.08, 0.08), ("jakob-hanika", 0.04, 0.17)]
 )
-def test_colours_at_1_nm_are_what_the_docs_say(method: Method, fine: float, drawn_out: float) -> None:
+def test_colour_differences_at_1_nm_agree_with_the_docs(method: Method, fine: float, interpolated: float) -> None:
     picture = some_colours()
     scene = from_rgb(picture, method=method, wavelength_nm=np.arange(380.0, 781.0))
     assert 0.5 * fine < differences_at_1_nm(scene, picture).max() < fine
-    assert 0.5 * drawn_out < differences_at_1_nm(from_rgb(picture, method=method), picture).max() < drawn_out
+    assert 0.5 * interpolated < differences_at_1_nm(from_rgb(picture, method=method), picture).max() < interpolated
 
 
-def test_reduced_reflectances_leave_0_to_1_by_what_the_docs_say() -> None:
+def test_range_of_reduced_reflectances_agrees_with_the_docs() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 100, 3)).astype(np.uint8)
     for tolerance, beyond in ((1e-3, 0.04), (1e-2, 0.14)):
         scene = from_rgb(picture, method="jakob-hanika", tolerance=tolerance)
@@ -246,7 +246,7 @@ def test_invalid_arguments(call: object, message: str) -> None:
         call()  # type: ignore[operator]
 
 
-def test_integrated_again_every_colour_of_srgb_is_what_it_was() -> None:
+def test_colours_survive_the_round_trip_through_spectra() -> None:
     picture = all_colours()
     scene = from_srgb(picture, "D65", 100.0)
     seen = xyz(np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis), scene.wavelength_nm)
@@ -258,7 +258,7 @@ def test_integrated_again_every_colour_of_srgb_is_what_it_was() -> None:
     assert scene.mean_luminance_cd_m2() == pytest.approx(100.0, rel=1e-6)
 
 
-def test_on_a_grid_of_10_nm_the_difference_is_what_the_docstring_says() -> None:
+def test_difference_on_a_10_nm_grid_agrees_with_the_docstring() -> None:
     grid = np.arange(380.0, 781.0, 10.0)
     light = photons_from_energy(illuminant("D65", grid), grid)
     red = xyz(srgb_reflectance(grid)[0] * light, grid) / xyz(light, grid)[1]
@@ -314,6 +314,6 @@ def test_invalid_pictures(picture: np.ndarray, message: str) -> None:
         from_srgb(picture)
 
 
-def test_wavelengths_beyond_the_table() -> None:
+def test_wavelengths_outside_the_table() -> None:
     with pytest.raises(InputError, match="within 380 to 780 nm"):
         srgb_reflectance([370.0, 700.0])

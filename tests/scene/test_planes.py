@@ -43,7 +43,7 @@ def test_a_plane_without_a_width_or_the_farthest_goes_on() -> None:
     assert Plane(scene(1.0, 0.3)).light(ends=False).shape == (4, 6)
 
 
-def test_mean_radiance_counts_what_is_there() -> None:
+def test_mean_radiance_is_weighted_by_opacity() -> None:
     plain = scene(1.0)
     alpha = np.zeros((4, 6))
     alpha[1, 2] = 0.25
@@ -76,6 +76,6 @@ def test_planes_out_of_order_are_refused() -> None:
 
 
 @pytest.mark.parametrize("planes", [(), scene(1.0), (scene(1.0), "far"), 3])
-def test_what_is_not_planes_is_refused(planes: object) -> None:
+def test_invalid_planes(planes: object) -> None:
     with pytest.raises(InputError, match="near to far"):
         Planes(planes)  # type: ignore[arg-type]

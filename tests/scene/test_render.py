@@ -68,7 +68,7 @@ def assert_mean(scene: Scene, expected: NDArray[np.float64]) -> None:
     assert (np.abs(values.mean(axis=0) - expected) < 5 * error + 1e-6 * expected).all()
 
 
-def test_sky_is_what_it_says() -> None:
+def test_radiance_of_a_sky() -> None:
     sky = seen_by(light={"type": "constant", "radiance": ramp(1.0, 3.0)})
     assert_mean(render_mitsuba(sky, spp=64), line(GRID, 1.0, 3.0))
 
@@ -194,7 +194,7 @@ def test_seed_and_variant() -> None:
 
 
 @pytest.mark.parametrize("light", [{"type": "rgb", "value": [1.0, 0.5, 1.0]}, {"type": "d65"}, 1.0])
-def test_lights_without_a_scale_are_said(light: Any) -> None:
+def test_lights_without_an_absolute_scale_give_a_warning(light: Any) -> None:
     scene = seen_by(light={"type": "constant", "radiance": light})
     with pytest.warns(PhotositeWarning, match="no absolute scale"):
         render_mitsuba(scene, spp=1, wavelength_nm=[500])
@@ -203,9 +203,9 @@ def test_lights_without_a_scale_are_said(light: Any) -> None:
 
 
 def test_example_scene() -> None:
-    told: list[int] = []
-    scene = example_scene(rows=16, cols=24, spp=4, progress=lambda done, total, what: told.append(done))
-    assert told == [4, 8, 12, 16, 20, 24, 28, 31]
+    calls: list[int] = []
+    scene = example_scene(rows=16, cols=24, spp=4, progress=lambda done, total, unit: calls.append(done))
+    assert calls == [4, 8, 12, 16, 20, 24, 28, 31]
     assert scene.shape == (16, 24)
     assert scene.name == "still_life"
     # The soft box: 0.5 m square, 3200 K, some 9000 cd/m2, 1.3 m away.
@@ -227,7 +227,7 @@ WALL = '<shape type="rectangle"><bsdf type="diffuse"><spectrum name="%s" value="
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("not xml", "Mitsuba rejects the scene: .*Parsing"),
         ('<scene version="3.0.0"><shape type="cubus"/></scene>', "cubus"),
@@ -241,10 +241,10 @@ WALL = '<shape type="rectangle"><bsdf type="diffuse"><spectrum name="%s" value="
         ('<scene version="3.0.0"><shape type="ply"><string name="filename" value="no.ply"/></shape></scene>', "no.ply"),
     ],
 )
-def test_scene_files_refused(tmp_path: Path, content: str, said: str) -> None:
+def test_invalid_scene_files(tmp_path: Path, content: str, message: str) -> None:
     file = tmp_path / "a.xml"
     file.write_text(content)
-    with pytest.raises((FileError, InputError), match=said) as error:
+    with pytest.raises((FileError, InputError), match=message) as error:
         render_mitsuba(file)
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 400
@@ -261,14 +261,15 @@ def test_scene_files_refused(tmp_path: Path, content: str, said: str) -> None:
         ({"wavelength_nm": [400, 410, 430]}, "wavelength_nm"),
         ({"wavelength_nm": [410, 400]}, "wavelength_nm"),
         ({"sensor": 1}, "sensor"),
-        ({"parameters": {"rows": 3}}, "parameters are for scene files"),
+        ({"parameters": {"rows": 3}}, "parameters apply to scene files"),
         ({"tolerance": 2.0}, "tolerance"),
     ],
 )
-def test_calls_refused(wrong: dict[str, Any], said: str) -> None:
+def test_invalid_arguments(wrong: dict[str, Any], field: str) -> None:
     sky = seen_by(light={"type": "constant", "radiance": ramp(1, 1)})
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError) as caught:
         render_mitsuba(sky, **wrong)
+    assert caught.value.what == field
 
 
 def test_missing_file_and_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,7 +74,7 @@ def test_mean_luminance_scales_radiance() -> None:
         scene.scaled(0.0).with_mean_luminance(10)
 
 
-def test_light_outside_is_the_share_of_the_response_beyond_the_grid() -> None:
+def test_light_outside_is_the_share_of_the_response_outside_the_grid() -> None:
     scene = Scene.uniform(np.ones(GRID.size), GRID)
     assert scene.light_outside([400, 700], [1, 1]) == 0.0
     assert scene.light_outside(np.arange(380.0, 781.0, 10), np.ones(41)) == pytest.approx(100 / 400, rel=1e-9)

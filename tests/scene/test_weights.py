@@ -50,7 +50,7 @@ def test_a_scene_of_a_mapped_file_is_no_copy(tmp_path: Path) -> None:
         Scene(bad, np.ones((2, GRID.size)), GRID)
 
 
-def test_what_was_computed_from_mapped_weights_is_looked_at_again(tmp_path: Path) -> None:
+def test_weights_computed_from_mapped_ones_are_checked_again(tmp_path: Path) -> None:
     weights = mapped(tmp_path / "w", np.ones((2, 3, 5)), MappedWeights)
     with np.errstate(divide="ignore", invalid="ignore"):
         spoilt = weights / np.float32(0)

@@ -39,7 +39,7 @@ def test_a_checkerboard_of_any_size_holds_exact_shares() -> None:
     assert board == pytest.approx(points, abs=1e-6)
 
 
-def test_discs_cover_what_circles_do() -> None:
+def test_discs_cover_the_area_of_circles() -> None:
     """The whole is pi R^2; single samples against 400 x 400 points."""
     share = coverage.disc(21, 25, 10.3, 12.9, 7.7)
     assert share.sum() == pytest.approx(math.pi * 7.7**2, rel=1e-12)
@@ -53,7 +53,7 @@ def test_discs_cover_what_circles_do() -> None:
 
 
 @pytest.mark.parametrize(("pitch", "diameter"), [(16, 5.0), (16, 16.0), (15, 0.4), (15, 15.0)])
-def test_points_stand_on_their_grid_whole(pitch: int, diameter: float) -> None:
+def test_points_are_complete_and_on_their_grid(pitch: int, diameter: float) -> None:
     grid = charts.point_grid(pitch=pitch, diameter=diameter, rows=6 * pitch, cols=4 * pitch).weights[0]
     assert grid.sum() == pytest.approx(24 * math.pi * diameter**2 / 4, rel=1e-6)
     assert (grid[: 2 * pitch, :pitch] == grid[pitch : 3 * pitch, pitch : 2 * pitch]).all()

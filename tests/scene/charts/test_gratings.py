@@ -127,7 +127,7 @@ def test_siemens_star_has_its_cycles_round_the_circle() -> None:
         assert spectrum.argmax() == 72
 
 
-def test_siemens_star_greys_are_equal_steps_and_stand_clear_of_it() -> None:
+def test_siemens_star_greys_are_equal_steps_outside_the_star() -> None:
     star = charts.siemens_star(contrast=11.0, rows=512, cols=640)
     share = (star.weights[0].astype(np.float64) - 1 / 11) / (10 / 11)
     for level, region in enumerate(star.regions):
