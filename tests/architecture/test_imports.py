@@ -32,7 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "metrics": VALUES | {"color", "engine", "sensor", "frames"},
     "develop": VALUES | {"color", "engine", "sensor", "frames"},
     "validation": STAGES | {"calibration", "metrics", "develop"},
-    "report": RESULTS | {"develop", "optics"},
+    "report": RESULTS,
     "studies": STAGES | {"calibration", "metrics", "develop", "validation", "report"},
     "cli": STAGES | {"calibration", "metrics", "develop", "validation", "report", "studies", ""},
     "__main__": {"cli"},

@@ -232,7 +232,7 @@ def test_impossible_results_and_invalid_input():
     usual = line(500.0, 1100, Measured(0.01))
     unknown = mono(conversion_gain_uv_per_e=Measured(1.0, assumed=True))
     for frames, what, value in (
-        (measurement([line(500.0, 1100, Measured(1e-5))]), "the quantum efficiency at 500 nm", 794.0),
+        (measurement([line(500.0, 1100, Measured(1e-5))]), "the quantum efficiency at 500 nm", 795.0),
         (measurement([line(500.0, 80, Measured(0.01))]), "the quantum efficiency at 500 nm", -0.0159),
         (measurement([usual], unknown), "conversion_gain_uv_per_e", NOT_GIVEN),
     ):

@@ -1,4 +1,4 @@
-"""Calibrations that the report's tests share."""
+"""A calibration that the report's tests share."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from photosite.frames.frame_set import frame_set_from_arrays
 
 @pytest.fixture(scope="session")
 def darks_only() -> Calibration:
-    """No lights, no photons, no volts, one channel."""
+    """A calibration from dark frames only, of one channel."""
     rng = np.random.default_rng(3)
     darks = np.rint(rng.normal(64.0, 2.0, (2, 6, 24, 32))).astype(np.uint16)
     frames = [("dark", t, dn) for t, stack in zip((0.01, 1.0), darks, strict=True) for dn in stack]

@@ -1,3 +1,5 @@
+"""The report of a calibration: content, self-containment, reproducibility."""
+
 from __future__ import annotations
 
 import hashlib
@@ -19,25 +21,36 @@ from photosite.report.calibration import write_calibration_report
 from photosite.report.tables import correlation_table
 
 
+@pytest.fixture(scope="module")
+def loop_report(loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of the virtual D200, with all figures."""
+    path = tmp_path_factory.mktemp("report") / "loop.html"
+    write_calibration_report(loop.calibration, path)
+    return path
+
+
 @pytest.fixture(scope="module", params=["loop", "darks_only"])
-def calibration(request: pytest.FixtureRequest):
-    found = request.getfixturevalue(request.param)
-    return found if request.param == "darks_only" else found.calibration
+def reported(request: pytest.FixtureRequest, read_page, tmp_path_factory: pytest.TempPathFactory):
+    """A calibration and its page."""
+    if request.param == "loop":
+        calibration, path = request.getfixturevalue("loop").calibration, request.getfixturevalue("loop_report")
+    else:
+        calibration, path = request.getfixturevalue("darks_only"), tmp_path_factory.mktemp("report") / "darks.html"
+        write_calibration_report(calibration, path)
+    return calibration, read_page(path.read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
-def page(calibration, read_page, tmp_path_factory: pytest.TempPathFactory):
-    path = tmp_path_factory.mktemp("report") / "report.html"
-    write_calibration_report(calibration, path)
-    return read_page(path.read_text(encoding="utf-8"))
+def page(reported):
+    return reported[1]
 
 
 def without_figures(calibration: Calibration) -> Calibration:
-    """The same numbers; its page is written in a moment."""
+    """Return the same calibration without figures, whose page is written quickly."""
     return replace(calibration, curves={}, snr={}, linearity={}, general={}, spatial={}, base=None)
 
 
-def test_page_needs_no_other_file(page) -> None:
+def test_page_is_self_contained(page) -> None:
     tags = {tag for tag, _ in page.elements}
     assert not tags & {"script", "link", "iframe", "object", "embed"}
     assert all(address.startswith("#") for address in page.values("href"))
@@ -52,7 +65,7 @@ def test_page_needs_no_other_file(page) -> None:
                 assert "url(http" not in value
 
 
-def test_style_sheet_fetches_nothing() -> None:
+def test_style_sheet_loads_nothing() -> None:
     import photosite.report
 
     css = (Path(photosite.report.__path__[0]) / "templates" / "page.css").read_text()
@@ -60,7 +73,8 @@ def test_style_sheet_fetches_nothing() -> None:
     assert "@import" not in css
 
 
-def test_every_parameter_is_there_once_with_its_value_or_its_reason(calibration, page) -> None:
+def test_every_parameter_appears_once_with_value_or_reason(reported) -> None:
+    calibration, page = reported
     by_channel = 0 if not calibration.channels else len(calibration.channels)
     reasons = {(row[0], row[1]): row[2] for row in page.rows if len(row) == 3}
     values = {(row[0], row[2]): row for row in page.rows if len(row) == 5 and row[0] != "Parameter"}
@@ -75,7 +89,7 @@ def test_every_parameter_is_there_once_with_its_value_or_its_reason(calibration,
             assert values[key][4] == estimate.method
             assert values[key][1]
         shown[key] += 1
-    assert set(shown.values()) == {1}, "two parameters of one name and unit cannot be told apart"
+    assert set(shown.values()) == {1}, "parameters must differ in name or unit"
 
 
 def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> None:
@@ -87,11 +101,11 @@ def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> N
     assert row[3].split() == ["0.5138", "to", "0.5259"]
 
 
-def test_warnings_rejected_frames_and_digests_are_there(loop, read_page, tmp_path: Path) -> None:
+def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     nasty = tuple(f'warning <{n}> & "so" on' for n in range(30))
-    left_out = ("a<b>.tif repeats c.tif",)
-    calibration = replace(without_figures(loop.calibration), warnings=nasty, rejected=left_out, source="<i>here</i>")
+    rejected = ("a<b>.tif repeats c.tif",)
+    calibration = replace(without_figures(loop.calibration), warnings=nasty, rejected=rejected, source="<i>here</i>")
     write_calibration_report(calibration, path)
     page = read_page(path.read_text(encoding="utf-8"))
     for text in nasty:
@@ -104,25 +118,25 @@ def test_warnings_rejected_frames_and_digests_are_there(loop, read_page, tmp_pat
         assert digest in page.text
 
 
-def test_frames_of_a_virtual_camera_are_said_to_be(loop, read_page, tmp_path: Path) -> None:
+def test_simulated_frames_are_marked(loop, read_page, tmp_path: Path) -> None:
     for virtual in (True, False):
         path = tmp_path / f"{virtual}.html"
         write_calibration_report(without_figures(loop.calibration), path, virtual_camera=virtual)
-        assert ("made by a virtual camera" in read_page(path.read_text(encoding="utf-8")).text) is virtual
+        assert ("simulated by a virtual camera" in read_page(path.read_text(encoding="utf-8")).text) is virtual
 
 
-def test_same_calibration_gives_the_same_bytes_whatever_the_users_settings(loop, tmp_path: Path) -> None:
-    write_calibration_report(loop.calibration, tmp_path / "one.html")
+def test_bytes_do_not_depend_on_the_users_settings(loop, loop_report, tmp_path: Path) -> None:
     with matplotlib.rc_context({"font.size": 23.0, "svg.hashsalt": None, "axes.grid": False, "svg.fonttype": "none"}):
         before = dict(matplotlib.rcParams)
-        write_calibration_report(loop.calibration, tmp_path / "two.html")
-        assert dict(matplotlib.rcParams) == before, "the user's settings are as they were"
-    one, two = ((tmp_path / name).read_bytes() for name in ("one.html", "two.html"))
-    assert one == two
-    assert not re.search(rb"20\d\d-\d\d-\d\d", one), "no date"
+        write_calibration_report(loop.calibration, tmp_path / "again.html")
+        assert dict(matplotlib.rcParams) == before, "the user's settings must not change"
+    content = loop_report.read_bytes()
+    assert content == (tmp_path / "again.html").read_bytes()
+    assert not re.search(rb"20\d\d-\d\d-\d\d", content), "no date"
+    assert len(content) < 2_500_000
 
 
-def test_darks_alone_have_the_figures_of_darks_and_no_empty_ones(darks_only, read_page, tmp_path: Path) -> None:
+def test_dark_frames_alone_have_no_empty_figures(darks_only, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_calibration_report(darks_only, path)
     page = read_page(path.read_text(encoding="utf-8"))
@@ -130,7 +144,7 @@ def test_darks_alone_have_the_figures_of_darks_and_no_empty_ones(darks_only, rea
     bands = "points and fitted lines with 95 % bands"
     assert figures == [f"Dark signal: {bands}", f"Dark temporal variance: {bands}"]
     assert page.text.count("Not shown: No light frames.") == 4, "response, photon transfer, noise, linearity"
-    assert "none: all frames are dark ones" in page.text
+    assert "none; all frames are dark frames" in page.text
 
 
 def test_curve_of_one_point_has_no_figure(darks_only, read_page, tmp_path: Path) -> None:
@@ -140,10 +154,10 @@ def test_curve_of_one_point_has_no_figure(darks_only, read_page, tmp_path: Path)
     write_calibration_report(replace(darks_only, curves={"M": {"dark_signal": single}}), path)
     page = read_page(path.read_text(encoding="utf-8"))
     assert page.values("src") == []
-    assert "Not shown: Darks at one exposure only" in page.text
+    assert "Not shown: Dark frames at only one exposure time" in page.text
 
 
-def test_every_figure_says_in_words_what_it_shows(page) -> None:
+def test_every_figure_has_an_alternative_text(page) -> None:
     shown = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     assert len(shown) == len(set(shown)) > 1
     assert all(len(words.split()) > 3 for words in shown)
@@ -156,12 +170,10 @@ def test_tables_have_captions_and_heads(page) -> None:
     assert scopes == {"col", "row", "rowgroup"}
 
 
-def test_sections_follow_the_data_sheet(loop, read_page, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    write_calibration_report(loop.calibration, path)
-    assert read_page(path.read_text(encoding="utf-8")).values("id") == [
+def test_sections_follow_the_data_sheet(loop_report, read_page) -> None:
+    assert read_page(loop_report.read_text(encoding="utf-8")).values("id") == [
         "data-sheet",
-        "warnings-and-frames-left-out",
+        "warnings-and-rejected-frames",
         "sensitivity",
         "photon-transfer",
         "signal-to-noise-ratio",
@@ -169,7 +181,7 @@ def test_sections_follow_the_data_sheet(loop, read_page, tmp_path: Path) -> None
         "general-model",
         "dark-current",
         "noise-in-the-dark",
-        "non-uniformity",
+        "nonuniformity",
         "defects",
         "2008-paper",
         "all-parameters",
@@ -179,7 +191,7 @@ def test_sections_follow_the_data_sheet(loop, read_page, tmp_path: Path) -> None
     ]
 
 
-def test_each_frame_stands_beside_its_digest(loop, read_page, tmp_path: Path) -> None:
+def test_each_frame_is_listed_with_its_digest(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_calibration_report(without_figures(loop.calibration), path)
     rows = {tuple(row) for row in read_page(path.read_text(encoding="utf-8")).rows if len(row) == 2}
@@ -188,7 +200,7 @@ def test_each_frame_stands_beside_its_digest(loop, read_page, tmp_path: Path) ->
         assert any(name and frame.name.endswith(name) and found == digest for name, found in rows)
 
 
-def test_frames_that_are_gone_are_said_to_be(darks_only, read_page, tmp_path: Path) -> None:
+def test_missing_frames_are_reported(darks_only, read_page, tmp_path: Path) -> None:
     def gone() -> np.ndarray:
         raise FileError("dark-7.tif", "is not there any more")
 
@@ -196,13 +208,7 @@ def test_frames_that_are_gone_are_said_to_be(darks_only, read_page, tmp_path: Pa
     path = tmp_path / "report.html"
     write_calibration_report(replace(darks_only, frames_used=(frame,)), path)
     page = read_page(path.read_text(encoding="utf-8"))
-    assert "The frames could not be hashed: dark-7.tif: is not there any more." in page.text
-
-
-def test_page_is_light(loop, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    write_calibration_report(loop.calibration, path)
-    assert path.stat().st_size < 2_500_000
+    assert "No digests of the frames: dark-7.tif: is not there any more." in page.text
 
 
 def test_correlations_are_those_of_the_covariance(loop) -> None:
@@ -213,4 +219,4 @@ def test_correlations_are_those_of_the_covariance(loop) -> None:
     expected = joint[0, 1] / np.sqrt(joint[0, 0] * joint[1, 1])
     assert float(row[titles.index("K")].replace("−", "-")) == pytest.approx(expected, abs=0.005)
     assert row[titles.index("σd")] == ""
-    assert expected < -0.5, "electrons are numbers over the gain"
+    assert expected < -0.5, "electrons are DN divided by the gain"

@@ -1,4 +1,4 @@
-"""What a calibration with maps says of the chip: planted defects are counted and listed, noise has its parts."""
+"""Defects and temporal noise of a mapped chip in the report."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.report.calibration import calibration_page
 from photosite.report.chip import defect_blocks, temporal_blocks
-from photosite.report.html import Details, Images, Paragraph, Table, render_page
-from photosite.report.patterns import outlier_pixel_blocks
+from photosite.report.html import render_page
+from photosite.report.page import Details, Images, Paragraph, Table
+from photosite.report.plots import outlier_pixel_blocks
 from photosite.sensor.measured_chip import no_defects
 
 HOT, DEAD = (7, 11), (20, 3)
@@ -21,7 +22,7 @@ HOT, DEAD = (7, 11), (20, 3)
 
 @pytest.fixture(scope="module")
 def calibration() -> Calibration:
-    """Darks of two exposures and flats of four, one pixel hot and one dead."""
+    """Dark frames at two and flat fields at four exposure times, with one hot and one dead pixel."""
     rng = np.random.default_rng(8)
     shape = (40, 48)
     rate, response = np.zeros(shape), np.ones(shape)
@@ -55,19 +56,19 @@ def test_outlier_pixels_of_the_mean_frames_are_listed_with_their_rule(calibratio
     assert all("0.1 pixels" in row[5] for row in table.rows)
 
 
-def test_noise_has_its_parts_and_their_intervals(calibration: Calibration) -> None:
+def test_parts_of_the_noise_have_intervals(calibration: Calibration) -> None:
     table, picture, *_ = temporal_blocks(calibration)
     assert isinstance(table, Table)
     assert isinstance(picture, Images)
     by_name = {row[0]: row for row in table.rows}
-    value = float(by_name["Noise of a pixel by itself"][1].split(" ")[0])
+    value = float(by_name["Pixel noise"][1].split(" ")[0])
     assert 1.9 < value < 2.1, "planted: 2 DN; with 40 x 48 pixels of 16 frames known to 0.4 %"
     assert all(row[1] == "not estimated" or row[3] for row in table.rows)
 
 
-def test_chip_without_defects_or_maps_says_so(calibration: Calibration) -> None:
+def test_chip_without_defects_or_maps(calibration: Calibration) -> None:
     perfect = replace(calibration, chip=replace(calibration.chip, defects=no_defects()))
-    assert defect_blocks(perfect)[-1] == Paragraph("No pixel is defective by these rules.")
+    assert defect_blocks(perfect)[-1] == Paragraph("No pixel is defective.")
     unmeasured = replace(calibration, chip=None, temporal=None)
     assert defect_blocks(unmeasured) == ()
     (reason,) = temporal_blocks(unmeasured)
@@ -76,4 +77,4 @@ def test_chip_without_defects_or_maps_says_so(calibration: Calibration) -> None:
 
 def test_page_of_a_chip_is_well_formed(calibration: Calibration, read_page) -> None:
     page = read_page(render_page(calibration_page(calibration)))
-    assert "Dead: less than half of its channel's response" in page.text
+    assert "Dead: response below half of the channel's" in page.text

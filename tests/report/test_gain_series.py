@@ -1,4 +1,4 @@
-"""The report of a gain series: every setting, both parts, the switch; and its figure."""
+"""The report of a gain series: settings, the two parts of read noise, the switch, and the figure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PRE_E, POST_DN = (6.0, 6.0, 2.0, 2.0), 1.5
 
 @functools.cache
 def measured() -> Calibration:
-    """A calibration of 12 small frames, whose figures the series below replaces."""
+    """A calibration of 12 small frames; the series below replaces its values."""
     rng = np.random.default_rng(1)
 
     def frame(kind: Kind, exposure_s: float) -> tuple[Kind, float, NDArray[np.uint16]]:
@@ -65,11 +65,11 @@ def series() -> GainSeries:
 def test_page(series: GainSeries, tmp_path: Path) -> None:
     page = render_page(gain_series_page(series))
     for text in (
-        "48 frames of darkness and flat light at 4 gain settings, 100 to 800",
+        "48 dark frames and flat fields at 4 gain settings, 100 to 800",
         "The conversion gain switches between the settings 200 and 400 (95 %: between 200 and 400)",
         "as read noise shows (p = 0.0001)",
         "3.00 ± 0.10",
-        "No gain setting is known to have one digital number per electron: it jumps.",
+        "The gain setting of 1 DN per electron is unknown: it jumps.",
         "Odd things happened",
     ):
         assert text in page
@@ -77,9 +77,9 @@ def test_page(series: GainSeries, tmp_path: Path) -> None:
     assert (tmp_path / "report.html").stat().st_size > 10_000
     quiet = replace(series, switch=None, modes=series.modes[:1], warnings=(), unity_gain=Estimate(870.0, 3.0))
     page = render_page(gain_series_page(quiet))
-    assert "No switch of the conversion gain was found" in page
+    assert "No conversion-gain switch was found" in page
     assert "blue band" not in page
-    assert "at the gain setting 870.0 ± 3.0" in page
+    assert "at gain setting 870.0 ± 3.0" in page
 
 
 def test_tables(series: GainSeries) -> None:
@@ -91,18 +91,18 @@ def test_tables(series: GainSeries) -> None:
     assert "(< 1.00)" in high[2]  # type: ignore[index]
 
 
-def test_each_setting_s_warnings_rejects_and_frames_are_in_the_report(series: GainSeries) -> None:
-    """A setting's own warning stands once, under its setting, not among those of the series too."""
+def test_warnings_rejected_frames_and_digests_of_each_setting(series: GainSeries) -> None:
+    """A setting's warning appears once, under its setting, and not among those of the series."""
     first = replace(
         series.steps[0].calibration, warnings=("the lamp wanders",), rejected=("a.tif: is a copy of b.tif",)
     )
     steps = (replace(series.steps[0], calibration=first), *series.steps[1:])
-    told = replace(series, steps=steps, warnings=("gain setting 100: the lamp wanders", "odd things happened"))
-    html = render_page(gain_series_page(told))
+    changed = replace(series, steps=steps, warnings=("gain setting 100: the lamp wanders", "odd things happened"))
+    html = render_page(gain_series_page(changed))
     assert html.count("lamp wanders") == 1
     assert html.count("Odd things happened.") == 1
     assert "a.tif: is a copy of b.tif" in html
-    assert html.count("All 12 frames were used, none was left out.") == 3
+    assert html.count("All 12 frames were used.") == 3
     digests = first.frame_digests
     assert len(digests) == 12
     assert all(html.count(digest) >= 4 for digest in digests)
@@ -110,9 +110,9 @@ def test_each_setting_s_warnings_rejects_and_frames_are_in_the_report(series: Ga
 
 
 def test_figure_draws_the_model(series: GainSeries) -> None:
-    """The line through the low conversion gain is sqrt(pre^2 + (post / K)^2) in electrons, at both its ends."""
+    """The line of the low conversion gain is sqrt(pre^2 + (post / K)^2) in electrons, at both ends."""
     noise, gain = gain_series_figure(series).axes
-    lines = [line for line in noise.get_lines() if line.get_label() == "two parts together"]
+    lines = [line for line in noise.get_lines() if line.get_label() == "sum of both parts"]
     for line, part in zip(lines, (slice(0, 2), slice(2, 4)), strict=True):
         x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
         assert (x[0], x[-1]) == pytest.approx(SETTINGS[part])

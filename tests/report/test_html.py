@@ -1,3 +1,5 @@
+"""Pages as HTML: escaping, identifiers, links, and atomic writing."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -5,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from photosite.errors import FileError
-from photosite.report.html import (
+from photosite.report.html import render_page
+from photosite.report.page import (
     Column,
     Details,
     Heading,
@@ -19,9 +22,8 @@ from photosite.report.html import (
     Subheading,
     Table,
     Terms,
-    render_page,
-    write_page,
 )
+from photosite.report.write import write_report
 
 NASTY = "<script>alert('x')</script> & \"both\" 'quotes' {{ page }} é ⁻¹"
 
@@ -44,46 +46,45 @@ def page_of_everything(text: str) -> Page:
     return Page(text, text, (Section("One", blocks), Section("Two & three", blocks)), footer=text)
 
 
-def test_whatever_a_text_holds_is_shown_as_it_is(read_page) -> None:
+def test_text_is_escaped(read_page) -> None:
     page = read_page(render_page(page_of_everything(NASTY)))
     assert "script" not in {tag for tag, _ in page.elements}
-    # Twice each: paragraph, two notices, two lines, two tables of six texts, two captions, three titles over images,
-    # two summaries and the paragraph within, a subheading, a term and its meaning; once each: title in head and page,
-    # lead, footer.
+    # Twice each: paragraph, two notices, two lines, two tables of six texts, two captions, three image titles, two
+    # summaries and the paragraph inside, subheading, term and meaning. Once each: title in head and page, lead, footer.
     assert page.text.count(NASTY) == 2 * (1 + 2 + 2 + 2 * 6 + 2 + 3 + 2 + 1 + 1 + 2) + 4
     assert page.values("alt") == [NASTY] * 6
 
 
-def test_page_has_one_of_each_id_and_links_that_lead_somewhere(read_page) -> None:
+def test_identifiers_are_unique_and_links_valid(read_page) -> None:
     page = read_page(render_page(page_of_everything("x")))
     ids = page.values("id")
     assert ids == ["one", "two-three"]
-    assert page.values("href") == ["#one", "#one", "#two-three"], "past the navigation, and the navigation"
+    assert page.values("href") == ["#one", "#one", "#two-three"], "a link past the navigation, and the navigation"
 
 
-def test_sections_without_blocks_are_left_out(read_page) -> None:
+def test_empty_sections_are_omitted(read_page) -> None:
     page = read_page(render_page(Page("t", "l", (Section("Empty", ()), Section("Full", (Paragraph("x"),))))))
     assert page.values("id") == ["full"]
     assert "Empty" not in page.text
     assert "nav" not in {tag for tag, _ in page.elements}, "one section needs no navigation"
 
 
-def test_row_of_the_wrong_length_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"2 columns, but a row of 3"):
+def test_row_of_the_wrong_length_is_rejected() -> None:
+    with pytest.raises(ValueError, match="expected 2 texts"):
         Table("t", (Column("a"), Column("b")), (("1", "2"), ("1", "2", "3")))
 
 
-def test_write_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_write_is_atomic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = Page("t", "l", (Section("S", (Paragraph("new"),)),))
     path = tmp_path / "page.html"
     path.write_text("old")
-    monkeypatch.setattr(Path, "write_text", _full_disk)
+    monkeypatch.setattr(Path, "write_bytes", _full_disk)
     with pytest.raises(FileError, match=r"page\.html: cannot be written: No space left"):
-        write_page(page, path)
+        write_report(page, path)
     monkeypatch.undo()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-    write_page(page, path)
+    write_report(page, path)
     assert "new" in path.read_text(encoding="utf-8")
 
 
@@ -93,11 +94,11 @@ def _full_disk(*args: object, **keywords: object) -> int:
 
 def test_missing_folder_is_a_file_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"):
-        write_page(Page("t", "l", ()), tmp_path / "absent" / "page.html")
+        write_report(Page("t", "l", ()), tmp_path / "absent" / "page.html")
 
 
-def test_wide_tables_scroll_by_themselves(read_page) -> None:
-    """Each table stands in a box that scrolls sideways, by keyboard too, so that a narrow screen cuts nothing off."""
+def test_wide_tables_scroll(read_page) -> None:
+    """Each table is in a box that scrolls sideways, by keyboard too, so that narrow screens show everything."""
     table = Table("All of it", (Column("A"), Column("B", numeric=True)), (("a", "1"),))
     page = read_page(render_page(Page("Tables", "", (Section("One", (table, Details("more", (table,)))),))))
     tables = [index for index, (tag, _) in enumerate(page.elements) if tag == "table"]

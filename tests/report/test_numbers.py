@@ -1,3 +1,5 @@
+"""Formatted numbers, uncertainties and intervals."""
+
 from __future__ import annotations
 
 import math
@@ -12,7 +14,7 @@ MINUS = "−"
 
 
 def read(text: str) -> float:
-    """A formatted number as a number."""
+    """Parse a formatted number."""
     digits = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
     mantissa, _, power = text.replace("\u202f", "").replace(MINUS, "-").partition("\u00a0×\u00a010")
     exponent = "".join("-0123456789"[digits.index(letter)] for letter in power)
@@ -55,7 +57,7 @@ def test_value_with_uncertainty(value: float, uncertainty: float, text: str) -> 
     assert format_uncertain(value, uncertainty) == text
 
 
-def test_written_numbers_read_back_to_their_last_digit() -> None:
+def test_formatted_numbers_parse_to_their_last_digit() -> None:
     rng = np.random.default_rng(8)
     for exponent in range(-12, 13):
         for value in (rng.uniform(-10, 10, 20) * 10.0**exponent).tolist():
@@ -67,7 +69,7 @@ def test_written_numbers_read_back_to_their_last_digit() -> None:
                 read(part.strip("()") + ("\u00a0×" + power if power else "")) for part in pair.split(" ± ")
             )
             assert shown_u == pytest.approx(u, rel=0.051)
-            # The value is cut where the uncertainty's second digit stands.
+            # The value is rounded at the second digit of the uncertainty.
             assert abs(shown - value) <= 0.51 * 10.0 ** (math.floor(math.log10(shown_u * (1 + 1e-9))) - 1)
 
 
@@ -78,7 +80,7 @@ def test_interval_has_the_digits_of_its_uncertainty() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_only_finite_numbers_are_shown(value: float) -> None:
+def test_non_finite_numbers_are_rejected(value: float) -> None:
     with pytest.raises(InputError):
         format_number(value)
     with pytest.raises(InputError):

@@ -1,4 +1,4 @@
-"""Table 1 of the 2008 paper and the sensor file say one thing of the well."""
+"""Table 1 of the 2008 paper agrees with the sensor file about the well."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _well_row(calibration: Calibration) -> tuple[str, ...]:
 
 
 def test_the_well_is_that_of_the_sensor_file(loop: ClosedLoop) -> None:
-    """Flats that fill the well below the converter's top; EMVA's saturation capacity is another figure."""
+    """The flat fields fill the well before the converter saturates; EMVA's saturation capacity is another parameter."""
     full = replace(
         loop.calibration,
         saturation_dn=Estimate.of(Uncertain.of(3500.0, 1.0), "brightest flats"),
@@ -28,7 +28,7 @@ def test_the_well_is_that_of_the_sensor_file(loop: ClosedLoop) -> None:
     assert _well_row(full)[2] == format_uncertain(well.value, well.standard_uncertainty)
 
 
-def test_a_converter_that_ends_first_tells_no_well(loop: ClosedLoop) -> None:
+def test_no_well_if_the_converter_saturates_first(loop: ClosedLoop) -> None:
     top = float((1 << loop.calibration.bits) - 1)
     limited = replace(loop.calibration, saturation_dn=Estimate.of(Uncertain.of(top, 0.1), "brightest flats"))
     assert limited.base is not None

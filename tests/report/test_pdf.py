@@ -1,4 +1,4 @@
-"""The PDF holds what the page holds: read back by a small reader of text, outline and fonts."""
+"""The PDF has the content of the page: text, outline and fonts, read by a small parser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from photosite.errors import FileError
 from photosite.report.calibration import calibration_page, write_calibration_report
-from photosite.report.html import (
+from photosite.report.page import (
     Column,
     Details,
     Heading,
@@ -23,11 +23,12 @@ from photosite.report.html import (
     Table,
     Terms,
 )
-from photosite.report.pdf import pdf_bytes, write_pdf
+from photosite.report.pdf import pdf_bytes
+from photosite.report.write import write_report
 
 
 def objects(pdf: bytes) -> dict[int, bytes]:
-    """Objects by number, streams inflated."""
+    """Return the objects by number, with streams inflated."""
     found = {}
     for number, body in re.findall(rb"(?:^|\n)(\d+) 0 obj\n(.*?)\nendobj", pdf, re.DOTALL):
         head, stream, rest = body.partition(b"\nstream\n")
@@ -39,7 +40,7 @@ def objects(pdf: bytes) -> dict[int, bytes]:
 
 
 def text_of(pdf: bytes) -> list[str]:
-    """The text of each page, white space evened out, by the fonts' own maps from glyphs to characters."""
+    """Return the text of each page with single spaces, decoded by the fonts' glyph maps."""
     parts = objects(pdf)
     fonts: dict[bytes, dict[str, str]] = {}
     names = dict(re.findall(rb"/(F\d+) (\d+) 0 R", b"\n".join(parts.values())))
@@ -52,14 +53,14 @@ def text_of(pdf: bytes) -> list[str]:
         if b"/Type /Page\n" not in body:
             continue
         content = parts[int(re.search(rb"/Contents (\d+)", body)[1])].partition(b"\nstream\n")[2]
-        said, font = [], {}
+        texts, font = [], {}
         for switch, string in re.findall(rb"/(F\d+) [\d.]+ Tf|\(((?:[^()\\]|\\.)*)\)", content, re.DOTALL):
             if switch:
                 font = fonts[switch]
                 continue
             raw = re.sub(rb"\\([nrtbf()\\])", lambda m: ESCAPES.get(m[1], m[1]), string)
-            said.append("".join(font[raw[i : i + 2].hex().upper()] for i in range(0, len(raw), 2)))
-        pages.append(" ".join(" ".join(said).split()))
+            texts.append("".join(font[raw[i : i + 2].hex().upper()] for i in range(0, len(raw), 2)))
+            pages.append(" ".join(" ".join(texts).split()))
     return pages
 
 
@@ -67,17 +68,17 @@ ESCAPES = {b"n": b"\n", b"r": b"\r", b"t": b"\t", b"b": b"\b", b"f": b"\f"}
 
 
 def words(text: str) -> str:
-    """Without white space: where lines were broken does not matter."""
+    """Remove white space, so that line breaks do not matter."""
     return "".join(text.split())
 
 
 @pytest.fixture(scope="module")
-def of_loop(loop) -> tuple[Page, list[str]]:
+def of_loop(loop) -> tuple[Page, bytes]:
     page = calibration_page(loop.calibration)
-    return page, text_of(pdf_bytes(page))
+    return page, pdf_bytes(page)
 
 
-def test_every_kind_of_block_is_there() -> None:
+def test_every_kind_of_block() -> None:
     table = Table(
         "caption", (Column("left"), Column("right", numeric=True)), (Heading("over"), ("cell", "−3.2 × 10⁻⁵"))
     )
@@ -98,39 +99,38 @@ def test_every_kind_of_block_is_there() -> None:
     assert "page 1" in text
 
 
-def test_report_holds_every_value_and_interval(of_loop) -> None:
-    page, pages = of_loop
+def test_report_contains_every_value_and_interval(of_loop) -> None:
+    page, pdf = of_loop
+    pages = text_of(pdf)
     assert len(pages) > 5
     whole = words("".join(pages))
     tables = [block for section in page.sections for block in section.blocks if isinstance(block, Table)]
     cells = [cell for table in tables for row in table.rows if not isinstance(row, Heading) for cell in row]
     assert len(cells) > 200
     for cell in cells:
-        # A cell of several words may be broken by a line of its neighbour.
+        # A line of a neighbouring cell may separate the words of a cell.
         for word in cell.split():
             assert words(word) in whole, f"'{word}' of '{cell}'"
 
 
-def test_sections_are_in_the_outline_and_figures_have_words(of_loop, loop) -> None:
-    page, _ = of_loop
-    pdf = pdf_bytes(page)
+def test_outline_and_alternative_texts(of_loop) -> None:
+    page, pdf = of_loop
     for section in page.sections:
         title = section.title.encode("utf-16-be").hex().upper()
         assert title.encode() in pdf.upper() or f"({section.title})".encode() in pdf, section.title
     assert pdf.count(b"/Alt ") == sum(block.kind == "images" for section in page.sections for block in section.blocks)
 
 
-def test_same_page_gives_the_same_bytes_and_needs_nothing_else(of_loop) -> None:
-    page, _ = of_loop
-    one, two = pdf_bytes(page), pdf_bytes(page)
-    assert one == two
+def test_pdf_is_reproducible_and_self_contained(of_loop) -> None:
+    page, one = of_loop
+    assert one == pdf_bytes(page)
     assert one.startswith(b"%PDF-")
     assert one.rstrip().endswith(b"%%EOF")
     assert b"/URI" not in one
     assert len(one) < 1_000_000
 
 
-def test_ending_decides_and_a_failure_leaves_the_old_file(
+def test_suffix_selects_the_format_and_writing_is_atomic(
     darks_only, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "report.PDF"
@@ -139,7 +139,7 @@ def test_ending_decides_and_a_failure_leaves_the_old_file(
     path.write_bytes(b"old")
     monkeypatch.setattr(Path, "write_bytes", _full_disk)
     with pytest.raises(FileError, match=r"report\.PDF: cannot be written: No space left"):
-        write_pdf(Page("t", "l", ()), path)
+        write_report(Page("t", "l", ()), path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -1,3 +1,5 @@
+"""Pictures for pages: reduction, enlargement, differences, JPEG, and developed pairs."""
+
 from __future__ import annotations
 
 import io
@@ -5,8 +7,9 @@ import io
 import numpy as np
 from PIL import Image
 
+from photosite.develop.pair import develop_pair
 from photosite.frames.raw_frame import RawFrame
-from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnified, shrink
+from photosite.report.pictures import enlarge, jpeg_bytes, magnified, shrink
 from photosite.values.cfa import cfa_from
 
 
@@ -20,7 +23,7 @@ def test_shrink_takes_means_of_squares() -> None:
             np.testing.assert_allclose(small[r, c], expected, rtol=1e-6)
 
 
-def test_narrow_picture_stays_as_it_is() -> None:
+def test_narrow_picture_is_unchanged() -> None:
     picture = np.random.default_rng(2).uniform(0, 1, (5, 6, 3)).astype(np.float32)
     np.testing.assert_array_equal(shrink(picture, widest=6), picture)
 
@@ -30,18 +33,18 @@ def test_enlarge_is_undone_by_shrink() -> None:
     np.testing.assert_allclose(shrink(enlarge(picture, 5), widest=4), picture, rtol=1e-6)
 
 
-def test_frames_that_differ_in_black_level_alone_develop_alike() -> None:
+def test_black_level_does_not_change_the_developed_pair() -> None:
     dn = np.random.default_rng(6).integers(100, 3000, (12, 18)).astype(np.uint16)
     first = RawFrame(dn, bits=12, cfa=cfa_from("rggb"), black_level_dn=10, white_level_dn=4010)
     second = RawFrame(dn + 22, bits=12, cfa=cfa_from("rggb"), black_level_dn=32, white_level_dn=4032)
-    one, other = develop_alike(first, second)
+    one, other = develop_pair(first, second)
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
 def test_brighter_frame_stays_brighter() -> None:
-    """Automatic exposure of each would hide it."""
+    """Automatic exposure of each frame would hide the difference."""
     dn = np.full((8, 8), 1000, np.uint16)
-    one, other = develop_alike(RawFrame(dn, bits=12), RawFrame(2 * dn, bits=12))
+    one, other = develop_pair(RawFrame(dn, bits=12), RawFrame(2 * dn, bits=12))
     assert other.mean() > 1.3 * one.mean()
 
 
@@ -52,7 +55,7 @@ def test_magnified_difference() -> None:
     np.testing.assert_array_equal(magnified(one, other, 100.0), 1.0)
 
 
-def test_jpeg_holds_the_picture() -> None:
+def test_jpeg_contains_the_picture() -> None:
     picture = np.broadcast_to(np.linspace(0, 1, 64, dtype=np.float32)[:, None, None], (64, 48, 3))
     back = np.asarray(Image.open(io.BytesIO(jpeg_bytes(picture)))) / 255.0
     assert back.shape == picture.shape

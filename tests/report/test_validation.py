@@ -1,4 +1,4 @@
-"""The report of a validation: what it says, shows and leaves out."""
+"""The report of a validation: verdict, input, pictures and tables."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.report.html import Details, Images, Notice, Page, Table, render_page
+from photosite.report.html import render_page
+from photosite.report.page import Details, Images, Notice, Page, Table
 from photosite.report.validation import validation_page, write_validation_report
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import in_perspective
@@ -40,7 +41,7 @@ def blocks(page: Page, title: str) -> tuple[object, ...]:
     return next(section.blocks for section in page.sections if section.title == title)
 
 
-def test_the_verdict_is_said_with_its_tests(right: FrameValidation, wrong: FrameValidation) -> None:
+def test_verdict_and_tests(right: FrameValidation, wrong: FrameValidation) -> None:
     notice, tests = blocks(validation_page(right), "Verdict")[:2]
     assert isinstance(notice, Notice)
     assert isinstance(tests, Table)
@@ -58,11 +59,11 @@ def test_the_verdict_is_said_with_its_tests(right: FrameValidation, wrong: Frame
     assert "The exposures differ: measured 0.333333 s, simulated 0.3 s." in text
 
 
-def test_what_was_told_and_fitted_stands_there(right: FrameValidation) -> None:
+def test_input_and_fit(right: FrameValidation) -> None:
     (table, _) = blocks(validation_page(right), "Conditions of the simulation")
     assert isinstance(table, Table)
     conditions = dict(table.rows)
-    assert conditions["Exposure"] == "1/3 s; the frames say 1/3 s"
+    assert conditions["Exposure time"] == "1/3 s; 1/3 s in the frames"
     assert conditions["Mean luminance of the patches"] == "40 cd/m²"
     assert conditions["Fill factor"] == f"{right.fit.value:.4g} (fitted)"
     numbers = blocks(validation_page(right), "Numbers")
@@ -75,12 +76,12 @@ def test_every_patch_and_channel_is_listed(right: FrameValidation) -> None:
     (table,) = details.blocks
     rows = [row for row in table.rows if isinstance(row, tuple)]
     assert len(rows) == 72
-    # Channel; mean, SNR and SNR from frame to frame, of both; difference; whether it counts.
+    # Channel; mean, SNR and temporal SNR of both; difference; whether it is used.
     assert {len(row) for row in rows} == {9}
     assert rows[0][1] == f"{right.validation.measured.mean_dn[0, 0]:.1f}"
 
 
-def test_the_outlines_lie_on_the_measured_picture_only(right: FrameValidation) -> None:
+def test_only_the_measured_picture_has_outlines(right: FrameValidation) -> None:
     (images,) = blocks(validation_page(right), "Pictures")
     assert isinstance(images, Images)
     assert [image.title for image in images.images] == ["Measured", "Simulated"]
@@ -92,7 +93,7 @@ def test_the_outlines_lie_on_the_measured_picture_only(right: FrameValidation) -
         np.asarray(Image.open(io.BytesIO(image.content)).convert("RGB"), float) for image in images.images
     )
     assert measured.shape == simulated.shape
-    # The white outline of the darkest patch is brighter than anything that patch has in the simulation.
+    # The white outline of the darkest patch is brighter than that patch in the simulation.
     quad = right.patches[-1]
     top = int(min(right.corners[k][0] for k in range(4)) - 0.06 * 208) // 2 * 2
     left = int(min(right.corners[k][1] for k in range(4)) - 0.06 * 208) // 2 * 2
@@ -101,7 +102,7 @@ def test_the_outlines_lie_on_the_measured_picture_only(right: FrameValidation) -
     assert measured[rows, cols].mean(axis=2).max() > 180 > simulated[rows, cols].mean(axis=2).max()
 
 
-def test_written_whole_and_alike(right: FrameValidation, tmp_path: Path) -> None:
+def test_files_are_reproducible(right: FrameValidation, tmp_path: Path) -> None:
     for name in ("one.html", "two.html"):
         write_validation_report(right, tmp_path / name)
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
@@ -109,7 +110,7 @@ def test_written_whole_and_alike(right: FrameValidation, tmp_path: Path) -> None
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_monochrome_camera_has_no_colours() -> None:
+def test_monochrome_camera_has_no_colours() -> None:
     green = SENSOR.channels["G"]
     mono = SENSOR.with_(cfa=[["M"]], channels={"M": green})
     camera = ps.Camera(LENS, mono.with_(serial="measured"))

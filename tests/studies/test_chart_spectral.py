@@ -116,16 +116,19 @@ def test_saturated_patches_are_left_out(sensor, views):
     usable = views.usable.copy()
     usable[:2, 0] = False
     found = calibrate_chart(replace(views, usable=usable), sensor, draws=300)
-    assert "channel R: 2 of 72 patches left out: saturated" in found.warnings
-    with pytest.raises(CalibrationError, match="channel R has 0 usable patches"):
+    assert "channel R: 2 of 72 patches not used: saturated" in found.warnings
+    with pytest.raises(CalibrationError) as caught:
         calibrate_chart(replace(views, usable=np.zeros_like(usable)), sensor)
+    assert (caught.value.what, caught.value.value) == ("usable patches", 0)
 
 
 def test_what_cannot_be_is_refused(sensor, scenes, views):
-    with pytest.raises(CalibrationError, match="is an assumption"):
+    with pytest.raises(CalibrationError) as caught:
         calibrate_chart(views, sensor.with_(conversion_gain_uv_per_e=Measured(1.0, assumed=True)))
-    with pytest.raises(InputError, match="standard uncertainty above 0"):
+    assert caught.value.what == "conversion_gain_uv_per_e"
+    with pytest.raises(InputError) as invalid:
         replace(views, standard_uncertainty=0 * views.standard_uncertainty)
+    assert invalid.value.what == "standard_uncertainty"
     with pytest.raises(InputError, match="frames under a light"):
         chart_views([], sensor, LENS)
 
@@ -150,7 +153,7 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
     assert (known.name, read.light_names, read.frame_count) == (sensor.name, ("A",), 2)
     assert read.unit_electrons.shape == (24, 13)
     for old, new, said in (
-        ("8, focal", "-8, focal", "'f_number' is above 0"),
+        ("8, focal", "-8, focal", "f_number must be above 0"),
         ("8, focal", "8e6, focal", "leaves nothing of a chart"),
         ("distance_m: 1.2", "distance_m: 0.05001", "leaves nothing of a chart"),
         ("illuminant: A", "illuminant: Q", "got 'Q'"),

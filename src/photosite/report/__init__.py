@@ -1,1 +1,1 @@
-"""Results as figures, tables, HTML and PDF."""
+"""Reports: pages of tables and figures made from results, written as HTML or PDF."""

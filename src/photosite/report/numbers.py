@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: rounded to what is known, with a true minus sign."""
+"""Format numbers for readers: rounded to their uncertainty, with a true minus sign."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def format_number(value: float, significant: int = 4) -> str:
-    """A number to some significant digits.
+    r"""Format a number with some significant digits.
 
     Parameters
     ----------
     value
         Any finite number.
     significant
-        Digits kept.
+        Number of significant digits.
 
     Raises
     ------
@@ -41,20 +41,20 @@ def format_number(value: float, significant: int = 4) -> str:
 
 
 def format_uncertain(value: float, standard_uncertainty: float) -> str:
-    """A value and its standard uncertainty: the uncertainty to two significant digits, the value to its last.
+    r"""Format a value with its standard uncertainty, rounded to two significant digits of the uncertainty.
 
     Parameters
     ----------
     value, standard_uncertainty
-        In one unit, finite; an uncertainty of 0 leaves the value alone, to six digits.
+        In the same unit, finite. For an uncertainty of 0, only the value is shown, with six digits.
 
     Raises
     ------
     InputError
         If a number is not finite or the uncertainty is negative.
 
-    Notes
-    -----
+    References
+    ----------
     JCGM 100:2008 (GUM), 7.2.2 and 7.2.6.
 
     Examples
@@ -65,7 +65,7 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
     '(−1.2 ± 3.4)\xa0×\xa010⁻⁶'
     """
     if not (math.isfinite(standard_uncertainty) and standard_uncertainty >= 0):
-        raise InputError(f"a standard uncertainty is finite and not negative, not {standard_uncertainty}")
+        raise InputError("standard_uncertainty", value=standard_uncertainty, expected="finite and 0 or more")
     if standard_uncertainty == 0:
         whole, point, rest = format_number(value, 6).partition(".")
         return whole + point + rest if "×" in rest else f"{whole}.{rest}".rstrip("0").rstrip(".")
@@ -80,7 +80,7 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
 
 
 def format_interval(lower: float, upper: float, standard_uncertainty: float) -> str:
-    """An interval's ends, to the last digit of a standard uncertainty rounded to two.
+    """Format the ends of an interval, to the last digit of the standard uncertainty rounded to two digits.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def format_interval(lower: float, upper: float, standard_uncertainty: float) -> 
 
 
 def format_time(seconds: float) -> str:
-    """A time above 0 in the unit that suits it, to four digits.
+    r"""Format a positive time in s, ms or µs, with four digits.
 
     Examples
     --------
@@ -115,11 +115,11 @@ def format_time(seconds: float) -> str:
 
 def _finite(value: float) -> None:
     if not math.isfinite(value):
-        raise InputError(f"only finite numbers are shown, not {value}")
+        raise InputError("value", value=value, expected="finite")
 
 
 def _exponent(value: float, significant: int) -> int:
-    """Power of ten of the first digit, after rounding to so many."""
+    """Return the decimal exponent of the number rounded to `significant` digits."""
     _finite(value)
     return int(f"{value:.{significant - 1}e}".split("e")[1])
 
@@ -129,7 +129,7 @@ def _pair(value: float, uncertainty: float, digits: int) -> str:
 
 
 def _fixed(value: float, digits: int) -> str:
-    """Fixed point; digits below 0 round to tens, hundreds, ..."""
+    """Format in fixed point; negative `digits` round to tens, hundreds, ..."""
     _finite(value)
     text = f"{round(value, digits):.{max(digits, 0)}f}"
     sign = "−" if text.startswith("-") and float(text) != 0 else ""
@@ -140,5 +140,5 @@ def _fixed(value: float, digits: int) -> str:
 
 
 def _power(exponent: int) -> str:
-    """A factor of a power of ten, not to be parted from its number at the end of a line."""
+    """Return a factor of a power of ten, with non-breaking spaces."""
     return f"{_NO_BREAK}×{_NO_BREAK}10{str(exponent).translate(_SUPERSCRIPTS)}"

@@ -1,4 +1,4 @@
-"""The 2008 paper's view of a calibration: its Table 1 with the measured values beside, and its noise budget."""
+"""The 2008 paper's view of a calibration: its Table 1 with the measured values, and its noise budget."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 from photosite.calibration.export.measured_sensor import well_capacity
 from photosite.calibration.result import Calibration
-from photosite.report.blocks import figure_block
-from photosite.report.figures.noise_budget import noise_budget_figure
-from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
-from photosite.report.html import Block, Column, Paragraph, Table
+from photosite.report.figures.sensor import noise_budget_figure, spectral_sensitivity_figure
 from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.page import Block, Column, Paragraph, Table, figure_block
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
@@ -19,12 +17,12 @@ from photosite.values.estimate import Estimate
 from photosite.values.measured import Measured
 
 PAPER_SENSOR = "nikon-d200"
-"""The preset that holds the paper's Table 1."""
+"""Preset with the values of the paper's Table 1."""
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A line of Table 1: what it is called, how a sensor file has it, and which parameter measures it."""
+    """A row of Table 1: label, unit, value in a sensor file, and the parameter that measures it."""
 
     label: str
     unit: str
@@ -33,7 +31,7 @@ class _Row:
 
 
 def _electrons(sensor: Sensor, noise: Measured) -> float | None:
-    """A noise in electrons, unless it or what volts are worth is assumed."""
+    """Return a noise in electrons; None if the noise or the conversion gain is only assumed."""
     if noise.assumed or sensor.pixel.conversion_gain_uv_per_e.assumed:
         return None
     return float(sensor.electrons(noise.value))
@@ -59,24 +57,27 @@ _TABLE_1 = (
     _Row("Analog gain, as system gain", "e⁻/DN", _electrons_per_dn, "system_gain_dn_per_e"),
     _Row("Quantisation", "bit", lambda s: float(s.readout.bits)),
 )
-"""Farrell, Okincha and Parmar (2008), Table 1, sensor and pixel. Its analog gain of 7.98 is electrons per number; its
-noise stands in millivolts there, and here in electrons too, which need no knowledge of the pixel's volts."""
+"""Farrell, Okincha and Parmar (2008), Table 1, sensor and pixel.
+
+Its analog gain of 7.98 is in electrons per DN. Its noise is in millivolts; the table here adds electrons, which do not
+depend on the conversion gain.
+"""
 
 
 def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Table 1, the noise budget of the sensor as measured, and its spectral response as known beforehand.
+    """Return Table 1, the measured noise budget and the spectral response known beforehand.
 
     Parameters
     ----------
     calibration
-        What `calibrate` gave. Without a sensor known beforehand there are no millivolts, and the figures are left out
-        for a reason that is given.
+        Result of `calibrate`. Without a sensor known beforehand, the millivolts and figures are missing.
     """
     blocks: list[Block] = [
         Paragraph(
-            "The figures in the form of Table 1 of Farrell, Okincha and Parmar, “Sensor calibration and simulation”, "
-            "Proc. SPIE 6817 (2008): what a simulation of the sensor needs. The last column is the paper's own camera, "
-            "for comparison. Here DSNU and PRNU are plain spreads over all pixels, without the standard's high-pass."
+            "The parameters in the form of Table 1 of Farrell, Okincha and Parmar, “Sensor calibration and "
+            "simulation”, Proc. SPIE 6817 (2008), as needed to simulate the sensor. The last column is the camera of "
+            "the paper, for comparison. DSNU and PRNU are standard deviations over all pixels, without the high-pass "
+            "filter of EMVA 1288."
         ),
         table_1(calibration),
     ]
@@ -84,15 +85,15 @@ def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
         return (
             *blocks,
             Paragraph(
-                "There is no noise budget in volts and no spectral response: both need what frames do not tell, the "
-                "pixel's voltage swing and quantum efficiency, from a sensor file given beforehand."
+                "Noise budget and spectral response are not shown: they need voltage swing and quantum efficiency, "
+                "from a sensor file given for the calibration."
             ),
         )
     return (*blocks, *_figures(calibration, calibration.base))
 
 
 def table_1(calibration: Calibration) -> Table:
-    """Table 1 of the paper with the measured values beside."""
+    """Return Table 1 of the paper with the measured values."""
     paper, base = load_sensor(PAPER_SENSOR), calibration.base
     estimates = calibration.estimates() | {"well_capacity_e": well_capacity(calibration)}
     rows = []
@@ -100,7 +101,7 @@ def table_1(calibration: Calibration) -> Table:
         entry = None if line.parameter is None else estimates[line.parameter]
         if line.unit == "e⁻/DN" and entry is not None:
             entry = _inverse(entry)
-        measured = "frames do not tell" if entry is None else format_estimate(entry)
+        measured = "not measurable" if entry is None else format_estimate(entry)
         if line.unit == "bit":
             measured = f"{calibration.bits}"
         known = () if base is None else (_known(line.known(base)),)
@@ -108,20 +109,20 @@ def table_1(calibration: Calibration) -> Table:
         if entry is not None and line.parameter == "well_capacity_e":
             interval = interval or entry.reason or ""
         rows.append((line.label, line.unit, measured, interval, *known, _known(line.known(paper))))
-    beforehand = () if base is None else (Column("Known beforehand", numeric=True),)
+    beforehand = () if base is None else (Column("Sensor file", numeric=True),)
     columns = (
         Column("Parameter"),
         Column("Unit"),
-        Column("Measured here", numeric=True),
+        Column("Measured", numeric=True),
         Column("95 % interval"),
         *beforehand,
         Column("Nikon D200, 2008 paper", numeric=True),
     )
-    return Table("Table 1 of the 2008 paper, ± one standard uncertainty", columns, tuple(rows))
+    return Table("Table 1 of the 2008 paper, ± standard uncertainty", columns, tuple(rows))
 
 
 def _inverse(entry: Estimate) -> Estimate:
-    """1 / value, to first order; the ends of the interval are those of the value turned over."""
+    """Return 1 / value to first order, with inverted interval ends."""
     if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
         return entry
     low, high = entry.interval_95
@@ -130,7 +131,7 @@ def _inverse(entry: Estimate) -> Estimate:
 
 
 def _known(value: Measured | float | None) -> str:
-    """What a sensor file says; nothing where it only assumes."""
+    """Format a value of a sensor file; a dash for assumed values."""
     if value is None or (isinstance(value, Measured) and value.assumed):
         return "–"
     if isinstance(value, Measured):
@@ -142,22 +143,23 @@ def _figures(calibration: Calibration, base: Sensor) -> tuple[Block, ...]:
     blocks: list[Block] = []
     needed = ("read_noise_mv", "dsnu_mv", "prnu_percent")
     if lacking := [name for name in needed if not (getattr(calibration, name).value or 0.0) > 0.0]:
-        reason = getattr(calibration, lacking[0]).reason or "its variance came out not above zero"
-        blocks.append(Paragraph(f"There is no noise budget: it needs {lacking[0]}, which is missing; {reason}."))
+        reason = getattr(calibration, lacking[0]).reason or "its variance is not above zero"
+        blocks.append(Paragraph(f"The noise budget is not shown, because {lacking[0]} is missing: {reason}."))
     else:
         blocks.append(
             figure_block(
                 noise_budget_figure(calibration.sensor),
                 "Signal-to-noise ratio against signal, total and by cause",
-                "Signal-to-noise ratio of one frame of an even surface, from the measured read noise, DSNU and PRNU "
-                "(Farrell, Okincha and Parmar 2008, Figure 6). Each line but the total's is that of one noise alone.",
+                "Signal-to-noise ratio of one frame of a uniform surface, from the measured read noise, DSNU and "
+                "PRNU (Farrell, Okincha and Parmar 2008, Figure 6). Each line except the total shows one noise "
+                "source alone.",
             )
         )
     blocks.append(
         figure_block(
             spectral_sensitivity_figure(base),
             "Quantum efficiency against wavelength",
-            "Quantum efficiency as known beforehand; darkness and flat light of one colour do not measure it.",
+            "Quantum efficiency from the sensor file; dark frames and flat fields of one light do not measure it.",
         )
     )
     return tuple(blocks)

@@ -1,7 +1,7 @@
-"""The same page as a PDF, on A4: written by fpdf2, without a browser or libraries of the system.
+"""Pages as PDF on A4, written by fpdf2 without a browser or system libraries.
 
-Figures stay drawings; text can be searched and read aloud, and the sections are in the outline. What HTML folds away
-is laid open. Fonts are matplotlib's DejaVu, of which the letters used go into the file.
+Figures stay vector graphics, text is searchable, sections appear in the outline, and folded parts are unfolded. The
+fonts are matplotlib's DejaVu, of which the used letters are embedded.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import logging
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from os import PathLike
 from pathlib import Path
 
 import matplotlib
@@ -20,8 +19,7 @@ from fpdf.fonts import FontFace
 from fpdf.util import Padding
 from PIL import Image as Picture
 
-from photosite.files.atomic import atomic_path
-from photosite.report.html import (
+from photosite.report.page import (
     Block,
     Details,
     Heading,
@@ -41,21 +39,21 @@ _TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5
 """Sizes of letters, in points."""
 
 _LINE = 1.35
-"""Distance of lines, in sizes of letters."""
+"""Line height, in font sizes."""
 
 _INK, _QUIET, _ACCENT, _ALARM = (31, 35, 40), (89, 99, 110), (0, 114, 178), (213, 94, 0)
 _TINT, _ALARM_TINT, _RULE = (246, 248, 250), (255, 246, 240), (216, 222, 228)
 
 _DRAWING_MM = 124.0
-"""Width of a figure; two fit one above the other."""
+"""Width of a figure; two fit on a page."""
 
 _GAP = 4.0
-"""Between images side by side, in mm."""
+"""Gap between images side by side, in mm."""
 
 _MM_PER_POINT = 25.4 / 72.0
 
 _PADDING = 3.4
-"""Of a cell, both sides together, with what the library adds, in mm."""
+"""Horizontal padding of a cell, both sides together, in mm."""
 
 _CODES, _HEX = ("SHA-256",), 64 * "0"
 """Columns of codes, and the width of one."""
@@ -64,36 +62,17 @@ _NARROW, _WIDE = 14.0, 62.0
 """Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
 
 
-def write_pdf(page: Page, path: str | PathLike[str]) -> None:
-    """Write the page as a PDF, whole or not at all.
-
-    Parameters
-    ----------
-    page
-        What to say.
-    path
-        The file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written; a file that had the name stays as it was.
-    """
-    content = pdf_bytes(page)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
-
-
 def pdf_bytes(page: Page) -> bytes:
-    """The page as a PDF; the same page gives the same bytes.
+    """Return the page as a PDF; equal pages give equal bytes.
 
     Parameters
     ----------
     page
-        What to say.
+        The page.
 
     Examples
     --------
+    >>> from photosite.report.page import Section
     >>> pdf_bytes(Page("Chip", "A chip.", (Section("Result", (Paragraph("3 e⁻"),)),)))[:5]
     b'%PDF-'
     """
@@ -105,11 +84,11 @@ def pdf_bytes(page: Page) -> bytes:
 
 
 class _Document(FPDF):
-    """A page's blocks from top to bottom, with page breaks where a block does not fit."""
+    """A PDF document that adds page breaks where a block does not fit."""
 
     def __init__(self, page: Page) -> None:
         super().__init__(format="A4")
-        # The page says when it was measured if that is known; the file says nothing of the hour it was written.
+        # A fixed date, so that equal pages give equal bytes.
         self.set_creation_date(datetime(1970, 1, 1, tzinfo=UTC))
         logging.getLogger("fontTools").setLevel(logging.ERROR)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -129,13 +108,13 @@ class _Document(FPDF):
         self._write(page.lead, size=10.5, color=_QUIET)
 
     def footer(self) -> None:
-        """Title and number of the page."""
+        """Write the title and the page number."""
         self.set_y(-13)
         self._look(_SMALL, color=_QUIET)
         self.cell(0, 5, f"{self._page.title}   ·   page {self.page_no()}", align="R")
 
     def section(self, section: Section) -> None:
-        """A section with its heading in the outline."""
+        """Write a section, with its heading in the outline."""
         self._room(16 + self._asked(section.blocks))
         self.ln(4)
         self.set_draw_color(*_RULE)
@@ -149,7 +128,7 @@ class _Document(FPDF):
             self._block(block)
 
     def _asked(self, blocks: Sequence[Block]) -> float:
-        """Room in mm that the first of the blocks wants below a heading, so that this does not stand alone."""
+        """Return the height in mm that the first block needs below a heading, so that they stay together."""
         match blocks:
             case [Subheading(), *rest]:
                 return 10 + self._asked(rest)
@@ -200,7 +179,7 @@ class _Document(FPDF):
         above: float = 0.0,
         below: float = 1.6,
     ) -> None:
-        """A paragraph over the whole width."""
+        """Write a paragraph over the whole width."""
         self.ln(above)
         self._look(size, style, color, code=code)
         self.multi_cell(0, _LINE * size * _MM_PER_POINT, text, align="L", new_x="LMARGIN", new_y="NEXT")
@@ -229,7 +208,7 @@ class _Document(FPDF):
         self.ln(1.6)
 
     def _room(self, height_mm: float) -> None:
-        """A new page where less than so much is left of this one."""
+        """Start a new page if less than `height_mm` is left."""
         if self.get_y() + height_mm > self.h - self.b_margin:
             self.add_page()
 
@@ -238,7 +217,7 @@ class _Document(FPDF):
         return min(_DRAWING_MM, (self.epw - _GAP * (count - 1)) / count)
 
     def _images_height(self, block: Images) -> float:
-        """Of the images, their titles and the caption, in mm."""
+        """Return the height of images, titles and caption, in mm."""
         self._look(_SMALL)
         line = _LINE * _SMALL * _MM_PER_POINT
         caption = self.multi_cell(0, line, block.caption, dry_run=True, output="HEIGHT")
@@ -257,7 +236,7 @@ class _Document(FPDF):
                 self.cell(width, 5, image.title)
             self.ln(6)
         top = self.get_y()
-        self.set_draw_color(0)  # what a drawing does not say is black, and fpdf2 takes the colour in force
+        self.set_draw_color(0)  # the default colour of SVG elements; fpdf2 would use the current colour
         self.set_fill_color(0)
         for image, left in zip(block.images, lefts, strict=True):
             self.image(io.BytesIO(image.content), x=left, y=top, w=width, alt_text=image.alternative)
@@ -294,7 +273,7 @@ class _Document(FPDF):
         self.ln(2)
 
     def _code_table(self, table: Table) -> None:
-        """Hundreds of codes: plain lines, each code at the right; a long name stands on a line of its own."""
+        """Write a table of digests as plain lines, digests at the right; long names get a separate line."""
         self._look(_TINY, code=True)
         line = _LINE * _TINY * _MM_PER_POINT
         for row in ([column.title for column in table.columns], *table.rows):
@@ -310,10 +289,10 @@ class _Document(FPDF):
         self.ln(2)
 
     def _widths(self, table: Table) -> list[float]:
-        """Widths of the columns: what each asks for, and what is left given to those that would fill it."""
+        """Return the column widths: the requested ones, or a minimum plus a share of the remaining width."""
         rows = [row for row in table.rows if not isinstance(row, Heading)]
         texts = [[column.title, *cells] for column, cells in zip(table.columns, _columns(table, rows), strict=True)]
-        self._look(_SMALL, "B")  # as wide as a heading; what lies below is narrower
+        self._look(_SMALL, "B")  # bold is the widest style
         wanted = [max(self.get_string_width(text) for text in column) + _PADDING for column in texts]
         if sum(wanted) <= self.epw:
             return wanted
@@ -329,7 +308,7 @@ class _Document(FPDF):
         asked = [width - floor for width, floor in zip(wanted, least, strict=True)]
         if spare <= 0 or sum(asked) == 0:
             return [floor * self.epw / sum(least) for floor in least]
-        # A column of sentences asks for more than a page; more lines do it no harm.
+        # A column of sentences may request more than the page width, and can be wrapped.
         weights = [min(ask, self.epw) for ask in asked]
         return [floor + spare * weight / sum(weights) for floor, weight in zip(least, weights, strict=True)]
 
@@ -343,12 +322,12 @@ def _words(text: str) -> list[str]:
 
 
 def _height_over_width(image: Image) -> float:
-    """Of an SVG by its own size, of a picture by its pixels."""
+    """Return the aspect ratio of an SVG or a picture."""
     if image.media_type == "image/svg+xml":
         head = image.content[:2000].decode("utf-8", "replace")
         found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', head)
         if found is None:
-            raise ValueError(f"the drawing '{image.alternative}' does not say its size")
+            raise ValueError(f"the drawing '{image.alternative}' has no viewBox")
         return float(found[2]) / float(found[1])
     with Picture.open(io.BytesIO(image.content)) as picture:
         return picture.height / picture.width

@@ -1,4 +1,4 @@
-"""Pictures as the pages show them: developed alike, made smaller, and what differs between two."""
+"""Pictures for pages: reduced, enlarged, differences of two, and as JPEG."""
 
 from __future__ import annotations
 
@@ -8,63 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from photosite.develop.color_matrix import ColorMatrix
-from photosite.develop.develop import develop
-from photosite.frames.raw_frame import RawFrame
-
 WIDEST = 900
-"""Columns of a picture on a page."""
+"""Largest width of a picture on a page, in pixels."""
 
 JPEG_QUALITY = 88
 
 
-def develop_alike(
-    first: RawFrame, second: RawFrame, color_matrix: ColorMatrix | None = None
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Develop two frames with one colour matrix and one exposure, so that what differs is theirs.
-
-    Parameters
-    ----------
-    first, second
-        Two frames of one scene, each with its own black and white level.
-    color_matrix
-        Camera RGB to XYZ under D65, best fitted to the scene's own light: there is no other white balance. None takes
-        what the frames say.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (rows, cols, 3) float32 each, display sRGB; the neutral that just saturates the first channel is white.
-
-    Raises
-    ------
-    InputError
-        As `photosite.develop.develop.develop`.
-
-    Examples
-    --------
-    >>> frame = RawFrame(np.full((4, 4), 255, np.uint16), bits=8)
-    >>> one, other = develop_alike(frame, frame)
-    >>> one.shape, float(one.min()), bool((one == other).all())
-    ((4, 4, 3), 1.0, True)
-    """
-    return develop(first, "none", color_matrix, 1.0), develop(second, "none", color_matrix, 1.0)
-
-
 def shrink(picture: NDArray[np.float32], widest: int = WIDEST) -> NDArray[np.float32]:
-    """The picture made smaller by a whole factor, each pixel the mean of a square, until it is narrow enough.
+    """Reduce a picture by an integer factor, averaging squares of pixels.
 
     Parameters
     ----------
     picture
         (rows, cols, 3).
     widest
-        Columns allowed.
+        Largest number of columns.
 
     Returns
     -------
     numpy.ndarray
-        (rows // n, cols // n, 3); what does not fill a square at the right and the bottom is left off.
+        (rows // n, cols // n, 3); incomplete squares at the right and bottom are dropped.
 
     Examples
     --------
@@ -78,21 +41,21 @@ def shrink(picture: NDArray[np.float32], widest: int = WIDEST) -> NDArray[np.flo
 
 
 def enlarge(picture: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """The picture with every pixel a square of factor x factor."""
+    """Enlarge a picture, each pixel to a square of factor x factor."""
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def magnified(picture: NDArray[np.float32], reference: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
-    """What a picture differs from a reference, times a factor, around middle gray.
+    """Return the difference from a reference, multiplied by a factor, around middle gray.
 
     Parameters
     ----------
     picture
         (rows, cols, 3).
     reference
-        Another picture, or one color: anything that broadcasts.
+        Another picture, or a colour; anything that broadcasts.
     factor
-        Magnification; what leaves the display's range is clipped to it.
+        Magnification. The result is clipped to the display's range.
 
     Examples
     --------
@@ -103,7 +66,7 @@ def magnified(picture: NDArray[np.float32], reference: NDArray[np.float32], fact
 
 
 def jpeg_bytes(picture: NDArray[np.float32]) -> bytes:
-    """A picture, (rows, cols, 3) in display sRGB, as JPEG."""
+    """Return a picture (rows, cols, 3) in display sRGB as JPEG."""
     stream = io.BytesIO()
     whole = np.rint(np.clip(picture, 0.0, 1.0) * 255.0).astype(np.uint8)
     Image.fromarray(whole).save(stream, format="JPEG", quality=JPEG_QUALITY, subsampling=0)

@@ -1,8 +1,7 @@
-"""How the figures look: one style, one palette, and how a figure becomes bytes.
+"""The common style of all figures, and figures as SVG and PNG bytes.
 
-Figures are matplotlib `Figure` objects, never pyplot's: nothing is shared between two of them. The style is in force
-while a figure is made and while it is drawn (`styled`), whatever the user's own matplotlib settings are, so that the
-same input gives the same bytes.
+Figures are matplotlib `Figure` objects without pyplot, so they share no state. `styled` applies the style while a
+figure is made and drawn, independent of the user's matplotlib settings, so that equal input gives equal bytes.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-# Okabe and Ito, "Color Universal Design" (2008): told apart by readers of every colour vision.
+# Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GRAY = "#6B6B6B"
@@ -42,7 +41,7 @@ _OTHERS: tuple[tuple[str, str, LineStyle], ...] = (
 WIDTH_IN, HEIGHT_IN = 7.0, 4.5
 
 STRIP_IN = 0.26
-"""Height of the strip for a line below a figure."""
+"""Height of the strip for a line of text below a figure."""
 
 BAND = 0.22
 """Opacity of an uncertainty band."""
@@ -73,36 +72,36 @@ _STYLE = {
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.w_pad": 0.08,
     "figure.constrained_layout.h_pad": 0.08,
-    "svg.fonttype": "path",  # the reader needs no font
-    "svg.hashsalt": "photosite",  # else every drawing gets identifiers of its own
+    "svg.fonttype": "path",  # independent of installed fonts
+    "svg.hashsalt": "photosite",  # reproducible identifiers
 }
 
-# matplotlib keeps its settings in one table for the whole process; two threads must not swap them at once.
+# matplotlib's settings are global; only one thread may change them at a time.
 _SETTINGS = threading.RLock()
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style in force; also a decorator for functions that make figures."""
+    """Apply the style; usable as a context manager and as a decorator."""
     with _SETTINGS, matplotlib.style.context(["default", _STYLE]):
         yield
 
 
 def new_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes, laid out so that nothing is cut off."""
+    """Return a figure with one pair of axes."""
     figure = Figure(figsize=(width_in, height_in))
     return figure, figure.add_subplot()
 
 
 def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]:
-    """Colour, marker and line style of a colour channel.
+    """Return colour, marker and line style of a colour channel.
 
     Parameters
     ----------
     channel
-        Its name. R, G and B look alike in every figure.
+        Name of the channel. R, G and B look the same in every figure.
     position
-        Its place among the channels; chooses the look of any other name.
+        Position among the channels, which selects the style of other names.
 
     Examples
     --------
@@ -115,14 +114,14 @@ def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]
 
 
 def svg_bytes(figure: Figure, below: str | None = None) -> bytes:
-    """The figure as SVG; text is drawn as outlines. The same figure gives the same bytes.
+    """Return the figure as SVG, with text as outlines; equal figures give equal bytes.
 
     Parameters
     ----------
     figure
-        It stays as it is.
+        The figure; it is not changed.
     below
-        A small line in a strip of its own under the figure.
+        Small line of text in a strip below the figure.
     """
     stream = io.BytesIO()
     with styled(), _strip(figure, below) as area:
@@ -132,7 +131,7 @@ def svg_bytes(figure: Figure, below: str | None = None) -> bytes:
 
 
 def png_bytes(figure: Figure, dots_per_inch: float = 150.0, below: str | None = None) -> bytes:
-    """The figure as PNG; `below` as in `svg_bytes`."""
+    """Return the figure as PNG; `below` as in `svg_bytes`."""
     stream = io.BytesIO()
     with styled(), _strip(figure, below) as area:
         figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None}, bbox_inches=area)
@@ -141,7 +140,7 @@ def png_bytes(figure: Figure, dots_per_inch: float = 150.0, below: str | None = 
 
 @contextmanager
 def _strip(figure: Figure, below: str | None) -> Iterator[Bbox | None]:
-    """What to save, in inches: the figure, and under it the line. Outside the figure, where no layout can touch it."""
+    """Yield the area to save, in inches: the figure and the strip below it, which the layout does not affect."""
     if below is None:
         yield None
         return

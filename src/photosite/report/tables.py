@@ -1,4 +1,4 @@
-"""Tables of parameters: estimates with their uncertainties, or the reason why there are none."""
+"""Tables of parameters: estimates with their uncertainties, or the reason why they are missing."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
 from photosite.calibration.photon_transfer.curves import LinearRange
 from photosite.calibration.result import Calibration
-from photosite.report.html import Column, Heading, Table
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
+from photosite.report.page import Column, Heading, Table
 from photosite.values.estimate import Estimate
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
-    """What was estimated, by topic, and what was not, with the reasons.
+    """Return a table of the estimated parameters by topic, and one of the missing parameters with the reasons.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
     Returns
     -------
     tuple of Table
-        One or two; every parameter is in exactly one of them.
+        One or two tables. Each parameter is in exactly one.
     """
     estimates = parameters.estimates()
     found = {name: entry for name, entry in estimates.items() if entry.value is not None}
@@ -37,7 +37,7 @@ def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
         tables.append(Table("Estimated, with standard uncertainties", titles, _by_topic(found)))
     if missing:
         rows = tuple((*_label_and_unit(name), entry.reason or "") for name, entry in missing.items())
-        tables.append(Table("Not estimated", (Column("Parameter"), Column("Unit"), Column("Why")), rows))
+        tables.append(Table("Not estimated", (Column("Parameter"), Column("Unit"), Column("Reason")), rows))
     return tuple(tables)
 
 
@@ -62,7 +62,7 @@ def _label_and_unit(name: str) -> tuple[str, str]:
 
 
 def format_estimate(entry: Estimate) -> str:
-    """Value and standard uncertainty, or "not estimated".
+    """Format value and standard uncertainty, or return "not estimated".
 
     Examples
     --------
@@ -75,7 +75,7 @@ def format_estimate(entry: Estimate) -> str:
 
 
 def interval_text(entry: Estimate) -> str:
-    """The 95 % interval, with the upper limit where the value is not distinguishable from zero; "" without a value.
+    """Format the 95 % interval, with the upper limit of a value not distinguishable from zero; "" without a value.
 
     Examples
     --------
@@ -92,12 +92,12 @@ def interval_text(entry: Estimate) -> str:
 
 
 def channel_table(channels: Mapping[str, Parameters]) -> Table:
-    """A column per colour channel, a row per parameter that at least one channel has.
+    """Return a table with a column per colour channel, and a row per parameter that at least one channel has.
 
     Parameters
     ----------
     channels
-        Parameters by channel, one or more.
+        Parameters by channel, at least one.
     """
     estimates = {channel: parameters.estimates() for channel, parameters in channels.items()}
     rows = tuple(
@@ -110,12 +110,12 @@ def channel_table(channels: Mapping[str, Parameters]) -> Table:
 
 
 def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
-    """Where each channel was taken as linear.
+    """Return a table of the channels' linear ranges.
 
     Parameters
     ----------
     ranges
-        By channel.
+        Linear range by channel.
     """
     rows = []
     for channel, found in ranges.items():
@@ -148,12 +148,12 @@ _CORRELATED = {
 
 
 def correlation_table(calibration: Calibration) -> Table | None:
-    """How far the errors of the principal figures go together; None with fewer than two of them.
+    """Return a table of the correlations between the main parameters; None with fewer than two of them.
 
     Parameters
     ----------
     calibration
-        Whose covariance.
+        The calibration.
     """
     estimates = calibration.estimates()
     names = [name for name in _CORRELATED if (estimates[name].standard_uncertainty or 0.0) > 0.0]
@@ -171,5 +171,5 @@ def correlation_table(calibration: Calibration) -> Table | None:
         if i > 0
     )
     columns = (Column("Correlation with"), *(Column(_CORRELATED[name], numeric=True) for name in names[:-1]))
-    title = "Correlation of the errors: figures that share a cause, the system gain say, are wrong together"
+    title = "Correlation of the errors: parameters with a common cause, such as the system gain, err together"
     return Table(title, columns, rows)

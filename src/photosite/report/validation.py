@@ -1,9 +1,8 @@
-"""The report of a validation: raw frames of a chart against their simulation, and whether they agree."""
+"""The report of a validation: raw frames of a chart against their simulation."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from os import PathLike
 
 import numpy as np
@@ -11,12 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from photosite.frames.raw_frame import RawFrame
-from photosite.optics.diffraction import DiffractionLimited
-from photosite.report.blocks import figure_block, sentence
-from photosite.report.figures.color_difference import color_difference_figure
-from photosite.report.figures.patches import patch_means_figure, patch_snr_figure
-from photosite.report.html import (
+from photosite.report.figures.validation import color_difference_figure, patch_means_figure, patch_snr_figure
+from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.page import (
     Block,
     Column,
     Details,
@@ -29,11 +25,13 @@ from photosite.report.html import (
     Paragraph,
     Section,
     Table,
+    figure_block,
+    sentence,
 )
-from photosite.report.numbers import format_number, format_uncertain
-from photosite.report.pictures import WIDEST, develop_alike, jpeg_bytes, shrink
+from photosite.report.pictures import WIDEST, jpeg_bytes, shrink
 from photosite.report.write import write_report
 from photosite.validation.agreement import ChiSquare
+from photosite.validation.chart_pictures import chart_pictures
 from photosite.validation.fill_factor import FillFactorFit
 from photosite.validation.frame_validation import FrameValidation
 from photosite.validation.regression import Estimate, Regression
@@ -41,36 +39,33 @@ from photosite.values.cfa import tile_text
 from photosite.values.exposure import format_exposure
 
 _FOOTER = (
-    "Intervals hold the true value in 95 % of comparisons. A p-value is the share of comparisons between two cameras "
-    "of one kind that come out as far apart or farther."
+    "Intervals contain the true value in 95 % of comparisons. A p-value is the probability that two identical cameras "
+    "differ at least this much."
 )
-
-_MARGIN = 0.06
-"""Of the frame that the pictures show beside the chart, in parts of the chart's longer side."""
 
 _Picture = NDArray[np.float32]
 
 
 def write_validation_report(result: FrameValidation, path: str | PathLike[str]) -> None:
-    """Write the report of a validation: one HTML file that needs no other, or a PDF, by the name's ending.
+    """Write the report of a validation as a single file.
 
     Parameters
     ----------
     result
-        What `validate_frames` found.
+        Result of `validate_frames`.
     path
-        The file.
+        File to write: PDF if the suffix is .pdf, else HTML.
 
     Raises
     ------
     FileError
-        If it cannot be written.
+        If the file cannot be written.
     """
     write_report(validation_page(result), path)
 
 
 def validation_page(result: FrameValidation) -> Page:
-    """The report of a validation as a page.
+    """Return the report of a validation as a page.
 
     Parameters
     ----------
@@ -99,14 +94,14 @@ def _counted(frames: int) -> str:
 
 def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     found = result.validation
-    allowed = f", where differences of {found.tolerance_percent:g} % are let pass" if found.tolerance_percent else ""
+    allowed = f" with a tolerance of {found.tolerance_percent:g} %" if found.tolerance_percent else ""
     verdict = (
-        f"Measured and simulated {'agree' if result.agrees else 'do not agree'}{allowed}. Of comparisons "
-        f"with the very camera described, {100 * found.level:g} % at most would end in “do not agree”."
+        f"Measured and simulated {'agree' if result.agrees else 'do not agree'}{allowed}. If the description of the "
+        f"camera is exact, at most {100 * found.level:g} % of comparisons end in “do not agree”."
     )
-    named = [("Patch means", found.means), ("Noise over pixels", found.noise)]
+    named = [("Patch means", found.means), ("Spatial noise", found.noise)]
     if found.temporal_noise is not None:
-        named.append(("Noise from frame to frame", found.temporal_noise))
+        named.append(("Temporal noise", found.temporal_noise))
     share = found.level / len(named)
     columns = (
         Column("Test"),
@@ -116,15 +111,15 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
         Column("Result"),
     )
     rows = tuple(_test_row(name, test, share) for name, test in named)
-    caption = f"The tests behind the verdict; each says “differ” below p = {share:.3g}"
+    caption = f"Tests; “differ” means p below {share:.3g}"
     blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, columns, rows)]
     if result.fit_summary is not None:
         blocks.append(Paragraph(sentence(result.fit_summary)))
-    if not result.agrees or found.tolerance_percent:  # else they say what the table says
+    if not result.agrees or found.tolerance_percent:  # otherwise they repeat the table
         blocks.append(Listing(tuple(sentence(line) for line in result.reasons)))
     notes = (*result.notes, *found.notes)
     if notes:
-        blocks.append(Details("Assumed, or left out", (Listing(tuple(sentence(line) for line in notes)),)))
+        blocks.append(Details("Assumptions and omissions", (Listing(tuple(sentence(line) for line in notes)),)))
     return tuple(blocks)
 
 
@@ -150,42 +145,31 @@ def _conditions_blocks(result: FrameValidation) -> tuple[Block, ...]:
         fitted = " (fitted)" if result.fitted == "light" else ""
         rows.append(("Mean luminance of the patches", f"{conditions.luminance_cd_m2:.4g} cd/m²{fitted}"))
     if conditions.exposure_s is not None:
-        stated = "" if frame.exposure_s is None else f"; the frames state {format_exposure(frame.exposure_s)} s"
-        rows.append(("Exposure", f"{format_exposure(conditions.exposure_s)} s{stated}"))
-    if isinstance(conditions.optics, DiffractionLimited):
-        rows.append(
-            (
-                "Lens",
-                f"f/{conditions.optics.f_number:g}, {conditions.optics.focal_length_mm:g} mm, limited by diffraction",
-            )
-        )
+        stated = "" if frame.exposure_s is None else f"; {format_exposure(frame.exposure_s)} s in the frames"
+        rows.append(("Exposure time", f"{format_exposure(conditions.exposure_s)} s{stated}"))
+    if conditions.lens_text is not None:
+        rows.append(("Lens", conditions.lens_text))
     if result.fitted == "fill_factor" and result.fit is not None:
         rows.append(("Fill factor", f"{result.fit.value:.4g} (fitted)"))
     else:
         rows.append(("Fill factor", f"{conditions.sensor.pixel.fill_factor.value:.4g}"))
     rows.append(("Distance to the chart", f"{conditions.distance_m:g} m"))
-    rows.append(
-        ("Corners of the field of patches", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners))
-    )
+    rows.append(("Corners of the patch area", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners)))
     limits = Paragraph(
         "The simulated chart is flat, matte and evenly lit, on black, with the ColorChecker's published reflectances. "
-        "The verdict takes what is listed here as exact."
+        "The tests treat these values as exact."
     )
-    return (Table("Camera, scene and light", (Column("What"), Column("Value")), tuple(rows)), limits)
+    return (Table("Camera, scene and light", (Column("Property"), Column("Value")), tuple(rows)), limits)
 
 
 def _picture_blocks(result: FrameValidation) -> tuple[Block, ...]:
-    rows, cols = _window(result)
-    colors = result.validation.color
-    pair = develop_alike(
-        _cut(result.measured, rows, cols), _cut(result.simulated, rows, cols), None if colors is None else colors.matrix
-    )
-    factor = -(-pair[0].shape[1] // WIDEST)
-    measured, simulated = (shrink(picture) for picture in pair)
-    outlined = _outlined(measured, result, (rows.start, cols.start), factor)
+    pictures = chart_pictures(result)
+    factor = -(-pictures.measured.shape[1] // WIDEST)
+    measured, simulated = shrink(pictures.measured), shrink(pictures.simulated)
+    outlined = _outlined(measured, result, pictures.origin, factor)
     caption = (
-        "The chart, developed alike: bilinear demosaic, one colour matrix and one exposure for both. The outlines on "
-        "the measured picture are what was compared: look whether they lie within the patches, dark skin first."
+        "The chart, developed with bilinear demosaicing and the same colour matrix and exposure for both. The outlines "
+        "in the measured picture mark the compared regions; check that they lie within the patches."
     )
     images = (
         Image(jpeg_bytes(outlined), "image/jpeg", "Measured chart with the outlines of its patches", "Measured"),
@@ -194,25 +178,8 @@ def _picture_blocks(result: FrameValidation) -> tuple[Block, ...]:
     return (Images(images, caption),)
 
 
-def _window(result: FrameValidation) -> tuple[slice, slice]:
-    """Rows and columns of the frame about the chart, from the beginning of a tile."""
-    points = np.asarray(result.corners)
-    low, high = points.min(axis=0), points.max(axis=0)
-    margin = _MARGIN * float((high - low).max())
-    tile = (len(result.measured.cfa), len(result.measured.cfa[0]))
-    found = []
-    for axis in (0, 1):
-        first = max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis])
-        found.append(slice(first, min(result.measured.shape[axis], math.ceil(high[axis] + margin))))
-    return found[0], found[1]
-
-
-def _cut(frame: RawFrame, rows: slice, cols: slice) -> RawFrame:
-    return replace(frame, dn=frame.dn[rows, cols])
-
-
 def _outlined(picture: _Picture, result: FrameValidation, origin: tuple[int, int], factor: int) -> _Picture:
-    """The picture with the patches' outlines, white on black, to be seen on any colour."""
+    """Return the picture with the outlines of the patches, white on black."""
     whole = Pillow.fromarray(np.rint(np.clip(picture, 0.0, 1.0) * 255.0).astype(np.uint8))
     draw = ImageDraw.Draw(whole)
     for patch in result.patches:
@@ -228,14 +195,14 @@ def _patch_blocks(result: FrameValidation) -> tuple[Block, ...]:
         figure_block(
             patch_means_figure(found),
             "Patch means, measured against simulated, and their relative differences",
-            "Patch means of each channel on the raw mosaic, with the line of equality. Below, the difference relative "
-            "to the simulation; bars are 95 % intervals.",
+            "Patch means of each channel on the raw mosaic, with the line of equality. Below: relative difference from "
+            "the simulation. Error bars are 95 % intervals.",
         ),
         figure_block(
             patch_snr_figure(found),
             "Patch signal-to-noise ratios, measured against simulated, and their differences",
-            "Signal-to-noise ratio over the pixels of each patch, fixed pattern included. Below, the difference; bars "
-            "are 95 % intervals. Light that is uneven within a patch counts as noise here.",
+            "Signal-to-noise ratio over the pixels of each patch, including the fixed pattern. Below: the difference. "
+            "Error bars are 95 % intervals. Uneven light within a patch counts as noise.",
         ),
     )
 
@@ -245,8 +212,8 @@ def _color_blocks(result: FrameValidation) -> tuple[Block, ...]:
     if colors is None:
         return ()
     caption = (
-        "Colour difference between measured and simulated patch means, through one colour matrix fitted to the "
-        "simulated patches under D65. A difference of about 1 is the smallest that is seen between adjacent surfaces."
+        "Colour difference between measured and simulated patch means, with a colour matrix fitted to the simulated "
+        "patches under D65. The smallest visible difference between adjacent surfaces is about 1."
     )
     summary = (
         f"CIEDE2000: median {np.median(colors.delta_e_2000):.2f}, largest {colors.delta_e_2000.max():.2f} "
@@ -268,8 +235,8 @@ def _number_blocks(result: FrameValidation) -> tuple[Block, ...]:
     )
     rows = tuple(_line_row(name, line) for name, line in lines if line is not None)
     caption = (
-        "Measured on simulated means: the ratio is the slope of a line through the origin, the other two are those of "
-        "a free line; in brackets, 95 % intervals from the patches' scatter"
+        "Regression of measured on simulated means. Ratio: slope of a line through the origin. Slope and intercept: "
+        "free line. In brackets: 95 % intervals from the scatter of the patches"
     )
     blocks: list[Block] = [Table(caption, columns, rows)]
     if result.fit is not None:
@@ -278,13 +245,13 @@ def _number_blocks(result: FrameValidation) -> tuple[Block, ...]:
 
 
 def _fit_table(fit: FillFactorFit) -> Table:
-    """What was fitted, as a fill factor, from all channels and from each alone."""
+    """Return the fitted fill factor, from all channels and from each channel."""
     columns = (Column("Channels"), Column("Fill factor ± standard error", numeric=True))
     by_channel = ((name, format_uncertain(found.value, found.standard_error)) for name, found in fit.by_channel.items())
     caption = (
-        "The fit, as a fill factor: it takes up whatever scales all patches alike, the level of light too. Channels "
-        "that differ by more than their errors say that something else differs as well. Apart from noise, patches "
-        f"scatter by {100 * fit.patch_scatter:.2g} %"
+        "The fit as a fill factor, which absorbs every common scale of the patches, such as the light level. Channels "
+        "that differ by more than their errors indicate other differences. Scatter of the patches beyond noise: "
+        f"{100 * fit.patch_scatter:.2g} %"
     )
     return Table(caption, columns, (("all", format_uncertain(fit.value, fit.standard_error)), *by_channel))
 
@@ -312,12 +279,12 @@ def _patch_table(result: FrameValidation) -> Table:
         ("SNR (dB)", seen.spatial_snr_db, made.spatial_snr_db),
     ]
     if seen.temporal_snr_db is not None and made.temporal_snr_db is not None:
-        sides.append(("SNR from frame to frame (dB)", seen.temporal_snr_db, made.temporal_snr_db))
+        sides.append(("temporal SNR (dB)", seen.temporal_snr_db, made.temporal_snr_db))
     columns = (
         Column("Channel"),
         *(Column(f"{what}, {side}", numeric=True) for what, _, _ in sides for side in ("measured", "simulated")),
         Column("Difference of means (%)", numeric=True),
-        Column("Counts"),
+        Column("Used"),
     )
     rows: list[tuple[str, ...] | Heading] = []
     difference = found.relative_difference

@@ -1,31 +1,35 @@
-"""A page as a file: HTML or PDF, by the ending of its name."""
+"""Write a page to a file, as HTML or PDF."""
 
 from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
 
-from photosite.report.html import Page, write_page
+from photosite.files.atomic import atomic_path
+from photosite.report.html import render_page
+from photosite.report.page import Page
 
 
 def write_report(page: Page, path: str | PathLike[str]) -> None:
-    """Write a page to a file, whole or not at all.
+    """Write a page to a single, self-contained file.
 
     Parameters
     ----------
     page
-        What to say.
+        The page.
     path
-        The file: a PDF where it ends in .pdf, HTML otherwise.
+        File to write: PDF if the suffix is .pdf, else HTML.
 
     Raises
     ------
     FileError
-        If it cannot be written; a file that had the name stays as it was.
+        If the file cannot be written. An existing file is then unchanged.
     """
     if Path(path).suffix.lower() == ".pdf":
-        from photosite.report.pdf import write_pdf
+        from photosite.report.pdf import pdf_bytes
 
-        write_pdf(page, path)
+        content = pdf_bytes(page)
     else:
-        write_page(page, path)
+        content = render_page(page).encode("utf-8")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)

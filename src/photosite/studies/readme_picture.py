@@ -16,7 +16,7 @@ from photosite.develop.develop import develop
 from photosite.files.atomic import atomic_path
 from photosite.metrics.patches import patch_statistics
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.report.figures.overview import overview_figure
+from photosite.report.figures.validation import overview_figure
 from photosite.report.pictures import shrink
 from photosite.report.style import png_bytes
 from photosite.scene.charts import macbeth

@@ -13,6 +13,7 @@ from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.protocols import Optics
 from photosite.scene.charts import macbeth
 from photosite.scene.perspective import check_corners, in_perspective, seen_patches
@@ -69,6 +70,13 @@ class CaptureConditions:
     exposure_s: float | None = None
     luminance_cd_m2: float | None = None
     distance_m: float = DEFAULT_DISTANCE_M
+
+    @property
+    def lens_text(self) -> str | None:
+        """Description of a diffraction-limited lens; None for other lenses."""
+        if not isinstance(self.optics, DiffractionLimited):
+            return None
+        return f"f/{self.optics.f_number:g}, {self.optics.focal_length_mm:g} mm, diffraction-limited"
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 from photosite.errors import CalibrationError
 from photosite.values.measured import COVERAGE_95, Measured
+from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import Missing, Source, Uncertain, Value
 
 Interval = tuple[float, float]
@@ -61,6 +62,12 @@ class Estimate:
             return cls(reason=value.reason, method=method)
         interval_95 = interval_95 or value.interval_95
         return cls(value.value, value.standard_uncertainty, None, upper_limit_95, method, interval_95, value.parts)
+
+    @classmethod
+    def of_variance(cls, variance: Uncertain, method: str) -> Estimate:
+        """Return the estimate of the standard deviation of an estimated variance."""
+        interval = standard_deviation_interval_95(variance)
+        return cls.of(standard_deviation(variance), method, upper_limit_95(variance), interval)
 
     @property
     def uncertain(self) -> Value:

@@ -1,4 +1,4 @@
-"""What every figure owes its reader, and that it shows the numbers it was given."""
+"""Figures have units and readable, separate texts, and show the given numbers."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
-from photosite.report.figures.color_difference import color_difference_figure
-from photosite.report.figures.curve import curve_figure
-from photosite.report.figures.deviations import deviations_figure
-from photosite.report.figures.noise_budget import noise_budget_figure
-from photosite.report.figures.overview import overview_figure
-from photosite.report.figures.patches import _snr_error_db, patch_means_figure, patch_snr_figure
-from photosite.report.figures.snr import snr_figure
-from photosite.report.figures.spectral_sensitivity import spectral_sensitivity_figure
+from photosite.report.figures.response import curve_figure, snr_figure
+from photosite.report.figures.sensor import noise_budget_figure, spectral_sensitivity_figure
+from photosite.report.figures.validation import (
+    _snr_error_db,
+    color_difference_figure,
+    deviations_figure,
+    overview_figure,
+    patch_means_figure,
+    patch_snr_figure,
+)
 from photosite.report.style import styled, svg_bytes
 from photosite.sensor.model import Channel
 from photosite.values.region import Region
@@ -69,7 +71,7 @@ def shown_axes(figure: Figure) -> list[Axes]:
 
 
 def texts(figure: Figure) -> list[Text]:
-    """Texts that are seen: tick labels outside their axis' range are not drawn."""
+    """Return the visible texts; tick labels outside the range of their axis are not drawn."""
     found = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
     seen = []
     children = [child for parent in figure.axes for child in parent.child_axes]
@@ -90,7 +92,7 @@ def texts(figure: Figure) -> list[Text]:
     return seen + [t for t in found if id(t) not in hidden]
 
 
-def test_axes_have_names_with_units_and_something_in_them(figures: dict[str, Figure]) -> None:
+def test_axes_have_labels_with_units_and_content(figures: dict[str, Figure]) -> None:
     bracketed = "DN|DN²|e⁻|s|V|dB|nm|%|std\\. unc\\.|ΔE units|standard uncertainties"
     units = rf"^signal-to-noise ratio$|photons per pixel$|\(({bracketed})\)$"
     for name, figure in figures.items():
@@ -104,7 +106,7 @@ def test_axes_have_names_with_units_and_something_in_them(figures: dict[str, Fig
                 assert re.search(units, axes.get_ylabel()), f"{name}: {axes.get_ylabel()}"
 
 
-def test_no_text_is_small_overlaps_another_or_leaves_the_figure(figures: dict[str, Figure]) -> None:
+def test_texts_are_readable_and_do_not_overlap(figures: dict[str, Figure]) -> None:
     for name, figure in figures.items():
         canvas = FigureCanvasAgg(figure)
         with styled():
@@ -124,13 +126,13 @@ def test_no_text_is_small_overlaps_another_or_leaves_the_figure(figures: dict[st
             assert overlap is None or min(overlap.width, overlap.height) < 1.0, f"{name}: '{one}' over '{other}'"
 
 
-def test_drawings_are_the_same_every_time(loop) -> None:
+def test_drawings_are_reproducible(loop, figures: dict[str, Figure]) -> None:
     again = all_figures(loop)
-    for name, figure in all_figures(loop).items():
+    for name, figure in figures.items():
         drawing = svg_bytes(figure)
         assert drawing == svg_bytes(again[name]), name
         assert b"dc:date" not in drawing
-        assert b"<text" not in drawing, "text is outlines, so that the reader's fonts do not matter"
+        assert b"<text" not in drawing, "text must be outlines, independent of installed fonts"
 
 
 # What the figures show.
@@ -153,7 +155,7 @@ def curve(**changes: object) -> Curve:
     return Curve(**(entries | changes))
 
 
-def test_curve_shows_fitted_and_left_out_points_and_the_line() -> None:
+def test_curve_shows_used_and_unused_points_and_the_line() -> None:
     upper, lower = curve_figure({"M": curve()}).axes
     filled, hollow, below, line = upper.lines
     bars = [bar.get_segments() for bar in upper.collections[:2]]
@@ -172,7 +174,7 @@ def test_curve_shows_fitted_and_left_out_points_and_the_line() -> None:
 
 
 def band_of(axes: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Abscissae, lower and upper edge of the last band drawn."""
+    """Return abscissae, lower and upper edge of the last band."""
     vertices = axes.collections[-1].get_paths()[0].vertices
     x = np.unique(vertices[:, 0])
     edges = np.array([[vertices[vertices[:, 0] == at, 1].min(), vertices[vertices[:, 0] == at, 1].max()] for at in x])
@@ -180,7 +182,7 @@ def band_of(axes: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_band_of_a_line_is_that_of_its_covariance() -> None:
-    """u^2(a + b x) = u^2(a) + 2 x u(a, b) + x^2 u^2(b), here narrowest at x = 50."""
+    """u^2(a + b x) = u^2(a) + 2 x u(a, b) + x^2 u^2(b), here smallest at x = 50."""
     covariance = np.array([[4.0, -0.05], [-0.05, 0.001]])
     line = curve(intercept=2.0, line_covariance=covariance)
     upper, lower = curve_figure({"M": line}).axes
@@ -221,7 +223,7 @@ def test_snr_shows_points_model_band_and_the_ideal_sensor() -> None:
     np.testing.assert_allclose(high + low, 2 * value, rtol=1e-6)
 
 
-def test_snr_says_what_stands_for_the_light() -> None:
+def test_snr_without_photons_is_against_electrons() -> None:
     assert snr_figure({"M": snr(photons=False)}).axes[0].get_xlabel() == "signal (e⁻)"
 
 
@@ -236,7 +238,7 @@ def test_axes_are_linear_where_fitted_points_are_not_above_zero(y: list[float]) 
     assert (upper.get_xscale(), upper.get_yscale()) == ("linear", "linear")
 
 
-def test_points_that_are_not_numbers_are_left_out() -> None:
+def test_non_finite_points_are_omitted() -> None:
     upper, _ = curve_figure({"M": curve(y=np.array([0.6, np.nan, 51.0, 500.0, 1.0]))}).axes
     np.testing.assert_array_equal(upper.lines[0].get_xdata(), [1, 100, 1000])
 
@@ -247,7 +249,7 @@ def test_curve_without_a_fit_has_no_line() -> None:
     assert len(lower.lines) == 3, "zero and the two limits"
 
 
-def test_channels_are_told_apart_without_colour(loop) -> None:
+def test_channels_differ_without_colour(loop) -> None:
     curves = {channel: found["response"] for channel, found in loop.calibration.curves.items()}
     figure = curve_figure(curves)
     handles = figure.legends[0].get_lines()[:3]
@@ -265,7 +267,7 @@ def test_noise_budget_is_that_of_the_sensor(loop) -> None:
     np.testing.assert_array_equal(rings.get_ydata(), calibrated.total_db)
 
 
-def test_noise_that_is_not_there_has_no_line() -> None:
+def test_absent_noise_has_no_line() -> None:
     axes = noise_budget_figure(ps.load_sensor("nikon-d200").with_(prnu_percent=0, dsnu_mv=0)).axes[0]
     labels = {line.get_label() for line in axes.lines}
     assert {"total", "shot noise", "read noise"} <= labels
@@ -312,7 +314,7 @@ def test_error_of_the_snr_is_its_scatter() -> None:
     assert np.sqrt(np.mean(said**2)) == pytest.approx(found.spatial_snr_db[:, 0].std(), rel=0.06)
 
 
-def test_deviations_are_drawn_where_they_are() -> None:
+def test_deviations_are_drawn_at_their_values() -> None:
     axes = deviations_figure(["a (DN)", "b (e⁻)"], [0.5, -7.0]).axes[0]
     points = axes.lines[-1]
     np.testing.assert_array_equal(points.get_xdata(), [0.5, -7.0])

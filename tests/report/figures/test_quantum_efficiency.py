@@ -1,4 +1,4 @@
-"""The figure of quantum efficiency shows the numbers it was given."""
+"""The figure of quantum efficiency shows the given numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.spectral.result import BandReading, ChannelEfficiency, SpectralCalibration
-from photosite.report.figures.quantum_efficiency import quantum_efficiency_figure
+from photosite.report.figures.sensor import quantum_efficiency_figure
 from photosite.report.style import png_bytes
 
 NM = np.array([450.0, 550.0, 650.0])

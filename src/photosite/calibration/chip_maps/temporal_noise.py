@@ -18,7 +18,6 @@ from photosite.calibration.spatial.line_noise import TemporalParts, temporal_par
 from photosite.engine.frame_sums import MeanFrame
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
-from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import Uncertain, weighted_mean
 
 
@@ -127,9 +126,9 @@ def measure_temporal_noise(
     return TemporalNoise(
         frames=stack.frames,
         exposure_s=stack.group.exposure_s,
-        pixel_noise_dn=_deviation(parts.pixel - QUANTISATION_DN2 + Uncertain.of(0.0, rounding), method),
-        row_noise_dn=_deviation(parts.row, method),
-        column_noise_dn=_deviation(parts.column, method),
+        pixel_noise_dn=Estimate.of_variance(parts.pixel - QUANTISATION_DN2 + Uncertain.of(0.0, rounding), method),
+        row_noise_dn=Estimate.of_variance(parts.row, method),
+        column_noise_dn=Estimate.of_variance(parts.column, method),
         frame_noise_dn=_frame_noise(look, mean.sum.size, parts, method),
         shape=measure_noise_shape(variance, look.fourth, stack.frames, look.histogram, look.bin_dn),
         bands=_bands(look, mean, tile),
@@ -145,12 +144,6 @@ def _pooled(stack: GroupStatistics, parts: Sequence[TemporalParts]) -> TemporalP
     )
 
 
-def _deviation(variance: Uncertain, method: str) -> Estimate:
-    return Estimate.of(
-        standard_deviation(variance), method, upper_limit_95(variance), standard_deviation_interval_95(variance)
-    )
-
-
 def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalParts, method: str) -> Estimate:
     """Estimate the variance of the frame means that pixels, rows and columns do not explain."""
     row_sums, column_sums = look.lines
@@ -159,7 +152,7 @@ def _frame_noise(look: StackResiduals, pixels: int, parts: TemporalParts, method
     rows, cols = row_sums.shape[1], column_sums.shape[2]
     explained = parts.pixel * (1.0 / pixels) + parts.row * (1.0 / rows) + parts.column * (1.0 / cols)
     found = Uncertain.of_variance(variance, variance * math.sqrt(2.0 / (len(means) - 1)))
-    return _deviation(found - explained, method)
+    return Estimate.of_variance(found - explained, method)
 
 
 def _bands(look: StackResiduals, mean: MeanFrame, tile: NDArray[np.int64]) -> dict[str, tuple[Band, ...]]:

@@ -46,23 +46,16 @@ class _Results:
 
 
 class _Figure(NamedTuple):
-    section: str
     name: str
     short: str
     symbol: str
     unit: str
-    parameter: str
-    """The parameter whose method and upper limit the figure has; "" for a derived figure."""
-    compute: Callable[[_Results], Value]
-    note: str = ""
+    source: str | Callable[[_Results], Value]
+    """A parameter, whose method and upper limit the figure has, or a function that derives the value."""
 
 
-def _own(section: str, name: str, short: str, symbol: str, unit: str, parameter: str, note: str = "") -> _Figure:
-    return _Figure(section, name, short, symbol, unit, parameter, lambda r: r[parameter], note)
-
-
-def _times(a: str, b: str, factor: float = 1.0) -> Callable[[_Results], Value]:
-    return lambda r: derive(lambda x, y: x * y * factor, r[a], r[b])
+def _in_dn(parameter_e: str) -> Callable[[_Results], Value]:
+    return lambda r: derive(lambda electrons, gain: electrons * gain, r[parameter_e], r[_GAIN])
 
 
 def _dark_noise_dn(r: _Results) -> Value:
@@ -86,123 +79,17 @@ def _snr(r: _Results) -> Value:
     return derive(lambda e: e.sqrt(), r["saturation_capacity_e"])
 
 
-_GAIN, _CAPACITY, _QE = "system_gain_dn_per_e", "saturation_capacity_e", "quantum_efficiency_percent"
-_THRESHOLD, _CAPACITY_P = "sensitivity_threshold_photons", "saturation_capacity_photons"
-_FROM_VARIANCE = "dark_current_from_variance_e_per_s"
+_GAIN, _CAPACITY, _CAPACITY_P = "system_gain_dn_per_e", "saturation_capacity_e", "saturation_capacity_photons"
+_THRESHOLD, _QE = "sensitivity_threshold_photons", "quantum_efficiency_percent"
+_DARK_MEAN, _DARK_VARIANCE = "dark_current_e_per_s", "dark_current_from_variance_e_per_s"
 _PER_AREA_P, _PER_AREA_E = r"$p/\mu m^2$", r"$e^-/\mu m^2$"
-
-_SENSITIVITY = (
-    _own("sensitivity", "R", "Responsivity", "R", "DN/p", "responsivity_dn_per_photon"),
-    _own("sensitivity", "K", "System gain", "K", "$DN/e^-$", _GAIN),
-    _Figure(
-        "sensitivity",
-        "inverse_K",
-        "Inverse of overall system gain",
-        "1/K",
-        "$e^-/DN$",
-        "",
-        lambda r: derive(lambda k: 1.0 / k, r[_GAIN]),
-    ),
-    _own("sensitivity", "QE", "Quantum efficiency", r"$\eta$", r"\%", _QE),
-    _Figure("sensitivity", "sigma_y_dark", "Temporal Dark Noise", r"$\sigma_{y.dark}$", "DN", "", _dark_noise_dn),
-    _own("sensitivity", "sigma_d", "Temporal Dark Noise", r"$\sigma_d$", "$e^-$", "temporal_dark_noise_e"),
-    _own("sensitivity", "u_p_min", "Absolute sensitivity threshold", r"$\mu_{p.min}$", "$p$", _THRESHOLD),
-    _Figure(
-        "sensitivity",
-        "u_p_min_area",
-        "Sensitivity threshold",
-        r"$\mu_{p.min.area}$",
-        _PER_AREA_P,
-        "",
-        lambda r: r.per_area(r[_THRESHOLD]),
-    ),
-    _Figure("sensitivity", "u_e_min", "Sensitivity threshold", r"$\mu_{e.min}$", "$e^-$", "", _threshold_e),
-    _Figure(
-        "sensitivity",
-        "u_e_min_area",
-        "Sensitivity threshold",
-        r"$\mu_{e.min.area}$",
-        _PER_AREA_E,
-        "",
-        lambda r: r.per_area(_threshold_e(r)),
-    ),
-    _own("sensitivity", "u_p_sat", "Saturation Capacity", r"$\mu_{p.sat}$", "$p$", _CAPACITY_P),
-    _Figure(
-        "sensitivity",
-        "u_p_sat_area",
-        "Saturation Capacity",
-        r"$\mu_{p.sat.area}$",
-        _PER_AREA_P,
-        "",
-        lambda r: r.per_area(r[_CAPACITY_P]),
-    ),
-    _own("sensitivity", "u_e_sat", "Saturation Capacity", r"$\mu_{e.sat}$", "$e^-$", _CAPACITY),
-    _Figure(
-        "sensitivity",
-        "u_e_sat_area",
-        "Saturation Capacity",
-        r"$\mu_{e.sat.area}$",
-        _PER_AREA_E,
-        "",
-        lambda r: r.per_area(r[_CAPACITY]),
-    ),
-    _Figure("sensitivity", "SNR_max", "Signal-to-Noise Ratio", "$SNR_{max}$", "", "", _snr),
-    _own("sensitivity", "SNR_max_dB", "Maximum Signal to Noise Ratio in Db", "$SNR_{max.dB}$", "dB", "snr_max_db"),
-    _Figure(
-        "sensitivity",
-        "SNR_max_bit",
-        "Maximum Signal to Noise Ratio in Bits",
-        "$SNR_{max.bit}$",
-        "bit",
-        "",
-        lambda r: derive(lambda s: s.decibel(1.0 / math.log10(2.0)), _snr(r)),
-    ),
-    _Figure(
-        "sensitivity",
-        "inverse_SNR_max",
-        "Inverse Maximum Signal to Noise Ratio",
-        "$SNR_{max}^{-1}$",
-        r"\%",
-        "",
-        lambda r: derive(lambda s: 100.0 / s, _snr(r)),
-    ),
-    _Figure("sensitivity", "DR", "Dynamic Range", "DR", "", "", _range),
-    _own("sensitivity", "DR_dB", "Dynamic Range", "$DR_{dB}$", "dB", "dynamic_range_db"),
-)
-
-_DARK_CURRENT = (
-    _own("dark_current", "u_I_mean", "Dark Current from mean", r"$\mu_{I.mean}$", "$e^-/s$", "dark_current_e_per_s"),
-    _Figure(
-        "dark_current",
-        "u_I_mean_DN",
-        "Dark Current from mean",
-        r"$\mu_{I.mean.DN}$",
-        "$DN/s$",
-        "",
-        _times("dark_current_e_per_s", _GAIN),
-    ),
-    _own("dark_current", "u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", _FROM_VARIANCE),
-    _Figure(
-        "dark_current",
-        "u_I_var_DN",
-        "Dark Current from variance",
-        r"$\mu_{I.var.DN}$",
-        "$DN/s$",
-        "",
-        _times(_FROM_VARIANCE, _GAIN),
-    ),
-)
-
-_LINEARITY = (
-    _own("linearity", "LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "linearity_error_min_percent"),
-    _own("linearity", "LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "linearity_error_max_percent"),
-)
+_SATURATION, _LIMIT = "Saturation Capacity", "Sensitivity threshold"
 
 
 def _parts(name: str, short: str, unit: str, prefix: str, suffix: str) -> tuple[_Figure, ...]:
     """Return a nonuniformity with its row, column and pixel parts."""
     return tuple(
-        _own("spatial", f"{name}{tail}", f"{short}{part}", f"${short}_{{1288{dot}}}$", unit, f"{prefix}{own}_{suffix}")
+        _Figure(f"{name}{tail}", f"{short}{part}", f"${short}_{{1288{dot}}}$", unit, f"{prefix}{own}_{suffix}")
         for tail, part, dot, own in (
             ("", "", "", ""),
             ("_row", "row", ".row", "_row"),
@@ -212,13 +99,51 @@ def _parts(name: str, short: str, unit: str, prefix: str, suffix: str) -> tuple[
     )
 
 
-_SPATIAL = (
-    *_parts("DSNU1288", "DSNU", "$e^-$", "dsnu1288", "e"),
-    _Figure("spatial", "DSNU1288_DN", "DSNU in DN", "$DSNU_{1288.DN}$", "DN", "", _times("dsnu1288_e", _GAIN)),
-    *_parts("PRNU1288", "PRNU", r"\%", "prnu1288_unfiltered", "percent"),
-)
-
-FIGURES = (*_DARK_CURRENT, *_LINEARITY, *_SENSITIVITY, *_SPATIAL)
+# fmt: off
+FIGURES: dict[str, tuple[_Figure, ...]] = {
+    "dark_current": (
+        _Figure("u_I_mean", "Dark Current from mean", r"$\mu_{I.mean}$", "$e^-/s$", _DARK_MEAN),
+        _Figure("u_I_mean_DN", "Dark Current from mean", r"$\mu_{I.mean.DN}$", "$DN/s$", _in_dn(_DARK_MEAN)),
+        _Figure("u_I_var", "Dark Current from variance", r"$\mu_{I.var}$", "$e^-/s$", _DARK_VARIANCE),
+        _Figure("u_I_var_DN", "Dark Current from variance", r"$\mu_{I.var.DN}$", "$DN/s$", _in_dn(_DARK_VARIANCE)),
+    ),
+    "linearity": (
+        _Figure("LE_min", "Min Linearity error", "$LE_{min}$", r"\%", "linearity_error_min_percent"),
+        _Figure("LE_max", "Max Linearity error", "$LE_{max}$", r"\%", "linearity_error_max_percent"),
+    ),
+    "sensitivity": (
+        _Figure("R", "Responsivity", "R", "DN/p", "responsivity_dn_per_photon"),
+        _Figure("K", "System gain", "K", "$DN/e^-$", _GAIN),
+        _Figure("inverse_K", "Inverse of overall system gain", "1/K", "$e^-/DN$",
+                lambda r: derive(lambda k: 1.0 / k, r[_GAIN])),
+        _Figure("QE", "Quantum efficiency", r"$\eta$", r"\%", _QE),
+        _Figure("sigma_y_dark", "Temporal Dark Noise", r"$\sigma_{y.dark}$", "DN", _dark_noise_dn),
+        _Figure("sigma_d", "Temporal Dark Noise", r"$\sigma_d$", "$e^-$", "temporal_dark_noise_e"),
+        _Figure("u_p_min", "Absolute sensitivity threshold", r"$\mu_{p.min}$", "$p$", _THRESHOLD),
+        _Figure("u_p_min_area", _LIMIT, r"$\mu_{p.min.area}$", _PER_AREA_P, lambda r: r.per_area(r[_THRESHOLD])),
+        _Figure("u_e_min", _LIMIT, r"$\mu_{e.min}$", "$e^-$", _threshold_e),
+        _Figure("u_e_min_area", _LIMIT, r"$\mu_{e.min.area}$", _PER_AREA_E, lambda r: r.per_area(_threshold_e(r))),
+        _Figure("u_p_sat", _SATURATION, r"$\mu_{p.sat}$", "$p$", _CAPACITY_P),
+        _Figure("u_p_sat_area", _SATURATION, r"$\mu_{p.sat.area}$", _PER_AREA_P, lambda r: r.per_area(r[_CAPACITY_P])),
+        _Figure("u_e_sat", _SATURATION, r"$\mu_{e.sat}$", "$e^-$", _CAPACITY),
+        _Figure("u_e_sat_area", _SATURATION, r"$\mu_{e.sat.area}$", _PER_AREA_E, lambda r: r.per_area(r[_CAPACITY])),
+        _Figure("SNR_max", "Signal-to-Noise Ratio", "$SNR_{max}$", "", _snr),
+        _Figure("SNR_max_dB", "Maximum Signal to Noise Ratio in Db", "$SNR_{max.dB}$", "dB", "snr_max_db"),
+        _Figure("SNR_max_bit", "Maximum Signal to Noise Ratio in Bits", "$SNR_{max.bit}$", "bit",
+                lambda r: derive(lambda s: s.decibel(1.0 / math.log10(2.0)), _snr(r))),
+        _Figure("inverse_SNR_max", "Inverse Maximum Signal to Noise Ratio", "$SNR_{max}^{-1}$", r"\%",
+                lambda r: derive(lambda s: 100.0 / s, _snr(r))),
+        _Figure("DR", "Dynamic Range", "DR", "", _range),
+        _Figure("DR_dB", "Dynamic Range", "$DR_{dB}$", "dB", "dynamic_range_db"),
+    ),
+    "spatial": (
+        *_parts("DSNU1288", "DSNU", "$e^-$", "dsnu1288", "e"),
+        _Figure("DSNU1288_DN", "DSNU in DN", "$DSNU_{1288.DN}$", "DN", _in_dn("dsnu1288_e")),
+        *_parts("PRNU1288", "PRNU", r"\%", "prnu1288_unfiltered", "percent"),
+    ),
+}
+"""Figures of the reference implementation, by section."""
+# fmt: on
 
 
 def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> None:
@@ -256,16 +181,15 @@ def emva_results(calibration: Calibration) -> bytes:
         frames=str(calibration.frame_count),
         note=EMVA_XML_LOSS,
     )
-    sections: dict[str, ElementTree.Element] = {}
-    for figure in FIGURES:
-        value = figure.compute(results)
-        if figure.section not in sections:
-            sections[figure.section] = ElementTree.SubElement(root, figure.section)
-        entry = results.estimates.get(figure.parameter) or Estimate.of(value, "derived from the other figures")
-        head = (figure.section, figure.short, figure.symbol, figure.unit)
-        _add(
-            sections[figure.section], figure.name, head, entry, _UNFILTERED if "unfiltered" in figure.parameter else ""
-        )
+    for name, figures in FIGURES.items():
+        section = ElementTree.SubElement(root, name)
+        for figure in figures:
+            if isinstance(figure.source, str):
+                entry = results.estimates[figure.source]
+                note = _UNFILTERED if "unfiltered" in figure.source else ""
+            else:
+                entry, note = Estimate.of(figure.source(results), "derived from the other figures"), ""
+            _add(section, figure.name, (name, figure.short, figure.symbol, figure.unit), entry, note)
     _add_parameters(ElementTree.SubElement(root, "photosite"), calibration)
     for channel, parameters in calibration.channels.items():
         _add_parameters(ElementTree.SubElement(root, f"photosite_{channel}"), parameters)

@@ -34,7 +34,6 @@ from photosite.frames.frame_set import FrameSet
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.measured import COVERAGE_95, Measured
-from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import Uncertain, correlated
 
 _AT_THE_PIXEL = ("read_noise_mv", "dsnu_mv", "dark_voltage_mv_per_s", "conversion_gain_uv_per_e")
@@ -186,10 +185,7 @@ def _mode(settings: NDArray[np.float64], noise: ReadNoise | None) -> GainMode:
         return GainMode(names, missing, missing)
     fit = noise.two_parts()
     parts = correlated(fit.parameters, fit.covariance)
-    pre, post = (
-        Estimate.of(standard_deviation(part), method, upper_limit_95(part), standard_deviation_interval_95(part))
-        for part in parts
-    )
+    pre, post = (Estimate.of_variance(part, method) for part in parts)
     scatter = 100.0 * math.sqrt(fit.extra_variance)
     return GainMode(names, pre, post, fit.chi_square, fit.degrees_of_freedom, scatter)
 

@@ -1,1 +1,1 @@
-"""Figures of results, one module a figure."""
+"""Figures of results, as matplotlib `Figure` objects."""

@@ -1,4 +1,4 @@
-"""A gain series drawn: read noise in electrons with its two parts, and system gain, against the gain setting."""
+"""Figure of a gain series: read noise in electrons with its two parts, and system gain, against the gain setting."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, WI
 
 _POINTS = 200
 _MARKERS = ("o", "s")
-_BOTH, _BEFORE, _AFTER = "two parts together", "before the amplifier", "after the amplifier"
+_BOTH, _BEFORE, _AFTER = "sum of both parts", "before the amplifier", "after the amplifier"
 _ORDER = ("measured", "low conversion gain", "high conversion gain", _BOTH, _BEFORE, _AFTER)
 
 
 @styled()
 def gain_series_figure(series: GainSeries) -> Figure:
-    """Read noise referred to the input, its parts before and after the amplifier, and system gain, by setting.
+    """Draw read noise referred to the input, its parts before and after the amplifier, and system gain, by setting.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Points with 95 % intervals; lines are the two-part model and gains proportional to what the settings stand for.
-        The shaded band is where the conversion gain switches.
+        Points with 95 % intervals. Lines are the two-part model, and gains proportional to the nominal settings. The
+        shaded band marks the conversion-gain switch.
     """
     figure = Figure(figsize=(WIDTH_IN, 6.4))
     noise, gain = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
@@ -59,12 +59,12 @@ def gain_series_figure(series: GainSeries) -> Figure:
 
 
 def _between_decades(y: float, _: int | None) -> str:
-    """A label for 2 and 5 of each decade."""
+    """Return a label for 2 and 5 of each decade."""
     return f"{y:g}" if f"{y:e}"[0] in "25" else ""
 
 
 def _bottom(series: GainSeries) -> float:
-    """A third of the least read noise: the lesser part fades out below it."""
+    """Return the lower limit of the axis: a third of the smallest read noise."""
     values = [step.calibration.read_noise_e.value or 0.0 for step in series.steps]
     return 0.3 * min((value for value in values if value > 0.0), default=1.0)
 

@@ -1,4 +1,4 @@
-"""Points with their intervals and bands around lines, alike in every figure."""
+"""Points with error bars, bands and legend entries, in the same style for all figures."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def draw_points(
     look: tuple[str, str],
     size: float = 5.0,
 ) -> None:
-    """Points with bars: filled where they were used, hollow where not.
+    """Draw points with error bars: filled if used in a fit, else hollow.
 
     Parameters
     ----------
     axes
-        To draw on.
+        Axes to draw on.
     x, y, half, used
-        (points,) place, height of a bar to each side, and whether the point was used.
+        (points,) position, half length of the error bar, and whether the point was used.
     look
         Colour and marker.
     size
-        Of a marker, in points.
+        Marker size, in points.
     """
     color, marker = look
     for filled in (True, False):
@@ -53,7 +53,7 @@ def draw_points(
 
 
 def draw_band(axes: Axes, x: _Numbers, middle: _Numbers, half: _Numbers, color: str) -> None:
-    """A band of so much to each side of a line; on a logarithmic axis only where it is above 0."""
+    """Draw a band of the given half width around a line; on a logarithmic axis only where it is above 0."""
     low, high = middle - half, middle + half
     shown = np.isfinite(low) & np.isfinite(high)
     if axes.get_yscale() == "log":
@@ -64,16 +64,16 @@ def draw_band(axes: Axes, x: _Numbers, middle: _Numbers, half: _Numbers, color: 
 def channel_handles(
     channels: Sequence[str], alone: str, hollow: str | None = None, *, lines: bool = True
 ) -> list[Line2D]:
-    """The legend's entries: a channel each, and what hollow points are.
+    """Return legend entries for the channels, and for hollow points.
 
     Parameters
     ----------
     channels
-        Their names, in the order they were drawn in.
+        Names, in drawing order.
     alone
-        What to call a channel that is the only one.
+        Label of a single channel.
     hollow
-        What hollow points are, if there are any.
+        Label of hollow points, if there are any.
     lines
         Whether the channels have lines.
     """
@@ -90,19 +90,19 @@ def channel_handles(
 
 
 def thinned(x: _Numbers, y: _Numbers, most: int = 800) -> tuple[_Numbers, _Numbers]:
-    """A long line for a plot: runs of neighbours by their lowest and highest value, so that no peak is lost.
+    """Thin a long line to the lowest and highest value of runs of neighbours, so that peaks stay visible.
 
     Parameters
     ----------
     x, y
         (n,).
     most
-        Runs at most, more than a plot has places for.
+        Largest number of runs.
 
     Returns
     -------
     tuple of numpy.ndarray
-        The line itself where it is short; else twice the runs, at the middle of each its lowest and highest value.
+        A short line unchanged; otherwise, lowest and highest value at the middle of each run.
 
     Examples
     --------

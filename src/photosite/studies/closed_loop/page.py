@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.report.blocks import figure_block, sentence
+from photosite.develop.pair import develop_pair
 from photosite.report.calibration import FOOTER, provenance_blocks, rejected_blocks, warning_blocks
-from photosite.report.figures.color_difference import color_difference_figure
-from photosite.report.figures.deviations import deviations_figure
-from photosite.report.figures.noise_budget import noise_budget_figure
-from photosite.report.figures.patches import patch_means_figure, patch_snr_figure
-from photosite.report.html import (
+from photosite.report.figures.sensor import noise_budget_figure
+from photosite.report.figures.validation import (
+    color_difference_figure,
+    deviations_figure,
+    patch_means_figure,
+    patch_snr_figure,
+)
+from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.page import (
     Block,
     Column,
     Details,
@@ -26,11 +30,12 @@ from photosite.report.html import (
     Paragraph,
     Section,
     Table,
-    write_page,
+    figure_block,
+    sentence,
 )
-from photosite.report.numbers import format_number, format_uncertain
-from photosite.report.pictures import develop_alike, enlarge, jpeg_bytes, magnified, shrink
+from photosite.report.pictures import enlarge, jpeg_bytes, magnified, shrink
 from photosite.report.plots import curve_blocks
+from photosite.report.write import write_report
 from photosite.scene.charts import macbeth_regions
 from photosite.values.measured import COVERAGE_95
 
@@ -67,7 +72,7 @@ def write_demo_report(result: ClosedLoop, path: str | PathLike[str]) -> None:
     FileError
         If it cannot be written; a file that had the name stays as it was.
     """
-    write_page(demo_page(result), path)
+    write_report(demo_page(result), path)
 
 
 def demo_page(result: ClosedLoop) -> Page:
@@ -159,7 +164,7 @@ def _parameter_row(row: ParameterRow) -> tuple[str, ...]:
 def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     colors = result.validation.color
     matrix = None if colors is None else colors.matrix
-    true, calibrated = develop_alike(result.true_raw, result.calibrated_raw, matrix)
+    true, calibrated = develop_pair(result.true_raw, result.calibrated_raw, matrix)
     small, small_calibrated = shrink(true), shrink(calibrated)
     detail = _detail(result.true_raw.shape)
     level = true[detail].mean(axis=(0, 1))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
-from photosite.report.html import Listing, Table
+from photosite.report.page import Listing, Table
 from photosite.studies.farrell2008 import fill_factor, patches
 from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.fill_factor import FillFactors

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from photosite.report.html import Listing, Paragraph, Table
+from photosite.report.page import Listing, Paragraph, Table
 from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.high_dynamic_range import high_dynamic_range
 from photosite.studies.farrell2008.page.dim_face import dim_face_part

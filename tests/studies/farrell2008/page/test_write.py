@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from photosite.report.html import Details, Heading, Listing, Table, render_page
+from photosite.report.page import Details, Heading, Listing, Table, render_page
 from photosite.studies.farrell2008 import table1
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.page.page import PARTS, study_page, study_parts

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.report.pictures import develop_alike, magnified, shrink
+from photosite.develop.pair import develop_pair
+from photosite.report.pictures import magnified, shrink
 from photosite.report.style import styled
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.patches import CameraPatches, Patches
@@ -55,7 +56,7 @@ def pictures_figure(chapter: Patches) -> Figure:
 
 def _pictures(found: CameraPatches) -> tuple[NDArray[np.float32], ...]:
     # The matrix takes numbers above black; its scale is free to `develop`, which sets its own exposure.
-    pair = develop_alike(found.measured, found.simulated, found.colors.simulated)
+    pair = develop_pair(found.measured, found.simulated, found.colors.simulated)
     measured, simulated = (shrink(picture, _WIDEST_DIFFERENCE) for picture in pair)
     return *(shrink(picture, _WIDEST) for picture in pair), magnified(measured, simulated, _MAGNIFICATION)
 

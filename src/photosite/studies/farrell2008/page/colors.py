@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from photosite.report.html import Block, Column, Paragraph, Table
+from photosite.report.page import Block, Column, Paragraph, Table
 from photosite.report.style import BLACK, ORANGE, SKY, styled
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.patches import FORMULAS, CameraPatches, Patches, differences

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from photosite.report.html import Column as TableColumn
-from photosite.report.html import Paragraph, Table
 from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.page import Column as TableColumn
+from photosite.report.page import Paragraph, Table
 from photosite.studies.farrell2008.dim_face import COLS, EXPOSURE_S, LUMINANCE_CD_M2, ROWS, DimFace, FaceShot
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.page.portraits import Column, portraits_figure

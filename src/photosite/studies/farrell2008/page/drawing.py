@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from photosite.report.html import Block, Image, Images
+from photosite.report.page import Block, Image, Images
 from photosite.report.style import png_bytes, svg_bytes
 
 _OF_THE_PAPER = {

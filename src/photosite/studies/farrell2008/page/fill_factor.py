@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from photosite.report.html import Column, Listing, Paragraph, Table
 from photosite.report.numbers import format_interval, format_number, format_uncertain
+from photosite.report.page import Column, Listing, Paragraph, Table
 from photosite.report.style import BLACK, channel_style, styled
 from photosite.studies.farrell2008.cameras import FILL_FACTOR_BELOW, UNEVENNESS
 from photosite.studies.farrell2008.fill_factor import CaseFit, FillFactors

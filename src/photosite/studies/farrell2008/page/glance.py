@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from photosite.report.html import Column, Table
 from photosite.report.numbers import format_number, format_uncertain
+from photosite.report.page import Column, Table
 from photosite.studies.farrell2008.dim_face import EXPOSURE_S, LUMINANCE_CD_M2, DimFace
 from photosite.studies.farrell2008.fill_factor import FillFactors
 from photosite.studies.farrell2008.high_dynamic_range import HighDynamicRange

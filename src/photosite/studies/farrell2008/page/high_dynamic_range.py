@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from photosite.metrics.snr import noise_budget
-from photosite.report.html import Paragraph
+from photosite.report.page import Paragraph
 from photosite.report.style import BLUE, GRAY, VERMILION, new_figure, styled
 from photosite.studies.farrell2008.high_dynamic_range import (
     SHADE,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from photosite.report.html import Block, Column, Notice, Page, Section, Table
 from photosite.report.numbers import format_number, format_time, format_uncertain
+from photosite.report.page import Block, Column, Notice, Page, Section, Table
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.farrell2008.cameras import CASES, ILLUMINANT, HiddenTruth
 from photosite.studies.farrell2008.page.dim_face import dim_face_part

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from photosite.report.figures.marks import channel_handles
-from photosite.report.figures.patches import FillStyle, draw_identity, draw_patch_means, draw_patch_snr
-from photosite.report.html import Listing
+from photosite.report.figures.validation import FillStyle, draw_identity, draw_patch_means, draw_patch_snr
+from photosite.report.page import Listing
 from photosite.report.style import BLACK, GRAY, styled
 from photosite.studies.farrell2008.page.chart_pictures import pictures_drawing
 from photosite.studies.farrell2008.page.colors import color_blocks

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from photosite.report.html import Column as TableColumn
-from photosite.report.html import Listing, Paragraph, Table
 from photosite.report.numbers import format_number
+from photosite.report.page import Column as TableColumn
+from photosite.report.page import Listing, Paragraph, Table
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.page.portraits import Column, portraits_figure

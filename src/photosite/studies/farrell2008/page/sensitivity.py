@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from photosite.report.figures.spectral_sensitivity import draw_spectral_sensitivity
+from photosite.report.figures.sensor import draw_spectral_sensitivity
 from photosite.report.style import styled
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.patches import Patches

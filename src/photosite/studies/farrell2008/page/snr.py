@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from photosite.report.figures.noise_budget import draw_noise_budget
-from photosite.report.html import Column, Listing, Paragraph, Table
+from photosite.report.figures.sensor import draw_noise_budget
 from photosite.report.numbers import format_number
+from photosite.report.page import Column, Listing, Paragraph, Table
 from photosite.report.style import BLACK, GRAY, styled
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.snr import PAPER_D200_AT_SWING_DB, PARTS, SensorSnr, SnrChapter

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from photosite.report.figures.deviations import deviations_figure
-from photosite.report.html import Block, Column, Details, Listing, Paragraph, Subheading, Table
+from photosite.report.figures.validation import deviations_figure
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
+from photosite.report.page import Block, Column, Details, Listing, Paragraph, Subheading, Table
 from photosite.studies.farrell2008.eight_frames import EightFrames
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.table1 import CameraTable, Table1, Table1Row

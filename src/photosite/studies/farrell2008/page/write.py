@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from photosite.report.html import write_page
+from photosite.report.write import write_report
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.page.page import study_page, study_parts
 from photosite.studies.farrell2008.study import Reproduction
@@ -34,4 +34,4 @@ def write_study(study: Reproduction, folder: Path) -> None:
                 entry.save(figures)
     text = json.dumps(study.to_dict(), allow_nan=False, ensure_ascii=False, indent=1)
     (folder / RESULTS_NAME).write_text(text + "\n", encoding="utf-8", newline="\n")
-    write_page(study_page(study, parts), folder / PAGE_NAME)
+    write_report(study_page(study, parts), folder / PAGE_NAME)

@@ -1,4 +1,4 @@
-"""The plots of EMVA 1288's spatial analysis and of its general model show the numbers they were given."""
+"""Figures of EMVA 1288's spatial analysis and of its general model show the given numbers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from matplotlib.collections import PolyCollection
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.spatial.line_noise import TemporalParts
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes, OutlierThresholds, spatial_analysis, spectrogram
-from photosite.report.figures.general_model import general_model_figure
-from photosite.report.figures.histogram import histogram_figure
+from photosite.report.figures.fixed_pattern import (
+    _tick,
+    histogram_figure,
+    profiles_figure,
+    spectrogram_figure,
+    white_band,
+)
 from photosite.report.figures.marks import thinned
-from photosite.report.figures.profiles import profiles_figure
-from photosite.report.figures.spectrogram import _tick, spectrogram_figure, white_band
+from photosite.report.figures.response import general_model_figure
 from photosite.values.uncertain import Missing, Uncertain
 
 TILE = np.array([[0, 1], [1, 2]])
@@ -54,14 +58,14 @@ def test_spectrograms_are_square_roots_of_power(spatial):
         assert level == pytest.approx([np.sqrt(passed.white), np.sqrt(passed.temporal)])
         assert axes.get_ylabel() == "standard deviation (DN)"
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["mean frame", "high-passed", "white part, 95 %", "temporal noise left"]
+    assert labels == ["mean frame", "high-pass filtered", "white part, 95 %", "temporal noise"]
 
 
 def test_several_channels_are_named(spatial):
     light = {channel: found.light for channel, found in spatial.items()}
     figure = spectrogram_figure(light)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["R", "G", "B", "mean frame", "high-passed", "white part, 95 %"]
+    assert labels == ["R", "G", "B", "mean frame", "high-pass filtered", "white part, 95 %"]
     assert len(lines_of(figure.axes[0])) == 6
     assert figure.axes[1].get_xlabel() == "frequency (cycles per pixel of the channel)"
     assert [text.get_text() for text in histogram_figure(light).legends[0].get_texts()][:3] == ["R", "G", "B"]
@@ -74,7 +78,7 @@ def test_ticks_are_few_and_plain(value, limits, shown):
     assert _tick(value, limits) == shown
 
 
-def test_profiles_are_drawn_as_they_are(spatial):
+def test_profiles_are_drawn(spatial):
     found = spatial["B"]
     figure = profiles_figure(found)
     above, beside, below, _ = figure.axes
@@ -83,16 +87,16 @@ def test_profiles_are_drawn_as_they_are(spatial):
     np.testing.assert_array_equal(by_label["middle line"], found.light.along_columns.middle)
     by_label = {line.get_label(): line.get_ydata() for line in beside.get_lines()}
     np.testing.assert_array_equal(by_label["mean"], found.light.along_rows.mean)
-    assert [axes.get_title("left") for axes in (above, below)] == ["light less dark", "dark"]
+    assert [axes.get_title("left") for axes in (above, below)] == ["light − dark", "dark"]
 
 
-def test_profiles_of_darkness_alone_have_no_light(spatial):
+def test_profiles_without_light(spatial):
     from dataclasses import replace
 
     assert len(profiles_figure(replace(spatial["R"], light=Missing("no light"))).axes) == 2
 
 
-def test_histograms_stand_beside_the_normal_distribution(spatial):
+def test_histograms_with_the_normal_distribution(spatial):
     pattern = spatial["G"].dark
     left, right = histogram_figure({"M": pattern}).axes
     np.testing.assert_array_equal(left.patches[0].get_data().values, pattern.histogram.count)
@@ -105,7 +109,7 @@ def test_histograms_stand_beside_the_normal_distribution(spatial):
     assert thresholds == {-1.5, 1.5}
 
 
-def test_the_general_model_s_ratio_and_limits():
+def test_general_model_ratio_and_limits():
     x = np.array([1.0, 2.0, 4.0, 8.0])
     found = GeneralModel(
         "exposure_s", x, 10.0 * x, 0.0 * x, 10.0 + 0.0 * x, 0.0 * x, np.ones(4), np.array([10.0, 20.0, 40.0, np.nan]),
@@ -121,8 +125,8 @@ def test_the_general_model_s_ratio_and_limits():
     assert lower.get_xlabel() == "exposure (s)"
 
 
-def test_white_part_has_the_band_of_so_many_lines() -> None:
-    """Of 95 % of the frequencies of independent pixels; 3 standard deviations of that share over 200 maps are 0.4 %."""
+def test_band_of_the_white_part_covers() -> None:
+    """95 % of the frequencies of independent pixels; over 200 maps, 3 standard deviations of this share are 0.4 %."""
     rng = np.random.default_rng(4)
     inside = []
     for _ in range(200):
@@ -132,7 +136,7 @@ def test_white_part_has_the_band_of_so_many_lines() -> None:
     assert np.mean(inside) == pytest.approx(0.95, abs=0.006)
 
 
-def test_normal_distribution_has_the_band_of_its_counts(spatial) -> None:
+def test_band_of_the_normal_distribution(spatial) -> None:
     found = spatial["G"].dark.histogram
     left, right = histogram_figure({"G": spatial["G"].dark}).axes
     count, share = found.normal(), found.normal_beyond()

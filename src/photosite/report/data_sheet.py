@@ -1,4 +1,4 @@
-"""The first page of a calibration's report, an EMVA 1288 summary sheet: what was measured, how, and the figures."""
+"""The summary sheet of EMVA 1288: sensor, operating point, light and the standard's parameters."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.result import Calibration
-from photosite.report.html import Block, Column, Heading, Table
 from photosite.report.numbers import format_number, format_time
+from photosite.report.page import Block, Column, Heading, Table
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.cfa import tile_text
 from photosite.values.estimate import Estimate
 
 _MODELS = {
     "linear": "EMVA 1288 R4.0 Linear, photon transfer",
-    "general": "EMVA 1288 R4.0 General, for the photons are not known: there is no quantum efficiency, and what needs "
-    "no photons is after R4.0 Linear",
+    "general": "EMVA 1288 R4.0 General, because the photons are unknown: no quantum efficiency; parameters that need "
+    "no photons follow R4.0 Linear",
 }
 
-_PAIRS = (Column("What"), Column("Value"))
+_PAIRS = (Column("Property"), Column("Value"))
 
 SHEET: dict[str, dict[str, str]] = {
     "Sensitivity": {
@@ -46,7 +46,7 @@ SHEET: dict[str, dict[str, str]] = {
         "linearity_error_max_percent": "LEmax",
         "linearity_error_full_scale_percent": "LE, R3.0",
     },
-    "Non-uniformity": {
+    "Nonuniformity": {
         "dsnu1288_e": "DSNU1288",
         "dsnu1288_row_e": "DSNU1288.row",
         "dsnu1288_column_e": "DSNU1288.col",
@@ -56,7 +56,7 @@ SHEET: dict[str, dict[str, str]] = {
         "prnu1288_column_percent": "PRNU1288.col",
         "prnu1288_pixel_percent": "PRNU1288.pixel",
     },
-    "Non-uniformity with the high-pass exchanged: on DSNU, off PRNU": {
+    "Nonuniformity with the other filter setting: high-pass filter on for DSNU, off for PRNU": {
         "dsnu1288_filtered_e": "DSNU1288",
         "dsnu1288_filtered_row_e": "DSNU1288.row",
         "dsnu1288_filtered_column_e": "DSNU1288.col",
@@ -72,20 +72,20 @@ SHEET: dict[str, dict[str, str]] = {
         "black_level_dn": "μy.dark",
     },
 }
-"""By the summary sheet's headings, the parameters and the standard's symbols for them."""
+"""Parameters and their symbols in the standard, by heading of the summary sheet."""
 
 
 def data_sheet_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """What was measured, the operating point, the light, and the standard's figures.
+    """Return tables of the sensor, the operating point, the light and the standard's parameters.
 
     Parameters
     ----------
     calibration
-        What `calibrate` gave.
+        Result of `calibrate`.
 
-    Notes
-    -----
-    EMVA 1288 R4.0 Linear, the summary sheet of an operation point.
+    References
+    ----------
+    EMVA 1288 R4.0 Linear, summary sheet of an operating point.
     """
     return _sensor_table(calibration), _operating_table(calibration), figures_table(calibration)
 
@@ -106,17 +106,17 @@ def _sensor_table(calibration: Calibration) -> Table:
                 "Pixel",
                 f"{pixel.width_um.value:g} × {pixel.height_um.value:g} µm, fill factor {pixel.fill_factor.value:g}",
             ),
-            ("Known beforehand", "pixel, voltage swing, analog gain and spectral response, from the sensor file"),
+            ("From the sensor file", "pixel, voltage swing, analog gain and spectral response"),
         ]
     rows += [
         ("Frames used", str(calibration.frame_count)),
-        ("Frames left out", str(len(calibration.rejected))),
+        ("Frames rejected", str(len(calibration.rejected))),
     ]
-    return Table("What was measured", _PAIRS, tuple(rows))
+    return Table("Sensor and measurement", _PAIRS, tuple(rows))
 
 
 def _operating_table(calibration: Calibration) -> Table:
-    """How: setting, exposures, levels, light and model."""
+    """Return gain setting, exposure times, levels, light and model."""
     gain, temperature = calibration.gain_setting, calibration.temperature_c
     rows = [
         ("Gain setting", "not stated" if gain is None else f"{gain:g}"),
@@ -126,16 +126,16 @@ def _operating_table(calibration: Calibration) -> Table:
         rows.append(("Dark frames", _exposures(dark.x)))
     response = _first(calibration, "response")
     if response is None:
-        rows.append(("Light", "none: all frames are dark ones"))
+        rows.append(("Light", "none; all frames are dark frames"))
         return Table("Operating point and light", _PAIRS, tuple(rows))
     photons = response.x_label.startswith("photons")
     levels = f"{len(response.x)} level{'s' * (len(response.x) != 1)}"
     if photons:
         ends = " to ".join(format_number(float(x), 4) for x in (response.x.min(), response.x.max()))
-        rows.append(("Light", f"{levels}, {ends} photons per pixel as the measurement states them"))
+        rows.append(("Light", f"{levels}, {ends} photons per pixel, as stated by the measurement"))
     else:
-        rows.append(("Light", f"{levels} by {_exposures(response.x)}; the photons are not known"))
-    rows.append(("Wavelength", "not stated: frames and protocol do not tell the spectrum of the light"))
+        rows.append(("Light", f"{levels} from {_exposures(response.x)}; the photons are unknown"))
+    rows.append(("Wavelength", "not stated by frames or protocol"))
     rows.append(("Model", _MODELS[calibration.model]))
     return Table("Operating point and light", _PAIRS, tuple(rows))
 
@@ -145,21 +145,23 @@ def _range(low: float, high: float) -> str:
 
 
 def _first(calibration: Calibration, kind: str) -> Curve | None:
-    """A kind of curve, of the first channel that has it."""
+    """Return a kind of curve, from the first channel that has it."""
     return next((found[kind] for found in calibration.curves.values() if kind in found), None)
 
 
 def _exposures(exposure_s: NDArray[np.float64]) -> str:
     shortest, longest = (format_time(float(t)) for t in (exposure_s.min(), exposure_s.max()))
     return (
-        f"one exposure, {shortest}" if len(exposure_s) == 1 else f"{len(exposure_s)} exposures, {shortest} to {longest}"
+        f"one exposure time, {shortest}"
+        if len(exposure_s) == 1
+        else f"{len(exposure_s)} exposure times, {shortest} to {longest}"
     )
 
 
 def figures_table(calibration: Calibration) -> Table:
-    """The figures of the standard that could be estimated, under its headings, with 95 % intervals.
+    """Return the estimated parameters of the standard under its headings, with 95 % intervals.
 
-    Those that could not are in the report's table of all parameters, with the reasons.
+    The report's table of all parameters lists the missing ones with the reasons.
     """
     estimates = calibration.estimates()
     listed = {name for names in SHEET.values() for name in names}
@@ -173,12 +175,12 @@ def figures_table(calibration: Calibration) -> Table:
         for name, shown in PARAMETER_LABELS.items()
         if shown.topic.startswith("EMVA") and name not in listed and estimates[name].value is not None
     ]
-    rows += [Heading("Further figures of the standard")] if further else []
+    rows += [Heading("Other parameters of the standard")] if further else []
     rows += [_row(calibration, name, "", estimates[name]) for name in further]
-    columns = ("Figure", "Symbol", "Value", "Unit", "95 % interval", "In other units")
+    columns = ("Parameter", "Symbol", "Value", "Unit", "95 % interval", "In other units")
     titles = tuple(Column(title, numeric=title == "Value") for title in columns)
-    together = ", all channels together" if calibration.channels else ""
-    return Table(f"Figures of EMVA 1288 R4.0{together}, ± one standard uncertainty", titles, tuple(rows))
+    together = ", all channels combined" if calibration.channels else ""
+    return Table(f"Parameters of EMVA 1288 R4.0{together}, ± standard uncertainty", titles, tuple(rows))
 
 
 def _row(calibration: Calibration, name: str, symbol: str, entry: Estimate) -> tuple[str, ...]:
@@ -189,7 +191,7 @@ def _row(calibration: Calibration, name: str, symbol: str, entry: Estimate) -> t
 
 
 def _levels(calibration: Calibration, decibel: float) -> str:
-    """A ratio of amplitudes, as a number and in bits."""
+    """Return a ratio of amplitudes as a number and in bits."""
     ratio = 10.0 ** (decibel / 20.0)
     return f"{format_number(ratio, 4)} : 1, {format_number(math.log2(ratio), 3)} bit"
 

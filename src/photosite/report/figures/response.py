@@ -1,0 +1,309 @@
+"""Figures of the response to light and exposure time: fitted curves, SNR, linearity, and the general model."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike, NDArray
+
+from photosite.calibration.photon_transfer.curves import Curve
+from photosite.calibration.photon_transfer.general_model import GeneralModel
+from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
+from photosite.calibration.photon_transfer.snr import SnrCurve
+from photosite.report.figures.marks import channel_handles, draw_band, draw_points
+from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, new_figure, styled
+from photosite.values.measured import COVERAGE_95
+from photosite.values.uncertain import Uncertain
+
+_WIDE = 30.0
+"""Ratio of the largest to the smallest value from which on an axis is logarithmic."""
+
+_POINTS = 120
+"""Points of a line and its band."""
+
+Residuals = Literal["percent", "standard"]
+
+
+@styled()
+def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard") -> Figure:
+    """Draw points and fitted line of each channel, and the residuals below.
+
+    Parameters
+    ----------
+    curves
+        One kind of curve by channel, with the same axes and units. Non-finite points are not drawn.
+    residuals
+        Unit of the residuals: "percent" of the line, or "standard" uncertainties including the extra variance.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Filled points were fitted, hollow ones were not. The abscissa is logarithmic if all points are positive and span
+        more than a factor of 30; so is the ordinate, if the fitted points do. Points at or below 0 are then triangles
+        at the lower border. Error bars are 95 % intervals from sampling; bands are those of the lines, from the
+        covariance of each fit.
+
+    References
+    ----------
+    EMVA 1288 R4.0, 6.5 and 6.6: photon transfer and linearity plots.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
+    some = next(iter(curves.values()))
+    drawn = {channel: _finite(curve) for channel, curve in curves.items()}
+    upper.set(**_scales(drawn.values()))
+    for position, (channel, curve) in enumerate(drawn.items()):
+        _draw_points(upper, curve, channel, position)
+        _draw_residuals(lower, curve, channel, position, residuals)
+    lower.axhline(0.0, color=BLACK, linewidth=0.8)
+    if residuals == "standard":
+        for limit in (-COVERAGE_95, COVERAGE_95):
+            lower.axhline(limit, color=GRAY, linewidth=0.8, linestyle=":")
+        reach = max(2.8, *(abs(limit) for limit in lower.get_ylim()))
+        lower.set_ylim(-reach, reach)
+    upper.set_ylabel(some.y_label)
+    lower.set_xlabel(some.x_label)
+    lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
+    hollow = None if all(curve.used.all() for curve in drawn.values()) else "not fitted"
+    handles = channel_handles(list(drawn), "fitted", hollow)
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    figure.align_ylabels([upper, lower])
+    return figure
+
+
+def _finite(curve: Curve) -> Curve:
+    keep = np.isfinite(curve.x) & np.isfinite(curve.y)
+    points = {name: getattr(curve, name)[keep] for name in ("x", "y", "y_uncertainty", "used")}
+    return replace(curve, **points)
+
+
+def _scales(curves: Collection[Curve]) -> dict[str, str]:
+    """Return the scale of each axis."""
+    x = np.concatenate([curve.x for curve in curves])
+    fitted = np.concatenate([curve.y[curve.used] for curve in curves])
+    if not (fitted.size and x.min() > 0 and fitted.min() > 0):
+        return {"xscale": "linear", "yscale": "linear"}
+    log_x = x.max() > _WIDE * x.min()
+    log_y = log_x and fitted.max() > _WIDE * fitted.min()
+    return {"xscale": "log" if log_x else "linear", "yscale": "log" if log_y else "linear"}
+
+
+def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
+    color, marker, line = channel_style(channel, position)
+    draw_points(axes, curve.x, curve.y, COVERAGE_95 * curve.y_uncertainty, curve.used, (color, marker))
+    below = curve.x[curve.y <= 0] if axes.get_yscale() == "log" else curve.x[:0]
+    if below.size:
+        border = axes.get_xaxis_transform()
+        axes.plot(below, np.full(below.size, 0.025), "v", color=color, markerfacecolor="white", transform=border)
+    if curve.intercept is None or curve.slope is None or not curve.used.any():
+        return
+    ends = curve.x[curve.used].min(), curve.x[curve.used].max()
+    x = np.geomspace(*ends, _POINTS) if axes.get_xscale() == "log" else np.linspace(*ends, _POINTS)
+    y = curve.intercept + curve.slope * x
+    shown = y > 0 if axes.get_yscale() == "log" else np.isfinite(y)
+    axes.plot(x[shown], y[shown], line, color=color, linewidth=1.3)
+    if (band := curve.line(x)) is not None:
+        draw_band(axes, x, y, COVERAGE_95 * band[1], color)
+
+
+def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, residuals: Residuals) -> None:
+    if curve.intercept is None or curve.slope is None:
+        return
+    color, marker, _ = channel_style(channel, position)
+    order = np.flatnonzero(curve.used)[np.argsort(curve.x[curve.used], kind="stable")]
+    x, u = curve.x[order], curve.y_uncertainty[order]
+    line = curve.intercept + curve.slope * x
+    left = curve.y[order] - line
+    if residuals == "percent":
+        scale = 100.0 / np.abs(line)
+        draw_points(axes, x, left * scale, COVERAGE_95 * u * scale, np.ones_like(x, dtype=np.bool_), (color, marker))
+    else:
+        spread = np.sqrt(u**2 + curve.extra_variance)
+        known = spread > 0
+        x, left, scale = x[known], left[known], 1.0 / spread[known]
+        axes.plot(x, left * scale, marker, color=color)
+    if (band := curve.line(x)) is not None and len(x) > 1:
+        draw_band(axes, x, np.zeros_like(x), COVERAGE_95 * band[1] * scale, color)
+
+
+_SNR_POINTS = 160
+
+_DASHES, _DOTS = (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2))
+"""Of the total ratio and of the ideal sensor's."""
+
+
+@styled()
+def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[float, float]] | None = None) -> Figure:
+    """Draw the SNR against light: points, linear model with 95 % intervals, and an ideal sensor.
+
+    Parameters
+    ----------
+    curves
+        By channel, all against the same axis.
+    patterns
+        DSNU1288 in DN and PRNU1288 as a fraction, by channel. These channels also get a line of the total ratio.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Ratio at the left, decibels at the right. Hollow points lie above the linear range.
+
+    References
+    ----------
+    EMVA 1288 R4.0 Linear, SNR plot.
+    """
+    figure, axes = new_figure(height_in=4.8)
+    patterns = patterns or {}
+    points = np.concatenate([curve.x for curve in curves.values()])
+    low, high = points.min(), points.max()
+    x = np.geomspace(0.7 * low, 1.4 * high, _SNR_POINTS)
+    for position, (channel, curve) in enumerate(curves.items()):
+        _draw_channel(axes, x, curve, channel, position, patterns.get(channel))
+    axes.plot(x, np.sqrt(x), color=BLACK, linestyle=_DOTS, linewidth=1.4)
+    photons = next(iter(curves.values())).photons
+    axes.set(xscale="log", yscale="log", ylabel="signal-to-noise ratio")
+    axes.set_xlabel("photons per pixel" if photons else "signal (e⁻)")
+    beside = axes.secondary_yaxis("right", functions=(_decibel, _ratio))
+    beside.set_yscale("linear")
+    beside.set_ylabel("signal-to-noise ratio (dB)")
+    axes.legend(handles=_snr_legend(curves, bool(patterns)), loc="upper left")
+    return figure
+
+
+def _decibel(ratio: ArrayLike) -> ArrayLike:
+    # matplotlib evaluates 0 when it sets up the axis.
+    return np.asarray(20.0 * np.log10(np.maximum(np.asarray(ratio, dtype=np.float64), np.finfo(float).tiny)))
+
+
+def _ratio(decibel: ArrayLike) -> ArrayLike:
+    return np.asarray(10.0 ** (np.asarray(decibel, dtype=np.float64) / 20.0))
+
+
+def _draw_channel(
+    axes: Axes,
+    x: NDArray[np.float64],
+    curve: SnrCurve,
+    channel: str,
+    position: int,
+    pattern: tuple[float, float] | None,
+) -> None:
+    color, marker, line = channel_style(channel, position)
+    draw_points(axes, curve.x, curve.snr, COVERAGE_95 * curve.snr_uncertainty, curve.used, (color, marker), size=4.0)
+    model, uncertainty = curve.model(x)
+    axes.plot(x, model, line, color=color, linewidth=1.3)
+    draw_band(axes, x, model, COVERAGE_95 * uncertainty, color)
+    if pattern is not None:
+        axes.plot(x, curve.with_pattern(x, *pattern), color=color, linestyle=_DASHES, linewidth=1.0)
+
+
+def _snr_legend(curves: Mapping[str, SnrCurve], total: bool) -> list[Line2D]:
+    hollow = None if all(curve.used.all() for curve in curves.values()) else "above the linear range"
+    handles = channel_handles(list(curves), "measured; linear model", hollow)
+    color = handles[0].get_color() if len(curves) == 1 else GRAY
+    if total:
+        label = "total, with DSNU and PRNU"
+        handles.append(Line2D([], [], color=color, linestyle=_DASHES, linewidth=1.0, label=label))
+    return [*handles, Line2D([], [], color=BLACK, linestyle=_DOTS, label="ideal sensor")]
+
+
+@styled()
+def linearity_figure(linearity: Mapping[str, Linearity]) -> Figure:
+    """Draw the deviations of the light levels from the fitted lines, in percent.
+
+    Parameters
+    ----------
+    linearity
+        By channel, all against the same axis.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Above: relative to the line (releases 3.1 and 4.0). Below: relative to full scale (release 3.0). Error bars are
+        95 % intervals. Filled levels, between 5 and 95 % of saturation, were fitted. Dotted lines mark their extremes.
+
+    References
+    ----------
+    EMVA 1288 R4.0 Linear, plot of deviations from linearity.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for position, (channel, found) in enumerate(linearity.items()):
+        for axes, fit in ((upper, found.relative), (lower, found.full_scale)):
+            _draw_linearity(axes, found, fit, channel, position)
+    for axes in (upper, lower):
+        axes.axhline(0.0, color=BLACK, linewidth=0.8)
+    upper.set_ylabel("deviation from the line (%)")
+    lower.set_ylabel("deviation / full scale (%)")
+    photons = next(iter(linearity.values())).abscissa == "photons_per_pixel"
+    lower.set_xlabel("photons per pixel" if photons else "exposure (s)")
+    hollow = not all(found.used.all() for found in linearity.values())
+    handles = channel_handles(list(linearity), "fitted", "not fitted" if hollow else None, lines=False)
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    figure.align_ylabels([upper, lower])
+    return figure
+
+
+def _draw_linearity(axes: Axes, found: Linearity, fit: LinearityFit, channel: str, position: int) -> None:
+    color, marker, _ = channel_style(channel, position)
+    half = COVERAGE_95 * fit.deviation_uncertainty
+    draw_points(axes, found.x, fit.deviation_percent, half, found.used, (color, marker), size=4.0)
+    for limit in (fit.lowest.value, fit.highest.value):
+        axes.axhline(limit, color=color, linewidth=0.8, linestyle=":")
+    # Scale the axis to the fitted levels; others may lie far outside.
+    inside = fit.deviation_percent[found.used]
+    reach = max(1e-9, *(abs(inside) + half[found.used]))
+    low, high = axes.get_ylim() if position else (0.0, 0.0)
+    axes.set_ylim(min(low, -1.6 * reach), max(high, 1.6 * reach))
+
+
+@styled()
+def general_model_figure(channels: Mapping[str, GeneralModel]) -> Figure:
+    """Draw the characteristic curve of each channel, and the input signal-to-noise ratio below.
+
+    Parameters
+    ----------
+    channels
+        By channel, all against the same abscissa.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Error bars are 95 % intervals. Dotted, for a single channel: the threshold, where the ratio is 1, and
+        saturation.
+
+    References
+    ----------
+    EMVA 1288 R4.0 General.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for position, (channel, found) in enumerate(channels.items()):
+        look = channel_style(channel, position)[:2]
+        every = np.ones(len(found.x), dtype=np.bool_)
+        draw_points(upper, found.x, found.signal_dn, COVERAGE_95 * found.signal_uncertainty, every, look, 4.0)
+        shown = np.isfinite(found.snr) & (found.x > 0.0)
+        half = COVERAGE_95 * found.snr_uncertainty[shown]
+        draw_points(lower, found.x[shown], found.snr[shown], half, every[shown], look, 4.0)
+        for value in (found.threshold, found.saturation) if len(channels) == 1 else ():
+            if isinstance(value, Uncertain):
+                for axes in (upper, lower):
+                    axes.axvline(value.value, color=GRAY, linewidth=0.9, linestyle=":")
+    lower.axhline(1.0, color=GRAY, linewidth=0.9, linestyle=":")
+    photons = next(iter(channels.values())).abscissa == "photons_per_pixel"
+    positive = np.concatenate([found.x[found.x > 0.0] for found in channels.values()])
+    lower.set(xscale="log" if positive.max() > 30.0 * positive.min() else "linear", yscale="log")
+    lower.set_xlabel("photons per pixel" if photons else "exposure (s)")
+    lower.set_ylabel("input SNR")
+    upper.set_ylabel("signal (DN)")
+    figure.align_ylabels([upper, lower])
+    if len(channels) > 1:
+        looks = [(channel, *channel_style(channel, position)[:2]) for position, channel in enumerate(channels)]
+        handles = [Line2D([], [], color=c, marker=m, linestyle="", label=name) for name, c, m in looks]
+        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    return figure

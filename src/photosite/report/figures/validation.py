@@ -1,0 +1,301 @@
+"""Figures that compare measured with simulated or true values: patches, colour differences, deviations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from photosite.metrics.patches import PatchStatistics
+from photosite.metrics.snr import noise_budget
+from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, channel_style, styled
+from photosite.sensor.model import Sensor
+from photosite.validation.color import ColorComparison
+from photosite.validation.result import Validation
+from photosite.values.measured import COVERAGE_95
+
+_DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)
+"""Decibels per small relative change of a variance."""
+
+FillStyle = Literal["full", "bottom", "none"]
+
+_Points = tuple[str, int, NDArray[np.bool_]]
+
+
+@styled()
+def patch_means_figure(validation: Validation, measured: str = "measured", simulated: str = "simulated") -> Figure:
+    """Draw measured against simulated patch means, and their relative differences.
+
+    Parameters
+    ----------
+    validation
+        The comparison. Saturated patches are omitted.
+    measured, simulated
+        Names of the two cameras.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Error bars are 95 % intervals from the standard errors of both means. The axes are logarithmic if all means are
+        above black.
+    """
+    figure, upper, lower = _two_axes()
+    draw_patch_means(upper, lower, validation)
+    if min(float(found.mean_dn[validation.used].min()) for found in (validation.measured, validation.simulated)) > 0:
+        upper.set(xscale="log", yscale="log")
+    draw_identity(upper)
+    upper.set_ylabel(f"mean, {measured} (DN)")
+    lower.set_ylabel("difference (%)")
+    lower.set_xlabel(f"patch mean above black, {simulated} (DN)")
+    upper.legend(loc="upper left", title="channel")
+    figure.align_ylabels([upper, lower])
+    return figure
+
+
+def draw_patch_means(
+    upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
+) -> None:
+    """Draw measured against simulated means on the upper axes, and relative differences in percent on the lower.
+
+    Parameters
+    ----------
+    upper, lower
+        Axes to draw on.
+    validation
+        The comparison. Saturated patches are omitted.
+    filled
+        Fill style of the markers, to distinguish several comparisons.
+    largest_bar
+        Largest half width of an interval on the lower axes; less precise points appear on the upper axes only.
+    """
+    seen, made = validation.measured, validation.simulated
+    for channel, k, which in _channels(validation):
+        color, marker, _ = channel_style(channel, k)
+        look = color, marker, filled
+        x, y = made.mean_dn[which, k], seen.mean_dn[which, k]
+        error_x, error_y = (COVERAGE_95 * found.standard_error_dn[which, k] for found in (made, seen))
+        _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
+        lit = x > 0
+        half = 100.0 * np.hypot(error_x, error_y)[lit] / x[lit]
+        known = half <= largest_bar
+        _draw_crosses(lower, (x[lit][known], (100.0 * (y - x)[lit] / x[lit])[known]), (None, half[known]), look)
+
+
+@styled()
+def patch_snr_figure(validation: Validation, measured: str = "measured", simulated: str = "simulated") -> Figure:
+    """Draw measured against simulated SNR over the pixels of each patch, and the differences.
+
+    Parameters
+    ----------
+    validation, measured, simulated
+        As for `patch_means_figure`. Patches without a ratio are omitted.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Error bars are 95 % intervals from the standard errors of means and variances of both.
+    """
+    figure, upper, lower = _two_axes()
+    draw_patch_snr(upper, lower, validation)
+    draw_identity(upper)
+    upper.set_ylabel(f"SNR, {measured} (dB)")
+    lower.set_ylabel("difference (dB)")
+    lower.set_xlabel(f"patch SNR, {simulated} (dB)")
+    upper.legend(loc="upper left", title="channel")
+    figure.align_ylabels([upper, lower])
+    return figure
+
+
+def draw_patch_snr(
+    upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
+) -> None:
+    """Draw signal-to-noise ratios on the upper axes, and differences in decibels on the lower.
+
+    Parameters
+    ----------
+    upper, lower, validation, filled, largest_bar
+        As for `draw_patch_means`. Patches without a ratio are omitted.
+    """
+    seen, made = validation.measured, validation.simulated
+    for channel, k, which in _channels(validation):
+        color, marker, _ = channel_style(channel, k)
+        look = color, marker, filled
+        shown = which & np.isfinite(made.spatial_snr_db[:, k]) & np.isfinite(seen.spatial_snr_db[:, k])
+        x, y = made.spatial_snr_db[shown, k], seen.spatial_snr_db[shown, k]
+        error_x, error_y = (COVERAGE_95 * _snr_error_db(found, shown, k) for found in (made, seen))
+        _draw_crosses(upper, (x, y), (error_x, error_y), look, channel)
+        half = np.hypot(error_x, error_y)
+        known = half <= largest_bar
+        _draw_crosses(lower, (x[known], (y - x)[known]), (None, half[known]), look)
+
+
+_Values = NDArray[np.float64]
+
+
+def _draw_crosses(
+    axes: Axes,
+    points: tuple[_Values, _Values],
+    half: tuple[_Values | None, _Values],
+    look: tuple[str, str, FillStyle],
+    label: str | None = None,
+) -> None:
+    """Draw points with error bars along both axes, or along the ordinate."""
+    color, marker, filled = look
+    axes.errorbar(*points, half[1], half[0], fmt="none", ecolor=color, elinewidth=0.9, zorder=2)
+    axes.plot(*points, marker, color=color, fillstyle=filled, markerfacecoloralt="white", label=label, zorder=3)
+
+
+def _snr_error_db(found: PatchStatistics, which: NDArray[np.bool_], k: int) -> NDArray[np.float64]:
+    """Return the standard error of 20 log10(mean / noise), to first order."""
+    mean, noise = found.mean_dn[which, k], found.spatial_noise_dn[which, k]
+    of_mean = 2.0 * found.standard_error_dn[which, k] / mean
+    of_noise = found.spatial_variance_error_dn2[which, k] / noise**2
+    return np.asarray(_DB_PER_RELATIVE_VARIANCE * np.hypot(of_mean, of_noise))
+
+
+def _two_axes() -> tuple[Figure, Axes, Axes]:
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1.0))
+    lower.axhline(0.0, color=BLACK, linewidth=0.8)
+    return figure, upper, lower
+
+
+def _channels(validation: Validation) -> Iterator[_Points]:
+    """Yield each channel with usable patches: name, index and mask of the patches."""
+    for k, channel in enumerate(validation.measured.channels):
+        which = validation.used[:, k]
+        if which.any():
+            yield channel, k, which
+
+
+def draw_identity(axes: Axes) -> None:
+    """Draw the line of equality over the current limits."""
+    low = min(axes.get_xlim()[0], axes.get_ylim()[0])
+    high = max(axes.get_xlim()[1], axes.get_ylim()[1])
+    axes.plot([low, high], [low, high], color=BLACK, linewidth=0.8, zorder=1, scalex=False, scaley=False)
+
+
+JUST_VISIBLE = 1.0
+"""About the smallest CIEDE2000 difference visible between adjacent surfaces, by convention."""
+
+
+@styled()
+def color_difference_figure(colors: ColorComparison) -> Figure:
+    """Draw the CIEDE2000 and CIE 1976 colour difference of each patch.
+
+    Parameters
+    ----------
+    colors
+        The comparison.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per patch, in the order of the chart; a dotted line at a difference of 1, if it is within the axis.
+    """
+    count = len(colors.names)
+    figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.19 * count))
+    axes = figure.add_subplot()
+    rows = np.arange(count)
+    axes.hlines(rows, 0.0, colors.delta_e_76, color="#D0D0D0", linewidth=1.0)
+    axes.plot(colors.delta_e_2000, rows, "o", color=BLUE, label="CIEDE2000")
+    axes.plot(colors.delta_e_76, rows, "D", color=VERMILION, markerfacecolor="white", label="CIE 1976")
+    largest = float(max(colors.delta_e_76.max(), colors.delta_e_2000.max()))
+    if largest > 0.5 * JUST_VISIBLE:
+        axes.axvline(JUST_VISIBLE, color=GRAY, linestyle=":", linewidth=1.0)
+    axes.set_yticks(rows, colors.names)
+    axes.set_ylim(count - 0.4, -0.6)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("colour difference (ΔE units)")
+    axes.grid(axis="y", visible=False)
+    figure.legend(loc="outside upper right", ncols=2)
+    return figure
+
+
+@styled()
+def deviations_figure(labels: Sequence[str], deviations: Sequence[float]) -> Figure:
+    """Draw the deviation of each estimate from the true value, in standard uncertainties.
+
+    Parameters
+    ----------
+    labels
+        Names of the parameters.
+    deviations
+        (estimate - true value) / standard uncertainty of each.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row per parameter. Correct estimates lie within the band of ±1.96 in 95 % of cases.
+    """
+    rows = np.arange(len(labels))
+    figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.27 * len(labels)))
+    axes = figure.add_subplot()
+    axes.axvspan(-COVERAGE_95, COVERAGE_95, color="#E8F1F8", zorder=0)
+    for limit in (-COVERAGE_95, COVERAGE_95):
+        axes.axvline(limit, color=GRAY, linewidth=0.9, linestyle="--")
+    axes.axvline(0.0, color=BLACK, linewidth=0.9)
+    axes.hlines(rows, 0.0, np.asarray(deviations), color=BLUE, linewidth=1.4)
+    axes.plot(deviations, rows, "o", color=BLUE, markersize=6)
+    reach = max(3.0, 1.1 * float(np.max(np.abs(deviations))))
+    axes.set_xlim(-reach, reach)
+    axes.set_yticks(rows, list(labels))
+    axes.set_ylim(len(labels) - 0.4, -0.6)
+    axes.set_xlabel("estimate − true value (standard uncertainties)")
+    axes.grid(axis="y", visible=False)
+    return figure
+
+
+_BUDGET_PARTS = (("shot noise", "shot_db", "--"), ("read noise", "read_db", "-."), ("DSNU", "dsnu_db", ":"))
+_PART_OF_PRNU = ("PRNU", "prnu_db", (0, (6, 1.5)))
+
+
+@styled()
+def overview_figure(picture: NDArray[np.float32], patches: PatchStatistics, sensor: Sensor) -> Figure:
+    """Draw a developed chart beside the signal-to-noise ratios of its patches on the noise budget.
+
+    Parameters
+    ----------
+    picture
+        (rows, cols, 3), display sRGB.
+    patches
+        Patches of the same frame; saturated ones are omitted.
+    sensor
+        Sensor of the noise budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = Figure(figsize=(10.4, 3.9))
+    left, right = figure.subplots(1, 2, width_ratios=(1.12, 1.0))
+    left.imshow(picture, interpolation="none")
+    left.set_axis_off()
+    left.set_title(f"ColorChecker, tungsten, simulated with the {sensor.name}", loc="left")
+    _draw_budget(right, sensor)
+    volts = patches.mean_dn * sensor.mv_per_dn * 1e-3
+    for position, channel in enumerate(patches.channels):
+        shown = ~patches.saturated[:, position] & np.isfinite(patches.spatial_snr_db[:, position])
+        color, marker, _ = channel_style(channel, position)
+        snr_db = patches.spatial_snr_db[shown, position]
+        right.plot(volts[shown, position], snr_db, marker, color=color, label=f"patches, {channel}", alpha=0.9)
+    right.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
+    right.set_title("24 patches of the raw frame on the noise budget", loc="left")
+    right.legend(loc="lower right", ncols=2)
+    return figure
+
+
+def _draw_budget(axes: Axes, sensor: Sensor) -> None:
+    swing = sensor.pixel.voltage_swing_v.value
+    budget = noise_budget(sensor, np.geomspace(5e-3 * swing, swing, 200))
+    axes.plot(budget.volts, budget.total_db, color=BLACK, linewidth=2.0, label="total")
+    for name, attribute, line in (*_BUDGET_PARTS, _PART_OF_PRNU):
+        level = getattr(budget, attribute)
+        if np.isfinite(level).all():
+            axes.plot(budget.volts, level, color=GRAY, linestyle=line, linewidth=1.1, label=name)
+    axes.set_ylim(float(budget.total_db.min()) - 4.0, float(budget.total_db.max()) + 12.0)
