@@ -60,7 +60,7 @@ def text_of(pdf: bytes) -> list[str]:
                 continue
             raw = re.sub(rb"\\([nrtbf()\\])", lambda m: ESCAPES.get(m[1], m[1]), string)
             texts.append("".join(font[raw[i : i + 2].hex().upper()] for i in range(0, len(raw), 2)))
-            pages.append(" ".join(" ".join(texts).split()))
+        pages.append(" ".join(" ".join(texts).split()))
     return pages
 
 
