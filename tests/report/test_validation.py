@@ -56,7 +56,7 @@ def test_verdict_and_tests(right: FrameValidation, wrong: FrameValidation) -> No
     assert [row[-2:] for row in tests.rows] == [("< 1e-12", "differ")] * 2
     text = render_page(validation_page(wrong))
     assert "The colour filter arrays differ" in text
-    assert "The exposures differ: measured 0.333333 s, simulated 0.3 s." in text
+    assert "The exposure times differ: measured 0.333333 s, simulated 0.3 s." in text
 
 
 def test_input_and_fit(right: FrameValidation) -> None:
