@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import photosite as ps
+from photosite.camera import channel_transfers
 from photosite.camera import distortion as warps
 from photosite.camera import mean_image as mosaic
-from photosite.camera import transfers
 from photosite.color.spectrum import integration_weights
 from photosite.errors import PhotositeWarning
 from photosite.optics.diffraction import DiffractionLimited
@@ -191,7 +191,7 @@ def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
     weights = np.kron(rng.random((3, 30, 40)), np.ones((2, 2))).astype(np.float32)
     scene = Scene(weights, 1e14 * smooth, grid)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
-    assert len(warps.color_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
+    assert len(warps.frame_wavelength_nodes(curves, grid, (60, 80), (PITCH_M, PITCH_M))[0]) == 5
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
     want = by_wavelength(scene, curves, sensor)
     without = ps.Camera(lens(third_order(-0.02, corner_m(sensor))), sensor).mean_electrons(scene, 0.01)
@@ -201,7 +201,7 @@ def test_lateral_color_equals_the_sum_over_wavelengths() -> None:
 
 def test_one_node_per_wavelength_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warps, "_STEP_PIXELS", 1e-3)
-    monkeypatch.setattr(transfers, "_OF_SHARED_COLORS", 5e-6)
+    monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 5e-6)
     sensor, scene = D200.with_(rows=60, cols=80), random_scene(60, 80)
     curves = third_order(-0.02, corner_m(sensor), lateral=8e-3)
     got = ps.Camera(lens(curves), sensor).mean_electrons(scene, 0.01)
@@ -243,7 +243,7 @@ def test_regions_are_inside_their_patches(k: float) -> None:
 def test_frame_beyond_the_table_is_a_warning() -> None:
     sensor, scene = mono(60, 80), random_scene(60, 80, 1)
     short = RadialMapping(np.array([550.0]), np.array([0.0, 0.1e-3]), np.array([[0.0, 0.1e-3]]))
-    with pytest.warns(PhotositeWarning, match=r"known up to an image height of 0.1 mm.* corner is at 0.3025 mm"):
+    with pytest.warns(PhotositeWarning, match=r"known up to an image height of 0.1 mm, .* corner is at 0.3025 mm"):
         ps.Camera(lens(short), sensor).mean_electrons(scene, 0.01)
 
 
