@@ -160,7 +160,7 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
         ("illuminant: A, ", "", "an 'illuminant' or a 'spectrum'"),
         ("[400, 700, 25]", "[400, 700, 0]", "'wavelength_nm' is"),
         ("[400, 700, 25]", "[400, 700, 1e-9]", "steps or fewer"),
-        ("[400, 700, 25]", "[200, 700, 25]", "known from"),
+        ("[400, 700, 25]", "[200, 700, 25]", "wavelength_nm must be within"),
         ("a_*", "b_*", "no file matches"),
         ("sensor:", "sensr:", "no key 'sensr'"),
     ):
