@@ -206,4 +206,4 @@ def test_errors_are_one_line(photosite: Any, tmp_path: Path, given: tuple[Any, .
 def test_no_such_subcommand(photosite: Any) -> None:
     done = photosite("scenes", "shw")
     assert (done.status, done.out) == (2, "")
-    assert "no command 'scenes shw'; Did you mean 'show'?" in done.err
+    assert "no command 'scenes shw'. Did you mean 'show'?" in done.err

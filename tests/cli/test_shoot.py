@@ -27,11 +27,11 @@ def test_shoots_the_papers_protocol(photosite: Any, tmp_path: Path) -> None:
     assert {group.photons_per_pixel for group in frames.groups} == {None}
 
 
-def test_pedestal_is_said_aloud(photosite: Any, tmp_path: Path) -> None:
+def test_a_raised_black_level_gives_a_note(photosite: Any, tmp_path: Path) -> None:
     raised = photosite("shoot", "--rows", 8, "--cols", 12, "-o", tmp_path / "a", "--json")
     assert "black level raised from 0 to 32 DN" in raised.err
     assert raised.json["black_level_dn"] == 32
-    assert "--no-pedestal shoots without" in raised.err
+    assert "--no-pedestal keeps" in raised.err
     as_it_is = photosite("shoot", "--rows", 8, "--cols", 12, "--no-pedestal", "-o", tmp_path / "c", "--json")
     assert (as_it_is.err, as_it_is.json["black_level_dn"]) == ("", 0)
     both = photosite("shoot", "--no-pedestal", "--black-level", 3, "-o", tmp_path / "d")
