@@ -4,10 +4,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-slow fuzz install lint format clean
+.PHONY: demo examples test test-slow fuzz install lint format clean
 
 demo: $(VENV)/installed
 	$(BIN)/photosite demo --output photosite-demo
+
+# The pictures of docs/gallery: minutes. A script whose extra is missing fails alone.
+examples: $(VENV)/installed
+	for script in $(filter-out examples/drawing.py,$(wildcard examples/*.py)); do \
+		$(BIN)/python $$script --output docs/gallery; \
+	done
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto

@@ -61,7 +61,7 @@ def test_kept_frames_are_not_overwritten(photosite: Any, tmp_path: Path) -> None
     (tmp_path / "frames").mkdir()
     refused = photosite("demo", *SMALL, "-o", tmp_path, "--keep-frames")
     assert (refused.status, refused.err.count("\n")) == (2, 1)
-    assert "frames: exists already" in refused.err
+    assert "the folder already exists" in refused.err
 
 
 @pytest.mark.parametrize("size", [(8, 8), (22, 32)])

@@ -6,14 +6,14 @@ import json
 from typing import Any
 
 from photosite.cli.reproduce import CONDITION_NAMES
-from photosite.studies.virtual_sensors import CONDITIONS
+from photosite.studies.coverage.conditions import CONDITIONS
 
 
 def test_coverage(photosite: Any) -> None:
     arguments = ("reproduce", "coverage", "--sensors", "4", "--condition", "few-mono-12", "--processes", "1")
     shown = photosite(*arguments)
     assert shown.status == 0
-    assert "few-mono-12: two frames at each setting" in shown.out
+    assert "few-mono-12: two frames per setting" in shown.out
     assert "system_gain_dn_per_e" in shown.out
     found = json.loads(photosite(*arguments, "--json").out)
     assert found["sensors_per_condition"] == 4
@@ -22,13 +22,13 @@ def test_coverage(photosite: Any) -> None:
     assert 0 <= row["covered"] <= 1
     assert row["remarks"] == []
     assert found["false_alarm_probability"] == 1e-3
-    assert "lines are marked" in shown.out
+    assert "lines are flagged" in shown.out
 
 
 def test_help_lists_the_conditions(photosite: Any) -> None:
     assert tuple(CONDITIONS) == CONDITION_NAMES
-    told = photosite("reproduce", "coverage", "--help").out
-    assert all(name in "".join(told.split()) for name in CONDITIONS)
+    shown = photosite("reproduce", "coverage", "--help").out
+    assert all(name in "".join(shown.split()) for name in CONDITIONS)
 
 
 def test_wrong_calls_are_one_line(photosite: Any) -> None:
@@ -36,7 +36,7 @@ def test_wrong_calls_are_one_line(photosite: Any) -> None:
         (("reproduce", "coverag"), "Did you mean 'coverage'?"),
         (("reproduce", "coverage", "--condition", "few-mono"), "few-mono-12"),
         (("reproduce", "coverage", "--sensors", "0"), "--sensors"),
-        (("reproduce", "coverage", "--quick", "--sensors", "40"), "one of the two"),
+        (("reproduce", "coverage", "--quick", "--sensors", "40"), "one of --quick"),
     ):
         wrong = photosite(*arguments)
         assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
@@ -50,4 +50,4 @@ def test_fill_factor(photosite: Any) -> None:
     assert "100 %" in shown.out
     found = json.loads(photosite("reproduce", "fill-factor", "--seeds", "1", "--json").out)
     assert set(found) == {"d200", "vendor"}
-    assert found["d200"]["holds"]
+    assert found["d200"]["passes"]

@@ -187,7 +187,7 @@ def targets(folder: Path) -> dict[str, Target]:
     from photosite.frames.open import open_frames
     from photosite.sensor.io.maps_file import read_maps
     from photosite.sensor.io.sensor_file import load_sensor
-    from photosite.studies.chart_protocol import open_chart
+    from photosite.studies.chart_spectral import open_chart
 
     seeds = seeds_of(folder)
 

@@ -25,7 +25,7 @@ def main() -> None:
 
         import photosite.calibration.spectral.protocol
         import photosite.frames.open
-        import photosite.studies.chart_protocol  # noqa: F401
+        import photosite.studies.chart_spectral  # noqa: F401
 
     with TemporaryDirectory() as place:
         folder = Path(place)

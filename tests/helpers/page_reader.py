@@ -9,7 +9,7 @@ VOID = {"meta", "img", "br", "hr"}
 
 
 class PageReader(HTMLParser):
-    """Reads a page strictly: every element is closed where it was opened."""
+    """Reads a page and requires that every element is closed."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -48,15 +48,15 @@ class PageReader(HTMLParser):
 
     @property
     def text(self) -> str:
-        """All that is read, white space evened out."""
+        """Text of the page with normalised white space."""
         return " ".join("".join(self.words).split())
 
     def values(self, attribute: str) -> list[str]:
-        """What an attribute says, wherever it stands."""
+        """Return all values of an attribute."""
         return [attributes[attribute] for _, attributes in self.elements if attribute in attributes]
 
     def images(self, media_type: str) -> list[bytes]:
-        """The images of one type."""
+        """Return the images of one media type."""
         start = f"data:{media_type};base64,"
         found = [
             a["src"].removeprefix(start) for tag, a in self.elements if tag == "img" and a["src"].startswith(start)

@@ -1,4 +1,4 @@
-"""Virtual chips with known defects: the drawn chip of a serial as maps, and pixels planted in them."""
+"""Virtual chips with known defects: the chip of a serial as maps, and defects added to them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names
 
 _EXACT = 1 << 30
-"""Degrees of freedom of a noise that was not measured but given."""
+"""Degrees of freedom of a noise that is known exactly."""
 
 
 def drawn_maps(sensor: Sensor) -> MeasuredChip:
-    """The chip of a sensor's serial as maps without uncertainty: a simulation gives the same frames but for rounding.
+    """Return the chip of a sensor's serial as maps without uncertainty; frames are the same except for rounding.
 
     Examples
     --------
@@ -53,12 +53,12 @@ def drawn_maps(sensor: Sensor) -> MeasuredChip:
 
 
 def _places(chip: MeasuredChip, count: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """So many pixels by chance that have no defect yet."""
+    """Return random pixels without a defect."""
     free = np.ones(chip.shape, bool)
     free[chip.defects.row, chip.defects.col] = False
-    if count > (there := np.flatnonzero(free)).size:
-        raise InputError(f"{count} defects were asked for, and {there.size} pixels have none yet")
-    row, col = np.unravel_index(np.sort(rng.choice(there, count, replace=False)), chip.shape)
+    if count > (sound := np.flatnonzero(free)).size:
+        raise InputError("count", value=count, expected=f"at most {sound.size}, the pixels without a defect")
+    row, col = np.unravel_index(np.sort(rng.choice(sound, count, replace=False)), chip.shape)
     return row.astype(np.int64), col.astype(np.int64)
 
 
@@ -76,28 +76,21 @@ def _with_defects(
 def plant_hot(
     chip: MeasuredChip, sensor: Sensor, sigma: NDArray[np.floating], spread_dn_per_s: float, *, seed: int = 0
 ) -> MeasuredChip:
-    """Give pixels a dark current so many spreads above their channel's median, as many pixels as there are numbers.
+    """Return the chip with hot pixels: one for each entry of `sigma`.
 
     Parameters
     ----------
-    chip
-        The chip.
-    sensor
-        Its sensor, for the channels.
+    chip, sensor
+        The chip and its sensor.
     sigma
-        (n,) how far each is above the median.
+        (n,) excess of the dark current over the median of the channel, in units of the spread.
     spread_dn_per_s
-        The spread that they are counted in.
+        The spread.
     seed
-        Of their places.
-
-    Raises
-    ------
-    InputError
-        If the chip has no map of dark currents, or fewer pixels without a defect.
+        Seed of the positions.
     """
     if chip.dark_rate_dn_per_s is None:
-        raise InputError("hot pixels need a map of dark currents")
+        raise InputError("the chip has no map of dark currents")
     cfa = sensor.array.cfa
     names = channel_names(cfa)
     tile = np.array([[names.index(name) for name in row] for row in cfa], dtype=np.int64)
@@ -111,15 +104,9 @@ def plant_hot(
 
 
 def plant_dead(chip: MeasuredChip, response: NDArray[np.floating], *, seed: int = 0) -> MeasuredChip:
-    """Give pixels these relative responses to light.
-
-    Raises
-    ------
-    InputError
-        If the chip has no map of responses, or fewer pixels without a defect.
-    """
+    """Return the chip with dead pixels of given relative responses."""
     if chip.prnu is None:
-        raise InputError("dead pixels need a map of responses")
+        raise InputError("the chip has no map of responses")
     prnu = chip.prnu.copy()
     place = _places(chip, len(response), np.random.default_rng([seed, 2]))
     prnu[place] = response - 1.0
@@ -130,13 +117,7 @@ def plant_dead(chip: MeasuredChip, response: NDArray[np.floating], *, seed: int 
 def plant_blinking(
     chip: MeasuredChip, amplitude_dn: NDArray[np.floating], high_fraction: NDArray[np.floating], *, seed: int = 0
 ) -> MeasuredChip:
-    """Let pixels jump between two levels so far apart, in the upper one in this share of the frames.
-
-    Raises
-    ------
-    InputError
-        If the chip has fewer pixels without a defect.
-    """
+    """Return the chip with pixels that jump between two levels; `high_fraction` of the frames have the upper one."""
     place = _places(chip, len(amplitude_dn), np.random.default_rng([seed, 3]))
     noise = chip.read_noise_dn[place].astype(np.float64)
     amplitude = np.asarray(amplitude_dn, np.float64)

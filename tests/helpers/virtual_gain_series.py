@@ -1,4 +1,4 @@
-"""A gain series shot with a virtual sensor: noise before and after the amplifier, one conversion gain or two."""
+"""A gain series of a virtual sensor: noise before and after the amplifier, one or two conversion gains."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from photosite.studies.virtual_lab import NOMINAL_NAME, PROTOCOL_NAME, VirtualLa
 
 @dataclass(frozen=True)
 class GainModel:
-    """What a sensor does as its gain is set.
+    """Noise and gain of a sensor as functions of the gain setting.
 
     Parameters
     ----------
     pre_amplifier_noise_mv
-        Read noise before the amplifier, at the pixel: of every setting alike, and amplified with the signal.
+        Read noise at the pixel, the same at all settings; it is amplified with the signal.
     post_amplifier_noise_dn
-        Read noise after it, rounding left out: of every setting alike.
+        Read noise after the amplifier without rounding, the same at all settings.
     switch_at
-        The setting from which on the conversion gain is the high one; None for a pixel with one.
+        Setting from which on the high conversion gain is used; None for a pixel with one conversion gain.
     conversion_gain_ratio
-        High conversion gain over low.
+        High over low conversion gain.
     keeps_proportion
-        Whether the amplifier's gain is lowered by that ratio at the switch, so that the system gain stays proportional
-        to the setting, as cameras with ISO settings do.
+        Whether the amplifier compensates the switch, so that the system gain remains proportional to the setting, as in
+        cameras with ISO settings.
     """
 
     pre_amplifier_noise_mv: float
@@ -44,7 +44,7 @@ class GainModel:
     keeps_proportion: bool = False
 
     def sensor(self, base: Sensor, setting: float, lowest: float) -> Sensor:
-        """The sensor at a setting; `base` is that of the lowest one, its own read noise replaced."""
+        """Return the sensor at a setting; `base` is the sensor at the lowest one, whose read noise is replaced."""
         high = self.switch_at is not None and setting >= self.switch_at
         ratio = self.conversion_gain_ratio if high else 1.0
         amplification = setting / lowest / (ratio if high and self.keeps_proportion else 1.0)
@@ -56,20 +56,20 @@ class GainModel:
         return changed.with_(read_noise_mv=math.hypot(self.pre_amplifier_noise_mv, after_mv))
 
     def pre_amplifier_noise_e(self, sensor: Sensor) -> float:
-        """Noise before the amplifier in electrons, of the sensor at a setting."""
+        """Return the noise before the amplifier in electrons, for the sensor at a setting."""
         return sensor.electrons(self.pre_amplifier_noise_mv)
 
 
 @dataclass(frozen=True)
 class GainSeriesLab:
-    """Virtual laboratories of one chip, one for each gain setting; the light suits each.
+    """Virtual laboratories of one chip, one for each gain setting.
 
     Parameters
     ----------
     settings
-        The gain settings, in rising order.
+        Gain settings in ascending order.
     labs
-        The laboratory of each.
+        Laboratory of each setting.
     """
 
     settings: tuple[float, ...]
@@ -77,11 +77,11 @@ class GainSeriesLab:
 
     @property
     def nominal(self) -> Sensor:
-        """What is known beforehand, at the lowest setting."""
+        """The nominal sensor at the lowest setting."""
         return nominal_sensor(self.labs[0].camera.sensor)
 
     def frame_set(self) -> FrameSet:
-        """All frames, as a calibration reads them, made anew each time one is read."""
+        """Return all frames; each is simulated when it is read."""
         sets = [lab.frame_set() for lab in self.labs]
         groups: list[FrameGroup] = []
         for setting, frames in zip(self.settings, sets, strict=True):
@@ -89,13 +89,7 @@ class GainSeriesLab:
         return replace(sets[0], groups=tuple(groups), sensor=self.nominal, black_level_dn=None)
 
     def write(self, folder: str | PathLike[str]) -> None:
-        """Shoot to a folder, whole or not at all: a subfolder of frames for each setting, and one protocol.yaml.
-
-        Raises
-        ------
-        FileError
-            If the folder holds something already or cannot be written.
-        """
+        """Write a subfolder of frames for each setting, and one protocol.yaml, to a new folder."""
         with atomic_folder(folder) as place:
             entries: list[ProtocolFrames] = []
             for setting, lab in zip(self.settings, self.labs, strict=True):
@@ -115,7 +109,7 @@ class GainSeriesLab:
 
 
 def gain_series_protocol(dark_frames: int = 16, levels: int = 12, repeats: int = 3) -> ShootingProtocol:
-    """What is shot at each setting: repeated darks, darks to 1 s, and flats in equal steps past saturation.
+    """Return the protocol of a setting: repeated dark frames, a dark series to 1 s, and flat fields past saturation.
 
     Examples
     --------
@@ -135,25 +129,20 @@ def gain_series_lab(
     seed: int = 0,
     photons_known: bool = False,
 ) -> GainSeriesLab:
-    """A laboratory that shoots a protocol at every gain setting of a sensor.
+    """Return a laboratory that takes a protocol at every gain setting.
 
     Parameters
     ----------
     sensor
-        The sensor at the lowest setting; its read noise is replaced by the model's.
+        The sensor at the lowest setting; its read noise is replaced by that of the model.
     model
-        What the settings do.
+        Noise and gain as functions of the setting.
     settings
-        Gains above 0, rising.
+        Gain settings above 0, ascending.
     protocol
-        What to shoot at each; `gain_series_protocol()` if None.
+        Frames at each setting; `gain_series_protocol()` by default.
     seed, photons_known
-        As for `virtual_lab`; frames of two settings share no noise, but their fixed pattern.
-
-    Raises
-    ------
-    InputError
-        If the settings do not rise or are not above 0.
+        As for `virtual_lab`. Settings share the fixed pattern, not the temporal noise.
 
     Examples
     --------
@@ -165,7 +154,7 @@ def gain_series_lab(
     """
     values = tuple(float(setting) for setting in settings)
     if not values or values[0] <= 0 or any(b <= a for a, b in pairwise(values)):
-        raise InputError(f"gain settings rise and are above 0, not {', '.join(f'{v:g}' for v in values) or 'none'}")
+        raise InputError("settings", value=values, expected="above 0 and ascending")
     shot = protocol or gain_series_protocol()
     labs = tuple(
         virtual_lab(

@@ -1,8 +1,7 @@
-"""A virtual monochromator: frames of a virtual sensor under narrow bands of light, and a photodiode's readings.
+"""A virtual monochromator: frames of a virtual sensor in narrow bands of light, and readings of a photodiode.
 
-The light falls evenly on the bare sensor, as from an integrating sphere. Readings have errors of their own, drawn from
-the seed, and the photodiode's scale is wrong by a factor that is drawn too: what a laboratory has, and says the
-uncertainty of.
+The light is uniform on the bare sensor, as from an integrating sphere. Errors of the readings and of the photodiode's
+scale are drawn from the seed, with the stated uncertainties.
 """
 
 from __future__ import annotations
@@ -39,14 +38,14 @@ PROTOCOL_NAME, TRUTH_NAME, NOMINAL_NAME, DIODE_NAME = (
     "photodiode.csv",
 )
 _STEP_NM = 0.05
-"""Of the sum over a band: the plain way, so that it can serve as an oracle for the calibration's exact integrals."""
+"""Step of the sum over a band, a reference for the exact integrals of the calibration."""
 
 _FILL = 0.6
-"""Of the saturation capacity: what the fullest channel reaches in each band."""
+"""Signal of the brightest channel in each band relative to saturation."""
 
 _DIODE_AREA_MM2 = 100.0
 _QUANTUM_YIELD = 0.8
-"""Electrons per photon of the silicon photodiode at all wavelengths."""
+"""Electrons per photon of the photodiode at all wavelengths."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,11 @@ class MonochromatorRun:
     Parameters
     ----------
     sensor
-        The virtual sensor; its darks must not clip (`photosite.studies.virtual_lab.with_pedestal`).
+        The virtual sensor; its dark frames must not clip (`photosite.studies.virtual_lab.with_pedestal`).
     centres_nm
-        The bands' centres.
+        Centres of the bands.
     bandwidth_nm
-        Full width at half maximum of every band, a triangle.
+        Full width at half maximum of the triangular bands.
     frames, dark_frames
         Light frames per band, and dark frames per exposure.
     reading_percent
@@ -92,25 +91,27 @@ class MonochromatorRun:
     seed: int = 0
 
     def passband(self, number: int) -> Passband:
-        """The light of a band."""
+        """Return the passband of a band."""
         return triangular_passband(self.centres_nm[number], self.bandwidth_nm)
 
     def exposure_s(self, number: int) -> float:
-        """Exposure of a band: 1/n s (or n s) with which the fullest channel comes near 60 % of saturation."""
+        """Return the exposure time at which the brightest channel comes near 60 % of saturation."""
         fullest = max(self.electron_rate(number).values())
         if not fullest > 0:
-            raise InputError(f"'{self.sensor.name}' sees nothing at {self.centres_nm[number]:g} nm; leave that out")
+            raise InputError(
+                f"'{self.sensor.name}' does not respond at {self.centres_nm[number]:g} nm", hint="Omit this band"
+            )
         wanted = min(_FILL * self.sensor.saturation_capacity_e / fullest, 10.0)
-        # Steps of a factor of two, as a camera has them: bands share exposures, and exposures their darks.
+        # Powers of two, so that bands share exposure times and dark frames.
         return float(2.0 ** math.floor(math.log2(wanted)))
 
     def irradiance_w_m2(self, number: int) -> float:
-        """The light's irradiance: a tungsten lamp's, 5 mW/m2 at 560 nm."""
+        """Return the irradiance of a tungsten lamp, 5 mW/m2 at 560 nm."""
         centre = self.centres_nm[number]
         return 5e-3 * float(illuminant("A", [centre])[0]) / 100.0
 
     def electron_rate(self, number: int) -> dict[str, float]:
-        """Mean electrons per second and pixel of each channel, by a plain sum over the band; crosstalk included."""
+        """Return mean electrons per second and pixel by channel, a sum over the band; crosstalk included."""
         band = self.passband(number).energy
         sensor = self.sensor
         grid = np.arange(band.wavelength_nm[0], band.wavelength_nm[-1] + _STEP_NM / 2, _STEP_NM)
@@ -122,14 +123,14 @@ class MonochromatorRun:
         return dict(zip(names, (channel_mixing(sensor) @ alone).tolist(), strict=True))
 
     def photodiode(self) -> Photodiode:
-        """The photodiode as its certificate has it: q lambda / (h c) times its yield."""
+        """Return the photodiode with its certified responsivity, q lambda / (h c) times its yield."""
         grid = np.arange(350.0, 851.0, 10.0)
         return Photodiode(
             Spectrum(grid, _QUANTUM_YIELD * grid / 1239.841984), np.zeros(grid.size), Measured(_DIODE_AREA_MM2)
         )
 
     def reading_a(self, number: int) -> Measured:
-        """The photodiode's current, wrong as it is, with its uncertainty."""
+        """Return the photocurrent with its error and uncertainty."""
         errors = np.random.default_rng([self.seed, 31, number])
         scale = np.random.default_rng([self.seed, 32])
         response = self.passband(number).mean_responsivity_a_per_w(self.photodiode().responsivity_a_per_w)
@@ -139,12 +140,12 @@ class MonochromatorRun:
         return Measured(reading, reading * self.reading_percent / 100)
 
     def frame_set(self, sensor: Sensor | None = None) -> SpectralFrames:
-        """The measurement as `calibrate_spectral` takes it; frames are made anew each time one is read.
+        """Return the measurement for `calibrate_spectral`; each frame is simulated when it is read.
 
         Parameters
         ----------
         sensor
-            What is known of the sensor beforehand; its own description if None.
+            Sensor as known before the measurement; the virtual sensor by default.
         """
         diode = self.photodiode()
         bands = tuple(
@@ -176,13 +177,7 @@ class MonochromatorRun:
         )  # fmt: skip
 
     def write(self, folder: str | PathLike[str]) -> None:
-        """Shoot to a folder, whole or not at all: frames, spectral.yaml, the photodiode's table, and sensor files.
-
-        Raises
-        ------
-        FileError
-            If the folder holds something already or cannot be written.
-        """
+        """Write frames, spectral.yaml, the responsivity of the photodiode and sensor files to a new folder."""
         with atomic_folder(folder) as place:
             self.sensor.save(place / TRUTH_NAME)
             without_spectra(self.sensor).save(place / NOMINAL_NAME)
@@ -259,7 +254,7 @@ class MonochromatorRun:
         return self._camera().expose(self._mosaic(rates, exposure_s), exposure_s, seed=self.seed, frame=place)
 
     def _dark(self, exposure_s: float, frame: int) -> RawFrame:
-        # Exposures are powers of two, 2^-40 to 2^23 s: each has numbers of its own.
+        # Exposure times are powers of two, 2^-40 to 2^23 s, so that each has its own frame numbers.
         place = (math.frexp(exposure_s)[1] + 40) * self.dark_frames + frame
         return self._camera().expose(self._mosaic({}, exposure_s), exposure_s, seed=self.seed, frame=place)
 
@@ -271,9 +266,7 @@ class MonochromatorRun:
 
 
 def without_spectra(sensor: Sensor) -> Sensor:
-    """The sensor before its quantum efficiency is measured: 50 % everywhere, and said to be a placeholder.
-
-    What is measured holds the filters and the crosstalk of even light; the sensor's own are left out.
+    """Return the sensor with a placeholder quantum efficiency of 50 %, without filters and crosstalk.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The cube benchmark's own parts, and that memory does not grow with the cube."""
+"""The benchmark of a spectral cube: repeated cubes, and memory that does not grow with the cube."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from photosite.studies.bench.timing import peak_mb
 def test_memory_does_not_grow_with_the_cube(tmp_path: Path) -> None:
     source, target = tmp_path / "cube.hdr", tmp_path / "scene.h5"
     write(source, 40, cols=1000)
-    # The linear algebra's threads take a buffer of 30 MB each, or do not: the cube must grow by much more than that.
+    # Threads of the linear algebra may take a buffer of 30 MB each; the cube grows by much more than that.
     grown_mb = 14 * 40 * 1000 * BANDS * 2 / 1e6  # as 2-byte integers; in double precision 4 times as much
     few, many = (peak_mb(work_convert, path=str(source), output=str(target), times=times) for times in (2, 16))
     assert many - few < grown_mb / 3
@@ -25,7 +25,7 @@ def test_memory_does_not_grow_with_the_cube(tmp_path: Path) -> None:
     assert np.array_equal(scene.weights[:, :40], scene.weights[:, 600:])
 
 
-def test_a_cube_repeated(tmp_path: Path) -> None:
+def test_blocks_of_a_repeated_cube(tmp_path: Path) -> None:
     write(tmp_path / "cube.hdr", 12, cols=30)
     once = np.concatenate([block.copy() for _, block in open_cube(tmp_path / "cube.hdr").blocks(5)])
     blocks = [(first, block.copy()) for first, block in repeated(tmp_path / "cube.hdr", 2).blocks(5)]

@@ -1,4 +1,4 @@
-"""Quantum efficiency from a chart: the virtual D200 measured without a monochromator, and held by the intervals."""
+"""Quantum efficiency from a chart under known lights: a virtual D200 against its truth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import photosite as ps
 from photosite.calibration.spectral.chart import calibrate_chart
 from photosite.errors import CalibrationError, FileError, InputError
 from photosite.metrics.patches import patch_statistics
-from photosite.studies.chart_protocol import is_chart_protocol, open_chart
-from photosite.studies.chart_spectral import ChartShot, chart_views, unit_electrons
+from photosite.studies.chart_spectral import ChartShot, chart_views, is_chart_protocol, open_chart, unit_electrons
 from photosite.studies.virtual_lab import with_pedestal
 from photosite.values.measured import Measured
 
@@ -46,7 +45,7 @@ def views(sensor, scenes):
 
 
 def test_unit_electrons_add_up_to_the_camera(sensor, scenes):
-    """Responses of 1 at one wavelength each, weighted with a channel's, are what the camera makes of the chart."""
+    """Unit responses weighted with the efficiency of a channel add up to its mean electrons."""
     plain = sensor.with_(cfa="mono", channels={"M": sensor.channels["G"].model_dump()})
     scene = scenes["A"]
     camera = ps.Camera(LENS, plain)
@@ -56,14 +55,14 @@ def test_unit_electrons_add_up_to_the_camera(sensor, scenes):
     assert added == pytest.approx(direct, rel=2e-4)
 
 
-def test_intervals_hold_the_virtual_d200(sensor, scenes, views):
+def test_intervals_contain_the_truth(sensor, scenes, views):
     """Pointwise 95 % intervals of 3 channels at 41 wavelengths over 5 seeds of noise.
 
-    One truth only, so where its edges bend more sharply than the prior thinks the same wavelengths are missed again
-    and again: over 12 seeds the coverage was 0.98 here. Below 0.92 the intervals are too narrow; the bound on their
-    width says that they do not hold it by being idle.
+    There is one truth only. Where its edges bend more sharply than the prior expects, the same wavelengths are missed
+    repeatedly: the coverage over 12 seeds was 0.98. Below 0.92 the intervals are too narrow; the bound on their width
+    shows that they are informative.
     """
-    held, width = [], []
+    covered, width = [], []
     camera = ps.Camera(LENS, sensor)
     for seed in range(5):
         found = [
@@ -79,13 +78,13 @@ def test_intervals_hold_the_virtual_d200(sensor, scenes, views):
         for name, channel in calibrate_chart(drawn, sensor, seed=seed, draws=1000).channels.items():
             truth = sensor.channels[name].quantum_efficiency_at(channel.wavelength_nm)
             low, high = channel.interval_95
-            held.append(np.mean((low <= truth) & (truth <= high)))
+            covered.append(np.mean((low <= truth) & (truth <= high)))
             width.append(np.mean(high - low))
-    assert np.mean(held) > 0.92
+    assert np.mean(covered) > 0.92
     assert np.mean(width) < 0.06
 
 
-def test_more_lights_tell_more(sensor, views):
+def test_more_lights_narrow_the_intervals(sensor, views):
     alone = views.light == 0
     one = replace(
         views,
@@ -98,8 +97,8 @@ def test_more_lights_tell_more(sensor, views):
         assert np.mean(high3 - low3) < 0.85 * np.mean(high - low)
 
 
-def test_what_is_said_of_the_lights_levels_is_in_the_uncertainty(sensor, views):
-    """A light's level is a factor of what it shows; the levels of three lights are independent of each other."""
+def test_uncertainty_of_the_light_levels_is_propagated(sensor, views):
+    """The levels of three lights are independent factors."""
     loose = calibrate_chart(replace(views, light_uncertainty_percent=20.0), sensor, draws=1000).channels["G"]
     tight = calibrate_chart(views, sensor, draws=1000).channels["G"]
     peak = int(np.argmax(tight.quantum_efficiency))
@@ -107,7 +106,7 @@ def test_what_is_said_of_the_lights_levels_is_in_the_uncertainty(sensor, views):
     assert relative == pytest.approx(0.2 / np.sqrt(3), rel=0.25)
 
 
-def test_the_sensors_own_spectra_are_not_looked_at(sensor, views):
+def test_the_sensors_own_spectra_are_ignored(sensor, views):
     one, other = (calibrate_chart(views, known, draws=300).channels["R"] for known in (sensor, without_spectra(sensor)))
     assert np.array_equal(one.quantum_efficiency, other.quantum_efficiency)
 
@@ -116,21 +115,20 @@ def test_saturated_patches_are_left_out(sensor, views):
     usable = views.usable.copy()
     usable[:2, 0] = False
     found = calibrate_chart(replace(views, usable=usable), sensor, draws=300)
-    assert "channel R: 2 of 72 patches not used: saturated" in found.warnings
+    assert any("channel R: 2 of 72 patches" in warning for warning in found.warnings)
     with pytest.raises(CalibrationError) as caught:
         calibrate_chart(replace(views, usable=np.zeros_like(usable)), sensor)
-    assert (caught.value.what, caught.value.value) == ("usable patches", 0)
+    assert caught.value.value == 0
 
 
-def test_what_cannot_be_is_refused(sensor, scenes, views):
-    with pytest.raises(CalibrationError) as caught:
+def test_invalid_input_is_rejected(sensor, scenes, views):
+    with pytest.raises(CalibrationError):
         calibrate_chart(views, sensor.with_(conversion_gain_uv_per_e=Measured(1.0, assumed=True)))
-    assert caught.value.what == "conversion_gain_uv_per_e"
-    with pytest.raises(InputError) as invalid:
+    with pytest.raises(InputError):
         replace(views, standard_uncertainty=0 * views.standard_uncertainty)
-    assert invalid.value.what == "standard_uncertainty"
-    with pytest.raises(InputError, match="frames under a light"):
+    with pytest.raises(InputError) as caught:
         chart_views([], sensor, LENS)
+    assert caught.value.what == "shots"
 
 
 TEXT = """photosite_spectral: 1
@@ -152,21 +150,22 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
     read, known = open_chart(path)
     assert (known.name, read.light_names, read.frame_count) == (sensor.name, ("A",), 2)
     assert read.unit_electrons.shape == (24, 13)
-    for old, new, said in (
-        ("8, focal", "-8, focal", "f_number must be above 0"),
-        ("8, focal", "8e6, focal", "leaves nothing of a chart"),
-        ("distance_m: 1.2", "distance_m: 0.05001", "leaves nothing of a chart"),
-        ("illuminant: A", "illuminant: Q", "got 'Q'"),
-        ("illuminant: A, ", "", "an 'illuminant' or a 'spectrum'"),
-        ("[400, 700, 25]", "[400, 700, 0]", "'wavelength_nm' is"),
-        ("[400, 700, 25]", "[400, 700, 1e-9]", "steps or fewer"),
-        ("[400, 700, 25]", "[200, 700, 25]", "wavelength_nm must be within"),
-        ("a_*", "b_*", "no file matches"),
-        ("sensor:", "sensr:", "no key 'sensr'"),
+    for old, new, line in (
+        ("8, focal", "-8, focal", 3),
+        ("8, focal", "8e6, focal", 3),
+        ("distance_m: 1.2", "distance_m: 0.05001", 3),
+        ("illuminant: A", "illuminant: Q", 6),
+        ("illuminant: A, ", "", 6),
+        ("[400, 700, 25]", "[400, 700, 0]", 4),
+        ("[400, 700, 25]", "[400, 700, 1e-9]", 4),
+        ("[400, 700, 25]", "[200, 700, 25]", 6),
+        ("a_*", "b_*", 6),
+        ("sensor:", "sensr:", 2),
     ):
         path.write_text(TEXT.replace(old, new))
-        with pytest.raises(FileError, match=said):
+        with pytest.raises(FileError) as caught:
             open_chart(path)
+        assert (caught.value.path, caught.value.line) == (str(path), line), new
 
 
 @pytest.mark.parametrize(
@@ -176,11 +175,10 @@ def test_a_protocol_of_a_chart(sensor, scenes, tmp_path):
         {"angular_response": {"angle_deg": (0, 40), "relative_response": dict.fromkeys("RGB", (1, 0.5))}},
     ],
 )
-def test_what_is_not_taken_off_is_refused(sensor, scenes, part):
-    with pytest.raises(
-        InputError, match=r"holds the sensor's optical_stack\.(crosstalk|angular_response).*leave it out"
-    ):
+def test_effects_on_single_channels_are_rejected(sensor, scenes, part):
+    with pytest.raises(InputError) as caught:
         unit_electrons(scenes["A"], sensor.with_(**part), LENS, 0.1)
+    assert next(iter(part)) in caught.value.what
     even = {"angle_deg": (0, 40), "relative_response": (1, 0.5)}
     grid = scenes["A"].wavelength_nm[:2]
     few = ps.charts.macbeth("A", 40.0, wavelength_nm=grid)

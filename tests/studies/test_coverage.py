@@ -1,16 +1,14 @@
-"""The coverage study itself, small: 160 virtual sensors measured with two frames at each setting.
+"""A small coverage study: 160 virtual sensors with two frames at each setting.
 
-Per parameter of honest intervals the false-alarm rates are: coverage below 87.5 % (140 of 160) 10^-4; a mean error
-beyond 0.35 standard uncertainties 10^-4 (their sizes vary from sensor to sensor: a standard error of 0.09, not 0.08); a
-width above 1.25 10^-5. Some 30 parameters share their errors: with new seeds one run in 200 or fewer would raise an
-alarm, and these are fixed. Uncertainties a third too small lower coverage to 81 % and widen to 1.5: found with
-probability 0.999; a bias of 0.7 uncertainties likewise. The full study is `photosite reproduce coverage`, its table in
-docs/coverage.md.
+For each parameter with correct intervals the false-alarm probabilities are: coverage below 87.5 % (140 of 160) 10^-4; a
+mean error beyond 0.35 standard uncertainties 10^-4; a width above 1.25 10^-5. About 30 parameters share their errors:
+with new seeds fewer than one run in 200 would fail. The seeds are fixed. Uncertainties a third too small lower the
+coverage to 81 % and widen to 1.5, which is detected with probability 0.999; so is a bias of 0.7 uncertainties. The full
+study is `photosite reproduce coverage`, and docs/coverage.md has its table.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +16,8 @@ import pytest
 
 from photosite.calibration.photon_transfer import fit
 from photosite.errors import InputError
-from photosite.studies.coverage import Coverage, CoverageStudy, Outcome, _row, coverage_study, measure_sensor
-from photosite.studies.virtual_sensors import CONDITIONS, condition
+from photosite.studies.coverage.conditions import condition
+from photosite.studies.coverage.study import Coverage, CoverageStudy, Outcome, _row, coverage_study
 
 SENSORS = 160
 
@@ -41,62 +39,62 @@ def test_intervals_cover_and_errors_are_centred(study: CoverageStudy) -> None:
     assert len(study.rows) >= 30
     assert all(row.estimated == SENSORS and row.wrong == 0 for row in study.rows)
     assert _off(study) == {}
-    assert [(row.parameter, row.remarks) for row in study.rows if not row.holds] == []
+    assert [(row.parameter, row.remarks) for row in study.rows if not row.passes] == []
 
 
-def test_uncertainties_a_third_too_small_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The study has power: the line through the photon transfer made to look more certain than it is."""
-    honest = fit._solve
+def test_uncertainties_a_third_too_small_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The study has power: the photon transfer fit is made to state too small an uncertainty."""
+    correct = fit._solve
 
-    def proud(*arguments: Any) -> Any:
-        parameters, normal, estimator, chi_square = honest(*arguments)
+    def overconfident(*arguments: Any) -> Any:
+        parameters, normal, estimator, chi_square = correct(*arguments)
         return parameters, normal * (2 / 3) ** 2, estimator, chi_square
 
-    monkeypatch.setattr(fit, "_solve", proud)
+    monkeypatch.setattr(fit, "_solve", overconfident)
     study = coverage_study(["few-mono-12"], sensors=SENSORS // 2, processes=1)
     wanted = {"system_gain_dn_per_e", "conversion_gain_uv_per_e", "quantum_efficiency_percent"}
     assert wanted <= set(_off(study))
-    assert wanted <= {row.parameter for row in study.rows if "too few hold the truth" in row.remarks}
+    assert wanted <= {row.parameter for row in study.rows if "coverage too low" in row.remarks}
 
 
 @pytest.mark.parametrize(
     ("sensors", "covered", "bias", "bias_error", "remarks"),
     [
         (50, 45, 0.2, 0.14, ()),  # P(45 or fewer, or as rare above) = 0.10
-        (50, 41, 0.0, 0.14, ("too few hold the truth",)),  # 0.0007
+        (50, 41, 0.0, 0.14, ("coverage too low",)),  # 0.0007
         (50, 50, 0.0, 0.14, ()),  # 0.95^50 = 0.08
-        (800, 735, 0.0, 0.04, ("too few hold the truth",)),  # 91.9 %
-        (800, 800, 0.0, 0.04, ("too many hold the truth",)),
+        (800, 735, 0.0, 0.04, ("coverage too low",)),  # 91.9 %
+        (800, 800, 0.0, 0.04, ("coverage too high",)),
         (800, 760, 0.3, 0.04, ("biased",)),
         (800, 760, 0.2, 0.04, ()),  # 2.5 standard errors beyond 0.1
         (1, 0, 3.0, 0.0, ()),
     ],
 )
-def test_only_what_so_many_sensors_tell_is_marked(
+def test_only_significant_deviations_are_flagged(
     sensors: int, covered: int, bias: float, bias_error: float, remarks: tuple[str, ...]
 ) -> None:
     row = Coverage(
         "few-mono-12", "x", sensors, sensors, covered / sensors, bias, 1.0, exact=0, wrong=0, bias_error=bias_error
     )
     assert row.remarks == remarks
-    assert row.holds == (not remarks)
+    assert row.passes == (not remarks)
 
 
-def test_the_standard_error_of_the_mean_error_is_that_over_sensors() -> None:
-    """Errors of standard normal noise, all of one uncertainty: 1 / sqrt(n), to the spread's own error of 4 %."""
+def test_standard_error_of_the_mean_error() -> None:
+    """Standard normal errors of one uncertainty: 1 / sqrt(n), which has a standard error of 4 % itself."""
     errors = np.random.default_rng(8).normal(0.0, 1.0, 400)
     row = _row("few-mono-12", "x", [Outcome(float(e), 1.0, 1.0, abs(e) < 1.96) for e in errors], [])
     assert row.bias == pytest.approx(errors.mean())
     assert row.bias_error == pytest.approx(1 / 20, rel=0.16)
 
 
-def test_refused_sensors_are_counted_by_reason() -> None:
+def test_failed_calibrations_are_counted_by_reason() -> None:
     study = coverage_study(["clipped-mono-12"], sensors=6, processes=1)
     (entry,) = study.refused["clipped-mono-12"]
     assert entry.sensors == 1
     assert "virtual frames of clipped-mono-12, sensor 5: dark frames at" in entry.example
-    told = study.to_dict()["conditions"]["clipped-mono-12"]
-    assert (told["refused"], told["why_refused"]) == (1, [{"sensors": 1, "example": entry.example}])
+    content = study.to_dict()["conditions"]["clipped-mono-12"]
+    assert (content["refused"], content["why_refused"]) == (1, [{"sensors": 1, "example": entry.example}])
 
 
 def test_processes_do_not_change_the_numbers() -> None:
@@ -104,31 +102,25 @@ def test_processes_do_not_change_the_numbers() -> None:
     assert alone == together
 
 
-def test_what_is_refused_is_counted() -> None:
-    sensor = CONDITIONS["few-mono-12"].sensor(0).with_(black_level_dn=0)
-    lab = CONDITIONS["few-mono-12"].lab(0)
-    result = measure_sensor(replace(lab, camera=replace(lab.camera, sensor=sensor)))
-    assert isinstance(result, str)
-    assert "clipped" in result
-
-
-def test_a_share_of_exact_values_is_no_coverage() -> None:
+def test_a_wrong_exact_value_is_flagged() -> None:
     row = Coverage("few-mono-12", "saturation_dn", 10, 10, 0.95, 0.0, 1.0, exact=5, wrong=1)
-    assert not row.holds
+    assert not row.passes
 
 
-@pytest.mark.parametrize(("changes", "said"), [({"sensors": 0}, "1 of its sensors"), ({"processes": 0}, "processes")])
-def test_wrong_numbers_are_refused(changes: dict[str, int], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        coverage_study(["few-mono-12"], **changes)
+@pytest.mark.parametrize("field", ["sensors", "processes"])
+def test_numbers_below_1_are_rejected(field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        coverage_study(["few-mono-12"], **{field: 0})
+    assert (caught.value.what, caught.value.value) == (field, 0)
 
 
-def test_an_unknown_condition_is_refused() -> None:
-    with pytest.raises(InputError, match="Did you mean 'few-mono-12'"):
+def test_an_unknown_condition_is_rejected() -> None:
+    with pytest.raises(InputError) as caught:
         condition("few-mono-21")
+    assert caught.value.hint == "Did you mean 'few-mono-12'?"
 
 
-def test_sensors_are_unlike_each_other_and_themselves_again() -> None:
+def test_sensors_differ_and_are_reproducible() -> None:
     some = condition("bright-cfa-10")
     assert some.sensor(3) == some.sensor(3)
     assert some.sensor(3).noise != some.sensor(4).noise

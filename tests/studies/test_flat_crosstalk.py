@@ -1,4 +1,4 @@
-"""Even light through crosstalk: what is shot for a calibration is what the camera shows, and so is its truth."""
+"""Flat fields with crosstalk: virtual measurements and true parameters agree with the camera."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from virtual_monochromator import MonochromatorRun, without_spectra
 import photosite as ps
 from photosite.camera.optical_stack import channel_mixing
 from photosite.sensor.model import Sensor
+from photosite.studies.coverage.conditions import condition
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.studies.truth import measured_truth, true_parameters
 from photosite.studies.virtual_lab import nominal_sensor, virtual_lab
-from photosite.studies.virtual_sensors import condition
 from photosite.values.cfa import channel_mask
 
 LEAK = {"R": 0.03, "G": 0.015, "B": 0.005}
@@ -40,7 +40,7 @@ def by_channel(sensor: Sensor, values: np.ndarray) -> np.ndarray:
 
 
 def mixed_by_hand(alone: np.ndarray) -> np.ndarray:
-    """Every pixel of a sensor without borders hands its shares to its neighbours, twice."""
+    """Return channel means after applying the kernels twice on a periodic mosaic, pixel by pixel."""
     cfa = np.tile([["R", "G"], ["G", "B"]], (2, 2))
     electrons = np.select([cfa == name for name in "RGB"], alone)
     for _ in range(2):
@@ -51,7 +51,7 @@ def mixed_by_hand(alone: np.ndarray) -> np.ndarray:
     return np.array([electrons[cfa == name].mean() for name in "RGB"])
 
 
-def test_a_flats_channels_are_those_of_the_cameras_even_scene() -> None:
+def test_channels_of_a_flat_field_equal_those_of_a_uniform_scene() -> None:
     """4 frames of 19 200 pixels: means within 4.5 standard errors of shot noise, read noise and rounding."""
     bare = plain_sensor()
     lab = virtual_lab(leaky(bare), PROTOCOL, level=0.6, seed=5)
@@ -70,7 +70,7 @@ def test_a_flats_channels_are_those_of_the_cameras_even_scene() -> None:
         assert (abs(shot - seen) < 4.5 * error).all()
 
 
-def test_calibration_light_falls_straight_on_every_pixel() -> None:
+def test_calibration_light_is_perpendicular() -> None:
     steep = plain_sensor().with_(angular_response=STEEP)
     lab = virtual_lab(steep, PROTOCOL, level=0.6)
     behind_a_lens = lab.camera.mean_electrons(lab.light, 0.04)
@@ -80,14 +80,13 @@ def test_calibration_light_falls_straight_on_every_pixel() -> None:
     np.testing.assert_allclose(shots[0].mean(), shots[1].mean(), rtol=1e-3)
     corner = shots[0][:24, :32].mean() - 64
     assert corner / (shots[0][48:72, 64:96].mean() - 64) == pytest.approx(1, abs=4.5 * math.sqrt(2 / 768 / 1e4))
-    assert lab.camera.sensor.optical_stack == nominal_sensor(steep).optical_stack  # what is saved keeps it
+    assert lab.camera.sensor.optical_stack == nominal_sensor(steep).optical_stack  # the saved sensor keeps it
 
 
-def test_a_calibration_of_leaky_flats_finds_the_truth() -> None:
+def test_a_calibration_with_crosstalk_finds_the_truth() -> None:
     """Quantum efficiency, saturation in photons and the rest, each within 4 of its standard uncertainties.
 
-    Kernels are alike in both directions: else green pixels in red rows and in blue rows differ, which is measured as
-    PRNU.
+    The kernels are symmetric. Otherwise green pixels in red rows and in blue rows differ, which is measured as PRNU.
     """
     even = {
         name: ((0.0, 2 * leak, 0.0), (2 * leak, 1 - 8 * leak, 2 * leak), (0.0, 2 * leak, 0.0))
@@ -113,7 +112,7 @@ def test_a_calibration_of_leaky_flats_finds_the_truth() -> None:
     assert mixed["saturation_capacity_photons"] > 1.02 * bare["saturation_capacity_photons"]
 
 
-def test_a_monochromators_bands_are_mixed_and_its_nominal_sensor_names_no_cause_twice() -> None:
+def test_monochromator_bands_include_crosstalk_and_its_nominal_sensor_does_not() -> None:
     bare = plain_sensor()
     leaks, holds = (MonochromatorRun(each, (450.0, 550.0)) for each in (leaky(bare), bare))
     for band in (0, 1):

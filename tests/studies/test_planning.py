@@ -1,4 +1,4 @@
-"""Plans against closed forms and against what virtual sensors do."""
+"""Plans against closed forms and against virtual measurements."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
+from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.engine.jit import threads_for
 from photosite.errors import InputError
-from photosite.studies.plan_search import Design, plan_frames
-from photosite.studies.planning import Want, plan_protocol, predictable, step_from
+from photosite.studies.coverage.conditions import CONDITIONS
+from photosite.studies.planning import Design, Want, plan_frames, plan_protocol, step_from
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
-from photosite.studies.virtual_sensors import CONDITIONS
 
 SENSORS = 60
+PREDICTED = tuple(name for name in PARAMETER_LABELS if not name.startswith(("dsnu1288", "prnu1288", "linearity")))
 
 
 def test_the_expected_uncertainty_is_the_spread_of_virtual_measurements() -> None:
-    """60 chips of one sensor. The ratio of the spread over them to the expected uncertainty has a standard error of
-    9 %: 0.68 to 1.37 leaves an honest prediction out with probability 10^-4 on either side, and lets one that is half
-    or twice what it should be pass with 10^-4. The rectangle of the saturation is no spread over chips: its place
-    between the exposures is the same for all.
+    """60 chips of one sensor.
+
+    The ratio of their standard deviation to the expected uncertainty has a standard error of 9 %. The range 0.68 to
+    1.37 rejects a correct prediction with probability 10^-4 on either side, and accepts one that is wrong by a factor
+    of 2 with 10^-4. The uncertainty of the saturation is not a spread over chips: its position between the exposures is
+    the same for all.
     """
     some = CONDITIONS["few-mono-12"]
     sensor, lab = some.sensor(1), some.lab(1)
@@ -39,7 +42,7 @@ def test_the_expected_uncertainty_is_the_spread_of_virtual_measurements() -> Non
     plan = plan_protocol(lab)
     between = {"saturation_capacity_e", "saturation_capacity_photons", "snr_max_db", "dynamic_range_db"}
     off = {}
-    for name in predictable():
+    for name in PREDICTED:
         expected = getattr(plan.expected, name)
         if name in between or not expected.standard_uncertainty:
             continue
@@ -49,11 +52,11 @@ def test_the_expected_uncertainty_is_the_spread_of_virtual_measurements() -> Non
         if not 0.68 < ratio < 1.37 or far > 4.5:
             off[name] = (ratio, far)
     assert off == {}
-    assert len(predictable()) > 20
+    assert len(PREDICTED) > 20
 
 
-def test_read_noise_and_prnu_are_the_textbook_s() -> None:
-    """A variance over n frames of P pixels has the variance 2 v^2 / ((n - 1) P); the pixels are a sample themselves."""
+def test_read_noise_and_prnu_follow_the_textbook() -> None:
+    """A variance over n frames of P pixels has the variance 2 v^2 / ((n - 1) P); the pixels are a sample too."""
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=200, cols=200))
     plan = plan_frames(sensor, {"read_noise_dn": Want.parse("read_noise_dn=0.1%")})
     darks = plan.protocol.steps[0].count
@@ -64,7 +67,7 @@ def test_read_noise_and_prnu_are_the_textbook_s() -> None:
     assert prnu.standard_uncertainty > prnu.value / math.sqrt(2 * 40_000)
 
 
-def test_every_want_is_met_and_fewer_frames_would_not_do() -> None:
+def test_every_want_is_met_and_fewer_frames_do_not_suffice() -> None:
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=100, cols=100))
     wants = {w.parameter: w for w in map(Want.parse, ("prnu_percent=1.2%", "system_gain_dn_per_e=0.3%"))}
     plan = plan_frames(sensor, wants)
@@ -78,8 +81,8 @@ def test_every_want_is_met_and_fewer_frames_would_not_do() -> None:
     assert max(want.reached(getattr(less, name)) for name, want in wants.items()) > 1.0
 
 
-def test_a_want_below_the_least_protocol_takes_that_and_no_more() -> None:
-    """Three levels in the linear range of green and red alike, three dark exposures, two frames at each."""
+def test_a_modest_want_takes_the_minimum_protocol() -> None:
+    """Three levels in the linear range of both green and red, three dark exposures, two frames at each."""
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=400, cols=400))
     wants = {w.parameter: w for w in map(Want.parse, ("prnu_percent=2%", "system_gain_dn_per_e=0.5%"))}
     plan = plan_frames(sensor, wants)
@@ -97,26 +100,29 @@ def test_a_want_below_the_least_protocol_takes_that_and_no_more() -> None:
     assert better.protocol.frame_count > plan.protocol.frame_count
 
 
-def test_what_no_number_of_frames_reaches_is_said() -> None:
+def test_unreachable_precision_is_rejected_with_the_best_that_is_possible() -> None:
     sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=100, cols=150))
-    with pytest.raises(InputError, match=r"prnu_percent to 0.1 % cannot be reached.*\(0.58 %\).*100 x 150 pixels"):
+    with pytest.raises(InputError, match=r"prnu_percent to 0.1 % cannot be reached.*\(0.58 %\).*100 x 150"):
         plan_frames(sensor, {"prnu_percent": Want.parse("prnu_percent=0.1%")})
-    with pytest.raises(InputError, match=r"quantum_efficiency_percent cannot be had.*photons"):
+    with pytest.raises(InputError, match=r"quantum_efficiency_percent cannot be estimated.*photons"):
         plan_frames(sensor, {"q": Want.parse("quantum_efficiency_percent=1%")})
+    with pytest.raises(InputError) as caught:
+        plan_frames(sensor, {})
+    assert caught.value.what == "wants"
 
 
-def test_darks_that_would_clip_are_refused() -> None:
-    with pytest.raises(InputError, match=r"would be at 0 DN.*pedestal"):
+def test_dark_frames_that_would_clip_are_rejected() -> None:
+    with pytest.raises(InputError, match="0 DN"):
         plan_frames(ps.load_sensor("nikon-d200").with_(rows=10, cols=10), {"r": Want.parse("read_noise_dn=5%")})
 
 
 @pytest.mark.parametrize("text", ["prnu_percent", "prnu_percent=", "prnu_percent=-1%", "prnu_percent=nan", "prnu=1%"])
-def test_a_want_that_cannot_be_is_refused(text: str) -> None:
+def test_an_invalid_want_is_rejected(text: str) -> None:
     with pytest.raises(InputError):
         Want.parse(text)
 
 
 @pytest.mark.parametrize("text", ["dark:1/50", "flat:1/50:3", "light:0:3", "light:1/50:0", "light:1/50:x"])
-def test_a_step_that_cannot_be_is_refused(text: str) -> None:
+def test_an_invalid_step_is_rejected(text: str) -> None:
     with pytest.raises(InputError):
         step_from(text)

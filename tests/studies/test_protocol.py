@@ -1,4 +1,4 @@
-"""Protocols as data."""
+"""Shooting protocols."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from photosite.errors import InputError
 from photosite.studies.protocol import ShootingProtocol, Step, paper_d200_protocol, series
 
 
-def test_the_papers_counts_and_ranges() -> None:
+def test_counts_and_ranges_are_those_of_the_paper() -> None:
     steps = paper_d200_protocol().steps
     ramp, stack, flats = steps[:19], steps[19], steps[20:]
     assert sum(step.count for step in ramp) == 190
@@ -36,13 +36,15 @@ def test_longest_light() -> None:
 @pytest.mark.parametrize(
     ("kind", "exposure_s", "count"), [("flat", 1.0, 1), ("dark", 0.0, 1), ("dark", float("nan"), 1), ("dark", 1.0, 0)]
 )
-def test_impossible_steps(kind: str, exposure_s: float, count: int) -> None:
+def test_invalid_steps(kind: str, exposure_s: float, count: int) -> None:
     with pytest.raises(InputError):
-        Step(kind, exposure_s, count)
+        Step(kind, exposure_s, count)  # type: ignore[arg-type]
 
 
 def test_empty_protocol_and_short_series() -> None:
-    with pytest.raises(InputError, match="one step or more"):
+    with pytest.raises(InputError) as caught:
         ShootingProtocol("nothing", ())
-    with pytest.raises(InputError, match="2 exposures or more"):
+    assert caught.value.what == "steps"
+    with pytest.raises(InputError) as caught:
         series("dark", 1e-3, 1, exposures=1, count=2)
+    assert (caught.value.what, caught.value.value) == ("exposures", 1)

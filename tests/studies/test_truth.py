@@ -17,7 +17,7 @@ LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
 
 
 def test_table_1_of_the_d200() -> None:
-    """0.52 mV and 0.55 mV at 30 uV/e- and 7.98 e-/DN; 4095 DN of the converter end before the well of 36 000 e-."""
+    """0.52 mV and 0.55 mV at 30 uV/e- and 7.98 e-/DN; 4095 DN come before the well of 36 000 e-."""
     truth = true_parameters(ps.load_sensor("nikon-d200").with_(dark_voltage_mv_per_s=0.3, black_level_dn=95))
     expected = {
         "read_noise_e": 520 / 30,
@@ -35,15 +35,15 @@ def test_table_1_of_the_d200() -> None:
         assert truth[name] == pytest.approx(value, rel=1e-6), name
 
 
-def test_well_that_fills_before_the_converter_ends() -> None:
+def test_well_that_fills_before_the_converter_clips() -> None:
     sensor = ps.load_sensor("nikon-d200").with_(well_capacity_e=7980, black_level_dn=100)
     truth = true_parameters(sensor)
     assert truth["saturation_capacity_e"] == 7980
     assert truth["saturation_dn"] == pytest.approx(1100, rel=1e-6)
 
 
-def test_full_wells_near_the_converters_end() -> None:
-    """Against brute force: 4 million readings of a well that ends 9 DN below the converter; 4.5 standard errors."""
+def test_full_wells_near_full_scale() -> None:
+    """Against 4 million simulated readings of a well that ends 9 DN below full scale; 4.5 standard errors."""
     sensor = ps.load_sensor("nikon-d200").with_(well_capacity_e=4086 * 7.98, read_noise_mv=1.5, dsnu_mv=1)
     mean, sigma = 4086 * 7.98 * sensor.system_gain_dn_per_e, math.hypot(1.5, 1) / sensor.mv_per_dn
     readings = np.random.default_rng(1).normal(mean, sigma, 4_000_000)
@@ -52,7 +52,7 @@ def test_full_wells_near_the_converters_end() -> None:
     assert clipped.mean() < mean - 0.1
 
 
-def test_threshold_is_where_the_snr_is_1() -> None:
+def test_snr_at_the_sensitivity_threshold_is_1() -> None:
     """EMVA 1288's SNR of a pixel without pattern: mu / sqrt(read^2 + 1 / (12 K^2) + mu)."""
     sensor = ps.load_sensor("nikon-d200")
     truth = true_parameters(sensor, Scene.uniform([1e15, 1e15], [500, 510]), LENS)
@@ -63,7 +63,7 @@ def test_threshold_is_where_the_snr_is_1() -> None:
     assert truth["dynamic_range_db"] == pytest.approx(20 * math.log10(truth["saturation_capacity_e"] / mu), rel=1e-9)
 
 
-def test_efficiency_of_one_line_is_the_files_times_the_fill_factor() -> None:
+def test_efficiency_at_one_wavelength_is_that_of_the_file_times_the_fill_factor() -> None:
     sensor = ps.load_sensor("nikon-d200")
     line = Scene.uniform([1e15], [530.0])
     found = dict(zip(sensor.channel_names, channel_efficiencies(sensor, line, LENS), strict=True))
@@ -75,6 +75,6 @@ def test_efficiency_of_one_line_is_the_files_times_the_fill_factor() -> None:
     assert truth["saturation_capacity_photons"] == pytest.approx(truth["saturation_capacity_e"] / (0.9 * 0.680440))
 
 
-def test_names_are_the_calibrations() -> None:
+def test_names_are_those_of_the_calibration() -> None:
     truth = true_parameters(ps.load_sensor("nikon-d200"), Scene.uniform([1e15], [530.0]), LENS)
     assert set(truth) <= set(PARAMETER_LABELS)

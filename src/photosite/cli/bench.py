@@ -1,4 +1,4 @@
-"""photosite bench."""
+"""`photosite bench`: time and memory on this machine."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from photosite.cli.output import print_json, table
 
 @click.command("bench", cls=Command)
 @click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
-@click.option("--case", "names", multiple=True, metavar="NAME", help="Only this case; may be given several times.")
+@click.option("--case", "names", multiple=True, metavar="NAME", help="Measure this case only; repeatable.")
 @options.json_option
 def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
-    """Time photosite on this machine, beside the plain way to do the same work.
+    """Measure time and memory of photosite on this machine.
 
-    Each case runs in turn with its baseline in one process: transforms per wavelength in SciPy, NumPy's draws,
-    NumPy's mean and variance, plain reads of the files. The memory is that of a fresh process without the baseline.
+    Each case runs in turn with a baseline, a plain way to do the same work: SciPy transforms per wavelength, NumPy's
+    random draws, NumPy's mean and variance, or plain reads of the files. The ratio is baseline time over time. The peak
+    memory is that of a fresh process without the baseline.
 
     Example: photosite bench --quick
     """
     from photosite.studies.bench.cases import run_cases
-    from photosite.studies.bench.memory import memory
-    from photosite.studies.bench.scaling import scaling
+    from photosite.studies.bench.scaling import memory, scaling
 
     cases = run_cases(names, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
     whole = not (quick or names)
     if whole:
-        click.echo("measuring how time and memory grow ...", err=True)
-    laws, room = (scaling(), memory()) if whole else ((), None)
+        click.echo("measuring the growth of time and memory ...", err=True)
+    laws, growth = (scaling(), memory()) if whole else ((), None)
     if as_json:
         print_json(
             {
                 "cases": {name: case.to_dict() for name, case in cases.items()},
                 "scaling": {law.what: law.to_dict() for law in laws},
-                "memory": room.to_dict() if room else {},
+                "memory": growth.to_dict() if growth else {},
             }
         )
         return
@@ -47,8 +47,8 @@ def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
     for law in laws:
         points = ", ".join(f"{size:g}: {seconds:.3f} s" for size, seconds in zip(law.sizes, law.seconds, strict=True))
         click.echo(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")
-    if room:
+    if growth:
         points = ", ".join(
-            f"{size:.0f}: {each:.1f}" for size, each in zip(room.megapixels, room.bytes_per_pixel, strict=True)
+            f"{size:.0f}: {each:.1f}" for size, each in zip(growth.megapixels, growth.bytes_per_pixel, strict=True)
         )
-        click.echo(f"\npeak memory of a stream of captures, bytes a pixel (by megapixels)\n  {points}")
+        click.echo(f"\npeak memory of a stream of captures, bytes per pixel (by megapixels)\n  {points}")

@@ -1,4 +1,4 @@
-"""`photosite demo`: the whole loop on a virtual sensor."""
+"""`photosite demo`: measure a virtual camera and compare the result with the truth."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ PROTOCOL_NAME = "protocol.yaml"
     default="photosite-demo",
     help="Folder for the report and the calibrated sensor file.",
 )
-@click.option("--keep-frames", is_flag=True, help="Keep the frames, in the folder's subfolder frames.")
+@click.option("--keep-frames", is_flag=True, help="Keep the frames in the subfolder frames.")
 @options.json_option
 def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, keep_frames: bool, as_json: bool) -> None:
-    """Close the loop on a virtual Nikon D200, and report how well the calibration finds the truth.
+    """Measure a virtual camera and compare the result with the truth.
 
-    Shoots the 2008 paper's 405 frames of darkness and metered flat light with a virtual sensor, writes them to disk,
-    reads them back, calibrates from them, simulates a ColorChecker with the true and with the calibrated sensor,
-    compares the two and writes a self-contained HTML report. The chip has half the D200's rows and half its columns:
-    about a minute on two cores, and 2 GB on the disk while it runs.
+    A virtual sensor takes the 405 dark frames and flat fields of the 2008 paper. photosite calibrates the sensor from
+    the files, simulates a ColorChecker with the true and with the calibrated sensor, compares the two, and writes an
+    HTML report. The default chip has a quarter of the D200's pixels: about a minute on two cores, and 2 GB of disk
+    space while it runs.
 
     Example: photosite demo -o photosite-demo
     """
@@ -51,7 +51,9 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
     sensor, note = prepared_sensor(sensor_name, rows, cols, None)
     if keep_frames and (output / FRAMES_NAME).exists():
-        raise FileError(output / FRAMES_NAME, "exists already; choose another folder, or leave out --keep-frames")
+        raise FileError(
+            output / FRAMES_NAME, "the folder already exists", hint="Choose another folder, or omit --keep-frames"
+        )
     if note:
         say(note)
     say_if_compiling()
@@ -68,12 +70,13 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
 
 
 def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
-    """The study, its frames, its sensor file and its report in a folder."""
     from photosite.studies.closed_loop.page import write_demo_report
     from photosite.studies.closed_loop.study import closed_loop
 
     stages = Stages()
-    loop = closed_loop(sensor, photons_known=True, seed=seed, folder=place / FRAMES_NAME, source=source, watcher=stages)
+    loop = closed_loop(
+        sensor, photons_known=True, seed=seed, folder=place / FRAMES_NAME, source=source, progress=stages
+    )
     stages.stage("writing the report")
     loop.calibration.sensor.save(place / SENSOR_NAME)
     write_demo_report(loop, place / REPORT_NAME)
@@ -96,6 +99,6 @@ def _show(loop: ClosedLoop) -> None:
         click.echo("\n" + table([("not estimated", "why"), *missing], "<<"))
     result = loop.validation
     click.echo(
-        f"\nColorChecker by the true and by the calibrated sensor: {'agree' if result.agrees else 'differ'} "
-        f"(differences up to {result.tolerance_percent:g} % let pass)"
+        f"\nColorChecker by the true and the calibrated sensor: {'agree' if result.agrees else 'differ'} "
+        f"(relative tolerance {result.tolerance_percent:g} %)"
     )

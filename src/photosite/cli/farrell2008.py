@@ -1,4 +1,4 @@
-"""`photosite reproduce farrell2008`: the 2008 paper, from its calibration to its applications."""
+"""`photosite reproduce farrell2008`: the experiments of the 2008 paper."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from photosite.cli.output import Stages, print_json, say_if_compiling
     default="farrell2008",
     help="Folder for the page, results.json and the figures.",
 )
-@click.option("--only", "keys", multiple=True, metavar="CHAPTER", help="Only this chapter; may be given several times.")
+@click.option("--only", "keys", multiple=True, metavar="CHAPTER", help="Run this chapter only; repeatable.")
 @options.json_option
 def command(seed: int, output: Path, keys: tuple[str, ...], as_json: bool) -> None:
-    """The 2008 paper, from its calibration to its applications.
+    """Reproduce the experiments of the 2008 paper.
 
-    Farrell, Okincha and Parmar, "Sensor calibration and simulation": every table and figure beside what the paper
-    reports, and the differences in words. The paper's frames were never published; virtual cameras stand in for the
-    real ones, and the simulation is not told what they are. A few minutes on two cores.
+    Farrell, Okincha and Parmar, "Sensor calibration and simulation": every table and figure beside the values of the
+    paper, with the differences in words. The paper's frames were never published, so virtual cameras replace the real
+    ones; the simulation does not know their hidden parameters. A few minutes on two cores.
 
     Example: photosite reproduce farrell2008 -o farrell2008
     """
     from photosite.files.atomic import atomic_folder
-    from photosite.studies.farrell2008.page.write import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
+    from photosite.studies.farrell2008.page.page import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
     from photosite.studies.farrell2008.study import reproduce
 
     stages = Stages()

@@ -1,4 +1,4 @@
-"""`photosite reproduce fill-factor`: does the fit of the fill factor find the hidden one."""
+"""`photosite reproduce fill-factor`: how well the fit of the fill factor recovers the true value."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from photosite.cli.command import Command
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
-    from photosite.studies.farrell2008.recovery import Recovery
+    from photosite.studies.farrell2008.fill_factor import Recovery
 
 
 @click.command("fill-factor", cls=Command)
-@click.option("--seeds", type=click.IntRange(1), default=100, help="Cameras of each kind; seeds 0, 1, ...")
+@click.option("--seeds", type=click.IntRange(1), default=100, help="Virtual cameras of each kind, with seeds 0, 1, ...")
 @options.json_option
 def command(seeds: int, as_json: bool) -> None:
-    """How often the 2008 paper's fit of the fill factor finds the hidden one.
+    """Test the fit of the fill factor on virtual cameras.
 
-    Each seed is another virtual D200 and another of the vendor's cameras: another fill factor near the paper's, another
-    chip, another noise, a lamp on another side. Found is the share within two standard errors, and pull the error in
-    standard errors. 100 seeds take two minutes.
+    Each seed gives another virtual D200 and another vendor camera: another fill factor near the paper's, other fixed
+    pattern and noise, a lamp in another direction. `found` is the share of fits within two standard errors of the
+    truth,
+    `pull` the error in standard errors. 100 seeds take two minutes.
 
     Example: photosite reproduce fill-factor --seeds 10
     """
-    from photosite.studies.farrell2008.recovery import recovery_study
+    from photosite.studies.farrell2008.fill_factor import recovery_study
 
     stages = Stages()
     say_if_compiling()
@@ -40,14 +41,14 @@ def command(seeds: int, as_json: bool) -> None:
 
 
 def _line(recovery: Recovery) -> tuple[str, ...]:
-    known = recovery.to_dict()
+    figures = recovery.to_dict()
     return (
         recovery.case.title,
-        str(known["seeds"]),
-        f"{100 * known['found']:.0f} %",
-        f"{100 * known['in_interval_95']:.0f} %",
-        f"{100 * known['mean_relative_standard_error']:.2f} %",
-        f"{known['mean_pull']:+.2f}",
-        f"{known['rms_pull']:.2f}",
-        f"{known['largest_pull']:.2f}",
+        str(figures["seeds"]),
+        f"{100 * figures['found']:.0f} %",
+        f"{100 * figures['in_interval_95']:.0f} %",
+        f"{100 * figures['mean_relative_standard_error']:.2f} %",
+        f"{figures['mean_pull']:+.2f}",
+        f"{figures['rms_pull']:.2f}",
+        f"{figures['largest_pull']:.2f}",
     )

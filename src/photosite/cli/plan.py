@@ -1,4 +1,4 @@
-"""`photosite plan`: before the lab day."""
+"""`photosite plan`: frames for a precision, or the precision of a protocol."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ _NAMED = ("paper-d200",)
 @click.command("plan", cls=Command)
 @options.sensor_option()
 @options.size_options
-@options.black_level_option("Black level in DN; without it, one that keeps darks from clipping at 0.")
+@options.black_level_option("Black level in DN; by default one at which dark frames do not clip at 0.")
 @click.option(
     "--want",
     "wants",
     multiple=True,
     metavar="PARAMETER=X",
-    help="Standard uncertainty wanted: prnu_percent=2%, a share of the value, or read_noise_e=0.05. Several times.",
+    help="Standard uncertainty to reach, relative (prnu_percent=2%) or in its unit (read_noise_e=0.05); repeatable.",
 )
 @click.option(
     "--protocol",
     metavar="NAME|FILE",
-    help=f"What precision this reaches: {', '.join(_NAMED)}, or a protocol (YAML) whose files are there to be counted.",
+    help=f"Protocol to evaluate: {', '.join(_NAMED)}, or a protocol file (YAML) whose frame files exist.",
 )
 @click.option(
     "--step",
     "steps",
     multiple=True,
     metavar="KIND:EXPOSURE:FRAMES",
-    help="A step of the protocol, such as dark:1/8000:50 or light:1/50:5. Several times.",
+    help="Step of the protocol to evaluate, such as dark:1/8000:50 or light:1/50:5; repeatable.",
 )
 @options.illuminant_option("D65")
 @click.option(
@@ -48,11 +48,11 @@ _NAMED = ("paper-d200",)
     type=options.above(),
     default=1.3,
     metavar="X",
-    help="Light of a protocol: the brightest channel at the longest exposure, in saturations.",
+    help="Light level: signal of the brightest channel at the longest exposure, relative to saturation.",
 )
-@click.option("--longest-flat", type=options.exposure_time, default="1/20", help="Longest exposure to light.")
-@click.option("--longest-dark", type=options.exposure_time, default="5", help="Longest dark exposure.")
-@click.option("--photons", is_flag=True, help="The light will be metered: photons per pixel will be known.")
+@click.option("--longest-flat", type=options.exposure_time, default="1/20", help="Longest exposure of a flat field.")
+@click.option("--longest-dark", type=options.exposure_time, default="5", help="Longest exposure of a dark frame.")
+@click.option("--photons", is_flag=True, help="The light will be metered, so that the photons per pixel are known.")
 @options.json_option
 def command(
     sensor_name: str,
@@ -69,23 +69,22 @@ def command(
     photons: bool,
     as_json: bool,
 ) -> None:
-    """How many frames a wanted precision takes, or what precision a protocol reaches.
+    """Find how many frames a precision needs, or what precision a protocol reaches.
 
-    The sensor is a guess: a preset like it, or a file. With --want, the fewest frames that are found: darks at one
-    exposure, a dark series, and flats in up to 16 equal steps to 1.25 saturations, and never less than a calibration
-    needs, which is said where it is enough. With --protocol or --step, the expected
-    uncertainty of every parameter. Nothing is simulated: the fits and the propagation of the calibration are run on the
-    levels to be expected, and a real laboratory adds its own scatter.
+    The sensor is an assumption: a similar preset, or a file. With --want, the command searches the fewest frames: dark
+    frames at one exposure, a dark series, and flat fields in up to 16 equal steps to 1.25 times saturation, never fewer
+    than a calibration needs. With --protocol or --step, it prints the expected uncertainty of every parameter. Nothing
+    is simulated: the uncertainty propagation of the calibration is applied to the expected signals. A real setup adds
+    its own variation.
 
     Example: photosite plan --rows 1000 --cols 1500 --want prnu_percent=2% --want system_gain_dn_per_e=0.5%
     """
     from photosite.cli.shoot import prepared_sensor
-    from photosite.studies.plan_search import Design, plan_frames
-    from photosite.studies.planning import Want, plan_protocol
+    from photosite.studies.planning import Design, Want, plan_frames, plan_protocol
     from photosite.studies.virtual_lab import virtual_lab
 
     if sum(map(bool, (wants, protocol, steps))) != 1:
-        raise click.UsageError("say what is wanted (--want), or what will be shot (--protocol, or --step), one of them")
+        raise click.UsageError("give one of --want, --protocol and --step")
     wanted = {want.parameter: want for want in map(Want.parse, wants)}
     sensor, note = prepared_sensor(sensor_name, rows, cols, black_level_dn)
     if wanted:
@@ -136,9 +135,9 @@ def _show(plan: Plan, sensor: Sensor, note: str) -> None:
     if note:
         click.echo(note)
     if plan.least:
-        from photosite.studies.plan_search import LEAST_IN_WORDS
+        from photosite.studies.planning import LEAST_IN_WORDS
 
-        click.echo(f"the least that a calibration needs ({LEAST_IN_WORDS}): what is wanted takes no frame more")
+        click.echo(f"the minimum of a calibration ({LEAST_IN_WORDS}) reaches the wanted precision")
     rows = [("frames", "exposure", "light")]
     capacity = sensor.saturation_capacity_e
     for group in plan.groups:
@@ -162,7 +161,7 @@ def _line(plan: Plan, name: str) -> tuple[str, ...]:
 
     entry = plan.expected.estimates()[name]
     value, uncertainty = entry.value or 0.0, entry.standard_uncertainty or 0.0
-    known = uncertainty < abs(value)  # a share of nothing says nothing
+    known = uncertainty < abs(value)  # a relative uncertainty of a value near 0 is meaningless
     share = f"{100 * uncertainty / abs(value):.2g} %" if known else ""
     return (
         name,

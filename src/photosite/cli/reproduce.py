@@ -1,4 +1,4 @@
-"""`photosite reproduce`: studies that check what photosite promises."""
+"""`photosite reproduce`: studies that verify photosite, and the experiments of the 2008 paper."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from photosite.cli import options
 from photosite.cli.command import Group
 from photosite.cli.farrell2008 import command as farrell2008
 from photosite.cli.fill_factor import command as fill_factor
-from photosite.cli.gallery import command as gallery
 from photosite.cli.output import Stages, print_json, say_if_compiling, table
 
 if TYPE_CHECKING:
-    from photosite.studies.coverage import Coverage, CoverageStudy
+    from photosite.studies.coverage.study import Coverage, CoverageStudy
 
 SENSORS, QUICK_SENSORS = 500, 50
 
@@ -30,12 +29,12 @@ CONDITION_NAMES = (
     "few-cfa-12",
     "clipped-mono-12",
 )
-"""Those of `photosite.studies.virtual_sensors`, which --help does not wait for; a test holds the two together."""
+"""Names in `photosite.studies.coverage.conditions`, copied so that --help stays fast; a test compares the two."""
 
 
 @click.group("reproduce", cls=Group)
 def command() -> None:
-    """Run a study anew.
+    """Run a study of photosite on virtual cameras.
 
     Example: photosite reproduce coverage --quick
     """
@@ -43,47 +42,46 @@ def command() -> None:
 
 command.add_command(farrell2008)
 command.add_command(fill_factor)
-command.add_command(gallery)
 
 
 @command.command("coverage")
-@click.option("--sensors", type=click.IntRange(1), help=f"Virtual sensors under each condition.  [default: {SENSORS}]")
+@click.option("--sensors", type=click.IntRange(1), help=f"Virtual sensors per condition.  [default: {SENSORS}]")
 @click.option(
     "--condition",
     "names",
     multiple=True,
     metavar="NAME",
-    help=f"Only this one; may be given several times. One of {', '.join(CONDITION_NAMES)}.",
+    help=f"Study this condition only; repeatable. One of {', '.join(CONDITION_NAMES)}.",
 )
-@click.option("--quick", is_flag=True, help=f"{QUICK_SENSORS} sensors instead: a look, not a test. Not with --sensors.")
-@click.option("--processes", type=click.IntRange(1), default=2, help="Processes that share the work.")
+@click.option("--quick", is_flag=True, help=f"Use {QUICK_SENSORS} sensors, which detect large errors only.")
+@click.option("--processes", type=click.IntRange(1), default=2, help="Number of worker processes.")
 @options.json_option
 def coverage(sensors: int | None, names: tuple[str, ...], quick: bool, processes: int, as_json: bool) -> None:
-    """Whether 95 % intervals hold the truth 95 times in 100.
+    """Count how often 95 % intervals contain the truth.
 
-    Virtual sensors are drawn, shot and calibrated under a grid of conditions: bright and dim light, few frames, darks
-    that clip, monochrome and Bayer, 8 to 16 bits. For every parameter the table says how often the interval holds the
-    truth (covered), the mean error over the mean standard uncertainty (bias), and the root mean square of errors over
-    their uncertainties (width: 1 where they are honest). With 500 sensors a share of 95 % is known to 1 %; that takes
-    ten minutes on two cores.
+    Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
+    dark frames, monochrome and Bayer, 8 to 16 bits. For every parameter the table lists the share of intervals that
+    contain the truth (covered), the mean error over the mean standard uncertainty (bias), and the root mean square of
+    error over uncertainty (width; 1 is correct). With 500 sensors the standard error of a coverage of 95 % is 1 %; that
+    takes ten minutes on two cores.
 
-    A parameter is marked where the number of sensors can tell that something is wrong: a share that honest intervals
-    have in fewer than one study in 1000, or a mean error beyond a tenth of the uncertainty by more than as rare a
-    chance. Sensors whose calibration is refused are counted, and not in the table.
+    A parameter is flagged where a deviation is significant: a coverage, or a mean error beyond a tenth of the
+    uncertainty, that correct intervals show in fewer than one study in 1000. Failed calibrations are counted, and are
+    not in the table.
 
     Example: photosite reproduce coverage --quick --condition few-mono-12
     """
-    from photosite.studies.coverage import coverage_study
-    from photosite.studies.virtual_sensors import condition
+    from photosite.studies.coverage.conditions import condition
+    from photosite.studies.coverage.study import coverage_study
 
     if quick and sensors is not None:
-        raise click.UsageError(f"--quick is --sensors {QUICK_SENSORS}: give one of the two")
+        raise click.UsageError("give one of --quick and --sensors")
     for name in names:
         condition(name)
     stages = Stages()
     say_if_compiling()
     count = sensors or (QUICK_SENSORS if quick else SENSORS)
-    stages.stage(f"measuring {count} virtual sensors under each condition")
+    stages.stage(f"measuring {count} virtual sensors per condition")
     study = coverage_study(
         names, sensors=count, processes=processes, progress=lambda done, total: stages(done, total, "sensors")
     )
@@ -94,27 +92,25 @@ def coverage(sensors: int | None, names: tuple[str, ...], quick: bool, processes
 
 
 def _show(study: CoverageStudy) -> None:
-    from photosite.studies.coverage import FALSE_ALARM
-    from photosite.studies.virtual_sensors import CONDITIONS
+    from photosite.studies.coverage.conditions import CONDITIONS
+    from photosite.studies.coverage.study import FALSE_ALARM
 
     for name in dict.fromkeys([*(row.condition for row in study.rows), *study.refused]):
         click.echo(f"\n{name}: {CONDITIONS[name].summary}")
         refusals = study.refused.get(name, ())
         if refusals:
             count = sum(entry.sensors for entry in refusals)
-            click.echo(
-                f"{count} of {study.sensors} sensors were refused, not measured wrong, and are not in the table:"
-            )
+            click.echo(f"{count} of {study.sensors} calibrations failed with an error and are not in the table:")
             for entry in refusals:
-                click.echo(f"  {entry.sensors}, for one: {entry.example}")
+                click.echo(f"  {entry.sensors}, for example: {entry.example}")
         rows = [row for row in study.rows if row.condition == name]
         if rows:
             heading = ("parameter", "sensors", "covered", "bias", "width", "")
             click.echo(table([heading, *(_line(row) for row in rows)], "<>>>><"))
-    marked = sum(not row.holds for row in study.rows)
+    flagged = sum(not row.passes for row in study.rows)
     click.echo(
-        f"\n{marked} of {len(study.rows)} lines are marked; one of honest intervals is in fewer than 1 study of "
-        f"{1 / FALSE_ALARM:.0f} for its share, and for its mean error likewise. {study.sensors} sensors tell no more."
+        f"\n{flagged} of {len(study.rows)} lines are flagged. Each test flags correct intervals in fewer than 1 of "
+        f"{1 / FALSE_ALARM:.0f} studies of {study.sensors} sensors."
     )
 
 

@@ -1,1 +1,1 @@
-"""Whole experiments, each with its page."""
+"""Whole experiments on virtual cameras, each in a folder with its page, and the virtual laboratory they share."""

@@ -1,23 +1,68 @@
-"""A chart's patches as a camera of known lens sees them: what joins frames, scene and lens for `calibrate_chart`."""
+"""Frames of a chart under known lights, for `photosite.calibrate_chart`, and the protocol file that lists them.
+
+photosite_spectral: 1
+sensor: mine.sensor.yaml               # gain and pixel size; path relative to the protocol
+chart: macbeth                         # fills the frame
+lens: {f_number: 8, focal_length_mm: 50, distance_m: 1.2}
+wavelength_nm: [380, 780, 10]          # first, last, step of the result; this is the default
+light_uncertainty_percent: 1           # relative standard uncertainty of each luminance
+bits: 12                               # if missing in the files; likewise cfa
+lights:
+  - {illuminant: A, mean_luminance_cd_m2: 40, exposure: 1/3, files: a/*.dng}
+  - {spectrum: lamp.csv, mean_luminance_cd_m2: 55, exposure: 1/5, files: lamp/*.dng}
+
+An illuminant is a CIE name or a blackbody temperature (3200K). The CSV file of a spectrum has columns of wavelength
+(nm) and relative spectral energy. The luminance is the mean over the 24 patches.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.spectral.chart import ChartViews
+from photosite.calibration.spectral.protocol import VERSION_KEY, ProtocolEntry, protocol_entries
 from photosite.camera.camera import Camera
-from photosite.errors import InputError, PhotositeWarning
+from photosite.color.spectrum import Spectrum
+from photosite.color.spectrum_file import read_spectrum
+from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
+from photosite.frames.io.protocol import stated_bits, stated_cfa
+from photosite.frames.io.read import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
+from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.protocols import Optics
+from photosite.scene import charts
 from photosite.scene.scene import Scene
+from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
+
+_KEYS = (
+    VERSION_KEY,
+    "name",
+    "sensor",
+    "chart",
+    "lens",
+    "wavelength_nm",
+    "light_uncertainty_percent",
+    "bits",
+    "cfa",
+    "lights",
+)
+_LENS_KEYS = ("f_number", "focal_length_mm", "distance_m")
+_LIGHT_KEYS = ("illuminant", "spectrum", "mean_luminance_cd_m2", "exposure", "files")
+_MOST_WAVELENGTHS = 200
+_LARGEST_F_NUMBER = 128.0
+"""Working f-number at which diffraction, 0.1 mm wide, blurs the patches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +74,11 @@ class ChartShot:
     scene
         The chart, in absolute radiance.
     frames
-        One or more, of one exposure.
+        One frame or more, of one exposure time.
     exposure_s
         Exposure time.
     name
-        What to call the light.
+        Name of the light.
     """
 
     scene: Scene
@@ -50,20 +95,20 @@ def chart_views(
     light_uncertainty_percent: float = 0.0,
     source: str = "memory",
 ) -> ChartViews:
-    """What the patches read, and what they would read for a quantum efficiency of 1 at each wavelength.
+    """Return the patch means, and those expected for a quantum efficiency of 1 at each wavelength.
 
     Parameters
     ----------
     shots
-        One per light, all of the same wavelengths and patches.
+        One per light, all with the same wavelengths and patches.
     sensor
-        For gain, pixel and array.
+        Gain, pixel and array.
     optics
-        The lens; its blur and fall-off are in the light that a patch gets.
+        The lens, with blur and relative illumination.
     light_uncertainty_percent
-        Relative standard uncertainty of each light's level.
+        Relative standard uncertainty of each luminance.
     source
-        What was opened.
+        Name of the data in the result.
 
     Raises
     ------
@@ -71,13 +116,13 @@ def chart_views(
         If there are no shots, or they differ in wavelengths or patches.
     """
     if not shots:
-        raise InputError("a chart needs frames under a light or more")
+        raise InputError("shots", value=shots, expected="frames under one light or more")
     grid, names = shots[0].scene.wavelength_nm, [region.name for region in shots[0].scene.regions]
     units, electrons, errors, usable = [], [], [], []
     hashes = []
     for shot in shots:
         if not np.array_equal(shot.scene.wavelength_nm, grid) or [r.name for r in shot.scene.regions] != names:
-            raise InputError(f"light {shot.name}: has other wavelengths or patches than {shots[0].name}")
+            raise InputError(f"wavelengths or patches differ from those of {shots[0].name}", where=f"light {shot.name}")
         found = patch_statistics(shot.frames, Camera(optics, sensor).image_regions(shot.scene), sensor)
         gain = sensor.system_gain_dn_per_e
         electrons.append(found.mean_dn / gain)
@@ -103,17 +148,17 @@ def chart_views(
 
 
 def unit_electrons(scene: Scene, sensor: Sensor, optics: Optics, exposure_s: float) -> NDArray[np.float64]:
-    """(patches, wavelengths): patch means of a monochrome sensor that responds at one of the scene's wavelengths alone.
+    """Return (patches, wavelengths) patch means of a monochrome sensor that responds at one wavelength of the scene.
 
-    Each column is a capture without noise, blur and fall-off included, by a sensor of the same pixels whose quantum
-    efficiency is 1 at that wavelength and falls to 0 at the neighbouring ones.
+    Each column is a capture without noise, with blur and relative illumination, by a sensor of the same pixels. Its
+    quantum efficiency is 1 at that wavelength and falls to 0 at the neighbouring ones.
 
     Raises
     ------
     InputError
-        If the sensor's optical stack does something to each channel that is not taken off.
+        If the sensor's optical stack has an effect on single channels that cannot be corrected.
     """
-    _check_door(sensor)
+    _check_optical_stack(sensor)
     grid = scene.wavelength_nm
     columns = []
     for number, nm in enumerate(grid):
@@ -125,15 +170,15 @@ def unit_electrons(scene: Scene, sensor: Sensor, optics: Optics, exposure_s: flo
         )
         camera = Camera(optics, single)
         with warnings.catch_warnings():
-            # A hat at the end of the scene's wavelengths is meant to end there.
+            # The response ends at the first or last wavelength of the scene on purpose.
             warnings.simplefilter("ignore", PhotositeWarning)
             mean = camera.mean_electrons(scene, exposure_s)
         columns.append([float(mean[r.r0 : r.r1, r.c0 : r.c1].mean()) for r in camera.image_regions(scene)])
     return np.array(columns).T
 
 
-def _check_door(sensor: Sensor) -> None:
-    """Refuse what a sensor says of its channels' neighbours and angles: what a chart's patches read holds it."""
+def _check_optical_stack(sensor: Sensor) -> None:
+    """Reject crosstalk and angular response of single channels: the patch means include both."""
     stack = sensor.optical_stack
     if stack is None:
         return
@@ -142,6 +187,139 @@ def _check_door(sensor: Sensor) -> None:
     for name, there in (("crosstalk", stack.crosstalk is not None), ("angular_response of each channel", by_channel)):
         if there:
             raise InputError(
-                f"what a chart's patches read holds the sensor's optical_stack.{name}, which is not taken off: leave "
-                "it out of the sensor, and the quantum efficiency is that of the channels with it"
+                f"patch means include the sensor's optical_stack.{name}, which cannot be corrected",
+                hint="Remove it from the sensor; the quantum efficiency then includes its effect",
             )
+
+
+def is_chart_protocol(path: str | PathLike[str]) -> bool:
+    """Return whether a spectral protocol lists lights on a chart instead of wavelength bands.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or is not YAML.
+    """
+    data = read_yaml(Path(path), "a spectral protocol")
+    return isinstance(data, Mapping) and "lights" in data
+
+
+@dataclass(frozen=True)
+class _Chart:
+    """Lens, distance and wavelengths in a protocol."""
+
+    optics: DiffractionLimited
+    distance_m: float
+    wavelength_nm: NDArray[np.float64]
+
+
+def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple[ChartViews, Sensor]:
+    """Read the patch means of a chart from the protocol of its frames.
+
+    Parameters
+    ----------
+    path
+        Protocol file; the docstring of this module shows one.
+    sensor
+        Sensor to use instead of the one in the protocol.
+
+    Returns
+    -------
+    tuple
+        The patch means, and the sensor whose gain converted them to electrons.
+
+    Raises
+    ------
+    FileError
+        If the protocol or a frame cannot be read or has invalid content.
+    """
+    file = Path(path)
+    data = read_yaml(file, "a spectral protocol")
+    if not isinstance(data, Mapping) or data.get(VERSION_KEY) != 1:
+        version = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
+        raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=version, expected="1")
+    check_keys(file, data, _KEYS, "a spectral protocol of a chart")
+    top = ProtocolEntry(file, data, None)
+    if (name := optional_text(file, data, "chart")) not in (None, "macbeth"):
+        raise _error(top, "chart", name, "'macbeth'")
+    used = sensor or _sensor(top)
+    chart = _chart(top)
+    percent = top.percent("light_uncertainty_percent")
+    shots = [_shot(entry, chart, data) for entry in protocol_entries(top, "lights", _LIGHT_KEYS)]
+    try:
+        views = chart_views(shots, used, chart.optics, light_uncertainty_percent=percent, source=str(file))
+    except InputError as error:
+        raise error.in_file(file) from None
+    return views, used
+
+
+def _error(entry: ProtocolEntry, key: str, value: object, expected: str) -> FileError:
+    return FileError(entry.file, key, line_of(entry.data, key) or entry.line, value=value, expected=expected)
+
+
+def _sensor(top: ProtocolEntry) -> Sensor:
+    name = optional_text(top.file, top.data, "sensor")
+    if name is None:
+        raise FileError(
+            top.file,
+            "there is no 'sensor', whose gain and pixel size are needed",
+            top.line,
+            hint="Name one in the protocol, or pass {sensor}",
+            arguments={"sensor": "mine.sensor.yaml"},
+        )
+    return load_sensor(top.file.parent / name)
+
+
+def _chart(top: ProtocolEntry) -> _Chart:
+    lens = top.data.get("lens")
+    if not isinstance(lens, Mapping):
+        raise _error(top, "lens", lens, f"{{{', '.join(_LENS_KEYS)}}}")
+    check_keys(top.file, lens, _LENS_KEYS, "'lens'")
+    entry = ProtocolEntry(top.file, lens, line_of(top.data, "lens"))
+    f_number, focal_mm, distance_m = (entry.positive(key).value for key in _LENS_KEYS)
+    wanted = top.data.get("wavelength_nm", [380, 780, 10])
+    numbers = isinstance(wanted, Sequence) and all(
+        isinstance(n, int | float) and not isinstance(n, bool) and 0 < n < 1e6 for n in wanted
+    )
+    if not numbers or len(wanted) != 3 or not wanted[0] < wanted[1]:
+        raise _error(top, "wavelength_nm", wanted, "[first, last, step] in nm")
+    first, last, step = map(float, wanted)
+    if (last - first) / step > _MOST_WAVELENGTHS:
+        raise _error(top, "wavelength_nm", wanted, f"{_MOST_WAVELENGTHS} steps or fewer")
+    try:
+        optics = DiffractionLimited(f_number=f_number, focal_length_mm=focal_mm)
+        if (working := optics.working_f_number(distance_m)) > _LARGEST_F_NUMBER:
+            raise InputError(
+                f"working f-number at {distance_m:g} m",
+                value=float(f"{working:.3g}"),
+                expected=f"at most {_LARGEST_F_NUMBER:g}",
+            )
+        return _Chart(optics, distance_m, np.arange(first, last + step / 2, step))
+    except InputError as error:
+        raise error.within("lens").in_file(top.file, entry.line) from None
+
+
+def _shot(entry: ProtocolEntry, chart: _Chart, data: Mapping[Any, Any]) -> ChartShot:
+    named, measured = entry.data.get("illuminant"), entry.data.get("spectrum")
+    if (named is None) == (measured is None):
+        raise FileError(entry.file, "a light needs either 'illuminant' or 'spectrum' (a CSV file)", entry.line)
+    light: str | float | Spectrum
+    if measured is not None:
+        light = read_spectrum(entry.file.parent / (optional_text(entry.file, entry.data, "spectrum") or "")).spectrum
+    elif isinstance(named, bool) or not isinstance(named, str | int | float):
+        raise _error(entry, "illuminant", named, "a CIE name or a temperature such as 3200K")
+    else:
+        light = named if isinstance(named, str) else float(named)
+    exposure_s = entry.exposure_s()
+    try:
+        scene = charts.macbeth(
+            light,
+            entry.positive("mean_luminance_cd_m2").value,
+            wavelength_nm=chart.wavelength_nm,
+            distance_m=chart.distance_m,
+        )
+    except InputError as error:
+        raise error.in_file(entry.file, entry.line) from None
+    bits, cfa = stated_bits(entry.file, data), stated_cfa(entry.file, data)
+    frames = tuple(read_raw(path, bits=bits, cfa=cfa) for path in entry.files())
+    return ChartShot(scene, frames, exposure_s, str(named) if named is not None else str(measured))

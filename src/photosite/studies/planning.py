@@ -1,37 +1,56 @@
-"""Before the lab day: what precision a protocol will reach.
-
-How many frames a wanted precision takes is searched in `photosite.studies.plan_search`.
-"""
+"""Planning a measurement: the precision that a protocol reaches, and the fewest frames that reach a precision."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, parameter_label
+from photosite.calibration.parameters import Parameters, parameter_label
 from photosite.calibration.plan import PlannedGroup, predict
 from photosite.errors import InputError
+from photosite.frames.frame_settings import KINDS
 from photosite.sensor.model import Sensor
-from photosite.studies.protocol import ShootingProtocol, Step
-from photosite.studies.virtual_lab import VirtualLab
+from photosite.studies.protocol import ShootingProtocol, Step, series
+from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.cfa import channel_sites
 from photosite.values.estimate import Estimate
 from photosite.values.exposure import parse_exposure
 
+MOST_FRAMES = 4096
+"""Largest number of frames at one setting in a plan."""
+
+LEVELS, TOP = 16, 1.25
+"""Flat fields of a design: at most this many equal steps, up to this multiple of saturation."""
+
+LEAST_FRAMES, LEAST_LINEAR_LEVELS, LEAST_SERIES = 2, 3, 2
+"""Minimum of a calibration: frames at a setting, to separate noise from fixed pattern; flat fields of every channel in
+the linear range; exposures of the dark series besides the shortest, so that each line fit has one point to spare."""
+
+LEAST_IN_WORDS = (
+    f"{LEAST_FRAMES} frames at every setting, {LEAST_LINEAR_LEVELS} light levels in every channel's linear range, "
+    f"{LEAST_SERIES + 1} dark exposures"
+)
+
+_LINEAR_SHARE = 0.7
+"""End of EMVA 1288's photon transfer fit, relative to saturation."""
+
+_DARK_EXPOSURES = 6
+
 
 @dataclass(frozen=True)
 class Want:
-    """A precision that is wanted.
+    """Wanted precision of a parameter.
 
     Parameters
     ----------
     parameter
-        Its name.
+        Name of the parameter.
     standard_uncertainty
-        What its standard uncertainty may be at most; a share of the value where `relative`.
+        Largest acceptable standard uncertainty; relative to the value if `relative`.
     relative
-        Whether it is one.
+        Whether the uncertainty is relative.
     """
 
     parameter: str
@@ -40,12 +59,12 @@ class Want:
 
     @classmethod
     def parse(cls, text: str) -> Want:
-        """From `prnu_percent=2%`, a share of the value, or `read_noise_e=0.05`, in the parameter's unit.
+        """Return the precision in text such as `prnu_percent=2%` (relative) or `read_noise_e=0.05` (in the unit).
 
         Raises
         ------
         InputError
-            If there is no such parameter, or the precision is no number above 0.
+            If the parameter is unknown, or the precision is not a number above 0.
 
         Examples
         --------
@@ -54,7 +73,7 @@ class Want:
         """
         name, sign, number = (part.strip() for part in text.partition("="))
         if not sign:
-            raise InputError(f"a wanted precision is PARAMETER=NUMBER or PARAMETER=NUMBER%, not '{text}'")
+            raise InputError("want", value=text, expected="PARAMETER=NUMBER or PARAMETER=NUMBER%")
         parameter_label(name)
         relative = number.endswith("%")
         try:
@@ -62,46 +81,48 @@ class Want:
         except ValueError:
             size = math.nan
         if not (math.isfinite(size) and size > 0.0):
-            raise InputError(f"the precision wanted of {name} is a number above 0, such as 0.1 or 2%, not '{number}'")
+            raise InputError(
+                name, value=number, expected="a number above 0", hint="Give 0.1 or 2%, for example", where="want"
+            )
         return cls(name, size / 100 if relative else size, relative)
 
     def reached(self, found: Estimate) -> float:
-        """The expected uncertainty over the one wanted: 1 or less where the want is met.
+        """Return the expected over the wanted uncertainty: 1 or less if the precision is reached.
 
         Raises
         ------
         InputError
-            If the parameter cannot be estimated at all.
+            If the parameter cannot be estimated.
         """
         if found.value is None or found.standard_uncertainty is None:
-            raise InputError(f"{self.parameter} cannot be had from such frames: {found.reason}")
+            raise InputError(f"{self.parameter} cannot be estimated from these frames: {found.reason}")
         wanted = self.standard_uncertainty * (abs(found.value) if self.relative else 1.0)
         return found.standard_uncertainty / wanted if wanted > 0.0 else math.inf
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """The precision as text: a percentage or a number."""
         return f"{100 * self.standard_uncertainty:g} %" if self.relative else f"{self.standard_uncertainty:g}"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Frames to take, and what they will tell.
+    """A protocol and the uncertainties to expect from it.
 
     Parameters
     ----------
     sensor
-        The guess.
+        Assumed sensor.
     protocol
-        What to shoot.
+        Frames to take.
     groups
-        The same with the light on the pixels.
+        The same frames with the light on the pixels.
     expected
-        The parameters with their uncertainties.
+        Parameters with their expected uncertainties.
     wants
-        What was asked for; empty where a protocol was given.
+        Wanted precision; empty for a given protocol.
     least
-        Whether this is the least that a calibration needs, so that the wants take no frame more.
+        Whether the plan is the minimum of a calibration, so that the wanted precision needs no further frames.
     """
 
     sensor: Sensor
@@ -112,7 +133,7 @@ class Plan:
     least: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """What `photosite plan --json` prints."""
+        """Return the content that `photosite plan --json` prints."""
         estimates = self.expected.estimates()
         return {
             "sensor": self.sensor.name,
@@ -147,18 +168,18 @@ class Plan:
 
 
 def plan_protocol(lab: VirtualLab) -> Plan:
-    """What precision a laboratory's protocol will reach.
+    """Return the precision that a laboratory's protocol will reach.
 
     Raises
     ------
     InputError
-        If the protocol has no repeated dark frames, or its darks would clip at 0.
+        If the protocol has no repeated dark frames, or its dark frames would clip at 0.
 
     Examples
     --------
     >>> import photosite as ps
     >>> from photosite.studies.protocol import paper_d200_protocol
-    >>> from photosite.studies.virtual_lab import virtual_lab, with_pedestal
+    >>> from photosite.studies.virtual_lab import with_pedestal
     >>> plan = plan_protocol(virtual_lab(with_pedestal(ps.load_sensor("nikon-d200")), paper_d200_protocol()))
     >>> gain = plan.expected.system_gain_dn_per_e
     >>> f"{100 * gain.standard_uncertainty / gain.value:.3f} %"
@@ -169,7 +190,7 @@ def plan_protocol(lab: VirtualLab) -> Plan:
 
 
 def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
-    """A laboratory's protocol with the light on its sensor's pixels; steps of one setting are one group."""
+    """Return the frames of a laboratory with the light on the pixels; steps with the same setting form one group."""
     sensor = lab.camera.sensor
     tile = sensor.array.cfa
     sites = [channel_sites(tile, name)[0] for name in sensor.channel_names]
@@ -189,19 +210,19 @@ def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
 
 
 def setting_text(group: PlannedGroup, capacity_e: float) -> str:
-    """How bright a group is, in words: "dark", or the brightest channel in shares of saturation."""
+    """Return the light of a group in words: "dark", or the signal of the brightest channel relative to saturation."""
     if group.kind == "dark":
         return "dark"
     return f"{100 * max(group.electrons) / capacity_e:.3g} % of saturation"
 
 
 def step_from(text: str) -> Step:
-    """A step from `light:1/50:5`: kind, exposure, frames.
+    """Return a step from text such as `light:1/50:5`: kind, exposure time, frames.
 
     Raises
     ------
     InputError
-        If it is no step.
+        If the text is not of that form.
 
     Examples
     --------
@@ -209,15 +230,195 @@ def step_from(text: str) -> Step:
     >>> step.kind, step.exposure_s, step.count
     ('dark', 0.000125, 50)
     """
-    from photosite.frames.frame_settings import KINDS
-
     parts = [part.strip() for part in text.split(":")]
     kind = next((kind for kind in KINDS if kind == parts[0]), None)
     if len(parts) != 3 or kind is None or not parts[2].isdecimal():
-        raise InputError(f"a step is dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES, such as light:1/50:5, not '{text}'")
+        raise InputError(
+            "step", value=text, expected="dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES, such as light:1/50:5"
+        )
     return Step(kind, parse_exposure(parts[1]), int(parts[2]))
 
 
-def predictable() -> tuple[str, ...]:
-    """The parameters that a plan predicts."""
-    return tuple(name for name in PARAMETER_LABELS if not name.startswith(("dsnu1288", "prnu1288", "linearity")))
+@dataclass(frozen=True)
+class Design:
+    """A protocol with three free numbers: dark frames at one exposure, in a series, and flat fields per level.
+
+    Parameters
+    ----------
+    longest_dark_s, longest_flat_s
+        Longest exposure times of the dark series and of the flat fields.
+    levels, dark_exposures
+        Number of flat field levels, and of exposures in the dark series.
+    """
+
+    longest_dark_s: float = 5.0
+    longest_flat_s: float = 0.05
+    levels: int = LEVELS
+    dark_exposures: int = _DARK_EXPOSURES
+
+    def protocol(self, darks: int, repeats: int, flats: int) -> ShootingProtocol:
+        """Return the protocol with given numbers of frames."""
+        shortest = self.longest_flat_s / self.levels
+        return ShootingProtocol(
+            "planned",
+            (
+                Step("dark", shortest, darks),
+                *series("dark", 2 * shortest, self.longest_dark_s, self.dark_exposures, repeats),
+                *(Step("light", shortest * (k + 1), flats) for k in range(self.levels)),
+            ),
+        )
+
+
+def plan_frames(
+    sensor: Sensor,
+    wants: Mapping[str, Want],
+    *,
+    design: Design | None = None,
+    illuminant: str = "D65",
+    metered: bool = False,
+) -> Plan:
+    """Return the plan with the fewest frames that reaches the wanted precision.
+
+    The search tries designs with few and many light levels and dark exposures. In each it starts with two frames at
+    every setting and doubles the number that gains the most per frame until all wants are met, then reduces each number
+    as far as they remain met.
+
+    Parameters
+    ----------
+    sensor
+        Assumed sensor.
+    wants
+        Wanted precision by parameter.
+    design
+        Longest exposure times, and the largest numbers of light levels and dark exposures.
+    illuminant
+        Light of the flat fields.
+    metered
+        Whether the photons per pixel will be known.
+
+    Raises
+    ------
+    InputError
+        If nothing is wanted, a parameter cannot be estimated, or no number of frames suffices, because the number of
+        pixels limits the precision.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> from photosite.studies.virtual_lab import with_pedestal
+    >>> sensor = with_pedestal(ps.load_sensor("nikon-d200").with_(rows=200, cols=200))
+    >>> plan = plan_frames(sensor, {"read_noise_dn": Want.parse("read_noise_dn=0.2%")})
+    >>> plan.protocol.steps[0].count, plan.protocol.frame_count  # 1 / sqrt(2 (n - 1) 40 000) is 0.2 %
+    (5, 29)
+    """
+    if not wants:
+        raise InputError(
+            "wants", value=wants, expected="one parameter or more", hint="Give prnu_percent=2%, for example"
+        )
+    design = design or Design()
+    share = _weakest_share(sensor, design, illuminant)
+    best: Plan | None = None
+    refused: InputError | None = None
+    for number, tried in enumerate(_designs(design, share)):
+        try:
+            found = _fewest(sensor, wants, tried, TOP / share, illuminant, metered, best)
+        except InputError as error:
+            refused = error
+            continue
+        if number == 0 and found is not None and found.protocol == tried.protocol(*(LEAST_FRAMES,) * 3):
+            return replace(found, least=True)
+        best = found or best
+    if best is None:
+        raise refused or InputError("no protocol was found")
+    return best
+
+
+def _designs(most: Design, share: float) -> list[Design]:
+    """Return designs with few and many light levels and dark exposures, the minimum of a calibration first."""
+    # The brightest channel has steps of TOP / share / levels; this many of them lie in its linear range.
+    least = math.ceil(LEAST_LINEAR_LEVELS * TOP / (share * _LINEAR_SHARE) - 1e-9)
+    few = sorted({min(least, most.levels), (least + most.levels) // 2 if least < most.levels else most.levels})
+    return [
+        replace(most, levels=levels, dark_exposures=exposures)
+        for exposures in sorted({min(LEAST_SERIES, most.dark_exposures), most.dark_exposures})
+        for levels in sorted({*few, most.levels})
+    ]
+
+
+def _fewest(
+    sensor: Sensor,
+    wants: Mapping[str, Want],
+    design: Design,
+    level: float,
+    illuminant: str,
+    metered: bool,
+    best: Plan | None,
+) -> Plan | None:
+    """Return the fewest frames of one design; None if the best plan so far does not need more."""
+
+    def planned(counts: tuple[int, ...]) -> Plan:
+        protocol = design.protocol(*counts)
+        lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, photons_known=metered)
+        return replace(plan_protocol(lab), wants=tuple(wants.values()))
+
+    def worst(plan: Plan) -> float:
+        return max(want.reached(getattr(plan.expected, want.parameter)) for want in wants.values())
+
+    counts = [LEAST_FRAMES] * 3
+    plan = planned(tuple(counts))
+    while worst(plan) > 1.0:
+        options = []
+        for k in range(3):
+            if 2 * counts[k] <= MOST_FRAMES:
+                more = [2 * n if i == k else n for i, n in enumerate(counts)]
+                better = planned(tuple(more))
+                cost = better.protocol.frame_count - plan.protocol.frame_count
+                options.append((_progress(plan, better, wants) / cost, more, better))
+        if not options or max(option[0] for option in options) <= 1e-9:
+            raise _unreachable(planned((MOST_FRAMES,) * 3), wants)
+        _, counts, plan = max(options, key=lambda option: option[0])
+        # The final reduction at most halves the numbers.
+        if best is not None and plan.protocol.frame_count > 2 * best.protocol.frame_count:
+            return None
+    for k in (2, 1, 0):
+        low, high = (counts[k] // 2 if counts[k] > 2 else 1), counts[k]
+        while high - low > 1:
+            middle = (low + high) // 2
+            tried = planned(tuple(middle if i == k else n for i, n in enumerate(counts)))
+            low, high = (low, middle) if worst(tried) <= 1.0 else (middle, high)
+        counts[k] = high
+    found = planned(tuple(counts))
+    return found if best is None or found.protocol.frame_count < best.protocol.frame_count else None
+
+
+def _weakest_share(sensor: Sensor, design: Design, illuminant: str) -> float:
+    """Return the signal of the least over the most sensitive channel: all channels are to reach saturation."""
+    lab = virtual_lab(sensor, design.protocol(2, 2, 1), illuminant=illuminant)
+    brightest = planned_groups(lab)[-1].electrons
+    least = min(brightest)
+    return least / max(brightest) if least > 0.05 * max(brightest) else 1.0
+
+
+def _progress(before: Plan, after: Plan, wants: Mapping[str, Want]) -> float:
+    """Return the logarithmic improvement of the wants that are not met."""
+    result = 0.0
+    for want in wants.values():
+        then, now = (want.reached(getattr(plan.expected, want.parameter)) for plan in (before, after))
+        if then > 1.0:
+            result += math.log(then / max(now, 1.0))
+    return result
+
+
+def _unreachable(best: Plan, wants: Mapping[str, Want]) -> InputError:
+    for want in wants.values():
+        found = getattr(best.expected, want.parameter)
+        if want.reached(found) > 1.0:
+            share = f" ({100 * found.standard_uncertainty / abs(found.value):.2g} %)" if found.value else ""
+            array = best.sensor.array
+            return InputError(
+                f"{want.parameter} to {want.text} cannot be reached: with {MOST_FRAMES} frames at every setting its "
+                f"standard uncertainty is {found.standard_uncertainty:.3g}{share}, limited by the number of pixels "
+                f"({array.rows} x {array.cols})",
+                hint="Want less precision, or plan for a larger chip",
+            )
+    raise AssertionError("some want is not met")

@@ -1,4 +1,4 @@
-"""Measurement protocols as data: which frames a calibration asks for, whoever takes them."""
+"""Shooting protocols: which frames a measurement takes, at which exposure times."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from photosite.values.exposure import check_exposure
 
 @dataclass(frozen=True)
 class Step:
-    """Some frames under one setting.
+    """Frames of one kind at one exposure time.
 
     Parameters
     ----------
     kind
         "dark" or "light".
     exposure_s
-        Exposure time.
+        Exposure time, above 0.
     count
-        How many frames.
+        Number of frames, 1 or more.
 
     Raises
     ------
     InputError
-        If the kind is unknown, or the exposure or the count is not above 0.
+        If a field is invalid.
     """
 
     kind: Kind
@@ -37,21 +37,21 @@ class Step:
     def __post_init__(self) -> None:
         check_exposure(self.exposure_s)
         if self.kind not in KINDS:
-            raise InputError(f"a frame is 'dark' or 'light', not {self.kind!r}")
+            raise InputError("kind", value=self.kind, expected="'dark' or 'light'")
         if self.count < 1:
-            raise InputError(f"a step of a protocol has 1 frame or more, not {self.count}")
+            raise InputError("count", value=self.count, expected="1 or more")
 
 
 @dataclass(frozen=True)
 class ShootingProtocol:
-    """What to shoot, in this order.
+    """The frames of a measurement, in the order in which they are taken.
 
     Parameters
     ----------
     name
-        What the measurement is called.
+        Title of the measurement.
     steps
-        Its steps, one or more.
+        Steps, one or more.
 
     Raises
     ------
@@ -64,26 +64,26 @@ class ShootingProtocol:
 
     def __post_init__(self) -> None:
         if not self.steps:
-            raise InputError("a protocol has one step or more, and this one has none")
+            raise InputError("steps", value=self.steps, expected="one step or more")
 
     @property
     def frame_count(self) -> int:
-        """Frames of all steps together."""
+        """Number of frames of all steps."""
         return sum(step.count for step in self.steps)
 
     @property
     def longest_light_s(self) -> float | None:
-        """The longest exposure to light, or None where there is none."""
+        """Longest exposure time of a light frame; None without light frames."""
         return max((step.exposure_s for step in self.steps if step.kind == "light"), default=None)
 
 
 def series(kind: Kind, shortest_s: float, longest_s: float, exposures: int, count: int) -> tuple[Step, ...]:
-    """Exposures in equal ratios from the shortest to the longest, both included, `count` frames at each.
+    """Return steps at exposure times in equal ratios, both ends included, with `count` frames each.
 
     Raises
     ------
     InputError
-        If an exposure or a count cannot be, or there are fewer than two exposures.
+        If an exposure time or count is invalid, or there are fewer than two exposures.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def series(kind: Kind, shortest_s: float, longest_s: float, exposures: int, coun
     [0.01, 0.02, 0.04]
     """
     if exposures < 2:
-        raise InputError(f"a series has 2 exposures or more, not {exposures}")
+        raise InputError("exposures", value=exposures, expected="2 or more")
     check_exposure(shortest_s)
     check_exposure(longest_s)
     times = np.geomspace(shortest_s, longest_s, exposures)
@@ -99,15 +99,15 @@ def series(kind: Kind, shortest_s: float, longest_s: float, exposures: int, coun
 
 
 def paper_d200_protocol() -> ShootingProtocol:
-    """The protocol of the 2008 paper's Nikon D200.
+    """Return the protocol that the 2008 paper used for the Nikon D200.
 
-    190 dark frames from 1/8000 to 30 s (19 exposures of 10), 150 dark frames at 1/8000 s, and 65 frames of a uniform
-    field from 1/8000 to 1/25 s (13 exposures of 5).
+    190 dark frames from 1/8000 to 30 s (19 exposures of 10), 150 dark frames at 1/8000 s, and 65 flat fields from
+    1/8000 to 1/25 s (13 exposures of 5).
 
     Notes
     -----
     Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008), section 2. The paper gives the counts and the ends of each
-    range; that the exposures between them lie in equal ratios is an assumption.
+    range. Equal ratios between the ends are an assumption.
 
     Examples
     --------
@@ -126,15 +126,15 @@ def paper_d200_protocol() -> ShootingProtocol:
 
 
 def paper_vendor_protocol() -> ShootingProtocol:
-    """The protocol of the 2008 paper's vendor sensor.
+    """Return the protocol that the 2008 paper used for the vendor sensor.
 
-    8 dark frames at 10 ms, 10 dark frames and 10 frames of a uniform field from 1 to 300 ms (5 exposures of 2 each).
+    8 dark frames at 10 ms, and 10 dark frames and 10 flat fields from 1 to 300 ms (5 exposures of 2 each).
 
     Notes
     -----
     Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008), section 2. The paper gives the counts and the ends of each
-    range. That the exposures lie in equal ratios, and that each has two frames, is an assumption: ten single frames
-    would tell no temporal noise of the flats, hence no gain, and no PRNU that is parted from that noise.
+    range. Equal ratios and two frames per exposure are assumptions: ten single frames would not show the temporal
+    noise of the flat fields, which system gain and PRNU need.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a perfect calibration of a virtual sensor would say: each parameter from the sensor's own description."""
+"""True parameters of a virtual sensor, computed from its description."""
 
 from __future__ import annotations
 
@@ -19,37 +19,36 @@ if TYPE_CHECKING:
     from photosite.studies.virtual_lab import VirtualLab
 
 QUANTISATION_DN2 = 1 / 12
-"""Variance of rounding to whole numbers; EMVA 1288 counts it in the sensitivity threshold."""
+"""Variance of rounding, which EMVA 1288 includes in the sensitivity threshold."""
 
 
 def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics | None = None) -> dict[str, float]:
-    """The parameters that `calibrate` estimates, computed from the sensor's description.
+    """Return the true values of the parameters that `calibrate` estimates.
 
-    Spreads are those of the population that the chip is drawn from, not of its finite number of pixels.
+    Standard deviations are those of the population that the chip is drawn from, not of its finite number of pixels.
 
     Parameters
     ----------
     sensor
         The true sensor.
     light, optics
-        The uniform field of the light frames and the lens before the sensor. Without them there is no quantum
-        efficiency, which depends on the light's spectrum, and none of what is counted in photons.
+        Uniform field of the light frames, and the lens. Without them the result has no quantum efficiency and no
+        parameter in photons, because these depend on the light's spectrum.
 
     Returns
     -------
     dict
-        By the parameter's name. Units are in the names.
+        Value by parameter name, in the unit of the name.
 
     Notes
     -----
-    With K the system gain in DN/e- and g the conversion gain in uV/e-: x mV are 1000 x / g electrons, and these times
-    K are digital numbers. The saturation capacity is the well's or the converter's range above black, whichever is
-    less: min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of it in dB; the sensitivity
-    threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range is the ratio of the two,
-    20 log10. Saturation in DN is what full wells read on average (`full_well_reading_dn`). DSNU1288 and PRNU1288 are
-    DSNU and PRNU, because the virtual chip's pattern is white. The quantum efficiency is electrons over photons on the
-    pixel's whole area, all of the light's wavelengths together, mean over the pixels of the tile; the saturation
-    capacity in photons is that of the most sensitive channel.
+    With K the system gain in DN/e- and g the conversion gain in uV/e-: x mV are 1000 x / g electrons, or K times that
+    in DN. The saturation capacity is min(well, (2^bits - 1 - black) / K). EMVA 1288 R4.0, 2.6: SNR max is 10 log10 of
+    it in dB; the sensitivity threshold in electrons is sqrt(read noise^2 + 1 / (12 K^2) + 1/4) + 1/2; the dynamic range
+    is 20 log10 of the ratio of the two. Saturation in DN is the mean reading of full wells (`full_well_reading_dn`).
+    DSNU1288 and PRNU1288 equal DSNU and PRNU, because the virtual chip's pattern is white. The quantum efficiency is
+    electrons over photons on the whole pixel area at all wavelengths of the light, mean over the pixels of the tile.
+    The saturation capacity in photons is that of the most sensitive channel.
 
     Examples
     --------
@@ -100,10 +99,10 @@ def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics |
 
 
 def full_well_reading_dn(sensor: Sensor) -> float:
-    """Mean digital number over the pixels when all wells are full: noise and DSNU, rounded and clipped.
+    """Return the mean DN over the pixels when all wells are full: noise and DSNU included, rounded and clipped.
 
-    The mean of a whole number n from 0 to N is the sum over k < N of P(n > k); before rounding the reading is normal
-    round black + K well.
+    The mean of an integer n from 0 to N is the sum over k < N of P(n > k). Before rounding, the reading is normal with
+    mean black + K well.
 
     Examples
     --------
@@ -121,14 +120,14 @@ def full_well_reading_dn(sensor: Sensor) -> float:
 
 
 def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[float]:
-    """Electrons per photon on the pixel's whole area, of each channel, under a uniform field; crosstalk included.
+    """Return electrons per photon on the whole pixel area, by channel, under a uniform field; crosstalk included.
 
     Parameters
     ----------
     sensor
-        The sensor; its fill factor counts.
+        The sensor; its fill factor is included.
     light
-        A uniform field.
+        Uniform field.
     optics
         The lens; its transmittance may change the light's spectrum.
     """
@@ -141,11 +140,12 @@ def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[f
 
 
 def variance_peak_e(sensor: Sensor) -> float:
-    """Mean electrons from light at which a flat's temporal variance, mean over pixels, is largest: EMVA's saturation.
+    """Return the mean electrons from light at which the temporal variance of a flat field is largest (EMVA's
+    saturation).
 
-    Before the well or the converter clips, the variance rises with the light; the pixels do not clip all at once,
-    because PRNU, DSNU and dark-free offsets spread them, so that the largest mean variance lies a few per cent below.
-    Each pixel's noise is taken as normal, and its clipped variance is in closed form.
+    The variance rises with the light until pixels clip. PRNU and DSNU make the pixels clip at different light levels,
+    so that the largest mean variance lies a few percent below saturation. Each pixel's noise is taken as normal; its
+    clipped variance has a closed form.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def variance_peak_e(sensor: Sensor) -> float:
     read_e, dsnu_e = sensor.electrons(noise.read_noise_mv.value), sensor.electrons(noise.dsnu_mv.value)
     limit_e = sensor.saturation_capacity_e
     by_well = sensor.pixel.well_capacity_e.value <= limit_e
-    # The well clips electrons before read noise and offset are added, the converter all of them together.
+    # The well clips electrons before read noise and offset are added; the converter clips their sum.
     inside, outside = (0.0, read_e**2) if by_well else (read_e**2, 0.0)
     nodes, weights = np.polynomial.hermite_e.hermegauss(21)
 
@@ -180,10 +180,10 @@ def variance_peak_e(sensor: Sensor) -> float:
 
 
 def measured_truth(lab: VirtualLab, calibration: Calibration) -> dict[str, float]:
-    """`true_parameters` of a laboratory's sensor and light, by the definitions that a calibration of it used.
+    """Return `true_parameters` of a laboratory, with the definitions that a calibration of it used.
 
-    Saturation is that at the largest temporal variance where the calibration could take that, else where all is
-    clipped; the virtual chip's pattern has no rows and columns of its own.
+    Saturation is at the largest temporal variance where the calibration found one, otherwise where all pixels clip. The
+    virtual chip's pattern has no row or column component.
     """
     sensor = lab.camera.sensor
     truth = true_parameters(sensor, lab.light, lab.camera.optics)

@@ -1,4 +1,4 @@
-"""A measurement protocol shot with a virtual sensor: frames made when they are asked for, or written to a folder."""
+"""A virtual laboratory: the frames of a shooting protocol, simulated on demand or written to a folder."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.studies.protocol import ShootingProtocol, Step
 from photosite.values.measured import Measured
 
-Progress = Callable[[int, int], None]
-"""Called with (frames done, frames to do) after each frame."""
+FrameProgress = Callable[[int, int], None]
+"""Called with (frames done, frames in total) after each frame."""
 
 DEFAULT_LEVEL = 1.3
-"""Brightest channel at the longest exposure, in saturations: enough to see it saturate, and how it does."""
+"""Signal of the brightest channel at the longest exposure, relative to saturation."""
 
 CLIP_SIGMA, PEDESTAL_SIGMA = 5.0, 8.0
-"""In standard deviations of the dark: a black level below the first lets darks clip at 0; a pedestal has the second."""
+"""In standard deviations of a dark frame: below the first they clip at 0; the second is the raised black level."""
 
 NOMINAL_NAME, TRUTH_NAME, PROTOCOL_NAME = "nominal.sensor.yaml", "truth.sensor.yaml", "protocol.yaml"
 
 _WRITERS = 2
 _PENDING = 8
-"""Frames that may wait for the disk: memory stays at some frames whatever its speed."""
+"""Largest number of frames that wait to be written, which bounds the memory."""
 
 
 def dark_noise_dn(sensor: Sensor) -> float:
-    """Standard deviation of one dark frame over its pixels, DN: read noise, DSNU and rounding together.
+    """Return the standard deviation over the pixels of a dark frame in DN: read noise, DSNU and rounding.
 
     Examples
     --------
@@ -62,16 +62,16 @@ def dark_noise_dn(sensor: Sensor) -> float:
 
 
 def with_pedestal(sensor: Sensor) -> Sensor:
-    """The sensor with a black level that keeps its dark frames from clipping at 0; itself where its own does.
+    """Return the sensor with a black level that keeps its dark frames from clipping at 0.
 
-    Of clipped darks a calibration sees half (`calibration/clipped_blacks`). Where the black level is
-    less than 5 standard
-    deviations of the dark, it becomes the next power of two at or above 8 of them; rounding alone makes that 4 DN.
+    A sensor whose black level is at least 5 standard deviations of a dark frame is returned unchanged. Otherwise the
+    black level becomes the next power of two at or above 8 of them. Calibrating clipped dark frames is possible, but
+    less accurate (`photosite.calibration.clipped_blacks`).
 
     Raises
     ------
     InputError
-        If the converter is too small for that.
+        If the new black level exceeds the range of the converter.
 
     Examples
     --------
@@ -83,15 +83,15 @@ def with_pedestal(sensor: Sensor) -> Sensor:
     if sensor.readout.black_level_dn.value >= CLIP_SIGMA * sigma:
         return sensor
     pedestal = float(2 ** math.ceil(math.log2(PEDESTAL_SIGMA * sigma)))
-    source = f"pedestal, so that darks of {sigma:.3g} DN noise do not clip at 0"
+    source = f"raised so that dark frames with {sigma:.3g} DN of noise do not clip at 0"
     return sensor.with_(black_level_dn=Measured(pedestal, source=source, assumed=True))
 
 
 def nominal_sensor(sensor: Sensor) -> Sensor:
-    """What a laboratory knows before it measures: geometry, converter, voltage swing and spectral response.
+    """Return the sensor as it is known before the measurement: geometry, converter, voltage swing, spectral response.
 
-    What the frames are to tell is taken out: noise and black level become 0, conversion gain and well capacity 1 in
-    their units, each marked as assumed and to be measured; maps of the chip are left out.
+    Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
+    the chip are removed.
     """
     todo = "placeholder: to be measured"
     unknown = Measured(0.0, source=todo, assumed=True)
@@ -107,23 +107,23 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
 
 @dataclass(frozen=True)
 class VirtualLab:
-    """A virtual sensor, its light, and what to shoot.
+    """A virtual camera, its light source, and a shooting protocol.
 
-    Light falls straight on every pixel, as from EMVA 1288's source, a disc as far away as eight times its diameter: the
-    sensor's angular response changes nothing. Its filters and crosstalk do what they do behind a lens.
+    Light falls perpendicularly on every pixel, as from the source that EMVA 1288 prescribes, so that the sensor's
+    angular response has no effect. Filters and crosstalk act as behind a lens.
 
     Parameters
     ----------
     camera
-        The camera; for darks its lens is covered.
+        The camera. For dark frames the lens is covered.
     protocol
-        What to shoot.
+        Frames to take.
     light
-        The uniform field of the light frames.
+        Uniform field of the light frames.
     seed
-        Key of the temporal noise. Each frame has its own number, its place in the protocol.
+        Key of the temporal noise. The frame number is the frame's position in the protocol.
     photons_known
-        Whether the light is metered: the protocol then states the photons per pixel.
+        Whether the protocol states the photons per pixel, as with a metered light source.
 
     Examples
     --------
@@ -142,10 +142,7 @@ class VirtualLab:
     photons_known: bool = False
 
     def photons_per_pixel(self, step: Step) -> float | None:
-        """Mean photons that fall on a pixel's area in an exposure; None where the light is not metered.
-
-        All wavelengths of the light's spectrum count, each photon once.
-        """
+        """Return the mean number of photons of all wavelengths on a pixel's area; None if the light is not metered."""
         if not self.photons_known:
             return None
         if step.kind == "dark":
@@ -156,7 +153,7 @@ class VirtualLab:
         return rate * float(self.light.weights[0, 0, 0]) * self.camera.sensor.pixel_area_m2 * step.exposure_s
 
     def frames(self) -> Iterator[tuple[int, Step, RawFrame]]:
-        """Every frame in the protocol's order, with its step's number and its step."""
+        """Yield every frame in the protocol's order: number of the step, step, frame."""
         for number, step, first in self._numbered():
             mean = self._mean_electrons(step)
             for repeat in range(step.count):
@@ -166,7 +163,7 @@ class VirtualLab:
         return FrameSettings(step.kind, step.exposure_s, self.photons_per_pixel(step))
 
     def frame_set(self) -> FrameSet:
-        """The frames as a calibration reads them, made anew each time one is read: nothing is kept."""
+        """Return the frames as `calibrate` takes them; each frame is simulated when it is read."""
         listed = [
             (
                 FrameSource(f"virtual frame {first + repeat}", partial(self._dn, step, first + repeat)),
@@ -187,16 +184,16 @@ class VirtualLab:
             black_level_dn=sensor.readout.black_level_dn.value,
         )
 
-    def write(self, folder: str | PathLike[str], progress: Progress | None = None) -> None:
-        """Shoot to a folder, whole or not at all: frames, protocol.yaml, nominal.sensor.yaml, truth.sensor.yaml.
+    def write(self, folder: str | PathLike[str], progress: FrameProgress | None = None) -> None:
+        """Write frames, protocol.yaml, nominal.sensor.yaml and truth.sensor.yaml to a new folder.
 
-        The protocol names the nominal sensor, which holds none of what is to be measured. The truth is there for
-        comparison, and nothing reads it.
+        The protocol refers to the nominal sensor, which has placeholders for the values to be measured. The true sensor
+        is written for comparison; no command reads it. The folder appears complete or not at all.
 
         Raises
         ------
         FileError
-            If the folder holds something already or cannot be written.
+            If the folder is not empty or cannot be written.
         """
         with atomic_folder(folder) as place:
             for kind in dict.fromkeys(step.kind for step in self.protocol.steps):
@@ -210,8 +207,8 @@ class VirtualLab:
             )
             write_protocol(Protocol(entries, self.protocol.name, sensor=NOMINAL_NAME), place / PROTOCOL_NAME)
 
-    def _write_frames(self, place: Path, progress: Progress | None) -> None:
-        """Frames are made here, on all cores, and written by other threads meanwhile."""
+    def _write_frames(self, place: Path, progress: FrameProgress | None) -> None:
+        """Simulate frames in this thread, and write them in others."""
         pending: list[Future[None]] = []
         with ThreadPoolExecutor(_WRITERS) as writers:
             try:
@@ -229,7 +226,7 @@ class VirtualLab:
                 raise
 
     def _numbered(self) -> Iterator[tuple[int, Step, int]]:
-        """Steps with their number, from 1, and the number of their first frame, from 0."""
+        """Yield the number of each step, from 1, the step, and the number of its first frame, from 0."""
         first = 0
         for number, step in enumerate(self.protocol.steps, start=1):
             yield number, step, first
@@ -239,11 +236,11 @@ class VirtualLab:
         if step.kind == "dark":
             array = self.camera.sensor.array
             return np.zeros((array.rows, array.cols), np.float32)
-        return self._upright.mean_electrons(self.light, step.exposure_s)
+        return self._perpendicular.mean_electrons(self.light, step.exposure_s)
 
     @cached_property
-    def _upright(self) -> Camera:
-        """The camera as it sees light that falls straight on every pixel."""
+    def _perpendicular(self) -> Camera:
+        """The camera without angular response, for perpendicular light."""
         sensor = self.camera.sensor
         if sensor.optical_stack is None or sensor.optical_stack.angular_response is None:
             return self.camera
@@ -251,11 +248,11 @@ class VirtualLab:
 
     def _expose(self, step: Step, mean: NDArray[np.float32], frame: int) -> RawFrame:
         raw = self.camera.expose(mean, step.exposure_s, seed=self.seed, frame=frame)
-        said: dict[str, Any] = {**raw.metadata, "kind": step.kind}
+        metadata: dict[str, Any] = {**raw.metadata, "kind": step.kind}
         photons = self.photons_per_pixel(step)
         if photons is not None:
-            said["photons_per_pixel"] = photons
-        return replace(raw, metadata=MappingProxyType(said))
+            metadata["photons_per_pixel"] = photons
+        return replace(raw, metadata=MappingProxyType(metadata))
 
     def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
         return self._expose(step, self._mean_electrons(step), frame).dn
@@ -270,18 +267,18 @@ def virtual_lab(
     seed: int = 0,
     photons_known: bool = False,
 ) -> VirtualLab:
-    """A laboratory whose light suits the protocol.
+    """Return a laboratory with the light level set for a protocol.
 
     Parameters
     ----------
     sensor
-        The virtual sensor, as it is; see `with_pedestal`.
+        The virtual sensor; see `with_pedestal`.
     protocol
-        What to shoot.
+        Frames to take.
     illuminant
         Light of the uniform field, as for `photosite.color.illuminants.illuminant`.
     level
-        Mean electrons of the brightest channel at the longest exposure, in saturation capacities.
+        Mean electrons of the brightest channel at the longest exposure, relative to the saturation capacity.
     seed, photons_known
         As in `VirtualLab`.
 
@@ -291,7 +288,7 @@ def virtual_lab(
         If the level is not above 0, the illuminant is unknown, or the sensor does not respond to it.
     """
     if not (math.isfinite(level) and level > 0):
-        raise InputError(f"the light's level must be above 0 saturations, not {level}")
+        raise InputError("level", value=level, expected="above 0")
     camera = Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     field = charts.uniform(illuminant, 1.0)
     longest_s = protocol.longest_light_s
@@ -301,6 +298,11 @@ def virtual_lab(
     small = replace(camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0])))
     brightest = float(small.mean_electrons(field, longest_s).max())
     if not brightest > 0:
-        raise InputError(f"sensor '{sensor.name}' does not respond to illuminant {illuminant}; choose another")
+        raise InputError(
+            "illuminant",
+            value=illuminant,
+            expected="a light that the sensor responds to",
+            where=f"sensor '{sensor.name}'",
+        )
     light = field.scaled(level * sensor.saturation_capacity_e / brightest)
     return VirtualLab(camera, protocol, light, seed, photons_known)

@@ -1,3 +1,5 @@
+"""The page of a closed loop."""
+
 from __future__ import annotations
 
 import io
@@ -26,11 +28,11 @@ def test_page_needs_no_other_file(page) -> None:
     assert not {tag for tag, _ in page.elements} & {"script", "link", "iframe"}
 
 
-def test_page_says_that_the_camera_is_virtual(page) -> None:
-    assert "Every image on this page was made by a virtual camera." in page.text
+def test_page_states_that_the_camera_is_virtual(page) -> None:
+    assert "All images on this page come from a virtual camera." in page.text
 
 
-def test_every_parameter_stands_beside_its_truth(loop, page) -> None:
+def test_every_parameter_is_listed_with_its_truth(loop, page) -> None:
     rows = {(row[0], row[1]): row for row in page.rows}
     for parameter in loop.parameters:
         row = rows[parameter.label, parameter.unit]
@@ -41,7 +43,7 @@ def test_every_parameter_stands_beside_its_truth(loop, page) -> None:
     assert any(parameter.estimated is None for parameter in loop.parameters), "photons are not known in this loop"
 
 
-def test_share_inside_the_band_is_counted(loop, read_page, tmp_path: Path) -> None:
+def test_estimates_inside_the_band_are_counted(loop, read_page, tmp_path: Path) -> None:
     far = tuple(
         replace(p, estimated=p.true + 5 * p.standard_uncertainty) if p.name == "read_noise_mv" else p
         for p in loop.parameters
@@ -54,7 +56,7 @@ def test_share_inside_the_band_is_counted(loop, read_page, tmp_path: Path) -> No
     assert f"here {inside} of {len(drawn)}." in text
 
 
-def test_pictures_are_there_and_no_wider_than_a_page(page) -> None:
+def test_pictures_fit_the_page(page) -> None:
     pictures = [np.asarray(Image.open(io.BytesIO(content))) for content in page.images("image/jpeg")]
     assert len(pictures) == 5, "two charts, two details, their difference"
     assert all(picture.shape[1] <= WIDEST for picture in pictures)

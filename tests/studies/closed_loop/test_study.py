@@ -1,4 +1,4 @@
-"""The loop closed: virtual sensors with known parameters, measured by calibrations that do not know them."""
+"""The closed loop: virtual sensors with known parameters, and calibrations of their frames."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from photosite.studies.virtual_lab import virtual_lab, with_pedestal
 
 SENSORS = 20
 
-NOT_FROM_COUNTED_PHOTONS = {
+NEED_PHOTONS = {
     "quantum_efficiency_percent",
     "sensitivity_threshold_photons",
     "saturation_capacity_photons",
 }
-"""Parameters that the paper's protocol, whose light is not metered, does not give."""
+"""Parameters that need metered light, which the paper's protocol does not have."""
 
 
 def _some_sensor(number: int) -> Sensor:
-    """A sensor unlike the others: every parameter that is estimated is drawn, log-uniform, round the D200's."""
+    """Return a sensor whose parameters are drawn log-uniformly around those of the D200."""
     rng = np.random.default_rng(number)
 
     def between(low: float, high: float) -> float:
         return float(low * (high / low) ** rng.random())
 
     sensor = ps.load_sensor("nikon-d200").with_(
-        rows=110,
-        cols=160,
+        rows=72,
+        cols=104,
         serial=f"closed loop {number}",
         read_noise_mv=between(0.2, 2),
         dsnu_mv=between(0.2, 2),
@@ -49,7 +49,7 @@ def _some_sensor(number: int) -> Sensor:
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, list[ParameterRow]]:
-    """Truth and estimate of every parameter, sensor by sensor."""
+    """True and estimated value of every parameter, for each sensor."""
     found: dict[str, list[ParameterRow]] = defaultdict(list)
     for number in range(SENSORS):
         lab = virtual_lab(_some_sensor(number), paper_d200_protocol(), seed=number)
@@ -58,11 +58,11 @@ def rows() -> dict[str, list[ParameterRow]]:
     return found
 
 
-@pytest.mark.parametrize("name", [name for name in HEADLINE if name not in NOT_FROM_COUNTED_PHOTONS])
+@pytest.mark.parametrize("name", [name for name in HEADLINE if name not in NEED_PHOTONS])
 def test_estimates_are_centred_and_intervals_cover(rows: dict[str, list[ParameterRow]], name: str) -> None:
-    """Mean deviation within 3.3 standard errors of 0, spread as promised, 17 of 20 intervals cover.
+    """Mean deviation within 3.3 standard errors of 0, expected spread, 17 of 20 intervals cover.
 
-    For honest intervals, false alarms per parameter: mean 0.1 %, spread (chi-square of 19 degrees of freedom, 0.1 %
+    For correct intervals, false alarms per parameter: mean 0.1 %, spread (chi-square of 19 degrees of freedom, 0.1 %
     and 99.9 %) 0.2 %, coverage 1.6 %; the seeds are fixed. A bias of one standard uncertainty moves the mean by 4.5
     standard errors; uncertainties half as large as they should be double the spread to chi-square 76.
     """
@@ -77,8 +77,8 @@ def test_estimates_are_centred_and_intervals_cover(rows: dict[str, list[Paramete
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 0.85 * SENSORS
 
 
-@pytest.mark.parametrize("name", sorted(NOT_FROM_COUNTED_PHOTONS))
-def test_what_was_not_measured_is_said(rows: dict[str, list[ParameterRow]], name: str) -> None:
+@pytest.mark.parametrize("name", sorted(NEED_PHOTONS))
+def test_a_missing_estimate_has_a_reason(rows: dict[str, list[ParameterRow]], name: str) -> None:
     assert {(row.estimated, row.standard_uncertainty) for row in rows[name]} == {(None, None)}
     assert all(row.reason for row in rows[name])
     assert all(row.true > 0 for row in rows[name])
@@ -102,21 +102,21 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> ClosedLoop:
     return closed_loop(sensor, seed=3, folder=tmp_path_factory.mktemp("loop") / "stack")
 
 
-def test_disk_or_memory_is_the_same(loop: ClosedLoop) -> None:
+def test_frames_on_disk_and_in_memory_give_the_same_result(loop: ClosedLoop) -> None:
     memory = closed_loop(loop.true_sensor, seed=3)
     assert memory.parameters == loop.parameters
     assert memory.calibration.frames_sha256 == loop.calibration.frames_sha256
     np.testing.assert_array_equal(memory.calibrated_raw.dn, loop.calibrated_raw.dn)
 
 
-def test_the_calibrated_sensor_takes_the_same_picture(loop: ClosedLoop) -> None:
+def test_the_calibrated_sensor_agrees_with_the_true_one(loop: ClosedLoop) -> None:
     assert loop.validation.agrees
     assert loop.frames_shot == 405
     assert list(loop.seconds) == ["shoot", "calibrate", "simulate", "compare"]
 
 
-def _deviates(raw: RawFrame) -> NDArray[np.float64]:
-    """Green pixels of every patch, less the patch's mean, over its spread: the noise, all patches alike."""
+def _noise(raw: RawFrame) -> NDArray[np.float64]:
+    """Return the normalised noise of the green pixels of all patches."""
     patches = [
         raw.dn[r.r0 + r.r0 % 2 : r.r1 : 2, r.c0 + 1 - r.c0 % 2 : r.c1 : 2].astype(float).ravel()
         for r in ps.charts.macbeth_regions(*raw.shape)
@@ -124,15 +124,15 @@ def _deviates(raw: RawFrame) -> NDArray[np.float64]:
     return np.concatenate([(patch - patch.mean()) / patch.std() for patch in patches])
 
 
-def test_the_two_pictures_share_no_noise(loop: ClosedLoop) -> None:
+def test_the_two_captures_share_no_noise(loop: ClosedLoop) -> None:
     """Neither temporal noise nor fixed pattern: the correlation is 0 within 5 standard errors, 0.1."""
-    a, b = _deviates(loop.true_raw), _deviates(loop.calibrated_raw)
+    a, b = _noise(loop.true_raw), _noise(loop.calibrated_raw)
     assert a.size > 2000
     assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(a.size)
 
 
-def test_a_wrong_sensor_does_not_take_the_same_picture(loop: ClosedLoop) -> None:
-    """The comparison has power: 3 % of sensitivity is seen."""
+def test_a_wrong_sensor_does_not_agree(loop: ClosedLoop) -> None:
+    """The comparison has power: it detects 3 % of sensitivity."""
     sensor = loop.calibration.sensor
     wrong = sensor.with_(conversion_gain_uv_per_e=1.03 * sensor.pixel.conversion_gain_uv_per_e.value)
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), wrong)
@@ -140,8 +140,8 @@ def test_a_wrong_sensor_does_not_take_the_same_picture(loop: ClosedLoop) -> None
     assert not ps.validate(loop.true_raw, raw, chart="macbeth", tolerance_percent=1).agrees
 
 
-def test_clipped_darks_are_calibrated_and_it_is_said() -> None:
-    """A D200 as it is, without a pedestal: read noise and DSNU within 4.5 standard uncertainties (10^-5 each)."""
+def test_clipped_dark_frames_are_calibrated_with_a_warning() -> None:
+    """A D200 with its own black level: read noise and DSNU within 4.5 standard uncertainties (10^-5 each)."""
     loop = closed_loop(ps.load_sensor("nikon-d200").with_(rows=66, cols=98))
     assert any("clip" in warning for warning in loop.calibration.warnings)
     rows = {row.name: row for row in loop.parameters}

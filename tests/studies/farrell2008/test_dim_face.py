@@ -1,4 +1,4 @@
-"""The dimly lit face: its light, and the noise on it under the cameras."""
+"""The dimly lit face: its light, and the noise on it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,8 @@ import pytest
 from photosite.studies.farrell2008.dim_face import dim_face
 
 
-@pytest.fixture(scope="module")
-def face():
-    return dim_face(2008)
-
-
-def test_light_goes_with_the_lens_s_opening(face) -> None:
-    vendor, told, wide = face.shots
+def test_irradiance_follows_the_f_number(face) -> None:
+    vendor, d200, wide = face.shots
     assert [shot.case.key for shot in face.shots] == ["vendor", "d200", "d200_f2.8"]
 
     def opening(shot) -> float:
@@ -23,32 +18,32 @@ def test_light_goes_with_the_lens_s_opening(face) -> None:
         m = 256 * shot.case.sensor().pixel.width_um.value * 1e-6 / 0.5
         return 1 / (1 + 4 * (shot.case.f_number * (1 + m)) ** 2)
 
-    assert wide.white_e / told.white_e == pytest.approx(opening(wide) / opening(told), rel=1e-3)
+    assert wide.white_e / d200.white_e == pytest.approx(opening(wide) / opening(d200), rel=1e-3)
     assert face.face_luminance_cd_m2 > 2 * 5.0
-    assert vendor.shot.picture.shape == told.shot.picture.shape == (300, 256, 3)
+    assert vendor.shot.picture.shape == d200.shot.picture.shape == (300, 256, 3)
 
 
-def test_noise_on_the_face_is_the_model_s_and_the_d200_has_less(face) -> None:
-    # 9 normal deviations; 4 standard errors are passed by chance in one seed of 1700.
+def test_noise_on_the_face_follows_the_noise_model(face) -> None:
+    # 9 normal deviations; one seed in 1700 exceeds 4 standard errors by chance.
     for shot in face.shots:
         for entry in shot.shot.face:
             assert abs(entry.snr_db - entry.expected_db) < 4 * entry.standard_error_db
-    vendor, told, wide = (shot.shot.noise("G").snr_db for shot in face.shots)
-    assert vendor + 15 < told < wide - 5
+    vendor, d200, wide = (shot.shot.noise("G").snr_db for shot in face.shots)
+    assert vendor + 15 < d200 < wide - 5
 
 
-def test_what_rules_on_the_face(face) -> None:
+def test_dominant_noise_on_the_face(face) -> None:
     for shot in face.shots:
         signal, sensor = shot.shot.noise("G").mean_e, shot.shot.camera.sensor
         floor = (
             sensor.electrons(sensor.noise.read_noise_mv.value) ** 2 + sensor.electrons(sensor.noise.dsnu_mv.value) ** 2
         )
         light = signal + (sensor.noise.prnu_percent.value / 100 * signal) ** 2
-        assert shot.read_dsnu_rule_on_the_face == (floor > light)
-    assert [shot.read_dsnu_rule_on_the_face for shot in face.shots] == [True, True, False]
+        assert shot.read_dsnu_dominate_on_the_face == (floor > light)
+    assert [shot.read_dsnu_dominate_on_the_face for shot in face.shots] == [True, True, False]
 
 
-def test_results_are_plain_finite_numbers_and_the_same_for_the_same_seed(face) -> None:
+def test_results_are_finite_numbers_that_depend_on_the_seed(face) -> None:
     text = json.dumps(face.to_dict(), allow_nan=False)
     assert text == json.dumps(dim_face(2008).to_dict(), allow_nan=False)
     assert text != json.dumps(dim_face(2009).to_dict(), allow_nan=False)

@@ -1,4 +1,4 @@
-"""The scene of high dynamic range: its light, the wedge against the noise budget, the dynamic range by hand."""
+"""The scene of high dynamic range: light, wedge and dynamic range."""
 
 from __future__ import annotations
 
@@ -12,12 +12,7 @@ from photosite.scene.scene import Scene
 from photosite.studies.farrell2008.high_dynamic_range import SHADE, STEPS, hdr_scene, high_dynamic_range
 
 
-@pytest.fixture(scope="module")
-def hdr():
-    return high_dynamic_range(2008)
-
-
-def test_the_scene_s_light() -> None:
+def test_light_of_the_scene() -> None:
     scene = hdr_scene()
     left, right = scene.weights[:, :300, :256], scene.weights[:, :300, 256:]
     np.testing.assert_allclose(right, SHADE * left, rtol=1e-6)
@@ -29,7 +24,7 @@ def test_the_scene_s_light() -> None:
 
 
 def test_dynamic_range_by_hand(hdr) -> None:
-    # Saturation: the converter's range above black, 4063 and 959 numbers. Threshold: S^2 (1 - p^2) - S - floor = 0.
+    # Saturation: the converter's range above black, 4063 and 959 DN. Threshold: S^2 (1 - p^2) - S - floor = 0.
     by_hand = (
         (4063 * 7.98, (520 / 30) ** 2 + (550 / 30) ** 2, 0.01126),
         (959e4 / 1024, 45.8**2 + 60.0**2, 0.017),
@@ -40,7 +35,7 @@ def test_dynamic_range_by_hand(hdr) -> None:
 
 
 def test_the_wedge_follows_the_noise_budget(hdr) -> None:
-    # About 20 steps that are seen well; 4 standard errors are passed by chance in one seed of 800.
+    # About 20 steps; one seed in 800 exceeds 4 standard errors by chance.
     for shot in hdr.shots:
         wedge = shot.wedge
         pairs = [
@@ -60,11 +55,11 @@ def test_the_wedge_follows_the_noise_budget(hdr) -> None:
 
 def test_white_in_the_bright_light_is_just_below_saturation(hdr) -> None:
     for shot in hdr.shots:
-        # Green need not be the fullest channel.
+        # Another channel than green may have the largest signal.
         share = shot.wedge.mean_e[0] / shot.sensor.saturation_capacity_e
         assert 0.4 < share <= 0.85 + 1e-3
 
 
-def test_results_are_plain_finite_numbers_and_the_same_for_the_same_seed(hdr) -> None:
+def test_results_are_finite_numbers_that_depend_on_the_seed_only(hdr) -> None:
     text = json.dumps(hdr.to_dict(), allow_nan=False)
     assert text == json.dumps(high_dynamic_range(2008).to_dict(), allow_nan=False)

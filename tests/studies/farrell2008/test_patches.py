@@ -1,9 +1,8 @@
-"""Figures 2 to 5: what is compared, and that it is what the fitted simulation and the virtual camera show."""
+"""Figures 2 to 5: comparison of the virtual cameras with the fitted simulation."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,21 +10,16 @@ import pytest
 from photosite.color.difference import delta_e_94
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import MACBETH_NAMES, macbeth_regions
-from photosite.studies.farrell2008 import fill_factor, patches
-from photosite.studies.farrell2008.cameras import CASES, MeasuredCamera
-from photosite.studies.farrell2008.patches import Patches, compare_charts, differences
+from photosite.studies.farrell2008.cameras import MeasuredCamera
+from photosite.studies.farrell2008.patches import Patches, differences
 from photosite.validation.charts import chart_xyz_d65
 
 SEED = 5
 
 
-@pytest.fixture(scope="module")
-def chapter() -> Patches:
-    small = tuple(replace(case, chart_rows=264, chart_cols=392) for case in CASES)
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (fill_factor, patches):
-            patch.setattr(module, "CASES", small)
-        return compare_charts(SEED, fill_factor.fit_fill_factors(SEED))
+@pytest.fixture
+def chapter(charts) -> Patches:
+    return charts[1]
 
 
 def test_measured_is_the_virtual_camera_and_simulated_has_the_fitted_fill_factor(chapter: Patches) -> None:
@@ -35,13 +29,13 @@ def test_measured_is_the_virtual_camera_and_simulated_has_the_fitted_fill_factor
         seen = patch_statistics(found.simulated, macbeth_regions(*raw.shape))
         brightest = found.comparisons[found.case.luminances_cd_m2[-1]]
         np.testing.assert_array_equal(brightest.simulated.mean_dn, seen.mean_dn)
-        # With its own fill factor the simulation has nothing left to fit: the ratio of means is 1.
+        # With the fitted fill factor the ratio of means is 1.
         assert brightest.measured.mean_dn.sum() / seen.mean_dn.sum() == pytest.approx(1.0, abs=0.005)
         assert abs(found.fill_factor / found.case.paper_fill_factor - 1.0) > 0.005
 
 
 def test_noise_agrees_and_means_show_the_lamp(chapter: Patches) -> None:
-    # Four comparisons of noise: the least p is below 0.002 in less than 1 % of seeds.
+    # Four comparisons of noise: the smallest p is below 0.002 in less than 1 % of seeds.
     for found in chapter.cameras.values():
         for comparison in found.comparisons.values():
             assert comparison.noise.p_value > 0.002
@@ -51,7 +45,7 @@ def test_noise_agrees_and_means_show_the_lamp(chapter: Patches) -> None:
         assert np.abs(share[bright]).max() < 0.025
 
 
-def test_colours_by_hand(chapter: Patches) -> None:
+def test_colours_against_a_direct_computation(chapter: Patches) -> None:
     truth = chart_xyz_d65("macbeth", MACBETH_NAMES)
     for found in chapter.cameras.values():
         statistics = found.comparisons[40.0].measured
@@ -68,12 +62,12 @@ def test_colours_by_hand(chapter: Patches) -> None:
             assert fitted.mean() < unseen.mean()
 
 
-def test_measured_and_simulated_are_nearer_to_each_other_than_to_the_chart(chapter: Patches) -> None:
+def test_measured_and_simulated_are_closer_to_each_other_than_to_the_chart(chapter: Patches) -> None:
     for found in chapter.cameras.values():
         assert found.colors.between.delta_e_2000.mean() < 0.4 * found.colors.measured.delta_e_2000.mean()
 
 
-def test_numbers_for_json(chapter: Patches) -> None:
+def test_to_dict(chapter: Patches) -> None:
     numbers = json.loads(json.dumps(chapter.to_dict(), allow_nan=False))
     assert list(numbers) == ["d200", "vendor"]
     assert list(numbers["vendor"]["by_luminance_cd_m2"]) == ["5", "15", "40"]

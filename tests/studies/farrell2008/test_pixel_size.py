@@ -1,4 +1,4 @@
-"""Figure 7: the two pixels against the closed form, and the presets against what is said of them."""
+"""Figure 7: the two pixels against closed forms, and the presets against the stated assumptions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,7 @@ from photosite.studies.farrell2008.pixel_size import ASSUMPTIONS, LUMINANCES_CD_
 AREAS = (1.4 / 2.2) ** 2
 
 
-@pytest.fixture(scope="module")
-def sizes():
-    return pixel_sizes(2008)
-
-
-def test_the_small_pixel_is_scaled_as_the_assumptions_say() -> None:
+def test_the_small_pixel_is_scaled_as_stated() -> None:
     large, small = ps.load_sensor("vendor-2.2um"), ps.load_sensor("vendor-1.4um")
     for name in ("fill_factor", "conversion_gain_uv_per_e", "voltage_swing_v"):
         assert small.measured(name).value == large.measured(name).value, name
@@ -32,10 +27,10 @@ def test_the_small_pixel_is_scaled_as_the_assumptions_say() -> None:
     assert (round(1 / AREAS, 2), round(AREAS, 3)) == (2.47, 0.405)
 
 
-def test_signal_goes_with_the_area(sizes) -> None:
+def test_signal_scales_with_the_area(sizes) -> None:
     large, small = sizes.curve(2.2, False), sizes.curve(1.4, False)
     assert small.electrons_per_cd_m2 / large.electrons_per_cd_m2 == pytest.approx(AREAS, rel=1e-6)
-    # From the lens and the quantum efficiency by hand, for the green of 2.2 um under CIE A.
+    # From lens and quantum efficiency, for the green 2.2 um pixel under CIE A.
     from photosite.color.illuminants import illuminant
     from photosite.color.spectrum import photons_from_energy
     from photosite.color.tristimulus import luminance_cd_m2
@@ -52,7 +47,7 @@ def test_signal_goes_with_the_area(sizes) -> None:
 
 @pytest.mark.parametrize("width", [2.2, 1.4])
 @pytest.mark.parametrize("level", LUMINANCES_CD_M2)
-def test_curves_are_the_closed_form(sizes, width, level) -> None:
+def test_curves_follow_the_closed_form(sizes, width, level) -> None:
     # 4.58 and 6 mV at 100 uV per electron; PRNU 1.7 %.
     signal = level * sizes.curve(2.2, False).electrons_per_cd_m2 * (width / 2.2) ** 2
     quiet = signal + (0.017 * signal) ** 2
@@ -62,8 +57,8 @@ def test_curves_are_the_closed_form(sizes, width, level) -> None:
 
 
 def test_limits_of_the_difference_in_dim_light(sizes) -> None:
-    # Read noise and DSNU cost the small pixel the square of its area, photons alone its area; and photons alone cost
-    # nothing where as many small pixels are averaged as cover the large one.
+    # With read noise and DSNU the ratio falls with the square of the area, with photon noise alone with the area, which
+    # averaging over the large pixel's area recovers.
     dim = 1e-3
     noisy = sizes.curve(2.2, False).snr_at(dim) - sizes.curve(1.4, False).snr_at(dim)
     quiet = sizes.curve(2.2, True).snr_at(dim) - sizes.curve(1.4, True).snr_at(dim)
@@ -80,21 +75,21 @@ def test_luminance_of_a_ratio_of_ten(sizes) -> None:
         assert one_db + 20 * np.log10(2.2 / curve.width_um) == pytest.approx(20.0, abs=1e-9)
 
 
-def test_curves_end_where_the_pixel_saturates(sizes) -> None:
+def test_curves_end_at_saturation(sizes) -> None:
     for curve in sizes.curves:
         well = curve.luminance_cd_m2[-1] * curve.electrons_per_cd_m2
         # The 2.2 um pixel by its converter, 1023 - 64 of 1024 steps to 10 000 electrons; the 1.4 um pixel by its well.
         assert well == pytest.approx({2.2: 959 / 1024 * 1e4, 1.4: 4050.0}[curve.width_um], rel=1e-9)
 
 
-def test_faces_show_the_noise_that_the_model_gives_them(sizes) -> None:
-    # 12 normal deviations; 4 standard errors are passed by chance in one seed of 1300.
+def test_noise_on_the_faces_follows_the_noise_model(sizes) -> None:
+    # 12 normal deviations; one seed in 1300 exceeds 4 standard errors by chance.
     for picture in sizes.pictures:
         for entry in picture.shot.face:
             assert abs(entry.snr_db - entry.expected_db) < 4 * entry.standard_error_db
     areas = {picture.width_um: picture.shot.noise("G").mean_e for picture in sizes.pictures}
-    assert areas[1.4] / areas[2.2] == pytest.approx(AREAS, rel=5e-3)  # the region's whole pixels differ by a few
+    assert areas[1.4] / areas[2.2] == pytest.approx(AREAS, rel=5e-3)  # the regions differ by a few pixels
 
 
-def test_results_are_plain_finite_numbers_and_the_same_for_the_same_seed(sizes) -> None:
+def test_results_are_finite_numbers_that_depend_on_the_seed_only(sizes) -> None:
     assert json.dumps(sizes.to_dict(), allow_nan=False) == json.dumps(pixel_sizes(2008).to_dict(), allow_nan=False)

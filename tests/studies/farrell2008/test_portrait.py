@@ -1,4 +1,4 @@
-"""The portrait: its scene, where the camera stands, the noise on the face against the model."""
+"""The portrait: its scene, its distance, and noise on the face against the noise model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from photosite.studies.farrell2008.portrait import (
 from photosite.values.region import Region
 
 
-def test_the_file_says_where_it_is_from() -> None:
+def test_the_file_names_its_source() -> None:
     import io
     from pathlib import Path
 
@@ -41,7 +41,7 @@ def test_the_file_says_where_it_is_from() -> None:
 def test_luminances() -> None:
     scene = portrait_scene(5.0)
     assert scene.mean_luminance_cd_m2() == pytest.approx(5.0, rel=1e-6)
-    # The slow way: each sample's spectrum.
+    # From the spectrum of each sample.
     from photosite.color.tristimulus import luminance_cd_m2
 
     radiance = np.einsum("kij,kl->ijl", scene.weights[:, FACE.r0 : FACE.r1 : 9, FACE.c0 : FACE.c1 : 9], scene.basis)
@@ -57,9 +57,9 @@ def test_the_scene_fills_the_chip(case) -> None:
     assert camera.optics.magnification(placed.distance_m) * 0.4 == pytest.approx(chip_m, rel=1e-12)
 
 
-def test_noise_of_a_region_is_the_noise_model_s() -> None:
-    # 3 channels on 24 chips with photons of their own: z is standard normal. Its mean over 72 lies within 4 / sqrt(72)
-    # in all but 6e-5 of seeds, its spread within 0.66 and 1.34 in all but 1e-4 (4 standard errors).
+def test_noise_of_a_region_follows_the_noise_model() -> None:
+    # 3 channels on 24 independent chips: z is standard normal. Its mean over 72 is within 4 / sqrt(72) except in 6e-5
+    # of seeds, its standard deviation within 0.66 and 1.34 except in 1e-4 (4 standard errors).
     mean_e = np.full((64, 64), 500.0, np.float32)
     whole = Region("all", 0, 64, 0, 64)
     z = []
@@ -67,7 +67,7 @@ def test_noise_of_a_region_is_the_noise_model_s() -> None:
         sensor = VENDOR.sensor(64, 64).with_(serial=f"chip {number}")
         raw = Camera(VENDOR.lens, sensor).expose(mean_e, 0.066, seed=number)
         for entry in region_noise(raw, mean_e, sensor, whole):
-            # The budget has no rounding, 1/12 DN^2 of 9.77 electrons each: 7.9 e-^2 beside 6270.
+            # The budget omits rounding, 1/12 DN^2 at 9.77 e-/DN: 7.9 e-^2 of 6270.
             assert entry.expected_db == pytest.approx(noise_budget(sensor, 0.05).total_db, abs=0.01)
             z.append((entry.snr_db - entry.expected_db) / entry.standard_error_db)
     assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
@@ -76,7 +76,7 @@ def test_noise_of_a_region_is_the_noise_model_s() -> None:
 
 @pytest.mark.parametrize("case", [D200, VENDOR])
 def test_a_white_surface_is_developed_white_and_a_gray_one_gray(case) -> None:
-    # A chip without noise but its photons', filled to a third; the gray is 0.5 in linear light.
+    # Photon noise only, at a third of saturation; the gray is 0.5 in linear light.
     for code, wanted in ((255, 1.0), (188, 188 / 255)):
         scene = replace(
             from_srgb(np.full((60, 60, 3), code, np.uint8), "A", 40.0), regions=(Region("all", 5, 55, 5, 55),)

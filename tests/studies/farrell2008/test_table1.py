@@ -1,4 +1,4 @@
-"""Table 1 of the 2008 paper, measured again with virtual sensors."""
+"""Table 1 of the 2008 paper, estimated with virtual sensors."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ def rows_of(tables: list[Table1]) -> dict[tuple[str, str], list[Table1Row]]:
     return found
 
 
-def test_estimates_are_centred_and_intervals_hold_the_truth(tables: list[Table1]) -> None:
-    """Each figure over 16 seeds: mean within 3.3 standard errors of the truth, spread as promised, 12 intervals hold.
+def test_estimates_are_centred_and_intervals_cover(tables: list[Table1]) -> None:
+    """Each parameter over 16 seeds: mean within 3.3 standard errors of the truth, expected spread, 12 intervals cover.
 
-    For honest intervals a figure fails by chance in 0.1 % (mean), 0.2 % (chi-square of 15 degrees of freedom, 0.1 and
-    99.9 %) and 0.1 % (5 or more of 16 outside); there are 10 that do not follow from each other, so 4 % in all; the
-    seeds are fixed. Twice the true value of the read noise, say, is out by hundreds of uncertainties.
+    By chance a correct parameter fails in 0.1 % (mean), 0.2 % (chi-square of 15 degrees of freedom, 0.1 and
+    99.9 %) and 0.1 % (5 or more of 16 outside); 10 parameters are independent, so 4 % in total. The seeds are fixed.
+    Twice the true read noise, for example, is off by hundreds of uncertainties.
     """
     for name, rows in rows_of(tables).items():
         away = np.array([(row.estimate.value - row.true) / row.estimate.standard_uncertainty for row in rows])
         assert abs(away.mean()) < 3.3 / np.sqrt(SEEDS), name
         assert 3.48 < np.sum((away - away.mean()) ** 2) < 37.7, name
-        held = sum(row.estimate.interval_95[0] <= row.true <= row.estimate.interval_95[1] for row in rows)
-        assert held >= 12, name
+        covered = sum(row.estimate.interval_95[0] <= row.true <= row.estimate.interval_95[1] for row in rows)
+        assert covered >= 12, name
 
 
-def test_the_papers_values_are_those_of_its_table(tables: list[Table1]) -> None:
+def test_the_values_of_the_paper(tables: list[Table1]) -> None:
     d200, vendor = (tables[0].cameras[case.key] for case in CASES)
     assert {row.name: row.paper for row in d200.rows} == {
         "read_noise_mv": 0.52,
@@ -62,16 +62,16 @@ def test_the_papers_values_are_those_of_its_table(tables: list[Table1]) -> None:
     assert papers["conversion_gain_uv_per_e"] is papers["saturation_capacity_e"] is papers["electrons_per_dn"] is None
 
 
-def test_the_converter_ends_the_d200s_range_before_its_well(tables: list[Table1]) -> None:
-    """(4095 - 32) DN x 7.98 electrons; the paper's table has the well."""
+def test_the_converter_limits_the_range_of_the_d200(tables: list[Table1]) -> None:
+    """(4095 - 32) DN x 7.98 electrons; the table of the paper lists the well."""
     row = tables[0].cameras["d200"].row("saturation_capacity_e")
     assert row.true == pytest.approx(4063 * 7.98, rel=1e-5)
-    assert "4063 DN above black, before the well" in row.words
-    assert "% below the paper’s" in row.words
+    assert "4063 DN above black, below the well capacity" in row.words
+    assert "% below the paper’s value" in row.words
 
 
-def test_protocols_have_the_papers_frames() -> None:
-    """190 and 150 darks and 65 flats; 8 and 10 darks and 10 flats; the ends of each range of exposures."""
+def test_protocols_have_the_frames_of_the_paper() -> None:
+    """190 and 150 dark frames and 65 flat fields; 8 and 10 dark frames and 10 flat fields; the ends of each range."""
 
     def count(steps: tuple[Step, ...], kind: str) -> int:
         return sum(step.count for step in steps if step.kind == kind)
@@ -85,8 +85,8 @@ def test_protocols_have_the_papers_frames() -> None:
         assert (min(times), max(times)) == (1e-3, 0.3)
 
 
-def test_the_calibrations_do_not_see_the_truth(tables: list[Table1]) -> None:
-    """What the frames are to tell was a placeholder beforehand, not Table 1."""
+def test_the_calibrations_do_not_know_the_truth(tables: list[Table1]) -> None:
+    """Parameters to be measured are placeholders beforehand, not Table 1."""
     for case in CASES:
         base = tables[0].cameras[case.key].calibration.base
         assert base is not None

@@ -1,1 +1,1 @@
-"""Timing and memory of photosite on this machine."""
+"""Benchmarks: time and memory of photosite on this machine, beside plain ways to do the same work."""

@@ -1,7 +1,7 @@
-"""A spectral cube's case: from an ENVI file of 200 bands to a scene file, against reading the cube and doing nothing.
+"""Case about a spectral cube: an ENVI file of 200 bands to a scene file, against reading the file.
 
-`python -m photosite.studies.bench.convert_cube --megapixels 100` runs the size that a user may bring, over a file of 5
-megapixels that is read as often as that takes (`--whole`: over one file of that size), and prints one JSON object.
+`python -m photosite.studies.bench.convert_cube --megapixels 100` measures a large cube and prints one JSON object. A
+file of 5 megapixels is read repeatedly; `--whole` writes and reads one file of the full size.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _COUNTS = 4000
 
 
 def write_cube(path: Path, rows: int, cols: int = COLS) -> None:
-    """An ENVI file (band after band, 16 bits) of 12 materials in smoothly varying shares, under light that varies."""
+    """Write an ENVI file (BSQ, 16 bits) of 12 materials in smoothly varying shares."""
     rng = np.random.default_rng(5)
     grid = np.linspace(400, 1000, BANDS)
     centres, widths = rng.uniform(400, 1000, _MATERIALS), rng.uniform(30, 200, _MATERIALS)
@@ -58,7 +58,7 @@ def write_cube(path: Path, rows: int, cols: int = COLS) -> None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RepeatedCube(CubeHead):
-    """A cube several times, one below the other.
+    """A cube repeated several times, one copy below the other.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ class RepeatedCube(CubeHead):
     cube: SpectralCube
 
     def blocks(self, rows: int) -> Iterator[Block]:
-        """See `SpectralCube`."""
+        """Yield blocks as `SpectralCube` does."""
         for above in range(0, self.shape[0], self.cube.shape[0]):
             for first, block in self.cube.blocks(rows):
                 yield above + first, block
 
 
 def repeated(path: Path, times: int) -> RepeatedCube:
-    """A file's cube so many times."""
+    """Return the cube of a file, repeated."""
     cube = open_cube(path)
     rows, cols, bands = cube.shape
     return RepeatedCube(
@@ -89,22 +89,22 @@ def repeated(path: Path, times: int) -> RepeatedCube:
 
 
 def work_convert(path: str, output: str, times: int = 1) -> Reduction:
-    """From the cube, as often as wanted, to the scene file."""
+    """Convert the repeated cube to a scene file."""
     if times == 1:
         return convert(path, output)
     return reduce_to_own(lambda store: reduce_cube(repeated(Path(path), times), store=store), Path(output))
 
 
 def work_read(path: str) -> None:
-    """The cube's bytes into the same memory, once."""
-    room = bytearray(32 << 20)
+    """Read the bytes of the cube into the same memory."""
+    buffer = bytearray(32 << 20)
     with Path(path).with_suffix(".img").open("rb", buffering=0) as file:
-        while file.readinto(room):
+        while file.readinto(buffer):
             pass
 
 
 def convert_cube(quick: bool = False, rows: int | None = None) -> Case:
-    """A cube of 2 megapixels (`quick`: a quarter) and 200 bands, against reading its file once."""
+    """A cube of 2 megapixels (quick: a quarter) and 200 bands to a scene file, against reading its file once."""
     rows = rows or (50 if quick else 200)
     with tempfile.TemporaryDirectory() as folder:
         source, target = f"{folder}/cube.hdr", f"{folder}/scene.h5"
@@ -115,13 +115,13 @@ def convert_cube(quick: bool = False, rows: int | None = None) -> Case:
 
 
 def main() -> None:
-    """The size that a user may bring."""
-    from photosite.studies.bench import convert_cube as here  # a process of its own finds functions by this name
+    """Measure a large cube."""
+    from photosite.studies.bench import convert_cube as here  # so that a fresh process finds the functions by this name
 
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--megapixels", type=int, default=100, help="in steps of 5")
-    parser.add_argument("--whole", action="store_true", help="write all of the cube, 0.4 GB a megapixel")
-    parser.add_argument("--folder", help="for the cube and the scene: 2 GB and 5 GB at 100 megapixels")
+    parser.add_argument("--megapixels", type=int, default=100, help="Size of the cube, in steps of 5.")
+    parser.add_argument("--whole", action="store_true", help="Write the whole cube, 0.4 GB per megapixel.")
+    parser.add_argument("--folder", help="Folder for the cube and the scene: 2 GB and 5 GB at 100 megapixels.")
     chosen = parser.parse_args()
     times = max(1, chosen.megapixels // 5)
     rows, times = (500 * times, 1) if chosen.whole else (500, times)
@@ -148,19 +148,19 @@ def main() -> None:
 
 
 def work_and_note(path: str, output: str, times: int, note: str) -> None:
-    """The work, and what came of it in a file: this runs in a process of its own."""
+    """Convert, and write the result as JSON; runs in a fresh process."""
     begun = time.perf_counter()
     done = work_convert(path, output, times)
-    told = {
+    result = {
         "components": done.components,
         "relative_error": done.scene.relative_error,
         "seconds": time.perf_counter() - begun,
     }
-    Path(note).write_text(json.dumps(told), encoding="ascii")
+    Path(note).write_text(json.dumps(result), encoding="ascii")
 
 
 def work_open(path: str) -> None:
-    """The scene file opened, and its brightness taken."""
+    """Open the scene file and compute its mean luminance."""
     from photosite.scene.io.files import read_scene
 
     read_scene(path).mean_luminance_cd_m2()

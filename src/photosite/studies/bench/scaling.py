@@ -1,4 +1,4 @@
-"""How time grows with pixels, wavelengths, frames and threads: measured points and the fitted exponent."""
+"""Growth of time with pixels, wavelengths, frames and threads, and of memory with pixels."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 
 from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
-from photosite.studies.bench.camera import EXPOSURE_S, camera, scene
-from photosite.studies.bench.timing import best_seconds
+from photosite.scene import charts
+from photosite.studies.bench.captures import EXPOSURE_S, camera, scene
+from photosite.studies.bench.timing import best_seconds, peak_mb
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Seconds at several sizes of one thing.
+    """Seconds at several sizes of one quantity.
 
     Parameters
     ----------
     what, unit
-        What was varied of which work, and in what it is counted.
+        Title, and unit of the sizes.
     sizes, seconds
-        The points.
+        Measured points.
     """
 
     what: str
@@ -33,11 +34,11 @@ class Scaling:
 
     @property
     def exponent(self) -> float:
-        """Of seconds = c sizes^exponent, least squares on logarithms: 1 is proportional, 0 is independent."""
+        """Exponent of seconds = c sizes^exponent by least squares on logarithms: 1 is proportional, 0 independent."""
         return float(np.polyfit(np.log(self.sizes), np.log(self.seconds), 1)[0])
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures for JSON."""
+        """Return the figures for JSON."""
         return {
             "unit": self.unit,
             "sizes": list(self.sizes),
@@ -47,7 +48,7 @@ class Scaling:
 
 
 def scaling() -> tuple[Scaling, ...]:
-    """Captures of a ColorChecker: by pixels, wavelengths, frames of a stream, and threads."""
+    """Measure captures of a ColorChecker by pixels, wavelengths, frames of a stream, and threads."""
     return (_by_pixels(), _by_wavelengths(), _by_frames(), _by_threads())
 
 
@@ -95,3 +96,43 @@ def _by_threads() -> Scaling:
             camera().capture(scene(), EXPOSURE_S)
 
     return _measured("capture of a D200, by threads", "threads", counts, work)
+
+
+_MEMORY_SHAPES = ((2592, 3872), (5184, 7744), (10_320, 14_536))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Peak memory of a stream of captures in fresh processes.
+
+    Parameters
+    ----------
+    megapixels
+        Sizes.
+    bytes_per_pixel
+        Peak memory beyond that of a capture of 100 x 150 pixels, which holds libraries and compiled code.
+    """
+
+    megapixels: tuple[float, ...]
+    bytes_per_pixel: tuple[float, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {"megapixels": list(self.megapixels), "bytes_per_pixel": list(self.bytes_per_pixel)}
+
+
+def work_stream(rows: int, cols: int) -> None:
+    """Capture two frames of a ColorChecker."""
+    for _ in camera(rows, cols).stream(charts.macbeth("A", 40), EXPOSURE_S, frames=2):
+        pass
+
+
+def memory() -> Memory:
+    """Measure the peak memory of all sizes."""
+    least = peak_mb(work_stream, rows=100, cols=150)
+    sizes = [rows * cols / 1e6 for rows, cols in _MEMORY_SHAPES]
+    beyond = [
+        (peak_mb(work_stream, rows=rows, cols=cols) - least) / size
+        for (rows, cols), size in zip(_MEMORY_SHAPES, sizes, strict=True)
+    ]
+    return Memory(tuple(sizes), tuple(beyond))

@@ -1,4 +1,4 @@
-"""Timing: the best of several runs, beside a baseline in the same process; the peak memory in a process of its own."""
+"""Timing beside a baseline in the same process, and peak memory in a fresh process."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from photosite.errors import PhotositeError
 
 @dataclass(frozen=True)
 class Case:
-    """What a benchmark measured.
+    """Result of a benchmark case.
 
     Parameters
     ----------
     seconds, baseline_seconds
         Best of several runs each, taken in turn in one process.
     peak_mb
-        Largest resident memory of a fresh process that does the work once, without the baseline.
+        Peak resident memory of a fresh process that does the work once, without the baseline.
     megapixels
         Size of the work.
     """
@@ -33,16 +33,16 @@ class Case:
 
     @property
     def ratio(self) -> float:
-        """How many times the baseline takes as long."""
+        """Baseline time over time."""
         return self.baseline_seconds / self.seconds
 
     def to_dict(self) -> dict[str, float]:
-        """The figures for JSON."""
+        """Return the figures for JSON."""
         return {**asdict(self), "ratio": self.ratio}
 
 
 def best_seconds(work: Callable[[], object], repeats: int = 3) -> float:
-    """The shortest of several runs: what the work takes when nothing else disturbs it."""
+    """Return the shortest time of several runs, the one least disturbed by other processes."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -52,7 +52,7 @@ def best_seconds(work: Callable[[], object], repeats: int = 3) -> float:
 
 
 def in_turn(work: Callable[[], object], baseline: Callable[[], object], repeats: int = 3) -> tuple[float, float]:
-    """The best of each, run in turn, so that a busy machine disturbs both alike."""
+    """Return the shortest time of each, run in turn, so that a busy machine affects both equally."""
     ours, theirs = [], []
     for _ in range(repeats):
         ours.append(best_seconds(work, 1))
@@ -60,7 +60,7 @@ def in_turn(work: Callable[[], object], baseline: Callable[[], object], repeats:
     return min(ours), min(theirs)
 
 
-# A process's ru_maxrss starts from its parent's size; the kernel's high-water mark of the new image does not.
+# A process's ru_maxrss includes its parent's size; VmHWM does not.
 _CHILD = """
 import sys
 try:
@@ -74,13 +74,13 @@ print("\\n", int(status["VmHWM"].split()[0]) * 1024)
 
 
 def peak_mb(function: Callable[..., object], **arguments: Any) -> float:
-    """Largest resident memory, in 10^6 bytes, of a fresh process that calls a module's function once."""
+    """Return the peak resident memory, in 10^6 bytes, of a fresh process that calls a module's function once."""
     given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
     return peak_mb_of(f"from {function.__module__} import {function.__name__} as f; f({given})")
 
 
 def peak_mb_of(code: str) -> float:
-    """Largest resident memory, in 10^6 bytes, of a fresh process that runs a line of Python.
+    """Return the peak resident memory, in 10^6 bytes, of a fresh process that runs a line of Python.
 
     Raises
     ------
@@ -89,5 +89,5 @@ def peak_mb_of(code: str) -> float:
     """
     done = subprocess.run([sys.executable, "-c", _CHILD, code], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise PhotositeError(f"benchmark process failed: {done.stderr.strip().splitlines()[-1]}")
+        raise PhotositeError(f"the benchmark process failed: {done.stderr.strip().splitlines()[-1]}")
     return float(done.stdout.splitlines()[-1]) / 1e6

@@ -1,1 +1,1 @@
-"""A virtual sensor measured, calibrated and compared with its truth."""
+"""Closed loop: measure a virtual sensor, simulate it from the result, and compare with the truth."""

@@ -1,4 +1,4 @@
-"""The report of a closed loop: a virtual sensor measured, simulated again from what was found, and compared."""
+"""The page of a closed loop: true and estimated parameters, pictures, comparison, and fits."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 _TRUE, _CALIBRATED = "true sensor", "calibrated sensor"
 
 _MAGNIFICATION = 8.0
-"""Of deviations from a mean colour and of the difference of two pictures."""
+"""Factor for differences between pictures and for noise around a mean colour."""
 
 _DETAIL = (48, 72)
-"""Largest detail of a picture, (rows, cols) in pixels."""
+"""Largest enlarged part of a picture, (rows, cols) in pixels."""
 
 _DETAIL_ENLARGED = 6
 
@@ -58,44 +58,31 @@ _Picture = NDArray[np.float32]
 
 
 def write_demo_report(result: ClosedLoop, path: str | PathLike[str]) -> None:
-    """Write the report of a closed loop: one HTML file that needs no other.
-
-    Parameters
-    ----------
-    result
-        What the closed loop gave.
-    path
-        The file.
+    """Write the page of a closed loop as one self-contained HTML file.
 
     Raises
     ------
     FileError
-        If it cannot be written; a file that had the name stays as it was.
+        If the file cannot be written; an existing file is kept.
     """
     write_report(demo_page(result), path)
 
 
 def demo_page(result: ClosedLoop) -> Page:
-    """The report of a closed loop as a page, before it is HTML.
-
-    Parameters
-    ----------
-    result
-        As for `write_demo_report`.
-    """
+    """Return the page of a closed loop."""
     sensor, calibration = result.true_sensor, result.calibration
     array = sensor.array
     lead = (
-        f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels shot {result.frames_shot} frames of darkness "
-        "and flat light. A calibration that saw only those frames estimated the sensor's parameters. The sensor as "
-        "estimated then photographed a colour chart, and so did the true one."
+        f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels took {result.frames_shot} dark frames and flat "
+        "fields. A calibration estimated the sensor's parameters from these frames alone. The true and the calibrated "
+        "sensor then captured a colour chart."
     )
     notice = Notice(
-        "Every image on this page was made by a virtual camera. “Measured” means read from the frames of the virtual "
-        "sensor with the true parameters; “simulated” means read from the frames of the sensor as calibrated."
+        "All images on this page come from a virtual camera. “Measured” refers to frames of the virtual sensor with "
+        "the true parameters; “simulated” refers to frames of the calibrated sensor."
     )
     sections = (
-        Section("What was done", (notice, *_story(result))),
+        Section("Method", (notice, *_method(result))),
         Section("Parameters", _parameter_blocks(result.parameters)),
         Section("Pictures", _picture_blocks(result)),
         Section("Comparison", _comparison_blocks(result)),
@@ -105,23 +92,26 @@ def demo_page(result: ClosedLoop) -> Page:
             "Provenance", (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
         ),
     )
-    return Page(f"The loop closed on a virtual {sensor.name}", lead, sections, FOOTER)
+    return Page(f"Closed loop with a virtual {sensor.name}", lead, sections, FOOTER)
 
 
-def _story(result: ClosedLoop) -> tuple[Block, ...]:
+def _method(result: ClosedLoop) -> tuple[Block, ...]:
     metered = any(row.name == "quantum_efficiency_percent" and row.estimated is not None for row in result.parameters)
     light = " and the photons per pixel of each exposure" if metered else ""
     steps = (
-        f"The virtual sensor shot its protocol ({result.protocol.name}): {result.frames_shot} raw frames.",
-        "The calibration read the frames. Beforehand it knew the pixel's geometry, the converter, the voltage swing, "
-        f"the spectral response{light}, and none of the parameters below.",
-        f"The true and the calibrated sensor each photographed the same scene ({result.scene.name}) behind the same "
-        "lens, as two chips of one design: with other noise and another fixed pattern.",
+        f"The virtual sensor took the frames of a protocol ({result.protocol.name}): {result.frames_shot} raw frames.",
+        "The calibration read the frames. Known beforehand were the pixel's geometry, the converter, the voltage "
+        f"swing, the spectral response{light}; the parameters below were not.",
+        f"The true and the calibrated sensor captured the same scene ({result.scene.name}) with the same lens, as two "
+        "chips of one design: temporal noise and fixed pattern differ.",
         "Patch means, noise and colours of the two raw frames were compared.",
     )
     columns = (Column("Frames"), Column("Exposure (s)", numeric=True), Column("Count", numeric=True))
     rows = tuple((step.kind, format_number(step.exposure_s, 4), str(step.count)) for step in result.protocol.steps)
-    return (Listing(steps), Details("The protocol", (Table("What was shot, in this order", columns, rows),)))
+    return (
+        Listing(steps),
+        Details("The protocol", (Table("Frames in the order in which they were taken", columns, rows),)),
+    )
 
 
 def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]:
@@ -142,20 +132,19 @@ def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]
     if drawn:
         inside = sum(abs(deviation) <= COVERAGE_95 for _, deviation in drawn)
         caption = (
-            "Distance of each estimate from the truth in its standard uncertainties. In the band lie 95 % of an honest "
-            f"calibration's estimates, here {inside} of {len(drawn)}. They are not independent: all come from the same "
-            "frames, one quantity may stand here in several units, and those in electrons and decibels share the error "
-            "of the system gain."
+            "Estimate minus truth in standard uncertainties. 95 % of the estimates of a correct calibration lie in the "
+            f"band, here {inside} of {len(drawn)}. They are not independent: all come from the same frames, some "
+            "quantities appear in several units, and those in electrons and decibels share the error of the system "
+            "gain."
         )
         labels, deviations = zip(*drawn, strict=True)
         blocks.append(
-            figure_block(deviations_figure(labels, deviations), "Distance of each estimate from the truth", caption)
+            figure_block(deviations_figure(labels, deviations), "Estimate minus truth of each parameter", caption)
         )
     return tuple(blocks)
 
 
 def _parameter_row(row: ParameterRow) -> tuple[str, ...]:
-    """A row of the table, for a parameter that was estimated."""
     estimated = "" if row.estimated is None else format_uncertain(row.estimated, row.standard_uncertainty or 0.0)
     deviation = "" if row.deviation is None else f"{row.deviation:+.2f}".replace("-", "−")
     return row.label, row.unit, format_number(row.true, 5), estimated, deviation
@@ -176,26 +165,25 @@ def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
         _pair(
             (small, small_calibrated),
             "the chart",
-            "The chart as each sensor sees it, developed alike: bilinear demosaic, one colour matrix and one exposure "
-            "for both.",
+            "The chart captured by each sensor, developed in the same way: bilinear demosaic, one colour matrix and "
+            "one exposure for both.",
         ),
         _pair(
             (noise, noise_calibrated),
             "noise in the chart",
-            f"The middle of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean colour, "
-            f"{_MAGNIFICATION:g} times magnified. The noise differs, its size and grain should not.",
+            f"Center of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean colour, magnified "
+            f"{_MAGNIFICATION:g} times. The noise differs; its size and grain should not.",
         ),
         Images(
             (_jpeg(difference, "Difference of the two pictures: noise around middle gray"),),
-            f"Calibrated less true, {_MAGNIFICATION:g} times magnified around middle gray. What is left is "
-            "the noise and the fixed pattern of two chips, strongest in the dark, where the display's curve is steep; "
-            "a patch that stood out in colour would be a wrong parameter.",
+            f"Calibrated minus true, magnified {_MAGNIFICATION:g} times around middle gray. The noise and fixed "
+            "pattern of two chips remain, strongest in dark patches, where the display curve is steep. A patch with a "
+            "visible colour would indicate a wrong parameter.",
         ),
     )
 
 
 def _detail(shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns in the middle of a patch."""
     region = next(region for region in macbeth_regions(*shape) if region.name == _DETAIL_PATCH)
     rows, cols = (min(most, size) for most, size in zip(_DETAIL, region.shape, strict=True))
     r0, c0 = (region.r0 + region.r1 - rows) // 2, (region.c0 + region.c1 - cols) // 2
@@ -205,7 +193,7 @@ def _detail(shape: tuple[int, int]) -> tuple[slice, slice]:
 def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     validation = result.validation
     blocks: list[Block] = [
-        Paragraph("The verdict: the two cameras " + ("agree." if validation.agrees else "differ.")),
+        Paragraph("Result: the two cameras " + ("agree." if validation.agrees else "differ.")),
         Listing(tuple(sentence(line) for line in (*validation.reasons, *validation.notes))),
         figure_block(
             patch_means_figure(validation, _TRUE, _CALIBRATED),
@@ -221,8 +209,8 @@ def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     ]
     if validation.color is not None:
         caption = (
-            "Colour difference between the true and the calibrated sensor's patch means, through one colour matrix. "
-            "A difference of about 1 is the smallest that is seen between adjacent surfaces."
+            "Colour difference between the patch means of the true and the calibrated sensor, through one colour "
+            "matrix. A difference of about 1 is just visible between adjacent surfaces."
         )
         figure = color_difference_figure(validation.color)
         blocks.append(figure_block(figure, "Colour difference of each patch", caption))
@@ -231,8 +219,9 @@ def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
 
 def _budget_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     caption = (
-        "Signal-to-noise ratio of one frame of an even surface against the signal, whole and with one noise alone: "
-        "lines for the true sensor, rings for the sensor as calibrated (Farrell, Okincha and Parmar 2008, Figure 6)."
+        "Signal-to-noise ratio of one frame of a uniform surface against the signal, in total and for each noise "
+        "source alone: lines for the true sensor, rings for the calibrated sensor (Farrell, Okincha and Parmar 2008, "
+        "Figure 6)."
     )
     figure = noise_budget_figure(result.true_sensor, result.calibration.sensor)
     return (figure_block(figure, "Signal-to-noise ratio against signal, true and calibrated", caption),)

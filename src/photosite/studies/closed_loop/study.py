@@ -1,4 +1,4 @@
-"""The loop closed on itself: shoot a protocol with a known sensor, calibrate, and compare with what is known."""
+"""The closed loop: shoot a protocol with a known sensor, calibrate, simulate, and compare with the truth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
+from photosite.studies.progress import NoProgress, Progress
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol
 from photosite.studies.truth import true_parameters
 from photosite.studies.virtual_lab import DEFAULT_LEVEL, VirtualLab, virtual_lab
@@ -32,9 +33,9 @@ from photosite.validation.validate import validate
 
 CHART_EXPOSURE_S = 1 / 3
 FEWEST_PIXELS = 4
-"""Of a channel in a patch, for its noise to be compared."""
+"""Pixels of a channel in a patch that a comparison of noise needs."""
 TOLERANCE_PERCENT = 1.0
-"""Difference of patch means and noise let pass: what the calibration's uncertainty may do; many pixels resolve less."""
+"""Relative tolerance for patch means and noise: it covers the calibration's uncertainty, which many pixels resolve."""
 
 HEADLINE = (
     "read_noise_dn",
@@ -58,33 +59,21 @@ HEADLINE = (
     "sensitivity_threshold_photons",
     "saturation_capacity_photons",
 )
-"""The parameters that are compared."""
-
-
-class Watcher(Protocol):
-    """Whoever wants to know how far the study is."""
-
-    def stage(self, what: str) -> None:
-        """A stage begins."""
-        ...
-
-    def __call__(self, done: int, total: int) -> None:
-        """So many frames of the stage are done."""
-        ...
+"""Parameters that are compared with their true values."""
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A parameter as it is and as it was estimated.
+    """True and estimated value of a parameter.
 
     Parameters
     ----------
     name, label, unit
-        What it is called in results and in words, and its unit in symbols.
+        Name in results, label in reports, and unit symbol.
     true
-        From the true sensor's description and the light it was shot in.
+        From the true sensor's description and its light.
     estimated, standard_uncertainty
-        The estimate; None where there is none.
+        Estimate; None if there is none.
     reason
         Why there is no estimate.
     """
@@ -99,7 +88,7 @@ class ParameterRow:
 
     @property
     def deviation(self) -> float | None:
-        """Estimate less truth in standard uncertainties; None without an estimate, or where it is exact."""
+        """Estimate minus truth in standard uncertainties; None without an estimate or uncertainty."""
         if self.estimated is None or not self.standard_uncertainty:
             return None
         return (self.estimated - self.true) / self.standard_uncertainty
@@ -107,26 +96,26 @@ class ParameterRow:
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """What the closed loop found.
+    """Result of a closed loop.
 
     Parameters
     ----------
     true_sensor
-        The sensor that shot the frames.
+        Sensor that the frames were simulated with.
     calibration
-        What was estimated from them; its `sensor` is the calibrated sensor.
+        Result of the calibration; its `sensor` is the calibrated sensor.
     parameters
-        Truth and estimate side by side.
+        True and estimated values.
     scene
         The ColorChecker.
     true_raw, calibrated_raw
-        The chart by the true sensor, and by the calibrated one: another chip (serial) and other temporal noise.
+        Captures of the chart by the true and the calibrated sensor, with different fixed pattern and temporal noise.
     validation
-        The first as measured against the second as simulated.
+        Comparison of `true_raw` as measured with `calibrated_raw` as simulated.
     frames_shot
-        Frames behind the calibration.
+        Number of frames that were calibrated.
     protocol
-        What was shot.
+        Protocol of these frames.
     seconds
         Wall-clock time by stage: shoot, calibrate, simulate, compare.
     """
@@ -143,7 +132,7 @@ class ClosedLoop:
     seconds: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """The parameters by name: true, estimated, standard_uncertainty, and the reason where there is one."""
+        """Return the parameters by name: true, estimated, standard_uncertainty, and reason where there is one."""
         entries = {}
         for row in self.parameters:
             entry: dict[str, Any] = {
@@ -165,35 +154,34 @@ def closed_loop(
     seed: int = 0,
     folder: str | PathLike[str] | None = None,
     source: str | None = None,
-    watcher: Watcher | None = None,
+    progress: Progress | None = None,
 ) -> ClosedLoop:
-    """Shoot, calibrate, simulate a ColorChecker with the true and with the calibrated sensor, compare.
+    """Shoot, calibrate, simulate a ColorChecker with the true and the calibrated sensor, and compare.
 
     Parameters
     ----------
     sensor
-        The true sensor, as it is: darks that clip at 0 tell less than others (`virtual_lab.with_pedestal`).
+        The true sensor. Clipped dark frames are less informative; `virtual_lab.with_pedestal` prevents clipping.
     protocol
-        What to shoot; the 2008 paper's if None.
+        Frames to take; the D200 protocol of the 2008 paper by default.
     illuminant, level, photons_known
-        Light of the flat frames, as for `virtual_lab.virtual_lab`.
+        Light of the flat fields, as for `virtual_lab.virtual_lab`.
     seed
         Key of the temporal noise.
     folder
-        Where to write the frames and read them back from, as someone with a camera would; it must not hold anything.
-        None makes each frame when it is read, from the same numbers.
+        Empty or new folder to write the frames to and read them back from. With None, each frame is simulated when it
+        is read; the numbers are the same.
     source
-        What the calibration calls its frames, if not by the folder: one that is to be moved or removed, say.
-    watcher
-        Is told of stages and frames.
+        Name of the frames in the calibration; the folder by default.
+    progress
+        Receives stages and frame counts.
 
     Raises
     ------
     CalibrationError
         If the frames cannot support a calibration.
     InputError, FileError
-        If an argument cannot be, a patch of the ColorChecker would hold too few pixels, or the folder cannot be
-        written.
+        If an argument is invalid, a patch of the ColorChecker has too few pixels, or the folder cannot be written.
 
     Examples
     --------
@@ -204,25 +192,25 @@ def closed_loop(
     >>> round(gain.true, 4), abs(gain.deviation) < 4
     (0.1253, True)
     """
-    watch = watcher or Silence()
+    progress = progress or NoProgress()
     protocol = protocol or paper_d200_protocol()
     lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known)
     chart = charts.macbeth("A", 40)
     _check_patches(sensor, chart)
     seconds: dict[str, float] = {}
     with _timed(seconds, "shoot"):
-        frames = _shoot(lab, folder, watch)
+        frames = _shoot(lab, folder, progress)
         frames = frames if source is None else replace(frames, source=source)
     with _timed(seconds, "calibrate"):
-        watch.stage(f"calibrating from {protocol.frame_count} frames")
-        calibration = calibrate(frames, progress=watch)
+        progress.stage(f"calibrating from {protocol.frame_count} frames")
+        calibration = calibrate(frames, progress=progress)
     with _timed(seconds, "simulate"):
-        watch.stage("simulating a ColorChecker with the true and with the calibrated sensor")
-        true_raw = _portrait(sensor, chart, seed, protocol.frame_count)
+        progress.stage("simulating a ColorChecker with the true and with the calibrated sensor")
+        true_raw = _capture_chart(sensor, chart, seed, protocol.frame_count)
         simulated = calibration.sensor.with_(serial=f"{sensor.serial}, calibrated")
-        calibrated_raw = _portrait(simulated, chart, seed, protocol.frame_count + 1)
+        calibrated_raw = _capture_chart(simulated, chart, seed, protocol.frame_count + 1)
     with _timed(seconds, "compare"):
-        watch.stage("comparing them")
+        progress.stage("comparing them")
         validation = validate(true_raw, calibrated_raw, chart="macbeth", tolerance_percent=TOLERANCE_PERCENT)
     return ClosedLoop(
         sensor,
@@ -239,7 +227,7 @@ def closed_loop(
 
 
 def compared_parameters(lab: VirtualLab, calibration: Calibration) -> tuple[ParameterRow, ...]:
-    """Truth and estimate side by side, for the parameters of `HEADLINE`."""
+    """Return true and estimated values of the parameters in `HEADLINE`."""
     truth = true_parameters(lab.camera.sensor, lab.light, lab.camera.optics)
     estimates = calibration.estimates()
     return tuple(
@@ -256,24 +244,26 @@ def compared_parameters(lab: VirtualLab, calibration: Calibration) -> tuple[Para
     )
 
 
-def _shoot(lab: VirtualLab, folder: str | PathLike[str] | None, watch: Watcher) -> FrameSet:
+def _shoot(lab: VirtualLab, folder: str | PathLike[str] | None, progress: Progress) -> FrameSet:
     array = lab.camera.sensor.array
-    watch.stage(f"shooting {lab.protocol.frame_count} frames of {array.rows} x {array.cols} pixels")
+    progress.stage(f"shooting {lab.protocol.frame_count} frames of {array.rows} x {array.cols} pixels")
     if folder is None:
         return lab.frame_set()
-    lab.write(folder, watch)
+    lab.write(folder, progress)
     return open_frames(folder)
 
 
 def _check_patches(sensor: Sensor, chart: Scene) -> None:
-    """Whether the comparison at the end can be made: worth knowing before hundreds of frames are shot."""
+    """Raise before hundreds of frames are shot if the patches are too small for the comparison at the end."""
     array = sensor.array
     blank = RawFrame(np.zeros((array.rows, array.cols), np.uint16), sensor.readout.bits, array.cfa)
-    pixels = patch_statistics(blank, _camera(sensor).image_regions(chart)).pixels
-    if pixels.min() < FEWEST_PIXELS:
+    fewest = int(patch_statistics(blank, _camera(sensor).image_regions(chart)).pixels.min())
+    if fewest < FEWEST_PIXELS:
         raise InputError(
-            f"frames of {array.rows} x {array.cols} pixels leave {pixels.min()} of a channel in a patch of the chart; "
-            f"comparing its noise needs {FEWEST_PIXELS}: take more rows and columns"
+            f"frames of {array.rows} x {array.cols} pixels leave {fewest} pixels of a channel in a patch of the chart, "
+            f"fewer than {FEWEST_PIXELS}",
+            hint="Pass {rows} and {cols}, or more",
+            arguments={"rows": 132, "cols": 196},
         )
 
 
@@ -281,8 +271,7 @@ def _camera(sensor: Sensor) -> Camera:
     return Camera(DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
 
 
-def _portrait(sensor: Sensor, chart: Scene, seed: int, frame: int) -> RawFrame:
-    """The chart at the paper's conditions."""
+def _capture_chart(sensor: Sensor, chart: Scene, seed: int, frame: int) -> RawFrame:
     return _camera(sensor).capture(chart, CHART_EXPOSURE_S, seed=seed, frame=frame)
 
 
@@ -291,13 +280,3 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     begin = time.perf_counter()
     yield
     seconds[stage] = time.perf_counter() - begin
-
-
-class Silence:
-    """A watcher who does not want to know."""
-
-    def stage(self, what: str) -> None:
-        """Nothing."""
-
-    def __call__(self, done: int, total: int) -> None:
-        """Nothing."""

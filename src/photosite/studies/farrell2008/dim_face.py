@@ -1,4 +1,4 @@
-"""Section 5, the dimly lit face: 5 cd/m2 and 66 ms under both sensors, with gray world."""
+"""Section 5, a dimly lit face: a portrait of 5 cd/m2, exposed for 66 ms, captured with both sensors."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from photosite.studies.farrell2008.portrait import (
 )
 
 LUMINANCE_CD_M2, EXPOSURE_S = 5.0, 0.066
-"""Of the paper. That the luminance is the mean over the picture is an assumption; the face is brighter."""
+"""Values of the paper. That the luminance is the mean over the picture is an assumption; the face is brighter."""
 
 ROWS, COLS = 300, 256
-"""Pixels that the portrait covers on either chip, half of its own 600 x 512."""
+"""Size of the portrait on either chip in pixels, half of its 600 x 512 samples."""
 
 CAMERAS: tuple[Case, ...] = (VENDOR, D200, replace(D200, key="d200_f2.8", f_number=VENDOR.f_number))
-"""Each with the lens of Table 1; and the D200 once more with the vendor's f-number, for the same light on each square
-millimetre: which of its lens's openings the paper took for the face is not known here."""
+"""Both cameras with the lens of Table 1, and the D200 again with the f-number of the vendor camera, for the same
+irradiance. The paper does not state the f-number of the D200 for this picture."""
 
 
 @dataclass(frozen=True, eq=False)
 class FaceShot:
-    """The face under one camera.
+    """The face captured with one camera.
 
     Parameters
     ----------
     case
-        Which.
+        Camera.
     shot
         Frame, picture and noise.
     white_e
-        Electrons of a white surface in this light, in the channel that sees most of it.
+        Electrons of a white surface in this light, in the most sensitive channel.
     """
 
     case: Case
@@ -50,8 +50,8 @@ class FaceShot:
     white_e: float
 
     @property
-    def read_dsnu_rule_on_the_face(self) -> bool:
-        """Whether read noise and DSNU are more than shot noise and PRNU at the face's green."""
+    def read_dsnu_dominate_on_the_face(self) -> bool:
+        """Whether read noise and DSNU exceed shot noise and PRNU at the green signal of the face."""
         sensor = self.shot.camera.sensor
         volts = self.shot.noise("G").mean_e * sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
         return volts < noise_budget(sensor, volts).dark_limited_below_volts
@@ -59,16 +59,16 @@ class FaceShot:
 
 @dataclass(frozen=True, eq=False)
 class DimFace:
-    """The dimly lit face.
+    """Result of the chapter.
 
     Parameters
     ----------
     scene
-        What was shot.
+        The portrait.
     face_luminance_cd_m2
-        Of the face alone.
+        Mean luminance of the face.
     shots
-        By camera, as in `CAMERAS`.
+        By camera, in the order of `CAMERAS`.
     """
 
     scene: Scene
@@ -76,7 +76,7 @@ class DimFace:
     shots: tuple[FaceShot, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "portrait": portrait().to_dict(),
             "mean_luminance_cd_m2": LUMINANCE_CD_M2,
@@ -85,7 +85,7 @@ class DimFace:
                 entry.case.key: {
                     "f_number": entry.case.f_number,
                     "white_surface_e": entry.white_e,
-                    "read_noise_and_dsnu_rule_on_the_face": entry.read_dsnu_rule_on_the_face,
+                    "read_noise_and_dsnu_dominate_on_the_face": entry.read_dsnu_dominate_on_the_face,
                     **entry.shot.to_dict(),
                 }
                 for entry in self.shots
@@ -94,17 +94,12 @@ class DimFace:
 
 
 def dim_face(seed: int) -> DimFace:
-    """Shoot the dimly lit face with each camera of `CAMERAS`.
-
-    Parameters
-    ----------
-    seed
-        Of the study.
+    """Capture the dimly lit face with each camera of `CAMERAS`.
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), section 5. The frames are simulated with Table 1's sensors; nothing here stands
-    for a measurement.
+    Farrell, Okincha and Parmar (2008), section 5. All frames are simulated with the sensors of Table 1; there is no
+    measured camera.
 
     Examples
     --------

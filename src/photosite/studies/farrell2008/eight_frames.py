@@ -1,4 +1,4 @@
-"""What eight dark frames can and cannot say about a DSNU beside read noise of its size."""
+"""What eight dark frames determine, and what they do not, if DSNU and read noise have similar size."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.studies.virtual_lab import VirtualLab
 
 _SHARE = 0.1
-"""Of the DSNU: to how much of it a pixel's own offset would have to be known to be called known."""
+"""Precision at which the offset of a pixel counts as known, relative to the DSNU."""
 
 _FALSE_ALARM = 1e-3
 
 
 @dataclass(frozen=True)
 class EightFrames:
-    """Computed from the frames, beside what is expected of them; volts at the pixel, in mV.
+    """Values computed from the frames, and their expectation; in mV at the pixel.
 
     Parameters
     ----------
     frames, pixels, exposure_s
-        Of the repeated darks.
+        Of the repeated dark frames.
     read_noise_mv, read_noise_uncertainty_mv, dsnu_mv, dsnu_uncertainty_mv
         As calibrated.
     naive_dsnu_mv, naive_expected_mv
-        Spread of the mean frame, with what is left of the read noise in it; measured and expected.
+        Standard deviation of the mean frame, which includes residual read noise; measured and expected.
     noise_left_share
-        Of the mean frame's variance: read noise that averaging has left.
+        Share of residual read noise in the variance of the mean frame.
     many_frames_uncertainty_mv
-        Of the DSNU, were the frames without number: what the number of pixels leaves.
+        Uncertainty of the DSNU with infinitely many frames, due to the number of pixels.
     smallest_dsnu_mv
-        The least DSNU that these frames would tell apart from none, 95 %.
+        Smallest DSNU that these frames detect, 95 %.
     chip_spread_mv
-        Spread of the offsets of the chip that was shot, which only a virtual chip tells.
+        Standard deviation of the true offsets of this chip.
     pixel_offset_error_mv, pixel_offset_expected_mv
-        Root mean square error of one pixel's offset; measured against the chip, and expected.
+        RMS error of one pixel's offset; measured against the true chip, and expected.
     map_correlation, map_correlation_expected
-        Of the mean frame with the chip's offsets; measured, and expected.
+        Correlation of the mean frame with the true offsets; measured and expected.
     frames_for_a_tenth
-        Frames after which a pixel's offset is known to a tenth of the DSNU.
+        Frames that give a pixel's offset to a tenth of the DSNU.
     pixel_variance_scatter, pixel_variance_scatter_expected
-        Spread over pixels of each pixel's temporal variance, relative to its mean: chance alone; measured, expected.
+        Standard deviation over pixels of the temporal variance relative to its mean; measured, and expected by chance.
     noisy_pixel_factor
-        Times the read noise that a pixel must show before chance explains it in fewer than one of 1000.
+        Multiple of the read noise that fewer than one of 1000 equal pixels exceed by chance.
     frame_level_low, frame_level_high
-        Ends of the 95 % interval of a noise common to all pixels of a frame, relative to what was found.
+        95 % interval of a noise common to all pixels of a frame, relative to its estimate.
     pixel_slope_error_mv_per_s
-        Standard error of one pixel's dark voltage from the series of darks.
+        Standard error of one pixel's dark voltage from the dark series.
     slope_error_at_exposure_mv
-        The same, over the exposure of the eight: how much of a pixel's offset may be dark voltage.
+        The same over the exposure time of the eight frames.
     can, cannot
         The same in words.
     """
@@ -88,64 +88,65 @@ class EightFrames:
     slope_error_at_exposure_mv: float
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers by name, and the words."""
+        """Return all numbers by name, and the words."""
         numbers = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {**numbers, "can": list(self.can), "cannot": list(self.cannot)}
 
     @property
     def can(self) -> tuple[str, ...]:
-        """What these frames say, with numbers."""
+        """What these frames determine."""
         return (
-            f"How large the DSNU is, over the chip: {self.dsnu_mv:.4f} ± {self.dsnu_uncertainty_mv:.4f} mV. "
-            f"{self.pixels} pixels stand behind it; frames without number would leave ± "
-            f"{self.many_frames_uncertainty_mv:.4f} mV, because the pixels are a sample of all such chips’.",
-            f"That it is not read noise in disguise. The mean of {self.frames} frames spreads by "
-            f"{self.naive_dsnu_mv:.3f} mV, {100 * (self.naive_dsnu_mv / self.dsnu_mv - 1):.1f} % too much, because "
-            f"{100 * self.noise_left_share:.1f} % of its variance is read noise that averaging has left "
-            f"(read noise² / {self.frames}). That part is known from the same frames and is taken off.",
-            f"That there is DSNU at all, were it as small as {self.smallest_dsnu_mv:.2f} mV.",
-            f"How large the read noise is, on average over the pixels: {self.read_noise_mv:.4f} ± "
+            f"The size of the DSNU over the chip: {self.dsnu_mv:.4f} ± {self.dsnu_uncertainty_mv:.4f} mV, from "
+            f"{self.pixels} pixels. Infinitely many frames would leave ± {self.many_frames_uncertainty_mv:.4f} mV, "
+            "because the pixels are a sample of all such chips.",
+            f"That the DSNU is not residual read noise. The standard deviation of the mean of {self.frames} frames is "
+            f"{self.naive_dsnu_mv:.3f} mV, {100 * (self.naive_dsnu_mv / self.dsnu_mv - 1):.1f} % too large, because "
+            f"{100 * self.noise_left_share:.1f} % of its variance is residual read noise (read noise² / "
+            f"{self.frames}). This part is known from the same frames and is subtracted.",
+            f"That there is DSNU, down to {self.smallest_dsnu_mv:.2f} mV.",
+            f"The read noise, averaged over the pixels: {self.read_noise_mv:.4f} ± "
             f"{self.read_noise_uncertainty_mv:.4f} mV.",
         )
 
     @property
     def cannot(self) -> tuple[str, ...]:
-        """What they leave open, with numbers."""
+        """What these frames do not determine."""
         low, high = self.frame_level_low, self.frame_level_high
         return (
-            f"What one pixel’s offset is. It is off by {self.pixel_offset_error_mv:.2f} mV (root mean square; read "
-            f"noise / √{self.frames} is {self.pixel_offset_expected_mv:.2f}), "
-            f"{100 * self.pixel_offset_error_mv / self.dsnu_mv:.0f} % of the DSNU: the mean frame is the chip’s "
-            f"pattern with a correlation of {self.map_correlation:.3f}. To know each pixel to a tenth of the DSNU "
-            f"takes {self.frames_for_a_tenth} frames.",
-            f"Which pixels are noisy. Chance alone spreads the variances of equal pixels by "
-            f"{100 * self.pixel_variance_scatter:.0f} % of their mean, and of 1000 such pixels one shows more than "
-            f"{self.noisy_pixel_factor:.1f} times the read noise: only what lies beyond stands out.",
-            f"How much the level wanders from frame to frame. {self.frames} levels tell the size of such a noise to "
-            f"between {low:.2f} and {high:.2f} times what is found, however many pixels there are. The virtual sensor "
-            f"has none; a real one may.",
-            f"What part of it is dark current. At one exposure, offset and dark voltage × {1e3 * self.exposure_s:g} ms "
-            f"are one. The darks at other exposures tell a pixel’s dark voltage to ± "
-            f"{self.pixel_slope_error_mv_per_s:.1f} mV/s, ± {self.slope_error_at_exposure_mv:.2f} mV in that time: "
-            f"enough to call the pattern an offset, not to map the dark current.",
-            "Whether another chip of the design has the same. One chip was measured.",
+            f"The offset of a single pixel. Its RMS error is {self.pixel_offset_error_mv:.2f} mV (read noise / "
+            f"√{self.frames} is {self.pixel_offset_expected_mv:.2f}), "
+            f"{100 * self.pixel_offset_error_mv / self.dsnu_mv:.0f} % of the DSNU; the mean frame and the pattern of "
+            f"the chip have a correlation of {self.map_correlation:.3f}. Each pixel to a tenth of the DSNU takes "
+            f"{self.frames_for_a_tenth} frames.",
+            f"Which pixels are noisy. By chance the variances of equal pixels differ by "
+            f"{100 * self.pixel_variance_scatter:.0f} % of their mean, and one of 1000 such pixels exceeds "
+            f"{self.noisy_pixel_factor:.1f} times the read noise.",
+            f"The variation of the level from frame to frame. {self.frames} levels give such a noise to between "
+            f"{low:.2f} and {high:.2f} times its estimate, however many pixels there are. The virtual sensor has none; "
+            "a real one may have some.",
+            f"How much of the pattern is dark current. At one exposure time, offset and dark voltage × "
+            f"{1e3 * self.exposure_s:g} ms cannot be separated. The dark frames at other exposure times give the dark "
+            f"voltage of a pixel to ± {self.pixel_slope_error_mv_per_s:.1f} mV/s, ± "
+            f"{self.slope_error_at_exposure_mv:.2f} mV in that time: enough to identify the pattern as offset, not "
+            "enough to map the dark current.",
+            "Whether another chip of the same design has the same values. One chip was measured.",
         )
 
 
 def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
-    """Look at the most often repeated darks of a measurement.
+    """Evaluate the exposure time with the most dark frames of a measurement.
 
     Parameters
     ----------
     lab
-        The measurement: its frames, and the chip that shot them.
+        Laboratory that made the frames, with the true chip.
     calibration
-        What was estimated from them.
+        Result of their calibration.
 
     Raises
     ------
     CalibrationError
-        If read noise or DSNU could not be estimated.
+        If read noise or DSNU was not estimated.
     """
     from scipy.stats import chi2
 
@@ -156,7 +157,7 @@ def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
     pattern = draw_chip(sensor).offset_e.map().astype(np.float64) * sensor.pixel.conversion_gain_uv_per_e.value * 1e-3
     read, dsnu = calibration.read_noise_mv.measured("darks"), calibration.dsnu_mv.measured("darks")
     pixels, freedom = mean.size, count - 1
-    # One frame's temporal variance has the rounding's in it; so has what averaging leaves.
+    # The temporal variance of a frame includes that of rounding.
     once = read.value**2 + QUANTISATION_DN2 * sensor.mv_per_dn**2
     left = once / count
     error = mean - pattern
@@ -192,6 +193,6 @@ def eight_frames(lab: VirtualLab, calibration: Calibration) -> EightFrames:
 
 
 def _pixel_moments(group: FrameGroup, mv_per_dn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(rows, cols) mean over the frames and unbiased variance, in mV and mV^2."""
+    """Return (rows, cols) mean and unbiased variance over the frames, in mV and mV^2."""
     frames = np.stack(list(group)) * np.float64(mv_per_dn)
     return frames.mean(axis=0), frames.var(axis=0, ddof=1)

@@ -1,7 +1,7 @@
-"""Section 5, a scene of high dynamic range: one portrait in bright light beside one in shade, and a wedge of grays.
+"""Section 5, a scene of high dynamic range: one portrait in bright light beside one in shade, and a gray wedge.
 
-What scene the paper took is not known here. This one is made so that its numbers can be checked: the wedge's steps are
-even, each half as bright as the one before.
+The scene of the paper is unknown. This one makes its numbers easy to check: each step of the wedge is half as bright as
+the one before.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from photosite.studies.farrell2008.portrait import (
     white_exposure,
     white_surface_electrons,
 )
-from photosite.studies.farrell2008.snr import even_snr
+from photosite.studies.farrell2008.snr import uniform_snr
 from photosite.values.cfa import channel_mask
 from photosite.values.region import Region
 
 SHADE = 1 / 64
-"""Light on the right portrait over that on the left."""
+"""Light on the right portrait relative to the left one."""
 STEPS = 12
-"""Of the wedge, each half of the one before: 1 to 1/2048 of a white surface in the bright light."""
+"""Steps of the wedge, from 1 to 1/2048 of a white surface in the bright light."""
 ILLUMINANT, WHITE_CD_M2 = "D65", 2000.0
-"""Daylight on a white surface by a window; an assumption that moves nothing but the exposure times."""
+"""Daylight on a white surface by a window, an assumption that affects the exposure times only."""
 WHITE_SHARE = 0.85
-"""Exposures make a white surface in the bright light fill this share of the sensor's range."""
+"""Signal of a white surface in the bright light relative to saturation."""
 
 _WEDGE_ROWS, _WEDGE_INSET = 60, 4
 _SAMPLES_PER_PIXEL = 2
@@ -51,21 +51,21 @@ _SEEN_ERRORS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Wedge:
-    """The wedge as a sensor reads it, green. Arrays are (steps,), brightest first.
+    """Green signal of the wedge. Arrays are (steps,), brightest first.
 
     Parameters
     ----------
     level
-        Light over that of the brightest step.
+        Light relative to the brightest step.
     mean_e
-        Electrons that light gives, with what diffraction brings from brighter parts of the scene; near a border from
-        its far side too, since a frame's transform is periodic (of the brightest step, 0.0004 at the D200's darkest).
+        Mean electrons, including diffraction from brighter parts of the scene. A frame's transform is periodic, so that
+        light also arrives from the opposite border (0.0004 of the brightest step at the darkest one of the D200).
     snr_db
-        Of the raw frame, as in `snr.even_snr`; None where the mean is less than three standard errors above black.
+        Of the raw frame, as in `snr.uniform_snr`; None if the mean is less than three standard errors above black.
     standard_error_db
         Of `snr_db`.
     expected_db
-        By the noise budget.
+        From the noise budget.
     """
 
     level: NDArray[np.float64]
@@ -77,22 +77,22 @@ class Wedge:
 
 @dataclass(frozen=True, eq=False)
 class HdrShot:
-    """The scene under one camera.
+    """The scene captured with one camera.
 
     Parameters
     ----------
     case
-        Which.
+        Camera.
     sensor
         Its sensor.
     exposure_s
-        What puts white in the bright light at 85 % of the range.
+        Exposure time at which white in the bright light reaches 85 % of the range.
     picture
-        (rows, cols, 3) float32, display sRGB, bright light exposed as it should be.
+        (rows, cols, 3) float32, display sRGB, exposed for the bright light.
     lifted
-        The same frame, made brighter by as much as the shade is darker.
+        The same frame, brightened for the shade.
     wedge
-        Its grays.
+        The gray wedge.
     """
 
     case: Case
@@ -104,15 +104,15 @@ class HdrShot:
 
     @property
     def dynamic_range_db(self) -> float:
-        """Saturation over the signal that equals its noise in one frame of an even surface, 20 log10."""
+        """Dynamic range of the sensor, see `dynamic_range_db`."""
         return dynamic_range_db(self.sensor)
 
     def steps_above(self, snr_db: float) -> int:
-        """How many of the wedge's steps have more than a ratio, by the noise budget."""
+        """Return the number of steps whose expected ratio exceeds a value."""
         return int((self.wedge.expected_db > snr_db).sum())
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "exposure_s": self.exposure_s,
             "pixels": list(self.picture.shape[:2]),
@@ -129,12 +129,12 @@ class HdrShot:
 
 @dataclass(frozen=True, eq=False)
 class HighDynamicRange:
-    """The scene of high dynamic range under both cameras."""
+    """Result of the chapter: the scene captured with both cameras."""
 
     shots: tuple[HdrShot, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "portrait": portrait().to_dict(),
             "shade": SHADE,
@@ -144,12 +144,7 @@ class HighDynamicRange:
 
 
 def high_dynamic_range(seed: int) -> HighDynamicRange:
-    """Shoot the scene with both cameras, each exposed for the bright light.
-
-    Parameters
-    ----------
-    seed
-        Of the study.
+    """Capture the scene with both cameras, each exposed for the bright light.
 
     Notes
     -----
@@ -165,7 +160,7 @@ def high_dynamic_range(seed: int) -> HighDynamicRange:
 
 
 def hdr_scene() -> Scene:
-    """Two portraits side by side, the right in shade, over a wedge of grays; a region for each step.
+    """Return two portraits side by side, the right one in shade, above a gray wedge with a region per step.
 
     White in the bright light has weights of 1 and 2000 cd/m2.
 
@@ -196,10 +191,9 @@ def hdr_scene() -> Scene:
 
 
 def dynamic_range_db(sensor: Sensor) -> float:
-    """20 log10 of the saturation capacity over the signal whose total ratio is 0 dB.
+    """Return 20 log10 of the saturation capacity over the signal whose total signal-to-noise ratio is 0 dB.
 
-    EMVA 1288's dynamic range asks for the signal that equals the temporal noise; here, as in Figure 6, the fixed
-    pattern counts as noise.
+    EMVA 1288 uses the signal that equals the temporal noise. Here, as in Figure 6, the fixed pattern counts as noise.
     """
     return 20 * math.log10(sensor.saturation_capacity_e / signal_at_snr_e(sensor, 0.0))
 
@@ -233,7 +227,7 @@ def _wedge(raw: RawFrame, mean_e: NDArray[np.float32], sensor: Sensor, regions: 
         light_e.append(float(mean_e[inside][green[inside]].mean(dtype=np.float64)))
         at = step, read.channels.index(_CHANNEL)
         seen = read.mean_dn[at] > _SEEN_ERRORS * read.standard_error_dn[at]
-        shown.append(even_snr(read, step, _CHANNEL)[1:] if seen else (None, None))
+        shown.append(uniform_snr(read, step, _CHANNEL)[1:] if seen else (None, None))
     snr_db, errors_db = zip(*shown, strict=True)
     expected_db = noise_budget(sensor, np.array(light_e) * v_per_e).total_db
     level = np.asarray(0.5 ** np.arange(STEPS), dtype=np.float64)

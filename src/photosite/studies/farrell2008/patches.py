@@ -1,4 +1,4 @@
-"""Figures 1 to 5: the chart as each camera and its simulation see it, patch by patch and in colour."""
+"""Figures 1 to 5: the chart captured with each camera and simulated, compared patch by patch and in colour."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from photosite.validation.result import Validation
 from photosite.validation.validate import validate
 
 FORMULAS = MappingProxyType({"76": "CIE 1976", "94": "CIE 1994", "2000": "CIEDE2000"})
-"""Colour difference formulas by the ending of their names in `ColorMatrix`, and in words."""
+"""Colour difference formulas: suffix of their names in `ColorMatrix`, and label."""
 
 
 @dataclass(frozen=True, eq=False)
 class Colors:
-    """Figure 5 of one camera: how well the best 3 x 3 matrix from camera RGB to XYZ under D65 does.
+    """Figure 5 for one camera: accuracy of the best 3 x 3 matrix from camera RGB to XYZ under D65.
 
     Parameters
     ----------
     names
-        The patches that saturate no channel.
+        Patches that saturate no channel.
     measured, simulated
-        Each camera's own matrix, fitted to its own patches, and the colour differences that it leaves: of the
-        patches that it was fitted to, and of each patch by a matrix fitted to the others.
+        Matrix of each camera, fitted to its own patches, with the remaining colour differences: of the fitted patches,
+        and of each patch with a matrix fitted to the others.
     between
-        Measured against simulated patches, both through the simulation's matrix.
+        Measured against simulated patches, both with the matrix of the simulation.
     """
 
     names: tuple[str, ...]
@@ -46,7 +46,7 @@ class Colors:
     between: ColorComparison
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "patches": list(self.names),
             **{
@@ -71,25 +71,25 @@ class Colors:
 
 
 def differences(matrix: ColorMatrix, formula: str, left_out: bool = False) -> NDArray[np.float64]:
-    """(patches,): colour differences by a key of `FORMULAS`, of fitted patches or of those left out."""
+    """Return (patches,) colour differences by a key of `FORMULAS`, fitted or left out of the fit."""
     found: NDArray[np.float64] = getattr(matrix, f"delta_e_{formula}" + "_left_out" * left_out)
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPatches:
-    """The chart through one camera and its simulation.
+    """The chart captured with one camera, and simulated.
 
     Parameters
     ----------
     case
-        Which.
+        Camera.
     fill_factor
-        The fitted one, which the simulation has.
+        Fitted fill factor, which the simulation uses.
     measured, simulated
-        A frame each, at the brightest luminance.
+        One frame each, at the brightest luminance.
     comparisons
-        By luminance in cd/m2, dimmest first: patch means and noise, measured against simulated.
+        Patch means and noise, measured against simulated, by luminance in cd/m2, dimmest first.
     colors
         At the brightest luminance.
     """
@@ -103,11 +103,11 @@ class CameraPatches:
 
     @property
     def sensor(self) -> Sensor:
-        """Whose sensitivities Figure 1 shows."""
+        """Sensor whose sensitivities Figure 1 shows."""
         return self.case.sensor()
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "fill_factor_of_the_simulation": self.fill_factor,
             "by_luminance_cd_m2": {f"{level:g}": _patches(found) for level, found in self.comparisons.items()},
@@ -138,12 +138,12 @@ def _patches(found: Validation) -> dict[str, Any]:
 
 
 def _median(values: NDArray[np.float64]) -> float:
-    """Of their sizes; masked values do not count."""
+    """Return the median of the absolute values that are not masked."""
     return float(np.median(np.abs(np.ma.compressed(values))))
 
 
 def snr_difference_db(found: Validation) -> NDArray[np.float64]:
-    """(points,): SNR of measured less that of simulated patches, where both have one."""
+    """Return (points,) SNR of measured minus simulated patches, where both are finite."""
     seen, made = found.measured.spatial_snr_db, found.simulated.spatial_snr_db
     there = found.used & np.isfinite(seen) & np.isfinite(made)
     return np.asarray(seen[there] - made[there])
@@ -151,24 +151,24 @@ def snr_difference_db(found: Validation) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Figures 1 to 5, by the case's key."""
+    """Result of the chapter, by key of the case."""
 
     cameras: Mapping[str, CameraPatches]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {key: found.to_dict() for key, found in self.cameras.items()}
 
 
 def compare_charts(seed: int, fill_factors: FillFactors) -> Patches:
-    """Shoot and simulate both cameras' charts, the simulation with the fitted fill factor, and compare.
+    """Capture and simulate the charts of both cameras with the fitted fill factors, and compare.
 
     Parameters
     ----------
     seed
-        Of the study.
+        Seed of the study.
     fill_factors
-        What `fit_fill_factors` gave for it.
+        Result of `fit_fill_factors` for it.
 
     Notes
     -----
@@ -193,7 +193,7 @@ def _compare(case: Case, seed: int, fill_factor: float) -> CameraPatches:
 
 
 def _colors(found: Validation) -> Colors:
-    if found.color is None:  # with 24 patches in R, G and B it takes a chart that saturates
+    if found.color is None:  # 24 patches in R, G and B always suffice unless the chart saturates
         raise AssertionError(f"no colours to compare: {'; '.join(found.notes)}")
     whole = np.asarray(found.used.all(axis=1), dtype=np.bool_)
     names = tuple(name for name, ok in zip(found.measured.names, whole, strict=True) if ok)

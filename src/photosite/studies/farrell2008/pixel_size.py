@@ -1,6 +1,6 @@
-"""Figure 7: a pixel of 1.4 um beside one of 2.2 um, each with and without read noise and DSNU.
+"""Figure 7: a pixel of 1.4 um against one of 2.2 um, each with and without read noise and DSNU.
 
-Curves are the noise model's; beside them stand pictures, and the noise on their faces, of simulated frames.
+Curves follow from the noise model. Pictures and the noise on their faces come from simulated frames.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from photosite.studies.farrell2008.portrait import (
 from photosite.values.cfa import channel_sites
 
 PRESETS = {2.2: "vendor-2.2um", 1.4: "vendor-1.4um"}
-"""By pixel width in um."""
+"""Presets by pixel width in um."""
 
 ASSUMPTIONS = (
-    "Both chips have the same area, lens (f/2.8, 4.88 mm) and exposure (66 ms), so the same light falls on each square "
-    "micrometre; the 1.4 µm chip has (2.2 / 1.4)² = 2.47 times the pixels.",
-    "Fill factor and quantum efficiency are those of the 2.2 µm pixel: a pixel’s signal in electrons goes with its "
-    "area, by 0.405. That an equally good small pixel can be built is the assumption.",
-    "Well capacity goes with the area, 10 000 and 4050 electrons, and the conversion gain is the same, 100 µV per "
-    "electron: the 1.4 µm pixel fills only 0.405 of the voltage swing, and clips there.",
-    "Read noise, DSNU (in millivolts, and so in electrons) and PRNU are those of Table 1 for both: the paper says that "
-    "the smaller pixel’s noise is comparable. No dark current in 66 ms.",
-    "Without read noise and DSNU, only shot noise and PRNU are left.",
+    "Both chips have the same area, lens (f/2.8, 4.88 mm) and exposure time (66 ms), and therefore the same "
+    "irradiance; the 1.4 µm chip has (2.2 / 1.4)² = 2.47 times the pixels.",
+    "Fill factor and quantum efficiency are those of the 2.2 µm pixel: the signal of a pixel in electrons scales with "
+    "its area, by 0.405. This assumes that an equally good small pixel can be built.",
+    "Well capacity scales with the area, 10 000 and 4050 electrons, and the conversion gain is the same, 100 µV per "
+    "electron: the 1.4 µm pixel uses only 0.405 of the voltage swing and clips there.",
+    "Read noise, DSNU (in millivolts, and so in electrons) and PRNU are those of Table 1 for both: the paper states "
+    "that the noise of the smaller pixel is comparable. There is no dark current in 66 ms.",
+    "Without read noise and DSNU, only shot noise and PRNU remain.",
 )
-"""What is scaled from what; the presets' files say which of their values are assumed."""
+"""How the small pixel is scaled; the preset files mark assumed values."""
 
 LUMINANCES_CD_M2 = (5.0, 15.0, 40.0)
-"""The paper's for the vendor's sensor."""
+"""Luminances of the paper for the vendor sensor."""
 PICTURE_LUMINANCE_CD_M2 = 15.0
-"""Mean of the portrait."""
+"""Mean luminance of the portrait."""
 PICTURE_ROWS, PICTURE_COLS = {2.2: 300, 1.4: 472}, {2.2: 256, 1.4: 402}
-"""The same 0.66 x 0.56 mm of chip."""
+"""Frame sizes by pixel width: the same 0.66 x 0.56 mm of chip."""
 GOOD_SNR_DB = 20.0
-"""A signal-to-noise ratio of 10, at which ISO 12232 takes its noise-based speed for the first acceptable picture."""
+"""A signal-to-noise ratio of 10, the criterion of ISO 12232 for the first acceptable picture."""
 
 _CHANNEL = "G"
 _LOWEST_CD_M2, _POINTS = 0.5, 200
@@ -58,20 +58,20 @@ _LOWEST_CD_M2, _POINTS = 0.5, 200
 
 @dataclass(frozen=True, eq=False)
 class PixelCurve:
-    """Signal-to-noise ratio of one pixel against the luminance of a white surface, up to its saturation. Green.
+    """Green signal-to-noise ratio of one pixel against the luminance of a white surface, up to saturation.
 
     Parameters
     ----------
     width_um
-        Of the pixel.
+        Pixel width.
     quiet
         Whether read noise and DSNU are left out.
     sensor
-        The pixel's sensor, as simulated.
+        Simulated sensor.
     electrons_per_cd_m2
         Signal per luminance.
     luminance_cd_m2, snr_db
-        (points,).
+        (points,) curve.
     """
 
     width_um: float
@@ -83,31 +83,31 @@ class PixelCurve:
 
     @property
     def per_large_pixel(self) -> float:
-        """How many of these pixels cover one of 2.2 um."""
+        """Number of these pixels on the area of one 2.2 um pixel."""
         return (max(PRESETS) / self.width_um) ** 2
 
     @property
     def equal_area_db(self) -> NDArray[np.float64]:
-        """(points,) ratio of the mean over as many pixels as cover one of 2.2 um: noise of pixels is independent."""
+        """(points,) ratio of the mean over the area of one 2.2 um pixel; the noise of pixels is independent."""
         return self.snr_db + 10 * math.log10(self.per_large_pixel)
 
     def snr_at(self, luminance_cd_m2: float) -> float:
-        """Ratio at a luminance, dB; it is below saturation."""
+        """Return the ratio in dB at a luminance below saturation."""
         return float(pixel_snr_db(self.sensor, luminance_cd_m2 * self.electrons_per_cd_m2))
 
     @property
     def luminance_of_good_snr_cd_m2(self) -> float:
-        """Where a pixel's ratio is 20 dB."""
+        """Luminance at which a pixel has 20 dB."""
         return signal_at_snr_e(self.sensor, GOOD_SNR_DB) / self.electrons_per_cd_m2
 
     @property
     def equal_area_luminance_of_good_snr_cd_m2(self) -> float:
-        """Where the mean over the area of one 2.2 um pixel has 20 dB."""
+        """Luminance at which the mean over the area of one 2.2 um pixel has 20 dB."""
         one_db = GOOD_SNR_DB - 10 * math.log10(self.per_large_pixel)
         return signal_at_snr_e(self.sensor, one_db) / self.electrons_per_cd_m2
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`; the curve thinned to every tenth point."""
+        """Return the numbers for `results.json`, with every tenth point of the curve."""
         return {
             "width_um": self.width_um,
             "read_noise_and_dsnu": not self.quiet,
@@ -123,7 +123,7 @@ class PixelCurve:
 
 @dataclass(frozen=True, eq=False)
 class PixelPicture:
-    """The portrait under one pixel.
+    """The portrait captured with one pixel size.
 
     Parameters
     ----------
@@ -138,22 +138,22 @@ class PixelPicture:
     shot: Shot
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {"width_um": self.width_um, "read_noise_and_dsnu": not self.quiet, **self.shot.to_dict()}
 
 
 @dataclass(frozen=True, eq=False)
 class PixelSize:
-    """Figure 7.
+    """Result of the chapter.
 
     Parameters
     ----------
     curves
-        2.2 and 1.4 um, with and without read noise and DSNU.
+        2.2 and 1.4 um, each with and without read noise and DSNU.
     pictures
         In the same order.
     face_luminance_cd_m2
-        Of the face in the pictures.
+        Mean luminance of the face in the pictures.
     """
 
     curves: tuple[PixelCurve, ...]
@@ -161,11 +161,11 @@ class PixelSize:
     face_luminance_cd_m2: float
 
     def curve(self, width_um: float, quiet: bool) -> PixelCurve:
-        """One of the four."""
+        """Return the curve of a pixel width."""
         return next(entry for entry in self.curves if (entry.width_um, entry.quiet) == (width_um, quiet))
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "assumptions": list(ASSUMPTIONS),
             "curves": [curve.to_dict() for curve in self.curves],
@@ -178,16 +178,16 @@ class PixelSize:
 
 
 def pixel_sizes(seed: int) -> PixelSize:
-    """Figure 7: curves, and the portrait of 15 cd/m2 under the four pixels.
+    """Compute Figure 7: curves, and the portrait of 15 cd/m2 with the four pixels.
 
     Parameters
     ----------
     seed
-        Of the study. The frames with and without read noise and DSNU have the same photons and the same PRNU.
+        Seed of the study. Frames with and without read noise and DSNU share photon noise and PRNU.
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), section 5 and Figure 7; `ASSUMPTIONS` has what the paper does not say.
+    Farrell, Okincha and Parmar (2008), section 5 and Figure 7. `ASSUMPTIONS` lists what the paper does not state.
 
     Examples
     --------
@@ -212,13 +212,13 @@ def pixel_sizes(seed: int) -> PixelSize:
 
 
 def pixel_sensor(width_um: float, quiet: bool) -> Sensor:
-    """The vendor's sensor of a pixel width, with or without read noise and DSNU."""
+    """Return the vendor sensor of a pixel width, with or without read noise and DSNU."""
     sensor = load_sensor(PRESETS[width_um])
     return sensor.with_(read_noise_mv=0, dsnu_mv=0) if quiet else sensor
 
 
 def pixel_snr_db(sensor: Sensor, signal_e: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Total ratio at some electrons."""
+    """Return the total signal-to-noise ratio at a signal in electrons."""
     v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
     return noise_budget(sensor, np.asarray(signal_e) * v_per_e).total_db
 

@@ -1,6 +1,6 @@
-"""The portrait of section 5 and what a camera makes of it: the scene, a shot, and the noise on the face.
+"""The portrait of section 5: the scene, a capture, and the noise on the face.
 
-The paper's own scenes were not published. The portrait here is one that an installed package ships.
+The scenes of the paper were not published. This portrait is one that matplotlib ships.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ FACE = Region("face", 140, 320, 180, 350)
 """Forehead to chin, in samples of the portrait."""
 
 PORTRAIT_WIDTH_M = 0.5
-"""Head and shoulders; an assumption. The camera stands where they fill the chip."""
+"""Width of head and shoulders, an assumption. The distance is such that they fill the chip."""
 
 
 @dataclass(frozen=True, eq=False)
 class Portrait:
-    """The picture.
+    """The portrait and its file.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ class Portrait:
     sha256: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Where it is from."""
+        """Return its source."""
         return {"source": PORTRAIT_SOURCE, "file_sha256": self.sha256}
 
 
 @lru_cache(maxsize=1)
 def portrait() -> Portrait:
-    """The portrait that matplotlib ships.
+    """Return the portrait that matplotlib ships.
 
     Raises
     ------
     FileError
-        If this matplotlib ships none, or one of another size.
+        If the file is missing or has another size.
 
     Examples
     --------
@@ -83,24 +83,24 @@ def portrait() -> Portrait:
         content = path.read_bytes()
     except OSError as error:
         raise FileError(
-            path, f"cannot be read ({error.strerror}): this matplotlib lacks its sample data; install it from PyPI"
+            path,
+            f"the file cannot be read ({error.strerror})",
+            hint="Install matplotlib from PyPI, which includes its sample data",
         ) from None
     with Image.open(io.BytesIO(content)) as image:
         picture = np.asarray(image.convert("RGB"))
     if picture.shape != _SHAPE:
-        raise FileError(
-            path, f"is not the portrait of this study: {picture.shape}, not {_SHAPE}; where is its face? see FACE"
-        )
+        raise FileError(path, "shape", value=picture.shape, expected=f"{_SHAPE}, the portrait of this study")
     return Portrait(picture, hashlib.sha256(content).hexdigest())
 
 
 def portrait_scene(luminance_cd_m2: float) -> Scene:
-    """The portrait as a print under the paper's tungsten light, with the face as a region.
+    """Return the portrait as a print under tungsten light, with the face as a region.
 
     Parameters
     ----------
     luminance_cd_m2
-        Mean over the whole picture.
+        Mean luminance of the whole picture.
 
     Examples
     --------
@@ -113,15 +113,15 @@ def portrait_scene(luminance_cd_m2: float) -> Scene:
 
 
 def region_luminance_cd_m2(scene: Scene, region: Region) -> float:
-    """Mean luminance of some samples of a scene."""
+    """Return the mean luminance of a region."""
     part = scene.weights[:, region.r0 : region.r1, region.c0 : region.c1]
     return replace(scene, weights=part, regions=()).mean_luminance_cd_m2()
 
 
 def filling(scene: Scene, camera: Camera, width_m: float = PORTRAIT_WIDTH_M) -> Scene:
-    """The scene, of some width, at the distance from which it fills the camera's chip from left to right.
+    """Return the scene at the distance at which its width fills the chip.
 
-    From |m| = f / (d - f) with |m| the chip's width over the scene's, for a thin lens.
+    For a thin lens, |m| = f / (d - f), with |m| the width of the chip over that of the scene.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def filling(scene: Scene, camera: Camera, width_m: float = PORTRAIT_WIDTH_M) -> 
     """
     sensor = camera.sensor
     chip_m = sensor.array.cols * sensor.pixel.width_um.value * 1e-6
-    # A thin lens: f follows from the magnification at any distance.
+    # The focal length of a thin lens follows from the magnification at any distance.
     ratio = camera.optics.magnification(1.0)
     focal_m = ratio / (1.0 + ratio)
     return replace(scene, distance_m=focal_m * (1.0 + width_m / chip_m), width_m=None)
@@ -141,21 +141,21 @@ def filling(scene: Scene, camera: Camera, width_m: float = PORTRAIT_WIDTH_M) -> 
 
 @dataclass(frozen=True)
 class RegionNoise:
-    """What a channel reads in a region of one frame, beside what the noise model says.
+    """Signal-to-noise ratio of a channel in a region of one frame, measured and expected.
 
     Parameters
     ----------
     channel
-        Which.
+        Name of the channel.
     mean_e
         Mean electrons from light.
     snr_db
-        20 log10 of `mean_e` over the root mean square of what the pixels read less what light gave them: temporal noise
-        and fixed pattern, without the scene's own structure, which a simulation knows.
+        20 log10 of `mean_e` over the RMS difference between the frame and the mean electrons: temporal noise and fixed
+        pattern, without the structure of the scene, which a simulation knows.
     standard_error_db
         Of `snr_db`.
     expected_db
-        By the noise model: shot noise, read noise, DSNU, PRNU and the converter's rounding at each pixel's own level.
+        From the noise model at each pixel's signal: shot noise, read noise, DSNU, PRNU and rounding.
     """
 
     channel: str
@@ -165,23 +165,23 @@ class RegionNoise:
     expected_db: float
 
     def to_dict(self) -> dict[str, float]:
-        """Its numbers."""
+        """Return the numbers."""
         names = ("mean_e", "snr_db", "standard_error_db", "expected_db")
         return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A frame of the portrait, and the picture made of it.
+    """A capture of the portrait.
 
     Parameters
     ----------
     camera, exposure_s
-        What it was shot with.
+        Camera and exposure time.
     raw
         The frame.
     picture
-        (rows, cols, 3) float32, display sRGB: bilinear demosaic, gray world, a white surface in this light is white.
+        (rows, cols, 3) float32, display sRGB: bilinear demosaic, gray world; a white surface in this light is white.
     face
         Noise on the face, by channel.
     """
@@ -193,11 +193,11 @@ class Shot:
     face: tuple[RegionNoise, ...]
 
     def noise(self, channel: str) -> RegionNoise:
-        """Of one channel."""
+        """Return the noise of one channel."""
         return next(entry for entry in self.face if entry.channel == channel)
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             "exposure_s": self.exposure_s,
             "pixels": list(self.raw.shape),
@@ -206,18 +206,18 @@ class Shot:
 
 
 def shoot_portrait(camera: Camera, scene: Scene, exposure_s: float, key: int) -> Shot:
-    """Shoot a scene that has a face, and develop the frame.
+    """Capture a scene that has a face, and develop the frame.
 
     Parameters
     ----------
     camera
-        Lens and sensor; the scene is moved to where it fills the chip.
+        Lens and sensor; the scene is moved to the distance at which it fills the chip.
     scene
-        `portrait_scene`.
+        From `portrait_scene`.
     exposure_s
         Exposure time.
     key
-        Of the temporal noise.
+        Key of the temporal noise.
     """
     placed = filling(scene, camera)
     mean_e = camera.mean_electrons(placed, exposure_s)
@@ -228,12 +228,12 @@ def shoot_portrait(camera: Camera, scene: Scene, exposure_s: float, key: int) ->
 
 
 def white_surface_electrons(camera: Camera, scene: Scene, exposure_s: float) -> float:
-    """Electrons that a white surface in the scene's light gives the channel that sees most of it.
+    """Return the electrons of a white surface in the scene's light, in the most sensitive channel.
 
     Parameters
     ----------
     scene
-        From `photosite.scene.pictures.from_srgb`: its basis spectra sum to those of white.
+        From `photosite.scene.pictures.from_srgb`: its basis spectra add up to that of white.
     """
     white = Scene.uniform(scene.basis.sum(axis=0), scene.wavelength_nm, scene.distance_m)
     tile = camera.sensor.array.cfa
@@ -242,7 +242,7 @@ def white_surface_electrons(camera: Camera, scene: Scene, exposure_s: float) -> 
 
 
 def white_exposure(camera: Camera, scene: Scene, exposure_s: float) -> float:
-    """The factor for `develop` that makes a white surface in the scene's light display white."""
+    """Return the exposure factor for `develop` at which a white surface in the scene's light is display white."""
     sensor = camera.sensor
     range_e = (sensor.white_level_dn - sensor.readout.black_level_dn.value) / sensor.system_gain_dn_per_e
     return range_e / white_surface_electrons(camera, scene, exposure_s)
@@ -251,18 +251,18 @@ def white_exposure(camera: Camera, scene: Scene, exposure_s: float) -> float:
 def region_noise(
     raw: RawFrame, mean_electrons: NDArray[np.float32], sensor: Sensor, region: Region
 ) -> tuple[RegionNoise, ...]:
-    """Noise of each channel in a region of a frame, measured and by the model.
+    """Return the noise of each channel in a region of a frame, measured and from the noise model.
 
     Parameters
     ----------
     raw
         The frame; its region is neither saturated nor clipped at black.
     mean_electrons
-        (rows, cols) what light gave its pixels.
+        (rows, cols) mean electrons from light.
     sensor
         Its sensor, without dark current.
     region
-        Where.
+        The region.
     """
     inside = (slice(region.r0, region.r1), slice(region.c0, region.c1))
     read_e = (raw.dn[inside] - raw.black_level_dn) / sensor.system_gain_dn_per_e

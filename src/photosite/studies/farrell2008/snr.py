@@ -1,7 +1,7 @@
-"""Figure 6: signal-to-noise ratio against volts at the pixel, whole and by cause, for both sensors of Table 1.
+"""Figure 6: signal-to-noise ratio against the signal in volts, in total and by noise source, for both sensors of Table
+1.
 
-The curves follow from Table 1. Beside them stand even fields of the measured cameras, which say whether frames do what
-the formula says.
+The curves follow from Table 1. Uniform fields of the measured cameras verify the formula.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from photosite.studies.farrell2008.cameras import CASES, Case, MeasuredCamera, f
 from photosite.values.region import Region
 
 PARTS = MappingProxyType({"shot": "shot noise", "read": "read noise", "dsnu": "DSNU", "prnu": "PRNU"})
-"""The four noises, by the name of their curve in `NoiseBudget`, and in words."""
+"""Noise sources: name of the curve in `NoiseBudget`, and label."""
 
 PAPER_D200_AT_SWING_DB = MappingProxyType({"total": 38.10, "shot": 45.56, "read": 66.35, "dsnu": 65.86, "prnu": 38.97})
-"""The D200's curves at its full swing of 1.08 V, to the two decimals in which they are known."""
+"""Curves of the D200 at its full swing of 1.08 V, as in the paper."""
 
 FIELD_PIXELS = 256
-"""Rows and columns of the even fields: 32768 green pixels tell a standard deviation to 0.4 %, 0.034 dB."""
+"""Rows and columns of the uniform fields: 32768 green pixels give a standard deviation to 0.4 %, 0.034 dB."""
 
 FIELDS = 9
 _LOWEST_SHARE, _LOWEST_FIELD_SHARE, _HIGHEST_FIELD_SHARE = 5e-4, 2e-3, 0.8
-"""Of the voltage swing: where curves and fields begin, and where fields end, five spreads and more below saturation."""
+"""Relative to the voltage swing: start of the curves, and range of the fields, which stay below saturation."""
 _CURVE_POINTS = 300
 _FIELD_CHANNEL = "G"
 
 
 @dataclass(frozen=True)
-class Lead:
-    """A range of signals in which one noise is larger than each of the others.
+class NoiseRange:
+    """A range of signals in which one noise source is the largest.
 
     Parameters
     ----------
     noise
         A key of `PARTS`.
     from_volts, to_volts
-        Where it begins and ends; from 0, and to the voltage swing.
+        Ends of the range, within 0 and the voltage swing.
     """
 
     noise: str
@@ -55,19 +55,19 @@ class Lead:
 
 
 @dataclass(frozen=True, eq=False)
-class EvenFields:
-    """Even fields of a measured camera, one frame at each level. Arrays are (levels,).
+class UniformFields:
+    """Uniform fields of a measured camera, one frame per level. Arrays are (levels,).
 
     Parameters
     ----------
     volts
         Mean signal at the pixel, as read.
     snr_db
-        20 log10 of the mean over the standard deviation over pixels, the converter's 1/12 DN^2 taken off.
+        20 log10 of the mean over the standard deviation over pixels, without the 1/12 DN^2 of rounding.
     standard_error_db
-        Of `snr_db`. All levels show one fixed pattern, so their errors have a part in common.
+        Of `snr_db`. All levels share one fixed pattern, so that their errors are correlated.
     expected_db
-        The formula's total at these volts.
+        From the noise budget at these volts.
     """
 
     volts: NDArray[np.float64]
@@ -83,48 +83,48 @@ class EvenFields:
 
 @dataclass(frozen=True, eq=False)
 class SensorSnr:
-    """Figure 6 of one sensor.
+    """Figure 6 for one sensor.
 
     Parameters
     ----------
     case
-        Which.
+        Camera.
     swing_v
-        Its voltage swing, where the curves end.
+        Voltage swing, the end of the curves.
     curves
-        From 0.05 % of the swing to all of it.
+        Noise budget from 0.05 % of the swing to the swing.
     at_swing
-        At the swing.
-    leads
-        Which single noise is the largest, from dark to bright.
+        Noise budget at the swing.
+    dominant
+        Largest single noise source by range of signals.
     fields
-        What frames of a virtual chip show.
+        Uniform fields of a virtual chip.
     """
 
     case: Case
     swing_v: float
     curves: NoiseBudget
     at_swing: NoiseBudget
-    leads: tuple[Lead, ...]
-    fields: EvenFields
+    dominant: tuple[NoiseRange, ...]
+    fields: UniformFields
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`; the curves thinned to every tenth point."""
+        """Return the numbers for `results.json`, with every tenth point of the curves."""
         names = ("total", *PARTS)
         thin = slice(None, None, 10)
         return {
             "voltage_swing_v": self.swing_v,
             "at_swing_db": {name: float(getattr(self.at_swing, f"{name}_db")) for name in names},
-            "read_noise_and_dsnu_rule_below_volts": self.curves.dark_limited_below_volts,
-            "prnu_limited_above_volts": self.curves.prnu_limited_above_volts,
+            "read_noise_and_dsnu_dominate_below_volts": self.curves.dark_limited_below_volts,
+            "prnu_dominates_above_volts": self.curves.prnu_limited_above_volts,
             "largest_noise": [
-                {"noise": i.noise, "from_volts": i.from_volts, "to_volts": i.to_volts} for i in self.leads
+                {"noise": i.noise, "from_volts": i.from_volts, "to_volts": i.to_volts} for i in self.dominant
             ],
             "curves": {
                 "volts": self.curves.volts[thin].tolist(),
                 **{f"{name}_db": getattr(self.curves, f"{name}_db")[thin].tolist() for name in names},
             },
-            "even_fields_of_the_virtual_camera": {
+            "uniform_fields_of_the_virtual_camera": {
                 "volts": self.fields.volts.tolist(),
                 "snr_db": self.fields.snr_db.tolist(),
                 "standard_error_db": self.fields.standard_error_db.tolist(),
@@ -136,24 +136,24 @@ class SensorSnr:
 
 @dataclass(frozen=True, eq=False)
 class SnrChapter:
-    """Figure 6 of both sensors.
+    """Figure 6 for both sensors.
 
     Parameters
     ----------
     sensors
-        By the case's key.
+        By key of the case.
     """
 
     sensors: MappingProxyType[str, SensorSnr]
 
     @property
     def from_paper_db(self) -> dict[str, float]:
-        """The D200's curves at full swing less the paper's."""
+        """Curves of the D200 at full swing minus those of the paper."""
         at_swing = self.sensors["d200"].at_swing
         return {name: float(getattr(at_swing, f"{name}_db")) - paper for name, paper in PAPER_D200_AT_SWING_DB.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`."""
+        """Return the numbers for `results.json`."""
         return {
             **{key: sensor.to_dict() for key, sensor in self.sensors.items()},
             "d200_at_swing_less_paper_db": self.from_paper_db,
@@ -161,22 +161,17 @@ class SnrChapter:
 
 
 def snr_against_volts(seed: int) -> SnrChapter:
-    """Figure 6 for both sensors, and what even fields of the measured cameras show.
-
-    Parameters
-    ----------
-    seed
-        Of the study.
+    """Compute Figure 6 for both sensors, and measure uniform fields.
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), Figure 6; the formula is in `photosite.metrics.snr`. Even fields are
-    256 x 256 pixels.
+    Farrell, Okincha and Parmar (2008), Figure 6; the formula is in `photosite.metrics.snr`. The uniform fields have 256
+    x 256 pixels.
 
     Examples
     --------
     >>> d200 = snr_against_volts(2008).sensors["d200"]
-    >>> d200.at_swing.total_db.round(2), [lead.noise for lead in d200.leads]
+    >>> d200.at_swing.total_db.round(2), [part.noise for part in d200.dominant]
     (np.float64(38.1), ['dsnu', 'shot', 'prnu'])
     """
     return SnrChapter(MappingProxyType({case.key: _sensor_snr(case, seed) for case in CASES}))
@@ -190,22 +185,22 @@ def _sensor_snr(case: Case, seed: int) -> SensorSnr:
         swing,
         curves=noise_budget(sensor, np.geomspace(_LOWEST_SHARE * swing, swing, _CURVE_POINTS)),
         at_swing=noise_budget(sensor, swing),
-        leads=largest_noises(sensor),
-        fields=_even_fields(case, sensor, seed),
+        dominant=dominant_noises(sensor),
+        fields=_uniform_fields(case, sensor, seed),
     )
 
 
-def largest_noises(sensor: Sensor) -> tuple[Lead, ...]:
-    """Which single noise is the largest, from dark to the voltage swing.
+def dominant_noises(sensor: Sensor) -> tuple[NoiseRange, ...]:
+    """Return the largest single noise source by range of signals, up to the voltage swing.
 
-    Read noise and DSNU are the same at every signal S, shot noise grows with its square root and PRNU with S itself: in
-    electrons c, sqrt(S) and p S. From dark to bright the larger constant gives way to shot noise at S = c^2 and that to
-    PRNU at 1 / p^2; or, where c p > 1, the constant to PRNU at c / p, and shot noise is never the largest.
+    Read noise and DSNU are constant, shot noise grows with the square root of the signal S, and PRNU with S: in
+    electrons c, sqrt(S) and p S. The larger constant is exceeded by shot noise at S = c^2, and shot noise by PRNU at 1
+    / p^2. If c p > 1, PRNU exceeds the constant at c / p and shot noise is never the largest.
 
     Examples
     --------
     >>> import photosite as ps
-    >>> [(lead.noise, round(lead.to_volts, 3)) for lead in largest_noises(ps.load_sensor("vendor-2.2um"))]
+    >>> [(part.noise, round(part.to_volts, 3)) for part in dominant_noises(ps.load_sensor("vendor-2.2um"))]
     [('dsnu', 0.353), ('prnu', 1.0)]
     """
     v_per_e = sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
@@ -214,17 +209,19 @@ def largest_noises(sensor: Sensor) -> tuple[Lead, ...]:
     constant, prnu = max(read, dsnu), sensor.noise.prnu_percent.value / 100.0
     prnu_from = math.inf if prnu == 0 else (1 / prnu**2 if constant * prnu <= 1 else constant / prnu)
     shot_from = min(constant**2, prnu_from)
-    # A noise that is not there begins where the next does.
+    # A range that does not exist starts where the next one does.
     begins = ("read" if read > dsnu else "dsnu", 0.0), ("shot", v_per_e * shot_from), ("prnu", v_per_e * prnu_from)
     ends = (*(start for _, start in begins[1:]), swing)
-    leads = (
-        Lead(noise, start, min(end, swing)) for (noise, start), end in zip(begins, ends, strict=True) if start < swing
+    dominant = (
+        NoiseRange(noise, start, min(end, swing))
+        for (noise, start), end in zip(begins, ends, strict=True)
+        if start < swing
     )
-    return tuple(lead for lead in leads if lead.to_volts > lead.from_volts)
+    return tuple(part for part in dominant if part.to_volts > part.from_volts)
 
 
-def _even_fields(case: Case, told: Sensor, seed: int) -> EvenFields:
-    """Even fields of the measured camera's chip; lens and lamp have no part in them."""
+def _uniform_fields(case: Case, nominal: Sensor, seed: int) -> UniformFields:
+    """Expose uniform fields with the chip of the measured camera, without lens and lamp."""
     measured = MeasuredCamera.drawn(case, seed)
     sensor = measured.sensor(FIELD_PIXELS, FIELD_PIXELS)
     camera = Camera(case.lens, sensor)
@@ -235,27 +232,27 @@ def _even_fields(case: Case, told: Sensor, seed: int) -> EvenFields:
     for number, level in enumerate(np.geomspace(_LOWEST_FIELD_SHARE * swing, _HIGHEST_FIELD_SHARE * swing, FIELDS)):
         mean_e = np.full((FIELD_PIXELS, FIELD_PIXELS), level / v_per_e, np.float32)
         raw = camera.expose(mean_e, case.exposure_s, seed=frame_key(seed, f"even fields of {case.key}"), frame=number)
-        mean_dn, snr_db, error_db = even_snr(patch_statistics(raw, everywhere), 0, _FIELD_CHANNEL)
+        mean_dn, snr_db, error_db = uniform_snr(patch_statistics(raw, everywhere), 0, _FIELD_CHANNEL)
         rows.append((mean_dn * v_per_dn, snr_db, error_db))
     volts, snrs_db, errors_db = np.array(rows).T
-    return EvenFields(volts, snrs_db, errors_db, noise_budget(told, volts).total_db)
+    return UniformFields(volts, snrs_db, errors_db, noise_budget(nominal, volts).total_db)
 
 
-def even_snr(statistics: PatchStatistics, patch: int, channel: str) -> tuple[float, float, float]:
-    """Signal-to-noise ratio of an even patch in one frame, as the noise budget means it.
+def uniform_snr(statistics: PatchStatistics, patch: int, channel: str) -> tuple[float, float, float]:
+    """Return the signal-to-noise ratio of a uniform patch in one frame, as the noise budget defines it.
 
     Parameters
     ----------
     statistics
         Of one frame or more.
     patch, channel
-        Which; its mean is above black.
+        Patch number and channel; the mean must be above black.
 
     Returns
     -------
     tuple of float
-        Mean above black in DN; 20 log10 of the mean over the standard deviation over pixels, the converter's 1/12 DN^2
-        taken off; its standard error in dB, to first order.
+        Mean above black in DN; 20 log10 of the mean over the standard deviation over pixels, without the 1/12 DN^2 of
+        rounding; its standard error in dB, to first order.
     """
     at = patch, statistics.channels.index(channel)
     mean = float(statistics.mean_dn[at])

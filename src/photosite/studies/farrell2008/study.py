@@ -1,7 +1,6 @@
-"""The 2008 paper from its calibration to its applications: which chapters there are, and how they are run.
+"""The chapters of the 2008 paper, and how they are run.
 
-A chapter computes and does not draw; what is drawn of it stands in `photosite.studies.farrell2008.page`, under the
-same key.
+A chapter computes its result; `photosite.studies.farrell2008.page` draws it under the same key.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from photosite.errors import InputError, did_you_mean
-from photosite.studies.closed_loop.study import Silence, Watcher
 from photosite.studies.farrell2008.cameras import CASES, HiddenTruth
 from photosite.studies.farrell2008.dim_face import dim_face
 from photosite.studies.farrell2008.fill_factor import fit_fill_factors
@@ -22,32 +20,33 @@ from photosite.studies.farrell2008.patches import compare_charts
 from photosite.studies.farrell2008.pixel_size import pixel_sizes
 from photosite.studies.farrell2008.snr import snr_against_volts
 from photosite.studies.farrell2008.table1 import measure_table1
+from photosite.studies.progress import NoProgress, Progress
 
 
 class Result(Protocol):
-    """What a chapter gives."""
+    """Result of a chapter."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers for `results.json`: plain values, the same for the same seed, no time that anything took."""
+        """Return the numbers for `results.json`: plain values that depend on the seed only."""
         ...
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a chapter is given.
+    """Input of a chapter.
 
     Parameters
     ----------
     seed
-        Of the study; `cameras.frame_key` makes a key of its own for each use.
-    watch
-        Is told of stages, and of frames within one.
+        Seed of the study; `cameras.frame_key` derives a key for each purpose.
+    progress
+        Receives stages and frame counts.
     results
-        What earlier chapters gave, by key.
+        Results of earlier chapters by key.
     """
 
     seed: int
-    watch: Watcher
+    progress: Progress
     results: Mapping[str, Any]
 
 
@@ -58,13 +57,13 @@ class Chapter:
     Parameters
     ----------
     key
-        In `results.json`, and in `photosite.studies.farrell2008.page.page.PARTS`.
+        Key in `results.json` and in `photosite.studies.farrell2008.page.page.PARTS`.
     title
-        Its heading.
+        Heading.
     compute
-        What makes its result.
+        Function that computes the result.
     needs
-        Earlier chapters whose results it uses.
+        Keys of earlier chapters whose results it uses.
     """
 
     key: str
@@ -75,7 +74,7 @@ class Chapter:
 
 CHAPTERS: tuple[Chapter, ...] = (
     # Section 2.
-    Chapter("table1", "Section 2: Table 1 measured", lambda run: measure_table1(run.seed, watch=run.watch)),
+    Chapter("table1", "Section 2: Table 1 measured", lambda run: measure_table1(run.seed, progress=run.progress)),
     # Section 3.
     Chapter("fill_factor", "Section 3: the fill factor", lambda run: fit_fill_factors(run.seed)),
     Chapter(
@@ -90,21 +89,21 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter("dim_face", "Section 5: a dimly lit face", lambda run: dim_face(run.seed)),
     Chapter("high_dynamic_range", "Section 5: high dynamic range", lambda run: high_dynamic_range(run.seed)),
 )
-"""In the order of the paper. A chapter is registered here, and its drawing in `report.farrell2008.page.PARTS`."""
+"""In the order of the paper. A new chapter is added here and in `page.page.PARTS`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The paper, reproduced.
+    """Result of the study.
 
     Parameters
     ----------
     seed
-        What it was drawn from.
+        Seed of the study.
     results
-        By chapter.
+        Results by chapter.
     seconds
-        Wall-clock time of each.
+        Wall-clock time by chapter.
     """
 
     seed: int
@@ -112,13 +111,13 @@ class Reproduction:
     seconds: Mapping[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """`results.json`: the same for the same seed, apart from `seconds`."""
+        """Return the content of `results.json`, which depends on the seed only, except for `seconds`."""
         return {
             "study": "Farrell, Okincha and Parmar, Sensor calibration and simulation, Proc. SPIE 6817 (2008)",
             "seed": self.seed,
             "measured": (
-                "virtual cameras, because the paper's frames were never published; hidden_truth is what the "
-                "simulation was not told"
+                "virtual cameras, because the paper's frames were never published; hidden_truth is unknown to the "
+                "simulation"
             ),
             "hidden_truth": {case.key: HiddenTruth.drawn(case, self.seed).to_dict() for case in CASES},
             "chapters": {key: result.to_dict() for key, result in self.results.items()},
@@ -126,32 +125,32 @@ class Reproduction:
         }
 
 
-def reproduce(seed: int = 2008, keys: Iterable[str] | None = None, watch: Watcher | None = None) -> Reproduction:
+def reproduce(seed: int = 2008, keys: Iterable[str] | None = None, progress: Progress | None = None) -> Reproduction:
     """Run the study.
 
     Parameters
     ----------
     seed
-        Everything that is drawn follows from it.
+        Seed of all random draws.
     keys
-        Chapters to run, with those they need; all if None.
-    watch
-        Is told of stages and frames.
+        Chapters to run, with those they need; all by default.
+    progress
+        Receives stages and frame counts.
 
     Raises
     ------
     InputError
         If a chapter is unknown.
     """
-    watch = watch or Silence()
+    progress = progress or NoProgress()
     wanted = _with_needs([chapter.key for chapter in CHAPTERS] if keys is None else list(keys))
     results: dict[str, Any] = {}
     seconds: dict[str, float] = {}
     for chapter in CHAPTERS:
         if chapter.key in wanted:
             begin = time.perf_counter()
-            watch.stage(chapter.title)
-            results[chapter.key] = chapter.compute(Run(seed, watch, MappingProxyType(results)))
+            progress.stage(chapter.title)
+            results[chapter.key] = chapter.compute(Run(seed, progress, MappingProxyType(results)))
             seconds[chapter.key] = time.perf_counter() - begin
     return Reproduction(seed, results, seconds)
 
@@ -162,7 +161,7 @@ def _with_needs(keys: list[str]) -> set[str]:
     while keys:
         key = keys.pop()
         if key not in known:
-            raise InputError(f"the study has no chapter '{key}'. {did_you_mean(key, known)}")
+            raise InputError("chapter", value=key, expected="a known name", hint=did_you_mean(key, known))
         if key not in wanted:
             wanted.add(key)
             keys += known[key].needs

@@ -1,4 +1,4 @@
-"""Section 2: the paper's two measurements, shot with virtual sensors of Table 1, and Table 1 estimated from them."""
+"""Section 2: the two measurements of the paper with virtual sensors, and Table 1 estimated from them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.studies.closed_loop.study import Silence, Watcher
 from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
 from photosite.studies.farrell2008.eight_frames import EightFrames, eight_frames
+from photosite.studies.progress import NoProgress, Progress
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol, paper_vendor_protocol
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
@@ -22,8 +22,8 @@ from photosite.values.estimate import Estimate
 Size = tuple[int, int]
 
 SIZES: dict[str, Size] = {"d200": (648, 968), "vendor": (1536, 2048)}
-"""(rows, cols) shot for the calibrations: a sixteenth of the D200's pixels, so that its 405 frames take half a minute
-instead of ten; all of the vendor sensor's, which takes 28 frames."""
+"""(rows, cols) of the frames: a sixteenth of the D200's pixels, so that its 405 frames take half a minute instead of
+eight; all pixels of the vendor sensor, which takes 28 frames."""
 
 PROTOCOLS: dict[str, Callable[[], ShootingProtocol]] = {"d200": paper_d200_protocol, "vendor": paper_vendor_protocol}
 
@@ -37,7 +37,7 @@ _TABLE_1 = {
     "electrons_per_dn": None,
     "saturation_capacity_e": _WELL,
 }
-"""What frames tell of Table 1, and the field of the sensor file that holds the paper's value."""
+"""Parameters of Table 1 that frames determine, and the field of the sensor file with the value of the paper."""
 
 GAIN_LABEL, GAIN_UNIT = "System gain", "e⁻/DN"
 
@@ -49,15 +49,15 @@ class Table1Row:
     Parameters
     ----------
     name, label, unit
-        What it is called in results and in words, and its unit in symbols.
+        Name in results, label, and unit symbol.
     paper
-        What the paper reports; None where it keeps it confidential.
+        Value in the paper; None if confidential.
     true
-        What the virtual sensor has.
+        Value of the virtual sensor.
     estimate
-        What its frames told.
+        Estimate from its frames.
     words
-        The difference, in words.
+        The difference in words.
     """
 
     name: str
@@ -69,13 +69,13 @@ class Table1Row:
     words: str
 
     @property
-    def holds(self) -> bool:
-        """Whether there is an estimate and its 95 % interval holds the true value."""
+    def covered(self) -> bool:
+        """Whether there is an estimate whose 95 % interval contains the true value."""
         ends = self.estimate.interval_95
         return ends is not None and ends[0] <= self.true <= ends[1]
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the labels."""
+        """Return the numbers and the difference in words."""
         return {
             "unit": self.unit,
             "paper": self.paper,
@@ -92,15 +92,15 @@ class CameraTable:
     Parameters
     ----------
     case
-        Which camera.
+        Camera.
     protocol
-        What was shot.
+        Protocol of the frames.
     size, whole
-        (rows, cols) shot, and of the sensor.
+        (rows, cols) of the frames, and of the sensor.
     calibration
-        What `calibrate` said.
+        Result of the calibration.
     rows
-        Its figures beside the paper's.
+        Lines of the table.
     """
 
     case: Case
@@ -111,11 +111,11 @@ class CameraTable:
     rows: tuple[Table1Row, ...]
 
     def row(self, name: str) -> Table1Row:
-        """A line by its name."""
+        """Return a line by name."""
         return next(row for row in self.rows if row.name == name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Frames, pixels, and the lines by name."""
+        """Return frames, pixels, and the lines by name."""
         return {
             "protocol": self.protocol.name,
             "frames": self.protocol.frame_count,
@@ -128,38 +128,38 @@ class CameraTable:
 
 @dataclass(frozen=True, eq=False)
 class Table1:
-    """Section 2's result.
+    """Result of the chapter.
 
     Parameters
     ----------
     cameras
-        By the case's key.
+        By key of the case.
     eight
-        What the vendor protocol's 8 darks can and cannot say.
+        What the 8 dark frames of the vendor protocol determine.
     """
 
     cameras: Mapping[str, CameraTable]
     eight: EightFrames
 
     def to_dict(self) -> dict[str, Any]:
-        """By camera, and `eight_frames`."""
+        """Return the tables by camera, and `eight_frames`."""
         return {
             "cameras": {key: table.to_dict() for key, table in self.cameras.items()},
             "eight_frames": self.eight.to_dict(),
         }
 
 
-def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, watch: Watcher | None = None) -> Table1:
+def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, progress: Progress | None = None) -> Table1:
     """Shoot both protocols and calibrate.
 
     Parameters
     ----------
     seed
-        Of the study.
+        Seed of the study.
     sizes
-        (rows, cols) to shoot, by the case's key; those of `SIZES` if not given.
-    watch
-        Is told of stages and frames.
+        (rows, cols) of the frames by key of the case; `SIZES` by default.
+    progress
+        Receives stages and frame counts.
 
     Examples
     --------
@@ -168,10 +168,10 @@ def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, watch:
     >>> row.paper, abs(row.estimate.value - 0.52) < 0.003
     (0.52, True)
     """
-    watch = watch or Silence()
+    progress = progress or NoProgress()
     chosen = {**SIZES, **(sizes or {})}
     labs = {case.key: _lab(case, seed, chosen[case.key]) for case in (D200, VENDOR)}
-    cameras = {case.key: _camera_table(case, labs[case.key], watch) for case in (D200, VENDOR)}
+    cameras = {case.key: _camera_table(case, labs[case.key], progress) for case in (D200, VENDOR)}
     return Table1(cameras, eight_frames(labs[VENDOR.key], cameras[VENDOR.key].calibration))
 
 
@@ -181,11 +181,11 @@ def _lab(case: Case, seed: int, size: Size) -> VirtualLab:
     return virtual_lab(sensor, PROTOCOLS[case.key](), illuminant=ILLUMINANT, seed=key)
 
 
-def _camera_table(case: Case, lab: VirtualLab, watch: Watcher) -> CameraTable:
+def _camera_table(case: Case, lab: VirtualLab, progress: Progress) -> CameraTable:
     array = lab.camera.sensor.array
     frames, size = lab.protocol.frame_count, (array.rows, array.cols)
-    watch.stage(f"{case.title}: shooting {frames} frames of {size[0]} x {size[1]} pixels and calibrating")
-    calibration = calibrate(lab.frame_set(), progress=watch)
+    progress.stage(f"{case.title}: shooting {frames} frames of {size[0]} x {size[1]} pixels and calibrating")
+    calibration = calibrate(lab.frame_set(), progress=progress)
     preset = load_sensor(case.preset)
     truth = measured_truth(lab, calibration)
     truth["electrons_per_dn"] = 1.0 / truth["system_gain_dn_per_e"]
@@ -197,8 +197,8 @@ def _camera_table(case: Case, lab: VirtualLab, watch: Watcher) -> CameraTable:
 def _row(name: str, preset: Sensor, real: Sensor, true: float, calibration: Calibration) -> Table1Row:
     if name == "electrons_per_dn":
         label, unit = GAIN_LABEL, GAIN_UNIT
-        estimate, gain = _turned_over(calibration.system_gain_dn_per_e), preset.measured("analog_gain")
-        # The preset's amplification is Table 1's 7.98 electrons per number, said in another way.
+        estimate, gain = _reciprocal(calibration.system_gain_dn_per_e), preset.measured("analog_gain")
+        # The analog gain of the preset was computed from Table 1's 7.98 e-/DN.
         paper = None if gain.assumed else round(1.0 / preset.system_gain_dn_per_e, 4)
     else:
         label, unit = PARAMETER_LABELS[name].label, PARAMETER_LABELS[name].unit
@@ -210,8 +210,8 @@ def _row(name: str, preset: Sensor, real: Sensor, true: float, calibration: Cali
     return Table1Row(name, label, unit, paper, true, estimate, words)
 
 
-def _turned_over(estimate: Estimate) -> Estimate:
-    """1 / value; the ends of the interval are those of the value turned over."""
+def _reciprocal(estimate: Estimate) -> Estimate:
+    """Return the estimate of 1 / value."""
     if estimate.value is None or estimate.standard_uncertainty is None or estimate.interval_95 is None:
         return estimate
     low, high = estimate.interval_95
@@ -221,25 +221,25 @@ def _turned_over(estimate: Estimate) -> Estimate:
 
 
 def _what_saturates(sensor: Sensor, paper_well_e: float | None) -> str:
-    """Which of well and converter ends the range, and what the paper names."""
+    """Return whether well or converter limits the range, and which of them the paper lists."""
     level = sensor.white_level_dn - sensor.readout.black_level_dn.value
     if sensor.saturation_capacity_e == sensor.pixel.well_capacity_e.value:
-        return "The well ends the range."
-    ends = f"The converter ends the range, {level:.0f} DN above black"
-    return f"{ends}." if paper_well_e is None else f"{ends}, before the well, which is what the paper names."
+        return "The well limits the range."
+    ends = f"The converter limits the range, {level:.0f} DN above black"
+    return f"{ends}." if paper_well_e is None else f"{ends}, below the well capacity, which the paper lists."
 
 
 def difference_in_words(estimate: Estimate, paper: float | None, true: float) -> str:
-    """How an estimate compares with what the paper reports, and with what the virtual sensor has.
+    """Return the difference of an estimate from the paper's value and from that of the virtual sensor.
 
     Examples
     --------
     >>> difference_in_words(Estimate(0.523, 0.001), 0.52, 0.52)
-    '0.58 % above the paper’s: 3.0 standard uncertainties, outside the 95 % interval, as 1 in 20 is by chance.'
+    '0.58 % above the paper’s value: 3.0 standard uncertainties, outside the 95 % interval, as expected for 1 in 20.'
     >>> difference_in_words(Estimate(101.0, 1.0), None, 100.0)
-    '1 % above the virtual sensor’s, inside the 95 % interval. The paper keeps its value confidential.'
+    '1 % above the virtual sensor’s value, inside the 95 % interval. The value in the paper is confidential.'
     >>> difference_in_words(Estimate(0.01, 0.02), 0.0, 0.0)
-    'No difference from 0, the paper’s value, is seen.'
+    'No significant difference from 0, the paper’s value.'
     """
     if estimate.value is None or estimate.standard_uncertainty is None or estimate.interval_95 is None:
         return f"Not estimated: {estimate.reason}."
@@ -249,16 +249,16 @@ def difference_in_words(estimate: Estimate, paper: float | None, true: float) ->
     inside = low <= true <= high
     away = estimate.value - true
     if true == 0.0 and inside:
-        return f"No difference from 0, {whose} value, is seen."
-    words = f"{_size(away, true)} {whose}"
+        return f"No significant difference from 0, {whose} value."
+    words = f"{_size(away, true)} {whose} value"
     if inside:
         words += ", inside the 95 % interval."
     else:
         sigmas = f"{abs(away) / estimate.standard_uncertainty:.1f} standard uncertainties"
-        words += f": {sigmas}, outside the 95 % interval, as 1 in 20 is by chance."
+        words += f": {sigmas}, outside the 95 % interval, as expected for 1 in 20."
     if paper is None:
-        return f"{words} The paper keeps its value confidential."
-    return words if same else f"{words} It is {_size(estimate.value - paper, paper)} the paper’s."
+        return f"{words} The value in the paper is confidential."
+    return words if same else f"{words} It is {_size(estimate.value - paper, paper)} the paper’s value."
 
 
 def _size(away: float, reference: float) -> str:

@@ -1,4 +1,4 @@
-"""Every figure says in itself what it is of the paper, and that no camera was measured."""
+"""The note below each figure: its number in the paper, and that the cameras are virtual."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from photosite.studies.farrell2008.page import drawing
 from photosite.studies.farrell2008.page.drawing import Drawing
 
 NARROWEST_IN = 7.0
-"""Of the study's figures."""
+"""Width of the narrowest figure of the study."""
 
 
 def figure(width_in: float = NARROWEST_IN) -> Figure:
@@ -24,15 +24,15 @@ def figure(width_in: float = NARROWEST_IN) -> Figure:
     return made
 
 
-@pytest.mark.parametrize(("name", "line"), drawing._OF_THE_PAPER.items())
-def test_each_line_says_virtual_or_simulated_and_which_figure_it_is(name: str, line: str) -> None:
+@pytest.mark.parametrize(("name", "line"), drawing._NOTES.items())
+def test_each_note_states_the_figure_and_that_it_is_virtual(name: str, line: str) -> None:
     assert "virtual" in line or "simulated" in line
     number = name.split("-")[0]
-    said = {"fill": "Section 3", "table1": "Table 1", "section5": "Section 5"}.get(number, f"Figure {number[-1]}")
-    assert line.startswith(said)
+    expected = {"fill": "Section 3", "table1": "Table 1", "section5": "Section 5"}.get(number, f"Figure {number[-1]}")
+    assert line.startswith(expected)
 
 
-def test_the_line_stands_under_the_figure_in_a_strip_of_its_own() -> None:
+def test_the_note_is_in_a_strip_below_the_figure() -> None:
     one = figure()
     plain = matplotlib.image.imread(io.BytesIO(png_bytes(one, 100.0)))
     lined = matplotlib.image.imread(io.BytesIO(png_bytes(one, 100.0, below="a line")))
@@ -40,21 +40,21 @@ def test_the_line_stands_under_the_figure_in_a_strip_of_its_own() -> None:
     assert lined.shape[0] - plain.shape[0] == rows
     assert (lined[: plain.shape[0]] == plain).all()
     strip = lined[plain.shape[0] :, :, :3]
-    assert strip.min() < 0.6  # the line
+    assert strip.min() < 0.6  # the note
     assert strip[0].min() == strip[-1].min() == 1.0  # not cut off
     assert not one.texts
 
 
-@pytest.mark.parametrize("name", drawing._OF_THE_PAPER)
-def test_no_line_is_wider_than_its_figure(name: str) -> None:
+@pytest.mark.parametrize("name", drawing._NOTES)
+def test_no_note_is_wider_than_its_figure(name: str) -> None:
     one = figure(10.2 if name.startswith("figure1") else NARROWEST_IN)
-    below = f"photosite, Farrell et al. 2008, {drawing._OF_THE_PAPER[name]}"
+    below = f"photosite, Farrell et al. 2008, {drawing._NOTES[name]}"
     text = one.text(0.0, 0.0, below, fontsize=8.0)
     one.draw_without_rendering()
     assert text.get_window_extent().width < 0.97 * one.bbox.width
 
 
-def test_both_files_have_the_line() -> None:
+def test_both_files_have_the_note() -> None:
     drawn = Drawing.of("figure6-snr", figure(), "", "")
     height = ElementTree.fromstring(drawn.svg).get("height")
     assert height is not None

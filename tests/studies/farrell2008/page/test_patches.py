@@ -1,34 +1,29 @@
-"""Figures 1 to 5 and the residuals show the numbers that were computed."""
+"""Section 3 and figures 1 to 5 as drawn."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
 from photosite.report.page import Listing, Table
-from photosite.studies.farrell2008 import fill_factor, patches
-from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.fill_factor import FillFactors
-from photosite.studies.farrell2008.page.chart_pictures import pictures_figure
-from photosite.studies.farrell2008.page.colors import colors_figure
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.page.fill_factor import fill_factor_part, residuals_figure
-from photosite.studies.farrell2008.page.patches import patch_means_figure, patch_snr_figure, patches_part
-from photosite.studies.farrell2008.page.sensitivity import sensitivity_figure
-from photosite.studies.farrell2008.patches import Patches, compare_charts, differences
+from photosite.studies.farrell2008.page.patches import (
+    colors_figure,
+    patch_means_figure,
+    patch_snr_figure,
+    patches_part,
+    pictures_figure,
+    sensitivity_figure,
+)
+from photosite.studies.farrell2008.patches import Patches, differences
 
 
-@pytest.fixture(scope="module")
-def chapters() -> tuple[FillFactors, Patches]:
-    small = tuple(replace(case, chart_rows=264, chart_cols=392) for case in CASES)
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (fill_factor, patches):
-            patch.setattr(module, "CASES", small)
-        fitted = fill_factor.fit_fill_factors(7)
-        return fitted, compare_charts(7, fitted)
+@pytest.fixture
+def chapters(charts) -> tuple[FillFactors, Patches]:
+    return charts
 
 
 def test_sensitivities(chapters: tuple[FillFactors, Patches]) -> None:
@@ -38,7 +33,7 @@ def test_sensitivities(chapters: tuple[FillFactors, Patches]) -> None:
     assert d200.get_ylabel() == "quantum efficiency (%)"
 
 
-def test_pictures_are_of_the_size_of_the_chart(chapters: tuple[FillFactors, Patches]) -> None:
+def test_pictures_have_the_same_brightness(chapters: tuple[FillFactors, Patches]) -> None:
     axes = pictures_figure(chapters[1]).axes
     measured, simulated, difference = (each.images[0].get_array().astype(float) for each in axes[:3])
     assert measured.shape == simulated.shape
@@ -48,7 +43,7 @@ def test_pictures_are_of_the_size_of_the_chart(chapters: tuple[FillFactors, Patc
 
 
 @pytest.mark.parametrize("kind", ["means", "snr"])
-def test_every_patch_is_drawn_beside_the_line_of_equality(chapters: tuple[FillFactors, Patches], kind: str) -> None:
+def test_every_patch_is_drawn_with_the_line_of_equality(chapters: tuple[FillFactors, Patches], kind: str) -> None:
     figure = {"means": patch_means_figure, "snr": patch_snr_figure}[kind](chapters[1])
     upper = figure.axes[0]
     comparison = chapters[1].cameras["d200"].comparisons[40.0]
@@ -73,17 +68,17 @@ def test_histograms_count_every_patch(chapters: tuple[FillFactors, Patches]) -> 
     assert f"means {mean:.2f} and" in figure.axes[-1].get_xlabel()
 
 
-def test_residuals_lie_where_the_patches_do(chapters: tuple[FillFactors, Patches]) -> None:
+def test_residuals_are_at_the_position_of_the_patch(chapters: tuple[FillFactors, Patches]) -> None:
     figure = residuals_figure(chapters[0])
     shown = figure.axes[0].images[0].get_array()
     assert shown.shape == (4, 6)
     residual = 100 * chapters[0].cameras["d200"].fit.residuals
-    # On the D200's bright chart the channels agree to a tenth of a percent or so.
+    # The channels of the D200 agree to about a tenth of a percent.
     np.testing.assert_allclose(shown.ravel(), residual.mean(axis=1), atol=0.35)
     assert figure.axes[0].texts[0].get_text().replace("−", "-") == f"{shown[0, 0]:+.2f}"
 
 
-def test_the_page_says_paper_hidden_and_fitted(chapters: tuple[FillFactors, Patches]) -> None:
+def test_the_part_lists_paper_hidden_and_fitted_values(chapters: tuple[FillFactors, Patches]) -> None:
     part = fill_factor_part(chapters[0])
     (table,) = (entry for entry in part if isinstance(entry, Table))
     assert [row[0] for row in table.rows] == ["Nikon D200", "Vendor 2.2 µm", "Vendor 2.2 µm", "Vendor 2.2 µm"]

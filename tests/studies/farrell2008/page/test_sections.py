@@ -1,4 +1,4 @@
-"""Figures 6 and 7 and the scenes of section 5 as drawn: what the lines and pictures show is what was computed."""
+"""Figures 6 and 7 and section 5 as drawn: lines and pictures show the computed results."""
 
 from __future__ import annotations
 
@@ -10,34 +10,31 @@ import pytest
 from matplotlib.figure import Figure
 
 from photosite.report.page import Listing, Paragraph, Table
-from photosite.studies.farrell2008.dim_face import dim_face
-from photosite.studies.farrell2008.high_dynamic_range import high_dynamic_range
-from photosite.studies.farrell2008.page.dim_face import dim_face_part
+from photosite.studies.farrell2008.page.dim_face import Column, dim_face_part, portraits_figure
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.page.high_dynamic_range import hdr_figure, high_dynamic_range_part, wedge_figure
 from photosite.studies.farrell2008.page.pixel_size import pixel_size_figure, pixel_size_part
-from photosite.studies.farrell2008.page.portraits import Column, portraits_figure
 from photosite.studies.farrell2008.page.snr import snr_figure, snr_part
-from photosite.studies.farrell2008.pixel_size import ASSUMPTIONS, pixel_sizes
+from photosite.studies.farrell2008.pixel_size import ASSUMPTIONS
 from photosite.studies.farrell2008.portrait import FACE, PORTRAIT_SOURCE, portrait
-from photosite.studies.farrell2008.snr import PARTS, snr_against_volts
+from photosite.studies.farrell2008.snr import PARTS
 
-CHAPTERS: dict[str, tuple[Callable[[int], Any], Callable[[Any], Part]]] = {
-    "snr": (snr_against_volts, snr_part),
-    "pixel_size": (pixel_sizes, pixel_size_part),
-    "dim_face": (dim_face, dim_face_part),
-    "high_dynamic_range": (high_dynamic_range, high_dynamic_range_part),
+DRAWN: dict[str, Callable[[Any], Part]] = {
+    "snr": snr_part,
+    "pixel_size": pixel_size_part,
+    "dim_face": dim_face_part,
+    "high_dynamic_range": high_dynamic_range_part,
 }
 
 
 @pytest.fixture(scope="module")
-def results() -> dict[str, Any]:
-    return {key: compute(2008) for key, (compute, _) in CHAPTERS.items()}
+def results(snr, sizes, face, hdr) -> dict[str, Any]:
+    return dict(zip(DRAWN, (snr, sizes, face, hdr), strict=True))
 
 
 @pytest.fixture(scope="module")
 def parts(results: dict[str, Any]) -> dict[str, Part]:
-    return {key: draw(results[key]) for key, (_, draw) in CHAPTERS.items()}
+    return {key: draw(results[key]) for key, draw in DRAWN.items()}
 
 
 def words(part: Part) -> str:
@@ -60,7 +57,7 @@ def test_figure_6_shows_the_curves_of_each_sensor(results: dict[str, Any]) -> No
     assert "1.08 V swing" in figure.axes[0].get_title(loc="left")
 
 
-def test_figure_6_names_the_paper_s_numbers_and_the_crossings(parts: dict[str, Part]) -> None:
+def test_figure_6_lists_the_values_of_the_paper_and_the_limits(parts: dict[str, Part]) -> None:
     table = next(entry for entry in parts["snr"] if isinstance(entry, Table))
     shown = {str(row[0]): row[1:3] for row in table.rows}  # type: ignore[index]
     assert shown["total"] == ("38.10", "38.10")
@@ -77,15 +74,15 @@ def test_figure_7_shows_one_pixel_and_the_same_area(results: dict[str, Any]) -> 
             np.testing.assert_array_equal(curve(figure, panel, label), np.column_stack([found.luminance_cd_m2, level]))
 
 
-def test_assumptions_and_sources_are_said(parts: dict[str, Part]) -> None:
+def test_assumptions_and_sources_are_listed(parts: dict[str, Part]) -> None:
     assert all(line in words(parts["pixel_size"]) for line in ASSUMPTIONS)
     assert PORTRAIT_SOURCE in words(parts["dim_face"])
-    assert "none is measured" in words(parts["dim_face"])
+    assert "the others are simulated" in words(parts["dim_face"])
     for key in ("pixel_size", "dim_face", "high_dynamic_range"):
-        assert "not known here" in words(parts[key])
+        assert "not known" in words(parts[key])
 
 
-def test_faces_are_cut_from_their_pictures() -> None:
+def test_faces_are_parts_of_their_pictures() -> None:
     print_ = portrait().picture
     figure = portraits_figure([Column("one", print_, "whole"), Column("half", print_[::2, ::2], "half")])
     faces = [np.asarray(axes.get_images()[0].get_array()) for axes in figure.axes[2:]]
@@ -93,7 +90,7 @@ def test_faces_are_cut_from_their_pictures() -> None:
     np.testing.assert_array_equal(faces[1], print_[FACE.r0 : FACE.r1 : 2, FACE.c0 : FACE.c1 : 2])
 
 
-def test_high_dynamic_range_shows_both_exposures_and_the_steps_that_are_seen(results: dict[str, Any]) -> None:
+def test_high_dynamic_range_shows_both_brightnesses_and_the_detected_steps(results: dict[str, Any]) -> None:
     shots = results["high_dynamic_range"].shots
     shown = [np.asarray(axes.get_images()[0].get_array()) for axes in hdr_figure(results["high_dynamic_range"]).axes]
     for index, shot in enumerate(shots):
@@ -105,9 +102,9 @@ def test_high_dynamic_range_shows_both_exposures_and_the_steps_that_are_seen(res
         np.testing.assert_array_equal(bar.lines[0].get_ydata(), seen)
 
 
-@pytest.mark.parametrize("key", CHAPTERS)
-def test_drawings_are_the_same_bytes_again(parts: dict[str, Part], results: dict[str, Any], key: str) -> None:
-    again = CHAPTERS[key][1](results[key])
+@pytest.mark.parametrize("key", DRAWN)
+def test_drawings_are_reproducible(parts: dict[str, Part], results: dict[str, Any], key: str) -> None:
+    again = DRAWN[key](results[key])
     names = [entry.name for entry in again if isinstance(entry, Drawing)]
     assert len(set(names)) == len(names) >= 1
     assert parts[key] == again

@@ -1,1 +1,1 @@
-"""The pages and figures of the 2008 paper."""
+"""Pages and figures of the chapters."""

@@ -1,4 +1,4 @@
-"""A figure of the study: on the page, and as files beside it."""
+"""A figure of the study, for the page and as SVG and PNG files."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from photosite.report.page import Block, Image, Images
 from photosite.report.style import png_bytes, svg_bytes
 
-_OF_THE_PAPER = {
+_NOTES = {
     "figure1-spectral-sensitivity": (
-        "Figure 1: virtual cameras, not the paper’s curves. D200: another D200’s, with an assumed scale; vendor: "
-        "ISETCam’s example sensor"
+        "Figure 1: virtual cameras, not the curves of the paper. D200: measured on another D200, assumed scale; "
+        "vendor: example sensor of ISETCam"
     ),
     "figure2-pictures": "Figure 2: virtual cameras",
     "figure3-patch-means": "Figure 3: virtual cameras",
@@ -24,25 +24,25 @@ _OF_THE_PAPER = {
     "figure7-pixel-size-snr": "Figure 7: simulated",
     "fill-factor-residuals": "Section 3, not a figure of the paper: virtual cameras",
     "table1-deviations": "Table 1, not a figure of the paper: virtual cameras",
-    "section5-dim-face": "Section 5, not the paper’s picture: simulated",
-    "section5-high-dynamic-range": "Section 5, not the paper’s picture: simulated",
+    "section5-dim-face": "Section 5, not a picture of the paper: simulated",
+    "section5-high-dynamic-range": "Section 5, not a picture of the paper: simulated",
     "section5-high-dynamic-range-wedge": "Section 5, not a figure of the paper: simulated",
 }
-"""What stands below each figure, since its files are read without the page's captions."""
+"""Note below each figure, because its files are also seen without the captions of the page."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure, drawn.
+    """A drawn figure.
 
     Parameters
     ----------
     name
-        Of its files, without an ending.
+        File name without suffix.
     svg, png
-        Their bytes.
+        Content of the files.
     alternative, caption
-        For the page: what it shows to readers who do not see it, and what stands below it.
+        Alternative text and caption on the page.
     """
 
     name: str
@@ -53,13 +53,13 @@ class Drawing:
 
     @classmethod
     def of(cls, name: str, figure: Figure, alternative: str, caption: str) -> Drawing:
-        """Draw a figure, in both formats, with a line below that says which it is and that no camera was measured."""
-        below = f"photosite, Farrell et al. 2008, {_OF_THE_PAPER[name]}"
+        """Draw a figure in both formats, with a note below it."""
+        below = f"photosite, Farrell et al. 2008, {_NOTES[name]}"
         return cls(name, svg_bytes(figure, below), png_bytes(figure, below=below), alternative, caption)
 
     @property
     def block(self) -> Images:
-        """The figure on a page."""
+        """The figure as a block of the page."""
         return Images((Image(self.svg, "image/svg+xml", self.alternative),), self.caption)
 
     def save(self, folder: Path) -> None:
@@ -69,4 +69,4 @@ class Drawing:
 
 
 Part = tuple[Block | Drawing, ...]
-"""What the page says of a chapter: blocks and figures in their order."""
+"""Blocks and figures of a chapter in their order."""

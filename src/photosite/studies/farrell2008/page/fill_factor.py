@@ -1,4 +1,4 @@
-"""Section 3 on the page: the fitted fill factors, and what the fit leaves of each patch."""
+"""Section 3 on the page: the fitted fill factors, and the residuals of the patches."""
 
 from __future__ import annotations
 
@@ -21,39 +21,38 @@ _CHART = (4, 6)
 """Rows and columns of patches."""
 
 _MAP_PERCENT = 2.0
-"""Ends of the map's colours."""
+"""Ends of the colour scale of the map."""
 
 _LARGEST_BAR_PERCENT = 2.0
-"""Points that are known less well are not drawn by channel; they would hide the others."""
+"""Residuals with larger error bars are not drawn by channel."""
 
 TOO_LARGE = (
-    "That is no measure of success: the standard error is too large here, because the simulation is told the chart’s "
-    "mean light, over which the lamp’s slope cancels (photosite reproduce fill-factor says by how much, over 100 "
-    "seeds). In practice a meter reads the light at one place, the error of that reading rules, and no standard error "
-    "from the patches holds it."
+    "The standard error is too large here, because the simulation knows the mean light of the chart, over which the "
+    "slope of the lamp cancels (photosite reproduce fill-factor gives the amount, over 100 seeds). In practice a meter "
+    "reads the light at one place; the error of that reading dominates and is not part of the standard error."
 )
-"""What to think of a distance in standard errors."""
+"""Note on a distance in standard errors."""
 
 
 def fill_factor_part(chapter: FillFactors) -> Part:
-    """The table beside the paper's values, the residuals, and the differences in words."""
+    """Return the table, the residuals, and the differences in words."""
     return (
         Paragraph(
-            "The fill factor is the one number that the paper could not measure. It chose the one with the least "
-            "squared difference between measured and simulated patch means. So does the fit here: relative "
-            "differences, since what differs is proportional to the light, and a standard error from the scatter of "
-            "patches, whose three channels see the same light. The simulation is told of an evenly lit chart; the lamp "
-            f"is uneven by {100 * UNEVENNESS:g} %, and of its mean light over the chart."
+            "The fill factor is the one value that the paper could not measure. It was chosen to minimize the squared "
+            "difference between measured and simulated patch means, as here. The fit uses relative differences, "
+            "because the differences are proportional to the light. Its standard error follows from the scatter of the "
+            "patches, whose three channels share the same light. The simulation assumes an evenly lit chart with the "
+            f"true mean light; the light of the virtual lamp varies by {100 * UNEVENNESS:g} %."
         ),
         _table(chapter),
         Drawing.of(
             "fill-factor-residuals",
             residuals_figure(chapter),
-            "What the fitted fill factor leaves of each patch, over the chart and by channel",
-            "What the fit leaves, measured (virtual camera) over simulated, less 1. Above: mean of the channels, where "
-            "the patch lies on the chart. Below: each channel, patches along the rows of the chart; bars are 95 % "
-            f"intervals from noise alone, and points known less well than ±{_LARGEST_BAR_PERCENT:g} % are not drawn: "
-            f"{_hidden(chapter)}. The slope over the chart is the lamp, which the simulation is not told of.",
+            "Residuals of the patches after the fit of the fill factor, over the chart and by channel",
+            "Residuals of the fit, measured (virtual camera) over simulated, minus 1. Above: mean of the channels at "
+            "the position of the patch on the chart. Below: each channel, patches along the rows of the chart. Bars "
+            f"are 95 % intervals from noise alone; bars beyond ±{_LARGEST_BAR_PERCENT:g} % are not drawn: "
+            f"{_hidden(chapter)}. The slope over the chart is the lamp, which the simulation does not know.",
         ),
         Listing(tuple(line for found in chapter.cameras.values() for line in _words(found))),
     )
@@ -78,7 +77,7 @@ def _table(chapter: FillFactors) -> Table:
             )
     columns = ("Paper", "Hidden", "Fitted", "95 % interval", "R alone", "G alone", "B alone", "Scatter of patches")
     return Table(
-        "Fill factor; the brightest chart's counts, dimmer ones check that it does not depend on the light",
+        "Fill factor; the result is that of the brightest chart, dimmer charts verify it",
         (Column("Camera"), Column("Chart, cd/m²", numeric=True), *(Column(name, numeric=True) for name in columns)),
         tuple(rows),
     )
@@ -90,7 +89,7 @@ def _channel(fit: FillFactorFit, name: str) -> str:
 
 
 def _known(fit: FillFactorFit) -> NDArray[np.bool_]:
-    """(patches, channels): drawn by channel."""
+    """Return (patches, channels) which residuals are drawn by channel."""
     half = 100.0 * COVERAGE_95 * fit.residual_noise
     return np.asarray(fit.used & (half.filled(np.inf) <= _LARGEST_BAR_PERCENT))
 
@@ -107,27 +106,20 @@ def _words(found: CaseFit) -> tuple[str, ...]:
     within = "within" if abs(found.pull) <= 2.0 else "not within"
     chi = fit.chi_square
     return (
-        f"{title}: the fit finds {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
-        f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} "
-        f"The paper found {paper:g} for its camera and gives no error. The "
-        "difference from the paper says nothing of either: the virtual camera’s fill "
-        f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below it.",
-        f"{title}: noise alone does not explain what the fit leaves (chi-square {chi.statistic:.0f} with "
-        f"{chi.degrees_of_freedom} degrees of freedom): patches scatter by {100 * fit.patch_scatter:.2f} %, which is "
-        "the uneven light. Since that light was measured as a mean over the chart, its excess on one side makes up "
-        "for the other, and the fit is nearer to the truth than the scatter says.",
+        f"{title}: the fit gives {format_uncertain(fit.value, fit.standard_error)}, {abs(found.pull):.1f} standard "
+        f"errors from the hidden {format_number(found.true, 4)}, {within} two. {TOO_LARGE} The paper found {paper:g} "
+        "for its camera, without an error. The difference from the paper is meaningless, because the hidden fill "
+        f"factor was drawn from up to {FILL_FACTOR_BELOW:g} below that value.",
+        f"{title}: noise alone does not explain the residuals (chi-square {chi.statistic:.0f} with "
+        f"{chi.degrees_of_freedom} degrees of freedom). Patches scatter by {100 * fit.patch_scatter:.2f} %, which is "
+        "the uneven light. Its mean over the chart is known, so that the errors of both sides cancel and the fit is "
+        "closer to the truth than the scatter suggests.",
     )
 
 
 @styled()
 def residuals_figure(chapter: FillFactors) -> Figure:
-    """Residuals of each camera: where the patches lie on the chart, and by channel.
-
-    Parameters
-    ----------
-    chapter
-        What `fit_fill_factors` gave; the brightest chart is shown.
-    """
+    """Draw the residuals of each camera over the chart and by channel, at the brightest luminance."""
     figure = Figure(figsize=(10.2, 6.0))
     panels = figure.subplots(2, 2, height_ratios=(1.15, 1.0))
     panels[1, 1].sharey(panels[1, 0])
@@ -144,7 +136,7 @@ def residuals_figure(chapter: FillFactors) -> Figure:
 
 
 def _patch_residuals(fit: FillFactorFit) -> NDArray[np.float64]:
-    """(patches,) percent: the channels' mean, weighted by their noise as in the fit; NaN where none is used."""
+    """Return (patches,) noise-weighted means over the channels in percent; NaN where none is used."""
     weight = np.ma.filled(1.0 / fit.residual_noise**2, 0.0)
     total = weight.sum(axis=1)
     lit = total > 0
@@ -155,7 +147,7 @@ def _patch_residuals(fit: FillFactorFit) -> NDArray[np.float64]:
 
 def _draw_map(axes: Axes, fit: FillFactorFit) -> AxesImage:
     percent = _patch_residuals(fit).reshape(_CHART)
-    # Purple to orange: told apart by readers of every colour vision, and white in the middle.
+    # Purple to orange is distinct for readers of every colour vision.
     image = axes.imshow(percent, cmap="PuOr_r", vmin=-_MAP_PERCENT, vmax=_MAP_PERCENT)
     for (row, col), value in np.ndenumerate(percent):
         if np.isfinite(value):

@@ -23,30 +23,29 @@ _LOOKS = (("o", "-", BLUE), ("s", "--", VERMILION))
 
 
 def high_dynamic_range_part(chapter: HighDynamicRange) -> Part:
-    """The pictures, the wedge on the noise budgets, and the dynamic ranges in words."""
+    """Return the pictures, the wedge with the noise budgets, and the dynamic ranges in words."""
     return (
         Paragraph(
-            f"Two prints of the portrait in daylight, the right one in shade with 1/{1 / SHADE:g} of the light, over a "
-            f"wedge of {STEPS} grays, each half of the one before. White in the bright light has {WHITE_CD_M2:g} "
-            f"cd/m². Each camera is exposed so that this white fills {100 * WHITE_SHARE:g} % of its range. The scene "
-            "of the paper’s section 5 is not known here; this one is made so that its numbers can be checked."
+            f"Two prints of the portrait in daylight, the right one in shade with 1/{1 / SHADE:g} of the light, above "
+            f"a wedge of {STEPS} grays, each half as bright as the one before. White in the bright light has "
+            f"{WHITE_CD_M2:g} cd/m². Each camera is exposed so that this white reaches {100 * WHITE_SHARE:g} % of its "
+            "range. The scene of section 5 of the paper is not known; this one makes its numbers easy to check."
         ),
         Drawing.of(
             "section5-high-dynamic-range",
             hdr_figure(chapter),
-            "Two portraits, one in bright light and one in shade, under both cameras, at two brightnesses of display",
-            "One frame of each camera, 360 × 512 pixels, shown twice: exposed for the bright light, and brightened by "
-            f"as much as the shade is darker, {1 / SHADE:g} times. Bilinear demosaic, gray world. Simulated with the "
-            "sensors of Table 1.",
+            "Two portraits, one in bright light and one in shade, with both cameras, displayed at two brightnesses",
+            "One frame of each camera, 360 × 512 pixels, shown twice: exposed for the bright light, and brightened "
+            f"{1 / SHADE:g} times for the shade. Bilinear demosaic, gray world. Simulated with the sensors of Table 1.",
         ),
         Drawing.of(
             "section5-high-dynamic-range-wedge",
             wedge_figure(chapter),
-            "Signal-to-noise ratio of the wedge’s steps against their light for both cameras",
-            "The wedge’s steps in the raw frames (green, 95 % intervals) on the cameras’ noise budgets. Where the line "
-            "crosses 0 dB the signal equals its noise: the end of the dynamic range. Steps whose mean is less than "
-            "three standard errors above black are not shown. Points lie at the light they get, with what diffraction "
-            "brings from brighter parts.",
+            "Signal-to-noise ratio of the steps of the wedge against their light, for both cameras",
+            "Steps of the wedge in the raw frames (green, 95 % intervals) and the noise budgets of the cameras. At 0 "
+            "dB the signal equals its noise: the end of the dynamic range. Steps with a mean of less than three "
+            "standard errors above black are not shown. Points are drawn at their light, diffraction from brighter "
+            "parts included.",
         ),
         Paragraph(" ".join(_words(shot) for shot in chapter.shots)),
     )
@@ -54,13 +53,7 @@ def high_dynamic_range_part(chapter: HighDynamicRange) -> Part:
 
 @styled()
 def hdr_figure(chapter: HighDynamicRange) -> Figure:
-    """Each camera's frame at two brightnesses.
-
-    Parameters
-    ----------
-    chapter
-        What `high_dynamic_range` gave.
-    """
+    """Draw the frame of each camera at two brightnesses."""
     figure = Figure(figsize=(8.6, 6.5))
     panels = figure.subplots(len(chapter.shots), 2)
     for line, shot in zip(panels, chapter.shots, strict=True):
@@ -76,13 +69,7 @@ def hdr_figure(chapter: HighDynamicRange) -> Figure:
 
 @styled()
 def wedge_figure(chapter: HighDynamicRange) -> Figure:
-    """The wedge's steps on the noise budgets.
-
-    Parameters
-    ----------
-    chapter
-        What `high_dynamic_range` gave.
-    """
+    """Draw the steps of the wedge and the noise budgets."""
     figure, axes = new_figure(height_in=4.4)
     for shot, (marker, line, color) in zip(chapter.shots, _LOOKS, strict=True):
         wedge, sensor = shot.wedge, shot.sensor
@@ -129,7 +116,7 @@ def _words(shot: HdrShot) -> str:
     in_shade = f"{shot.wedge.expected_db[round(-np.log2(SHADE))]:.1f}".replace("-", "−")
     return (
         f"{shot.case.title}: a dynamic range of {shot.dynamic_range_db:.1f} dB, {stops:.1f} stops, from saturation to "
-        "the signal that equals its noise with the fixed pattern counted as noise; by the noise budget "
-        f"{shot.steps_above(0.0)} of the wedge’s {STEPS} steps are above 0 dB, {shot.steps_above(20.0)} above 20 dB. "
-        f"White in the shade has {in_shade} dB."
+        "the signal that equals its noise, fixed pattern included. In the noise budget "
+        f"{shot.steps_above(0.0)} of the {STEPS} steps of the wedge exceed 0 dB, {shot.steps_above(20.0)} exceed 20 "
+        f"dB. White in the shade has {in_shade} dB."
     )

@@ -1,25 +1,30 @@
-"""The page of the study: every table and figure of the 2008 paper beside what came out here."""
+"""The page of the study, and its files: page, numbers, figures."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from photosite.report.numbers import format_number, format_time, format_uncertain
 from photosite.report.page import Block, Column, Notice, Page, Section, Table
+from photosite.report.write import write_report
 from photosite.scene.scene import DEFAULT_DISTANCE_M
 from photosite.studies.farrell2008.cameras import CASES, ILLUMINANT, HiddenTruth
 from photosite.studies.farrell2008.page.dim_face import dim_face_part
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
 from photosite.studies.farrell2008.page.fill_factor import fill_factor_part
-from photosite.studies.farrell2008.page.glance import glance_table
 from photosite.studies.farrell2008.page.high_dynamic_range import high_dynamic_range_part
 from photosite.studies.farrell2008.page.patches import patches_part
 from photosite.studies.farrell2008.page.pixel_size import pixel_size_part
 from photosite.studies.farrell2008.page.snr import snr_part
+from photosite.studies.farrell2008.page.summary import summary_table
 from photosite.studies.farrell2008.page.table1 import table1_part
 from photosite.studies.farrell2008.study import CHAPTERS, Reproduction
 from photosite.values.measured import Measured
+
+PAGE_NAME, RESULTS_NAME, FIGURES_NAME = "farrell2008.html", "results.json", "figures"
 
 PARTS: dict[str, Callable[[Any], Part]] = {
     "table1": table1_part,
@@ -30,39 +35,30 @@ PARTS: dict[str, Callable[[Any], Part]] = {
     "dim_face": dim_face_part,
     "high_dynamic_range": high_dynamic_range_part,
 }
-"""What is drawn of each chapter of `studies.farrell2008.study.CHAPTERS`, by its key."""
+"""Drawing of each chapter in `studies.farrell2008.study.CHAPTERS`, by key."""
 
 _LEAD = (
-    "J. Farrell, M. Okincha and M. Parmar, “Sensor calibration and simulation”, Proc. SPIE 6817 (2008), from its "
-    "calibration to its applications: each result beside what the paper reports, and the differences in words."
+    "The experiments of J. Farrell, M. Okincha and M. Parmar, “Sensor calibration and simulation”, Proc. SPIE 6817 "
+    "(2008): each result with the value in the paper, and the differences in words."
 )
 _NOTICE = (
-    "The paper’s frames were never published. Whatever is called measured on this page was shot by a virtual camera. "
-    "It has the sensor of the paper’s Table 1, and what nobody tells a simulation: a lens a little out of focus, "
-    "a lamp that lights the chart unevenly, a fill factor of its own, and another chip of the same design. The "
-    "simulation was told none of these."
+    "The paper’s frames were never published. All measured values on this page come from a virtual camera. It has the "
+    "sensor of Table 1 and hidden properties that the simulation does not know: a lens slightly out of focus, a lamp "
+    "that lights the chart unevenly, a different fill factor, and another chip of the same design."
 )
-_FOOTER = "Values are estimate ± one standard uncertainty (GUM), unless they say otherwise."
+_FOOTER = "Values are estimate ± one standard uncertainty (GUM) unless stated otherwise."
 
 
 def study_parts(study: Reproduction) -> dict[str, Part]:
-    """What the page says of each chapter that was run, its figures drawn."""
+    """Return the drawn parts of the chapters that were run."""
     return {key: PARTS[key](result) for key, result in study.results.items()}
 
 
 def study_page(study: Reproduction, parts: Mapping[str, Part]) -> Page:
-    """The page, before it is HTML.
-
-    Parameters
-    ----------
-    study
-        What came out.
-    parts
-        `study_parts` of it.
-    """
+    """Return the page of the study from its drawn parts."""
     titles = {chapter.key: chapter.title for chapter in CHAPTERS}
-    sections = [Section("What is measured here", (Notice(_NOTICE), _conditions(), _truth_table(study.seed)))]
-    sections.append(Section("At a glance", (glance_table(study),)))
+    sections = [Section("Method", (Notice(_NOTICE), _conditions(), _truth_table(study.seed)))]
+    sections.append(Section("Summary", (summary_table(study),)))
     sections += [Section(titles[key], tuple(_block(entry) for entry in part)) for key, part in parts.items()]
     return Page("Sensor calibration and simulation, reproduced", _LEAD, sections, _FOOTER)
 
@@ -72,14 +68,13 @@ def _block(entry: Block | Drawing) -> Block:
 
 
 def _conditions() -> Table:
-    """What both sides know."""
     sensors = [case.sensor() for case in CASES]
 
     def row(what: str, *cells: str) -> tuple[str, ...]:
         return what, *cells
 
     return Table(
-        "What the measured cameras and the simulations of them have in common",
+        "Conditions that measured and simulated cameras share",
         (Column(""), *(Column(case.title) for case in CASES)),
         (
             row("Pixel", *(f"{sensor.pixel.width_um.value:g} µm" for sensor in sensors)),
@@ -105,30 +100,51 @@ def _stated(value: Measured, unit: str) -> str:
 
 
 def _truth_table(seed: int) -> Table:
-    """What each side of the comparison has."""
     truths = [HiddenTruth.drawn(case, seed) for case in CASES]
 
-    def row(what: str, told: str, real: Callable[[HiddenTruth], str]) -> tuple[str, ...]:
-        return what, told, *(real(truth) for truth in truths)
+    def row(what: str, known: str, real: Callable[[HiddenTruth], str]) -> tuple[str, ...]:
+        return what, known, *(real(truth) for truth in truths)
 
     return Table(
-        f"What the simulation is told, and what the virtual cameras are (seed {seed})",
-        (Column(""), Column("Told"), *(Column(f"{case.title}, measured") for case in CASES)),
+        f"Properties of the simulation and of the virtual cameras (seed {seed})",
+        (Column(""), Column("Simulation"), *(Column(f"{case.title}, measured") for case in CASES)),
         (
-            row("Fill factor", "not told; fitted", lambda truth: format_number(truth.fill_factor, 4)),
+            row("Fill factor", "fitted", lambda truth: format_number(truth.fill_factor, 4)),
             row(
                 "Lens",
-                "limited by diffraction",
+                "diffraction-limited",
                 lambda truth: f"out of focus by {truth.wavefront_error_waves:g} waves RMS at 550 nm",
             ),
             row(
                 "Light on the chart",
-                "even, as bright as the mean",
+                "even, same mean",
                 lambda truth: (
                     f"uneven by {100 * truth.unevenness:g} %, brightest towards {truth.lamp_angle_deg:.0f}° (0° is "
                     "right, 90° down)"
                 ),
             ),
-            row("Chip", "another one of the design", lambda truth: truth.serial),
+            row("Chip", "another chip of the design", lambda truth: truth.serial),
         ),
     )
+
+
+def write_study(study: Reproduction, folder: Path) -> None:
+    """Write the page, results.json, and the figures as SVG and PNG to an existing folder.
+
+    The same study gives the same bytes, except for `seconds` in results.json.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be written.
+    """
+    parts = study_parts(study)
+    figures = folder / FIGURES_NAME
+    figures.mkdir()
+    for part in parts.values():
+        for entry in part:
+            if isinstance(entry, Drawing):
+                entry.save(figures)
+    text = json.dumps(study.to_dict(), allow_nan=False, ensure_ascii=False, indent=1)
+    (folder / RESULTS_NAME).write_text(text + "\n", encoding="utf-8", newline="\n")
+    write_report(study_page(study, parts), folder / PAGE_NAME)

@@ -1,4 +1,4 @@
-"""Figure 7 on the page: 1.4 um against 2.2 um, with and without read noise and DSNU."""
+"""Figure 7 on the page: pixels of 1.4 um and 2.2 um, with and without read noise and DSNU."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from photosite.report.numbers import format_number
 from photosite.report.page import Column as TableColumn
 from photosite.report.page import Listing, Paragraph, Table
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
+from photosite.studies.farrell2008.page.dim_face import Column, portraits_figure
 from photosite.studies.farrell2008.page.drawing import Drawing, Part
-from photosite.studies.farrell2008.page.portraits import Column, portraits_figure
 from photosite.studies.farrell2008.pixel_size import (
     ASSUMPTIONS,
     LUMINANCES_CD_M2,
@@ -29,42 +29,35 @@ _COLORS = dict(zip(PRESETS, (BLUE, VERMILION), strict=True))
 
 
 def pixel_size_part(chapter: PixelSize) -> Part:
-    """The pictures, the curves, the numbers at the paper's luminances, and the assumptions."""
+    """Return pictures, curves, the values at the luminances of the paper, and the assumptions."""
     columns = [Column(_title(entry), entry.shot.picture, _note(entry)) for entry in chapter.pictures]
     return (
         Drawing.of(
             "figure7-pixel-size-pictures",
             portraits_figure(columns),
-            "The same portrait under pixels of 2.2 and 1.4 micrometres, with and without read noise and DSNU",
+            "The same portrait with pixels of 2.2 and 1.4 micrometres, with and without read noise and DSNU",
             f"Figure 7: the portrait of {PICTURE_LUMINANCE_CD_M2:g} cd/m² on average (its face: "
             f"{chapter.face_luminance_cd_m2:.0f} cd/m²) on the same area of chip, 300 × 256 pixels of 2.2 µm and "
-            "472 × 402 of 1.4 µm, f/2.8, 66 ms, tungsten light, gray world. Simulated; the pictures with and without "
-            "read noise and DSNU share their photons. Without: shot noise and PRNU alone.",
+            "472 × 402 of 1.4 µm, f/2.8, 66 ms, tungsten light, gray world. Simulated; pictures with and without read "
+            "noise and DSNU share their photon noise.",
         ),
         Drawing.of(
             "figure7-pixel-size-snr",
             pixel_size_figure(chapter),
             "Signal-to-noise ratio of green against luminance for both pixels, per pixel and for the same area",
-            "Figure 7 as curves, green, up to each pixel’s saturation. Left: one pixel. Right: the mean over as many "
-            "pixels as cover one of 2.2 µm (2.47 of 1.4 µm). The dotted lines are the paper’s luminances for this "
-            "sensor.",
+            "Figure 7 as curves, green, up to saturation. Left: one pixel. Right: the mean over the area of one 2.2 µm "
+            "pixel (2.47 pixels of 1.4 µm). Dotted lines are the luminances of the paper for this sensor.",
         ),
         _table(chapter),
         Paragraph(_words(chapter)),
-        Paragraph("What the paper does not say, and is assumed here:"),
+        Paragraph("Assumptions about what the paper does not state:"),
         Listing(ASSUMPTIONS),
     )
 
 
 @styled()
 def pixel_size_figure(chapter: PixelSize) -> Figure:
-    """Ratio against luminance, per pixel and per area.
-
-    Parameters
-    ----------
-    chapter
-        What `pixel_sizes` gave.
-    """
+    """Draw the ratio against luminance, per pixel and per area."""
     figure = Figure(figsize=(8.6, 4.5))
     left, right = figure.subplots(1, 2, sharey=True)
     _draw(left, chapter, lambda curve: curve.snr_db)
@@ -136,10 +129,10 @@ def _words(chapter: PixelSize) -> str:
         for q in (False, True)
     )
     return (
-        f"At {dim:g} cd/m² one small pixel has {noisy:.1f} dB less than a large one with read noise and DSNU, and "
-        f"{quiet:.1f} dB less without. Averaged over the same area its 2.47 pixels win {gain:.1f} dB back, so that "
-        f"without read noise and DSNU nothing is lost in dim light, and with them {noisy - gain:.1f} dB are. For 20 dB "
-        f"over the area of a 2.2 µm pixel the small ones need {noisy_need:.2f} times the light with read noise and "
-        f"DSNU, and {quiet_need:.2f} times without: PRNU averages out, too. What a smaller pixel costs a picture in "
-        "dim light is the noise that does not shrink with it. The paper’s numbers for its Figure 7 are not known here."
+        f"At {dim:g} cd/m² a small pixel has {noisy:.1f} dB less than a large one with read noise and DSNU, and "
+        f"{quiet:.1f} dB less without. Averaging over the same area gains {gain:.1f} dB: nothing is lost in dim light "
+        f"without read noise and DSNU, and {noisy - gain:.1f} dB with them. For 20 dB over the area of a 2.2 µm pixel "
+        f"the small pixels need {noisy_need:.2f} times the light with read noise and DSNU, and {quiet_need:.2f} times "
+        "without, because PRNU averages out too. In dim light the cost of smaller pixels is the noise that does not "
+        "shrink with them. The values of the paper’s Figure 7 are not known."
     )

@@ -1,4 +1,4 @@
-"""Figure 6 on the page: what limits the signal-to-noise ratio of the two sensors, and from which voltage."""
+"""Figure 6 on the page: which noise source limits the signal-to-noise ratio of the two sensors."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from photosite.values.measured import COVERAGE_95
 
 
 def snr_part(chapter: SnrChapter) -> Part:
-    """Figure 6, the table at full swing beside the paper's numbers, and where which noise rules."""
+    """Return Figure 6, the table at full swing, and the ranges of the noise sources."""
     return (
         Drawing.of(
             "figure6-snr",
             snr_figure(chapter),
-            "Signal-to-noise ratio against volts, total and by cause, of the D200 and the vendor’s sensor",
-            "Figure 6: signal-to-noise ratio of one frame of an even surface, from Table 1. Each line but the total’s "
-            "is that of one noise alone. Circles are frames of the virtual cameras’ even fields, with 95 % intervals, "
-            "most of them smaller than the circle.",
+            "Signal-to-noise ratio against volts, total and by noise source, of the D200 and the vendor sensor",
+            "Figure 6: signal-to-noise ratio of one frame of a uniform surface, from Table 1. Each line except the "
+            "total is that of one noise source alone. Circles are uniform fields of the virtual cameras, with 95 % "
+            "intervals, most of them smaller than the circle.",
         ),
         _table(chapter),
         Listing(tuple(line for sensor in chapter.sensors.values() for line in _words(sensor))),
@@ -33,24 +33,14 @@ def snr_part(chapter: SnrChapter) -> Part:
 
 @styled()
 def snr_figure(chapter: SnrChapter) -> Figure:
-    """Both sensors side by side.
-
-    Parameters
-    ----------
-    chapter
-        What `snr_against_volts` gave.
-
-    Notes
-    -----
-    Farrell, Okincha and Parmar (2008), Figure 6.
-    """
+    """Draw the noise budgets of both sensors (Figure 6)."""
     figure = Figure(figsize=(8.6, 4.7))
     panels = figure.subplots(1, 2, sharey=True)
     for axes, sensor in zip(panels, chapter.sensors.values(), strict=True):
         draw_noise_budget(axes, sensor.curves)
         _draw_fields(axes, sensor)
-        _mark_rule(axes, sensor.curves.prnu_limited_above_volts, "PRNU rules above {} V →", 83.0)
-        _mark_rule(axes, sensor.curves.dark_limited_below_volts, "← read noise and DSNU\nrule below {} V", 72.0)
+        _mark_limit(axes, sensor.curves.prnu_limited_above_volts, "PRNU dominates above {} V →", 83.0)
+        _mark_limit(axes, sensor.curves.dark_limited_below_volts, "← read noise and DSNU\ndominate below {} V", 72.0)
         axes.set_title(f"{sensor.case.title}, {sensor.swing_v:g} V swing", loc="left")
     panels[0].set_ylim(min(axes.get_ylim()[0] for axes in panels), 88.0)
     panels[1].set_ylabel("")
@@ -70,11 +60,11 @@ def _draw_fields(axes: Axes, sensor: SensorSnr) -> None:
         markerfacecolor="white",
         markersize=5.0,
         elinewidth=1.0,
-        label="even fields, virtual camera",
+        label="uniform fields, virtual camera",
     )
 
 
-def _mark_rule(axes: Axes, volts: float, text: str, height_db: float) -> None:
+def _mark_limit(axes: Axes, volts: float, text: str, height_db: float) -> None:
     axes.axvline(volts, color=GRAY, linewidth=0.8, linestyle=(0, (2, 2)))
     axes.annotate(
         text.format(format_number(volts, 3)),
@@ -110,26 +100,26 @@ def _table(chapter: SnrChapter) -> Table:
 def _words(sensor: SensorSnr) -> tuple[str, ...]:
     budget, title = sensor.curves, sensor.case.title
     floor, prnu = (format_number(v, 3) for v in (budget.dark_limited_below_volts, budget.prnu_limited_above_volts))
-    leads = ", then ".join(
-        f"{PARTS[lead.noise]} from {format_number(lead.from_volts, 3)} to {format_number(lead.to_volts, 3)} V"
-        for lead in sensor.leads
+    ranges = ", then ".join(
+        f"{PARTS[part.noise]} from {format_number(part.from_volts, 3)} to {format_number(part.to_volts, 3)} V"
+        for part in sensor.dominant
     )
+    shot = "" if any(part.noise == "shot" for part in sensor.dominant) else " Shot noise is never the largest."
     return (
-        f"{title}: below {floor} V read noise and DSNU together are more than shot noise and PRNU together; above "
-        f"{prnu} V PRNU is more than all the others together.",
-        f"{title}: the largest single noise is {leads}."
-        + ("" if any(lead.noise == "shot" for lead in sensor.leads) else " Shot noise is the largest nowhere."),
-        f"{title}: the even fields differ from the formula by {sensor.fields.largest_deviation:.1f} standard errors at "
-        f"most, over {sensor.fields.volts.size} levels.",
+        f"{title}: below {floor} V, read noise and DSNU together exceed shot noise and PRNU; above {prnu} V, PRNU "
+        "exceeds all others together.",
+        f"{title}: the largest single noise source is {ranges}.{shot}",
+        f"{title}: the uniform fields differ from the formula by at most {sensor.fields.largest_deviation:.1f} "
+        f"standard errors over {sensor.fields.volts.size} levels.",
     )
 
 
 def _difference_in_words(chapter: SnrChapter) -> str:
     largest = max(abs(value) for value in chapter.from_paper_db.values())
     return (
-        f"At full swing the D200’s five curves differ from the paper’s by {largest:.3f} dB at most, which is their "
-        "rounding: they are Table 1 in the formula of the paper’s footnote, SNR = 10 log10(S² / N) in electrons, not "
-        "a measurement. The paper says in words that read noise and DSNU rule dim signals; the voltages above say how "
-        "dim. The vendor’s curves rest on a conversion gain of 100 µV/e⁻ and a swing of 1 V, which the paper keeps "
-        "confidential and which are assumptions here."
+        f"At full swing the five curves of the D200 differ from those of the paper by at most {largest:.3f} dB, which "
+        "is rounding: both are Table 1 in the formula of the paper’s footnote, SNR = 10 log10(S² / N) in electrons, "
+        "not a measurement. The paper states that read noise and DSNU dominate dim signals; the voltages above "
+        "quantify it. The vendor curves assume a conversion gain of 100 µV/e⁻ and a swing of 1 V, which are "
+        "confidential in the paper."
     )

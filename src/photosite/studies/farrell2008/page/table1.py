@@ -1,4 +1,4 @@
-"""Section 2 on the page: Table 1 beside its estimates, and what eight frames can say."""
+"""Section 2 on the page: Table 1 with its estimates, and what eight frames determine."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from photosite.values.estimate import Estimate
 from photosite.values.measured import COVERAGE_95
 
 _DIFFERENCES = (
-    "The paper gives the number of frames and the ends of each range of exposures. That the exposures between them lie "
-    "in equal ratios, 10, 5 or 2 frames each, is an assumption.",
-    "The virtual D200 has a black level of 32 DN. The raw files of a real one are clipped at black, and half of their "
-    "dark noise is lost.",
-    "The virtual sensors have the noise of Table 1 and no other. Noise shared by rows and columns, frames and "
-    "temperatures that drift, and defects would widen the uncertainties of a real measurement.",
-    "The paper gives no uncertainties, so that there are none of its own to compare with.",
+    "The paper gives the number of frames and the ends of each range of exposure times. Equal ratios between them, "
+    "with 10, 5 or 2 frames each, are an assumption.",
+    "The virtual D200 has a black level of 32 DN. The raw files of a real one are clipped at black, which removes half "
+    "of their dark noise.",
+    "The virtual sensors have the noise of Table 1 and no other. Row, column and frame noise, temperature drift and "
+    "defects would increase the uncertainties of a real measurement.",
+    "The paper gives no uncertainties to compare with.",
 )
-"""Where this measurement differs from the paper's."""
+"""Differences between this measurement and that of the paper."""
 
 
 def table1_part(result: Table1) -> Part:
-    """Both cameras' tables, how far the estimates are from the truth, and what 8 darks can and cannot say."""
+    """Return the tables of both cameras, the deviations from the truth, and the section on eight dark frames."""
     return (
         Paragraph(
-            "The paper measured two sensors: a Nikon D200, and a 2.2 µm sensor of a vendor whose name and some of its "
-            "figures it keeps confidential. Here virtual sensors with the values of Table 1 shot as many frames as the "
-            "paper did. A calibration that was told nothing but the frames’ exposures, the voltage swing and the "
-            "converter’s bits and gain estimated the table. That it finds the paper’s values again is no news of the "
-            "paper’s sensors: it shows that frames like these suffice, and how well they tell each figure."
+            "The paper measured two sensors: a Nikon D200, and a 2.2 µm sensor of a vendor, some of whose values are "
+            "confidential. Here virtual sensors with the values of Table 1 took as many frames as in the paper. A "
+            "calibration estimated the table from the frames, their exposure times, the voltage swing, and bit depth "
+            "and gain of the converter. That it recovers the values shows that such frames suffice, and how precisely "
+            "they determine each parameter; it is not a test of the real sensors."
         ),
         Listing(_DIFFERENCES),
         *(block for table in result.cameras.values() for block in _camera_blocks(table)),
@@ -43,12 +43,12 @@ def table1_part(result: Table1) -> Part:
 def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
     rows, cols = table.size
     share = rows * cols / (table.whole[0] * table.whole[1])
-    pixels = f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, all of the sensor’s."
+    pixels = f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, all pixels of the sensor."
     if share < 1:
         pixels = (
-            f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, {100 * share:.3g} % of the sensor’s, so "
-            "that the study takes minutes. Uncertainties of spreads and mean noise shrink with the root of the number "
-            f"of pixels: all of them would tell each {share**-0.5:.2g} times as well."
+            f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, {100 * share:.3g} % of the sensor, so "
+            "that the study takes minutes. The uncertainties of noise and non-uniformity fall with the square root of "
+            f"the number of pixels: the whole sensor would give {share**-0.5:.2g} times smaller ones."
         )
     columns = (
         Column("Parameter"),
@@ -57,7 +57,7 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
         Column("Virtual sensor", numeric=True),
         Column("Estimated", numeric=True),
         Column("95 % interval", numeric=True),
-        Column("The difference"),
+        Column("Difference"),
     )
     steps = tuple((step.kind, format_time(step.exposure_s), str(step.count)) for step in table.protocol.steps)
     return (
@@ -65,10 +65,10 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
         Paragraph(pixels),
         Table(f"Table 1, {table.case.title}", columns, tuple(_line(row) for row in table.rows)),
         Details(
-            "What was shot",
+            "Frames",
             (
                 Table(
-                    "In this order; the exposures between the ends of each range are an assumption",
+                    "In this order; exposure times between the ends of each range are an assumption",
                     (Column("Frames"), Column("Exposure", numeric=True), Column("Count", numeric=True)),
                     steps,
                 ),
@@ -91,7 +91,7 @@ def _line(row: Table1Row) -> tuple[str, ...]:
 
 
 def _plain(value: float) -> str:
-    """An exact value, without zeros at its end."""
+    """Format an exact value without trailing zeros."""
     return format_uncertain(float(f"{value:.5g}"), 0.0)
 
 
@@ -119,62 +119,44 @@ def _deviations(result: Table1) -> Drawing:
     return Drawing.of(
         "table1-deviations",
         deviations_figure(labels, away),
-        "Distance of each estimate of Table 1 from the virtual sensor’s value, in standard uncertainties",
-        "Estimates of Table 1 less what the virtual sensors have, in standard uncertainties. In the band lie 95 % of "
-        f"an honest calibration’s estimates, here {inside} of {len(away)}. Those of conversion gain, system "
-        "gain and saturation capacity follow from one gain, and err together.",
+        "Estimate minus true value of each parameter of Table 1, in standard uncertainties",
+        "Estimates of Table 1 minus the values of the virtual sensors, in standard uncertainties. 95 % of the "
+        f"estimates of a correct calibration lie in the band, here {inside} of {len(away)}. Conversion gain, system "
+        "gain and saturation capacity follow from one gain, so that their errors are correlated.",
     )
 
 
 def _eight_blocks(eight: EightFrames) -> tuple[Block, ...]:
+    def row(what: str, unit: str, measured: float, expected: float, digits: int) -> tuple[str, ...]:
+        return what, unit, format_number(measured, digits), format_number(expected, digits)
+
+    dsnu = format_uncertain(eight.dsnu_mv, eight.dsnu_uncertainty_mv)
+    offset = eight.pixel_offset_error_mv, eight.pixel_offset_expected_mv
+    scatter = eight.pixel_variance_scatter, eight.pixel_variance_scatter_expected
+    rows = (
+        row("Standard deviation of the mean frame", "mV", eight.naive_dsnu_mv, eight.naive_expected_mv, 5),
+        ("DSNU, estimated; true value of this chip", "mV", dsnu, format_number(eight.chip_spread_mv, 5)),
+        row("RMS error of a pixel’s offset", "mV", *offset, 4),
+        row(
+            "Correlation of the mean frame with the true offsets",
+            "",
+            eight.map_correlation,
+            eight.map_correlation_expected,
+            4,
+        ),
+        row("Standard deviation of the pixel variances over their mean", "", *scatter, 3),
+    )
+    numeric = (Column("Measured", numeric=True), Column("Expected", numeric=True))
     return (
-        Subheading(f"What {eight.frames} frames can and cannot say"),
+        Subheading(f"What {eight.frames} dark frames determine"),
         Paragraph(
-            f"The vendor’s sensor has a DSNU of 6 mV beside a read noise of 4.58 mV, and the paper measured both from "
-            f"{eight.frames} dark frames at {1e3 * eight.exposure_s:g} ms. They can say:"
+            f"The vendor sensor has a DSNU of 6 mV and a read noise of 4.58 mV, and the paper measured both from "
+            f"{eight.frames} dark frames at {1e3 * eight.exposure_s:g} ms. They determine:"
         ),
         Listing(eight.can),
-        Paragraph("They cannot say:"),
+        Paragraph("They do not determine:"),
         Listing(eight.cannot),
         Table(
-            f"{eight.frames} dark frames: as computed from them, and as expected",
-            (
-                Column("Quantity"),
-                Column("Unit"),
-                Column("From the frames", numeric=True),
-                Column("Expected", numeric=True),
-            ),
-            (
-                (
-                    "Spread of the mean frame",
-                    "mV",
-                    format_number(eight.naive_dsnu_mv, 5),
-                    format_number(eight.naive_expected_mv, 5),
-                ),
-                (
-                    "DSNU, estimated; of this very chip",
-                    "mV",
-                    format_uncertain(eight.dsnu_mv, eight.dsnu_uncertainty_mv),
-                    format_number(eight.chip_spread_mv, 5),
-                ),
-                (
-                    "Error of one pixel’s offset, RMS",
-                    "mV",
-                    format_number(eight.pixel_offset_error_mv, 4),
-                    format_number(eight.pixel_offset_expected_mv, 4),
-                ),
-                (
-                    "Correlation of the mean frame with the chip’s offsets",
-                    "",
-                    format_number(eight.map_correlation, 4),
-                    format_number(eight.map_correlation_expected, 4),
-                ),
-                (
-                    "Spread of the pixels’ variances over their mean",
-                    "",
-                    format_number(eight.pixel_variance_scatter, 3),
-                    format_number(eight.pixel_variance_scatter_expected, 3),
-                ),
-            ),
+            f"{eight.frames} dark frames: measured and expected", (Column("Quantity"), Column("Unit"), *numeric), rows
         ),
     )

@@ -1,0 +1,27 @@
+"""A ColorChecker by pixels without and with crosstalk, developed with the colour matrix of the sensor without it."""
+
+import numpy as np
+from drawing import auto_exposure_s, crop, d200, mean_on, panels, save
+
+import photosite as ps
+
+LEAKS = {"R": 0.04, "G": 0.02, "B": 0.01}  # share of a pixel's light that each of its four neighbours collects
+kernels = {name: [[0.0, k, 0.0], [k, 1 - 4 * k, k], [0.0, k, 0.0]] for name, k in LEAKS.items()}
+lens = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
+chart = ps.charts.macbeth("D65", 100)
+plain = d200(300, 446)
+camera = ps.Camera(lens, plain)
+matrix = np.linalg.inv(camera.capture(chart, 1 / 100).color_matrix)  # of the sensor without crosstalk
+shown, edges = [], []
+for name, sensor in (("no crosstalk", plain), ("crosstalk", plain.with_(crosstalk={"optical": kernels}))):
+    camera = ps.Camera(lens, sensor)
+    raw = camera.capture(chart, auto_exposure_s(camera, chart), seed=2008)
+    neutral = camera.as_shot_neutral(ps.charts.uniform("D65", 1.0))
+    picture = ps.develop(raw, [1 / float(part) for part in neutral.split(",")], matrix)
+    region = next(region for region in camera.image_regions(chart) if region.name == "red")
+    mean_e = camera.mean_electrons(chart, 1 / 10)
+    ratio = mean_on(mean_e, camera, region, "R") / mean_on(mean_e, camera, region)
+    shown.append((f"{name}: R : G of the red patch is {ratio:.2f}", picture))
+    edges.append(("edges, enlarged 4 times", crop(picture, np.s_[130:168], np.s_[46:157], 4)))
+figure, _ = panels([shown, edges])
+save(figure, "crosstalk.jpg")

@@ -1,0 +1,85 @@
+"""Helpers that the examples share: exposing, developing, and laying out pictures without resampling them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+import photosite as ps
+from photosite.scene.preview import preview
+
+DPI = 110
+GAP, TITLE, MARGIN = 10, 24, 6
+matplotlib.rcParams.update({"font.size": 9, "axes.titlesize": 9, "axes.grid": True, "grid.alpha": 0.3})
+
+
+def d200(rows, cols, **changes):
+    """Return a Nikon D200 of fewer pixels, with a black level that keeps dark pixels from clipping."""
+    return ps.load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=64, **changes)
+
+
+def as_seen(scene, white_cd_m2=None):
+    """Return a scene as an eye adapted to daylight (D65) sees it, (rows, cols, 3) display sRGB."""
+    return preview(scene, white_cd_m2, white_xy=(0.3127, 0.3290))
+
+
+def auto_exposure_s(camera, scene, share=0.6):
+    """Return the exposure time that brings the brightest half percent of the pixels to a share of saturation."""
+    rate = np.quantile(camera.mean_electrons(scene, 1.0), 0.995)
+    return float(share * camera.sensor.saturation_capacity_e / rate)
+
+
+def photograph(camera, scene, light, exposure_s=None, brightness="auto"):
+    """Return a developed capture, balanced for a light; `brightness` is the exposure argument of `ps.develop`."""
+    raw = camera.capture(scene, exposure_s or auto_exposure_s(camera, scene), seed=2008)
+    neutral = camera.as_shot_neutral(ps.charts.uniform(light, 1.0))
+    return ps.develop(raw, [1 / float(part) for part in neutral.split(",")], exposure=brightness)
+
+
+def mean_on(image, camera, region, channel="G"):
+    """Return the mean of an image over the pixels of a channel in a region."""
+    tile = np.array(camera.sensor.array.cfa)
+    names = np.tile(tile, [-(-size // step) for size, step in zip(image.shape, tile.shape, strict=True)])
+    inside = np.s_[region.r0 : region.r1, region.c0 : region.c1]
+    return image[inside][names[: image.shape[0], : image.shape[1]][inside] == channel].mean()
+
+
+def crop(picture, rows, cols, times=1):
+    """Return a part of a picture, each pixel enlarged to a square."""
+    return picture[rows, cols].repeat(times, axis=0).repeat(times, axis=1)
+
+
+def panels(rows, below_px=0):
+    """Return a figure of rows of (title, picture), one figure pixel per pixel, and axes for curves below them."""
+    heights = [TITLE + max(picture.shape[0] for _, picture in row) for row in rows]
+    width = 2 * MARGIN + max(sum(picture.shape[1] + GAP for _, picture in row) - GAP for row in rows)
+    height = 2 * MARGIN + sum(heights) + below_px
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+    for row, top in zip(rows, MARGIN + np.cumsum([0, *heights[:-1]]), strict=True):
+        left = MARGIN
+        for title, picture in row:
+            tall, wide = picture.shape[:2]
+            box = (left / width, 1 - (top + TITLE + tall) / height, wide / width, tall / height)
+            axes = figure.add_axes(box)
+            axes.imshow(picture, interpolation="nearest", cmap="gray", vmin=0, vmax=1, aspect="auto")
+            axes.set_title(title, loc="left", pad=5)
+            axes.set_axis_off()
+            left += wide + GAP
+    if not below_px:
+        return figure, None
+    return figure, figure.add_axes((76 / width, 52 / height, 1 - 96 / width, (below_px - 82) / height))
+
+
+def save(figure, name):
+    """Save a figure to the folder of --output, the current folder by default."""
+    parser = argparse.ArgumentParser(description="Draw a picture of the gallery.")
+    parser.add_argument("-o", "--output", type=Path, default=Path(), help="Folder of the picture.")
+    folder = parser.parse_args().output
+    folder.mkdir(parents=True, exist_ok=True)
+    options = {"quality": 92} if name.endswith("jpg") else {"optimize": True}
+    figure.savefig(folder / name, dpi=DPI, pil_kwargs=options)
+    print(folder / name)

@@ -1,0 +1,32 @@
+"""A portrait at three luminances and one exposure time, with the signal-to-noise ratio of the face."""
+
+from dataclasses import replace
+
+import matplotlib.image
+import numpy as np
+from drawing import d200, panels, save
+from matplotlib.cbook import get_sample_data
+
+import photosite as ps
+
+FACE = np.s_[84:192, 104:204]  # pixels, forehead to chin
+# Commodore Grace M. Hopper, U.S. Navy, 1984, public domain; matplotlib ships the file.
+portrait = matplotlib.image.imread(get_sample_data("grace_hopper.jpg"))
+lens = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
+camera = ps.Camera(lens, d200(360, 300))
+chip_m = 300 * camera.sensor.pixel.width_um.value * 1e-6
+shown = []
+for luminance_cd_m2 in (500.0, 50.0, 5.0):
+    scene = ps.pictures.from_srgb(portrait, "A", luminance_cd_m2)
+    # The portrait is half a metre wide and fills the frame: |m| = f / (d - f).
+    scene = replace(scene, distance_m=0.05 * (1 + 0.5 / chip_m), width_m=None)
+    mean_e = camera.mean_electrons(scene, 1 / 60)
+    raw = camera.expose(mean_e, 1 / 60, seed=2008)
+    read_e = (raw.dn - raw.black_level_dn) / camera.sensor.system_gain_dn_per_e
+    # Green pixels of the R G / G B tile in every second row.
+    green_e, error_e = mean_e[FACE][0::2, 1::2], (read_e - mean_e)[FACE][0::2, 1::2]
+    snr_db = 20 * np.log10(green_e.mean() / np.sqrt(np.mean(error_e**2)))
+    picture = ps.develop(raw, "gray-world")
+    shown.append((f"{luminance_cd_m2:g} cd/m²: {green_e.mean():,.0f} e⁻ on the face, {snr_db:.1f} dB", picture))
+figure, _ = panels([shown])
+save(figure, "low-light.jpg")

@@ -1,0 +1,343 @@
+"""Coverage of the 95 % intervals: many virtual sensors are drawn, shot and calibrated, and compared with the truth."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any
+
+from photosite.calibration.calibrate import calibrate
+from photosite.calibration.result import Calibration
+from photosite.engine.jit import threads_for
+from photosite.errors import CalibrationError, InputError
+from photosite.studies.coverage.conditions import CONDITIONS, condition
+from photosite.studies.truth import measured_truth
+from photosite.studies.virtual_lab import VirtualLab
+
+NOMINAL_COVERAGE = 0.95
+"""Share of the intervals that should contain the truth."""
+
+LARGEST_BIAS = 0.1
+"""Largest acceptable mean error, relative to the standard uncertainty."""
+
+FALSE_ALARM = 1e-3
+"""Probability that correct intervals are flagged for their coverage, and again for their mean error."""
+
+_BATCH = 10
+_ROUNDING = 1e-9
+"""Relative tolerance for exact values, such as the full scale of an ideal converter."""
+
+Progress = Callable[[int, int], None]
+"""Called with (sensors done, sensors in total)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Estimate of one parameter of one virtual sensor, compared with the truth.
+
+    Parameters
+    ----------
+    error
+        Estimate minus truth.
+    standard_uncertainty
+        As stated by the calibration.
+    scale
+        Size of the truth, 1 for a truth of 0. Both are divided by it when sensors are combined.
+    covered
+        Whether the 95 % interval contains the truth.
+    """
+
+    error: float
+    standard_uncertainty: float
+    scale: float
+    covered: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Coverage of one parameter under one condition.
+
+    Parameters
+    ----------
+    condition, parameter
+        Names.
+    sensors, estimated
+        Number of sensors, and of those with an estimate.
+    covered
+        Share of the uncertain estimates whose 95 % interval contains the truth.
+    bias, bias_error
+        Mean error over mean standard uncertainty, and its standard error from the scatter over sensors.
+    width
+        Root mean square of error over uncertainty: 1 for correct uncertainties.
+    exact
+        Number of exact estimates (uncertainty 0), which count neither in bias nor in width.
+    wrong
+        Number of exact estimates that miss the truth.
+    reason
+        Why the first sensor without an estimate has none.
+    """
+
+    condition: str
+    parameter: str
+    sensors: int
+    estimated: int
+    covered: float
+    bias: float
+    width: float
+    exact: int
+    wrong: int
+    reason: str | None = None
+    bias_error: float = 0.0
+
+    @property
+    def share_probability(self) -> float:
+        """Probability of a coverage at least as far from 95 % if the intervals are correct: exact binomial test."""
+        from scipy.stats import binomtest
+
+        known = self.estimated - self.exact
+        return float(binomtest(round(self.covered * known), known, NOMINAL_COVERAGE).pvalue) if known else 1.0
+
+    @property
+    def bias_probability(self) -> float:
+        """Probability of a mean error at least this large if the true one is a tenth of the uncertainty.
+
+        From Student's t distribution; 1 with too few sensors for a standard error.
+        """
+        from scipy.stats import t
+
+        known = self.estimated - self.exact
+        beyond = abs(self.bias) - LARGEST_BIAS
+        if known < 2 or beyond <= 0.0:
+            return 1.0
+        return float(2.0 * t.sf(beyond / self.bias_error, known - 1)) if self.bias_error > 0.0 else 0.0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Significant deviations from correct intervals, in words."""
+        found = []
+        if self.wrong:
+            found.append(f"{self.wrong} of {self.exact} exact values wrong")
+        if self.share_probability < FALSE_ALARM:
+            found.append(f"coverage too {'low' if self.covered < NOMINAL_COVERAGE else 'high'}")
+        if self.bias_probability < FALSE_ALARM:
+            found.append("biased")
+        return tuple(found)
+
+    @property
+    def passes(self) -> bool:
+        """Whether there is no significant deviation."""
+        return not self.remarks
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Number of sensors of one condition whose calibration failed for the same reason, and one of the messages."""
+
+    sensors: int
+    example: str
+
+
+@dataclass(frozen=True)
+class CoverageStudy:
+    """Result of a coverage study.
+
+    Parameters
+    ----------
+    rows
+        Coverage by condition and parameter, where at least one sensor has an estimate.
+    refused
+        Failed calibrations by condition, grouped by reason.
+    sensors
+        Virtual sensors per condition.
+    """
+
+    rows: tuple[Coverage, ...]
+    refused: Mapping[str, tuple[Refusal, ...]]
+    sensors: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content that `photosite reproduce coverage --json` prints."""
+        return {
+            "sensors_per_condition": self.sensors,
+            "false_alarm_probability": FALSE_ALARM,
+            "parameters_outside": sum(not row.passes for row in self.rows),
+            "conditions": {
+                name: {
+                    "summary": CONDITIONS[name].summary,
+                    "parameters": {
+                        row.parameter: {
+                            "estimated": row.estimated,
+                            "covered": row.covered,
+                            "share_probability": row.share_probability,
+                            "bias": row.bias,
+                            "bias_standard_error": row.bias_error,
+                            "bias_probability": row.bias_probability,
+                            "width": row.width,
+                            "exact": row.exact,
+                            "wrong": row.wrong,
+                            "passes": row.passes,
+                            "remarks": list(row.remarks),
+                        }
+                        for row in self.rows
+                        if row.condition == name
+                    },
+                    "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
+                    "why_refused": [
+                        {"sensors": entry.sensors, "example": entry.example} for entry in self.refused.get(name, ())
+                    ],
+                }
+                for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
+            },
+        }
+
+
+def coverage_study(
+    names: Sequence[str] = (), *, sensors: int = 500, processes: int = 2, progress: Progress | None = None
+) -> CoverageStudy:
+    """Measure many virtual sensors under each condition and count the intervals that contain the truth.
+
+    Parameters
+    ----------
+    names
+        Conditions; all of `CONDITIONS` by default.
+    sensors
+        Virtual sensors per condition. The standard error of a coverage of 95 % is 1 % with 500 sensors.
+    processes
+        Number of worker processes; the result does not depend on it.
+    progress
+        Called as sensors are done.
+
+    Raises
+    ------
+    InputError
+        If a condition is unknown, or a number is below 1.
+    """
+    chosen = [condition(name).name for name in names or CONDITIONS]
+    for what, number in (("sensors", sensors), ("processes", processes)):
+        if number < 1:
+            raise InputError(what, value=number, expected="1 or more")
+    tasks = [(name, batch) for name in chosen for batch in _batches(sensors)]
+    found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
+    refused: dict[str, list[str]] = {name: [] for name in chosen}
+    done = 0
+    for (name, batch), results in zip(tasks, _work(tasks, processes), strict=True):
+        for result in results:
+            if isinstance(result, str):
+                refused[name].append(result)
+                continue
+            for parameter, outcome in result.items():
+                found[name].setdefault(parameter, []).append(outcome)
+        done += len(batch)
+        if progress is not None:
+            progress(done, len(chosen) * sensors)
+    return CoverageStudy(tuple(_rows(found)), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
+
+
+def _refusals(reasons: Sequence[str]) -> tuple[Refusal, ...]:
+    """Group messages that differ in numbers and sensor names only, the most frequent first."""
+    kinds: dict[str, list[str]] = {}
+    for reason in reasons:
+        kinds.setdefault(re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason), []).append(
+            reason
+        )
+    groups = sorted(kinds.values(), key=len, reverse=True)
+    return tuple(Refusal(len(group), group[0]) for group in groups)
+
+
+def _batches(sensors: int) -> list[range]:
+    return [range(first, min(first + _BATCH, sensors)) for first in range(0, sensors, _BATCH)]
+
+
+_Result = dict[str, Outcome | str] | str
+"""Of one sensor: its outcome, or the reason for a missing estimate, by parameter; or why the calibration failed."""
+
+
+def _work(tasks: Sequence[tuple[str, Sequence[int]]], processes: int) -> Iterator[list[_Result]]:
+    if processes == 1:
+        yield from map(_measure_batch, tasks)
+        return
+    # Spawned, because the threads of compiled kernels do not survive a fork.
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(_measure_batch, tasks)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
+    name, numbers = task
+    with threads_for(1):  # a second thread does not pay for itself on small chips
+        return [measure_sensor(CONDITIONS[name].lab(number)) for number in numbers]
+
+
+def measure_sensor(lab: VirtualLab) -> _Result:
+    """Shoot and calibrate one virtual sensor and compare with the truth.
+
+    Returns
+    -------
+    dict or str
+        Outcome, or the reason for a missing estimate, by parameter; or the message of a failed calibration.
+    """
+    try:
+        calibration = calibrate(lab.frame_set())
+    except CalibrationError as error:
+        return str(error)
+    return compare(calibration, measured_truth(lab, calibration))
+
+
+def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, Outcome | str]:
+    """Compare each estimate with its truth; parameters without a true value are left out."""
+    result: dict[str, Outcome | str] = {}
+    for name, entry in calibration.estimates().items():
+        if name not in truth:
+            continue
+        if entry.value is None or entry.standard_uncertainty is None or entry.interval_95 is None:
+            result[name] = entry.reason or ""
+            continue
+        low, high = entry.interval_95
+        slack = _ROUNDING * abs(truth[name])
+        result[name] = Outcome(
+            entry.value - truth[name],
+            entry.standard_uncertainty,
+            abs(truth[name]) or 1.0,
+            low - slack <= truth[name] <= high + slack,
+        )
+    return result
+
+
+def _rows(found: Mapping[str, Mapping[str, list[Outcome | str]]]) -> Iterable[Coverage]:
+    for name, parameters in found.items():
+        for parameter, entries in parameters.items():
+            outcomes = [entry for entry in entries if isinstance(entry, Outcome)]
+            reasons = [entry for entry in entries if isinstance(entry, str)]
+            if outcomes:
+                yield _row(name, parameter, outcomes, reasons)
+
+
+def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequence[str]) -> Coverage:
+    exact = [entry for entry in outcomes if entry.standard_uncertainty == 0.0]
+    known = [entry for entry in outcomes if entry.standard_uncertainty > 0.0]
+    n = max(len(known), 1)
+    uncertainty = math.fsum(entry.standard_uncertainty / entry.scale for entry in known)
+    bias = math.fsum(entry.error / entry.scale for entry in known) / uncertainty if known else 0.0
+    # Standard error of a ratio of two means: its residuals are error - bias * uncertainty.
+    residuals = [(entry.error - bias * entry.standard_uncertainty) / entry.scale for entry in known]
+    scatter = math.fsum(x**2 for x in residuals) * n / max(n - 1, 1)
+    return Coverage(
+        condition=name,
+        parameter=parameter,
+        sensors=len(outcomes) + len(reasons),
+        estimated=len(outcomes),
+        covered=sum(entry.covered for entry in known) / n,
+        bias=bias,
+        width=math.sqrt(math.fsum((entry.error / entry.standard_uncertainty) ** 2 for entry in known) / n),
+        exact=len(exact),
+        wrong=sum(not entry.covered for entry in exact),
+        reason=reasons[0] if reasons else None,
+        bias_error=math.sqrt(scatter) / uncertainty if known else 0.0,
+    )

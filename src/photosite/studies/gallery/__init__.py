@@ -1,1 +1,0 @@
-"""Pictures of what scenes, lenses and sensors do."""
