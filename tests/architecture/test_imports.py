@@ -146,7 +146,6 @@ def circles() -> list[list[str]]:
     return found
 
 
-@pytest.mark.xfail(reason="circles remain in scene, frames, optics, sensor, calibration", strict=True)
 def test_no_circles_between_files() -> None:
     assert not circles()
 
