@@ -46,14 +46,18 @@ def test_files_and_memory_give_the_same_result(written):
         ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "bandwidth_nm must be 0 or more and below the centre"),
         ("photocurrent_a", "irradiance", "Did you mean 'irradiance_w_m2'"),
         ("{value: ", "{valu: ", "Did you mean 'value'"),
-        ("standard_uncertainty: ", "standard_uncertainty: -", "uncertainty must be finite and not negative"),
+        (
+            "standard_uncertainty: ",
+            "standard_uncertainty: -",
+            "standard_uncertainty must be a finite number, 0 or above",
+        ),
         ("area_mm2: 100.0", "area_mm2: 0", "area_mm2 must be above 0, got 0"),
         ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "nowhere.csv: there is no such file"),
         ("files: dark/00_*.tif", "files: dark/zz_*.tif", "no file matches"),
         ("files: dark/00_*.tif", "files: band/000_*.tif", "is listed twice"),
         ("name:", "region: [0, 8, 0, 99]\nname:", ":2: region must be inside the frames"),
         ("name:", "region: [0, 8, 0]\nname:", "region must be [first row"),
-        ("name:", "bits: 14\nname:", "not the 14-bit frame"),
+        ("name:", "bits: 14\nname:", "bits must be 12, as the file states, got 14"),
     ],
 )
 def test_errors_name_the_file_and_the_problem(written, old, new, message):

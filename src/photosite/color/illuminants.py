@@ -186,7 +186,7 @@ def _cie_illuminant(name: str) -> Spectrum:
     if name.lower() not in known:
         kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten")
         hint = did_you_mean(name, kinds)
-        if not hint.startswith("did"):  # the full list has fifty entries
+        if not hint.startswith("Did"):  # the full list has fifty entries
             hint = (
                 "Known are the CIE illuminants (A, D65, F11, LED-B3, ...), 'daylight 5600', 'blackbody 3200', "
                 "'led 4000' and CSV files (lamp.csv)"
