@@ -1,4 +1,4 @@
-"""YAML read or refused in one line."""
+"""YAML with line numbers, limits, and invalid files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_lines_are_counted_from_one():
     assert line_of(3, "a") is None
 
 
-def test_aliases_that_write_out_to_too_much_are_refused_at_once():
+def test_aliases_that_expand_too_far_are_an_error_at_once():
     lines = ["a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8, 9]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12)]
     begun = time.monotonic()
@@ -25,13 +25,13 @@ def test_aliases_that_write_out_to_too_much_are_refused_at_once():
     assert time.monotonic() - begun < 2.0
 
 
-def test_few_aliases_are_welcome():
+def test_aliases_are_read():
     data = parse_yaml("base: &b {x: 1}\nother: {<<: *b, y: 2}\nlist: [*b, *b]\n", "f.yaml")
     assert dict(data["other"]) == {"x": 1, "y": 2}
 
 
 @pytest.mark.parametrize("content", ["&a [*a]", "[" * 5000, "{a: " * 3000 + "1" + "}" * 3000])
-def test_what_holds_itself_or_nests_too_deep_is_refused(content):
+def test_content_that_contains_itself_or_nests_too_deeply_is_an_error(content):
     with pytest.raises(FileError):
         parse_yaml(content, "deep.yaml")
 
@@ -51,21 +51,24 @@ def test_files_that_cannot_be_read(tmp_path):
 
 def test_keys_and_texts():
     data = parse_yaml("name: x\nfrmes: 3\n", "f.yaml")
-    with pytest.raises(FileError, match=r"f\.yaml:2: a protocol has no key 'frmes'; Did you mean 'frames'"):
+    with pytest.raises(FileError) as caught:
         check_keys("f.yaml", data, ("name", "frames"), "a protocol")
+    assert (caught.value.line, caught.value.what) == (2, "a protocol has no key 'frmes'")
+    assert "'frames'" in str(caught.value.hint)
     assert (optional_text("f.yaml", data, "name"), optional_text("f.yaml", data, "none")) == ("x", None)
-    with pytest.raises(FileError, match=r"f\.yaml:2: 'frmes' is text, not 3"):
+    with pytest.raises(FileError) as caught:
         optional_text("f.yaml", data, "frmes")
+    assert (caught.value.what, caught.value.value, caught.value.line) == ("frmes", 3, 2)
 
 
-def test_whole_numbers_that_no_float_holds_are_refused():
-    """The largest float has 1024 bits; what comes after would fail wherever it is first used."""
+def test_integers_beyond_floats_are_an_error():
+    """The largest float has 1024 bits."""
     assert parse_yaml(f"a: {2**1023}", "f.yaml")["a"] == 2**1023
-    with pytest.raises(FileError, match="a whole number of 1329 bits"):
+    with pytest.raises(FileError, match="an integer of 1329 bits"):
         parse_yaml("a: [{b: 1" + "0" * 400 + "}]", "f.yaml")
 
 
 @pytest.mark.parametrize("content", ["a: !!set x", "a: !!int x", "a: !!timestamp x", "a: !!omap 3"])
-def test_tags_that_do_not_fit_are_refused(content):
+def test_invalid_tags_are_an_error(content):
     with pytest.raises(FileError, match=r"f\.yaml"):
         parse_yaml(content, "f.yaml")

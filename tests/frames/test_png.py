@@ -70,7 +70,7 @@ def test_data_in_many_chunks(tmp_path):
     assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)
 
 
-def test_an_interlaced_picture_is_read(tmp_path):
+def test_an_interlaced_picture_is_read(tmp_path, capfd):
     """Passes written by hand, without filters."""
     dn = np.random.default_rng(1).integers(0, 256, (9, 11)).astype(np.uint8)
     passes = [dn[r::down, c::right] for r, c, down, right in ADAM7]
@@ -78,3 +78,4 @@ def test_an_interlaced_picture_is_read(tmp_path):
     (tmp_path / "a.png").write_bytes(png(9, 11, zlib.compress(data), interlaced=1))
     assert np.array_equal(read_raw(tmp_path / "a.png").dn, dn)
     assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), dn)
+    assert capfd.readouterr() == ("", "")

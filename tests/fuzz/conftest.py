@@ -1,4 +1,4 @@
-"""The fuzzing's modules stand beside its tests, and are found there as run.py finds them."""
+"""Make the modules beside the fuzz tests importable, as for run.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Valid files of every format, from which the damaged ones are made."""
+"""Valid files of every format, from which damaged ones are made."""
 
 from __future__ import annotations
 
@@ -39,6 +39,8 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
         made |= _scenes(place)
         made |= _charts_and_renders(place)
         made["picture"] = _pictures(place)
+        made["radiance"] = _radiance()
+        made["lzw"] = _compressed_tiffs(place)
     for number in range(2):
         _frame(number).save(folder / f"dark_{number}.tif")
         _frame(number + 5).save(folder / f"light_{number}.tif")
@@ -58,7 +60,7 @@ def seeds_of(folder: Path) -> dict[str, tuple[bytes, ...]]:
 
 
 def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
-    """Optics files as photosite writes them, and the arrays beside them."""
+    """Return optics files written by photosite, and their arrays."""
     import photosite as ps
     from photosite.optics.distortion import Distortion, LateralColor
     from photosite.optics.field_points import FieldPoints
@@ -85,7 +87,7 @@ def _saved_lenses(folder: Path) -> dict[str, tuple[bytes, ...]]:
 
 
 def _lens_listings(folder: Path) -> dict[str, tuple[bytes, ...]]:
-    """A ray trace by ISET's macros, its data beside it, and listings of Zemax."""
+    """Return a ray trace of ISET's macros with its data, and listings of Zemax."""
     for f in (1, 2):
         for w in (1, 2):
             field = f"{0.4 + 0.1 * w:.4f} µm at 0.0000, {1.0 - f:.4f} (mm)."
@@ -140,15 +142,17 @@ def _gray_png(place: Path) -> bytes:
 
 
 def _pictures(place: Path) -> tuple[bytes, ...]:
-    """Pictures in colour: PNG of 8 bits, JPEG, and PNG of 16, plain and interlaced, rows by all filters."""
-    from PIL import Image
+    """Pictures in color: PNG of 8 bits, JPEG with and without a profile, PNG of 16 bits with all filters."""
+    from PIL import Image, ImageCms
 
     codes = np.random.default_rng(4).integers(1, 256, (8, 8, 3)).astype(np.uint8)
     exif = Image.Exif()
     exif[0x0112] = 6
     for name in ("c.png", "c.jpg"):
         Image.fromarray(codes).save(place / name, exif=exif)
-    made = [(place / name).read_bytes() for name in ("c.png", "c.jpg")]
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    Image.fromarray(codes).save(place / "p.jpg", icc_profile=profile)
+    made = [(place / name).read_bytes() for name in ("c.png", "c.jpg", "p.jpg")]
     passes = [(1, 1), (1, 1), (1, 2), (2, 2), (2, 4), (4, 4), (4, 8)]
     for interlaced, parts in ((0, [(8, 8)]), (1, passes)):
         lines = [bytes([r % 5]) + codes.tobytes()[: 6 * wide] for high, wide in parts for r in range(high)]
@@ -162,6 +166,31 @@ def _pictures(place: Path) -> tuple[bytes, ...]:
             body += struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
         made.append(b"\x89PNG\r\n\x1a\n" + body)
     return tuple(made)
+
+
+def _radiance() -> tuple[bytes, ...]:
+    """A Radiance picture, run-length coded and flat."""
+    import imagecodecs
+
+    values = np.random.default_rng(5).random((6, 20, 3)).astype(np.float32)
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 6 +X 20\n"
+    return tuple(head + imagecodecs.rgbe_encode(values, header=False, rle=rle) for rle in (True, False))
+
+
+def _compressed_tiffs(place: Path) -> tuple[bytes, ...]:
+    """Frames in the compressions of camera tools."""
+    import imagecodecs
+    import tifffile
+
+    dn = _frame().dn
+    found = []
+    for compression in ("lzw", "packbits", "zstd"):
+        tifffile.imwrite(place / "d.tif", dn, photometric="minisblack", compression=compression)
+        found.append((place / "d.tif").read_bytes())
+    strip = imagecodecs.ljpeg_encode(dn.astype(np.uint8), bitspersample=8)
+    kind = {"shape": dn.shape, "dtype": np.uint8, "photometric": "minisblack", "compression": 7}
+    tifffile.imwrite(place / "d.tif", iter([strip]), **kind)
+    return (*found, (place / "d.tif").read_bytes())
 
 
 def _other_tiffs(place: Path) -> list[bytes]:
@@ -205,7 +234,7 @@ def _fits(place: Path) -> tuple[bytes, ...]:
 
 
 def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
-    """Scene files and cubes, each as photosite writes them and as others do."""
+    """Return scene files and cubes, written by photosite and by others."""
     import tifffile
 
     from photosite.scene.io.files import write_scene
@@ -221,6 +250,7 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
     scene.save(place / "scene.h5")
     write_scene(scene, place / "cube.h5", cube=True)
     write_scene(scene, place / "scene.mat", version="7.3")
+    write_scene(scene, place / "basis.mat", version="5")
     for interleave in ("bip", "bsq"):
         write_scene(scene, place / f"{interleave}.hdr", interleave=interleave)
     scene.save(place / "stack.tif")
@@ -238,6 +268,7 @@ def _scenes(place: Path) -> dict[str, tuple[bytes, ...]]:
         "scene": ((place / "scene.h5").read_bytes(),),
         "cube": ((place / "cube.h5").read_bytes(),),
         "mat73": ((place / "scene.mat").read_bytes(),),
+        "mat5": ((place / "basis.mat").read_bytes(),),
         "stack": ((place / "stack.tif").read_bytes(), (place / "samples.tif").read_bytes()),
         "envi": tuple((place / f"{interleave}.hdr").read_bytes() for interleave in ("bip", "bsq")),
         "envi numbers": ((place / "bsq.img").read_bytes(),),

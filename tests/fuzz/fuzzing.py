@@ -1,12 +1,13 @@
-"""What is fuzzed: valid files of every format, ways to damage them, and what must come of reading one.
+"""Targets of the fuzzing: readers, valid files of every format, ways to damage them, and the accepted outcomes.
 
-Reading a damaged file gives a result that can be, or one photosite error of one line: never another exception, and
-never a number that is none. Hangs, crashes and large allocations are for whoever watches the process (`run.py`).
+Reading a damaged file gives a valid result or a photosite error of one line; never another exception, and never a
+number that is not finite. `run.py` watches for hangs, crashes and large allocations.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import random
 import warnings
 import zlib
@@ -18,6 +19,7 @@ import numpy as np
 from fuzz_seeds import seeds_of
 
 from photosite.errors import PhotositeError
+from photosite.files.child import call_in_child
 from photosite.frames.raw_frame import RawFrame
 
 INTEGERS = (0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000)
@@ -32,16 +34,16 @@ _DEEPEST = 12
 
 @dataclass(frozen=True)
 class Target:
-    """A reader: valid files for it, and how it is called.
+    """A reader with valid files for it.
 
     Parameters
     ----------
     suffix
-        Of the file that is damaged.
+        Suffix of the damaged file.
     seeds
         Contents of valid files.
     read
-        Called with the damaged file's path; returns what was read.
+        Called with the damaged file's path; returns the result.
     text
         Whether the format is text, so that words are damaged too.
     """
@@ -53,7 +55,7 @@ class Target:
 
 
 def damaged(content: bytes, rng: random.Random, *, text: bool) -> bytes:
-    """The content with one to eight things wrong with it."""
+    """Return the content with one to eight errors."""
     data = bytearray(content)
     for _ in range(min(1 + int(rng.expovariate(0.7)), 8)):
         if text and rng.random() < 0.75:
@@ -66,7 +68,7 @@ def damaged(content: bytes, rng: random.Random, *, text: bool) -> bytes:
 
 
 def _checked_png(data: bytes) -> bytes:
-    """The PNG with the check sums of its chunks as they would be; else they alone would refuse all damage."""
+    """Return the PNG with correct checksums of its chunks; otherwise these alone would reject all damage."""
     out, at = bytearray(data[:8]), 8
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4], "big")
@@ -78,7 +80,7 @@ def _checked_png(data: bytes) -> bytes:
 
 def _damaged_bytes(data: bytearray, rng: random.Random) -> None:
     size = len(data)
-    # The heads of files hold what matters most; half of all damage goes there.
+    # Half of all damage goes to the headers, which matter most.
     near = min(size, 2048) if rng.random() < 0.5 else size
     at = rng.randrange(near) if near else 0
     match rng.randrange(8):
@@ -124,15 +126,20 @@ def _damaged_words(data: bytes, rng: random.Random) -> bytes:
     return "\n".join(lines).encode("utf-8", "surrogateescape")
 
 
+def start_child() -> None:
+    """Start the child process of some readers if the last input ended it, so that its start is not timed."""
+    call_in_child(os.getpid, time_s=120.0, memory_bytes=1 << 30)
+
+
 def outcome(target: Target, path: Path) -> str:
-    """Reads the file: "read" or "refused".
+    """Read the file and return "read" or "refused".
 
     Raises
     ------
     AssertionError
-        If what was read cannot be, or the error is not one line.
+        If the result is invalid, or the error is empty or too long.
     Exception
-        Whatever else the reader let through.
+        Any other exception of the reader.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -148,7 +155,7 @@ def outcome(target: Target, path: Path) -> str:
 
 
 def check(found: object, depth: int = 0) -> None:
-    """Every number of a result is finite, and a frame is a frame."""
+    """Check that every number of a result is finite, and that a frame is consistent."""
     if isinstance(found, RawFrame):
         assert found.dn.dtype == np.uint16
         assert found.dn.ndim == 2
@@ -178,7 +185,7 @@ def check(found: object, depth: int = 0) -> None:
 
 
 def targets(folder: Path) -> dict[str, Target]:
-    """All readers by name; valid frames that protocols and descriptors name are written to the folder."""
+    """Return all readers by name; frames that protocols and descriptors refer to are written to the folder."""
     from photosite.calibration.spectral.protocol import open_spectral
     from photosite.color.spectrum_file import read_spectrum
     from photosite.frames.io.darktable import read_darktable
@@ -224,7 +231,7 @@ def targets(folder: Path) -> dict[str, Target]:
     def optics(path: Path) -> object:
         from photosite.optics.lens import Lens
 
-        found = lens(path)  # its focus may lie at infinity
+        found = lens(path)  # its focus may be at infinity
         return [getattr(found, f.name) for f in fields(Lens) if f.name != "focus_distance_m" and hasattr(found, f.name)]
 
     def design(path: Path) -> object:
@@ -265,6 +272,9 @@ def targets(folder: Path) -> dict[str, Target]:
         "scene": Target(".h5", seeds["scene"], scene),
         "cube": Target(".h5", seeds["cube"], scene),
         "mat73": Target(".mat", seeds["mat73"], scene),
+        "mat5": Target(".mat", seeds["mat5"], scene),
+        "radiance": Target(".pic", seeds["radiance"], chart),
+        "lzw": Target(".tif", seeds["lzw"], frame),
         "stack": Target(".tif", seeds["stack"], scene),
         "envi": Target(".hdr", seeds["envi"], scene, text=True),
         "exr": Target(".exr", seeds["exr"], scene),

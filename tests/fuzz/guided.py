@@ -1,7 +1,7 @@
 """Fuzz one reader guided by coverage, with atheris: `python tests/fuzz/guided.py READER [libFuzzer's options]`.
 
-`pip install 'photosite[fuzz]'`; `-max_total_time=60` ends it. Python is instrumented, libraries' C is not. What it
-finds is written to the working directory, as libFuzzer does.
+Needs `pip install 'photosite[fuzz]'`; `-max_total_time=60` limits the time. Python code is instrumented, C libraries
+are not. Findings are written to the working directory.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 
 def main() -> None:
-    """The command."""
+    """Run the command."""
     import atheris
 
     sys.path.insert(0, str(Path(__file__).parent))

@@ -1,9 +1,8 @@
 """Fuzz the readers: `python tests/fuzz/run.py --inputs 100000`.
 
-Every reader gets its share of damaged files, in a process of its own whose address space is bounded. A parent watches:
-an input that takes longer than `HANG_S` is a hang, a process that dies is a crash, one whose memory jumps is a large
-allocation. Whatever is found is kept in --keep with the input that did it, and makes the exit status 1. The same seed
-gives the same inputs.
+Each reader gets its share of damaged files in a process with limited memory, watched by its parent: an input that takes
+longer than `HANG_S` is a hang, a process that dies is a crash, growth by `LARGE_KIB` is a large allocation. Inputs with
+findings are kept in --keep, and the exit status is then 1. The same seed gives the same inputs.
 """
 
 from __future__ import annotations
@@ -24,28 +23,31 @@ sys.path.insert(0, str(Path(__file__).parent))  # wherever it is run from
 import fuzzing
 
 HANG_S = 10.0
-"""Wall time of one input; thousands of times what a valid one takes, so that a busy machine is no hang."""
+"""Limit of wall time for one input, thousands of times that of a valid one."""
 
 BATCH = 500
-"""Inputs that one process reads."""
+"""Inputs per process."""
 
 ADDRESS_SPACE = 6 << 30
-"""Bytes a process may map. Libraries' own mappings take a third of it."""
+"""Limit of a process's address space, in bytes; the libraries' own mappings take a third."""
 
 LARGE_KIB = 256 << 10
-"""Growth of a process over one input, of files of some kilobytes, that is a finding."""
+"""Growth of a process over one input of some kilobytes that is a finding."""
 
 
 def batch(name: str, seed: int, first: int, count: int, keep: Path, report: Connection) -> None:
-    """Read damaged files `first` to `first + count` of a target; tell the number of each before reading it."""
+    """Read damaged files `first` to `first + count` of a target; report the number of each before reading it."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     with TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as place:
         folder = Path(place)
         target = fuzzing.targets(folder)[name]
         path = folder / f"input{target.suffix}"
+        path.write_bytes(target.seeds[0])
+        fuzzing.outcome(target, path)  # imports
         for number in range(first, first + count):
             data = content(target, name, seed, number)
             path.write_bytes(data)
+            fuzzing.start_child()
             report.send(("start", number))
             before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             try:
@@ -62,12 +64,12 @@ def batch(name: str, seed: int, first: int, count: int, keep: Path, report: Conn
 
 
 def _end_of(trace: str) -> str:
-    """The last places and the message; long lines cut."""
+    """Return the last frames and the message, long lines cut."""
     return "\n".join(line[:300] for line in trace.strip().splitlines()[-9:])
 
 
 def content(target: fuzzing.Target, name: str, seed: int, number: int) -> bytes:
-    """Damaged file `number` of a target."""
+    """Return damaged file `number` of a target."""
     rng = random.Random(f"{seed} {name} {number}")
     return fuzzing.damaged(rng.choice(target.seeds), rng, text=target.text)
 
@@ -81,7 +83,7 @@ class Watch:
         self.findings: list[str] = []
 
     def run(self) -> None:
-        """All inputs; after a hang or crash, on with the next one."""
+        """Run all inputs; continue after a hang or crash."""
         at = 0
         while at < self.inputs:
             at = self._batch(at, min(BATCH, self.inputs - at))
@@ -114,7 +116,7 @@ class Watch:
             ours.close()
 
     def _lost(self, number: int, why: str) -> int:
-        """Keep the input that a process did not come back from; the next to read is the one after it."""
+        """Keep the input that ended a process, and return the number of the next."""
         with TemporaryDirectory() as place:
             target = fuzzing.targets(Path(place))[self.name]
             file = self.keep / f"{self.name}-{number}{target.suffix}"
@@ -132,12 +134,12 @@ class Watch:
 
 
 def main() -> int:
-    """The command."""
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--inputs", type=int, default=100_000, help="damaged files in all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", help="one target")
-    parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for what was found")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs with findings")
     chosen = parser.parse_args()
     with TemporaryDirectory() as place:
         names = [name for name in fuzzing.targets(Path(place)) if chosen.only in (None, name)]

@@ -1,4 +1,4 @@
-"""A short run of the fuzzing, inside the tests; `make fuzz` is the long one."""
+"""A short run of the fuzzing; `make fuzz` is the long one."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ def outcome(name, content):
     target = TARGETS[name]
     path = FOLDER / f"input-{name}{target.suffix}"
     path.write_bytes(content)
+    fuzzing.start_child()
     begun = time.monotonic()
     found = fuzzing.outcome(target, path)
     assert time.monotonic() - begun < SLOWEST_S
@@ -29,8 +30,8 @@ def outcome(name, content):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_what_is_damaged_was_whole(name):
-    """Every seed is read; else only its refusal would be fuzzed."""
+def test_undamaged_files_are_read(name):
+    """Otherwise only the error would be fuzzed."""
     assert {outcome(name, seed) for seed in TARGETS[name].seeds} == {"read"}
 
 
@@ -48,7 +49,7 @@ def test_damaged_files_are_read_or_refused(name, seed):
     edits=st.lists(st.tuples(st.integers(0, 4000), st.binary(max_size=9), st.integers(0, 40)), min_size=1, max_size=4)
 )
 def test_edits_are_read_or_refused(name, edits):
-    """Bytes put in the place of others, which hypothesis shrinks to the fewest that matter."""
+    """Replaced bytes, which hypothesis shrinks to the fewest that matter."""
     content = TARGETS[name].seeds[0]
     for at, put, over in edits:
         place = at % (len(content) + 1)
@@ -64,15 +65,15 @@ def test_stubs_are_refused(name, content):
     assert outcome(name, content) == "refused"
 
 
-def test_the_same_seed_damages_alike():
+def test_the_same_seed_gives_the_same_damage():
     content = TARGETS["tiff"].seeds[0]
     one, other = (fuzzing.damaged(content, random.Random("7 tiff 3"), text=False) for _ in "ab")
     assert one == other
     assert one != content
 
 
-def test_what_is_looked_for_is_found():
-    """A reader that lets a number through that is none, or another's exception, fails."""
+def test_findings_are_detected():
+    """A result that is not finite, and another exception."""
     bad = fuzzing.Target(".x", (), lambda path: [1.0, float("nan")])
     with pytest.raises(AssertionError, match="a result holds nan"):
         fuzzing.outcome(bad, FOLDER)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing: files and folders appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from pathlib import Path
 from photosite.errors import FileError
 
 _FULL_BYTES = 1 << 16
-"""Free space below which a disk is full: what file systems keep for their own books."""
+"""Free bytes below which a disk counts as full; file systems reserve some."""
 
 
 @contextmanager
 def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside the wanted one; what was written there takes the name when the block ends well.
+    """Yield a temporary path beside a file, which replaces the file when the block succeeds.
 
-    If the block fails, nothing remains of it, and a file that had the name keeps it. The temporary path ends like the
-    wanted one, so that writers which go by the ending choose the same format.
+    If the block fails, the temporary file is removed and an existing file is kept. The temporary path has the file's
+    suffix, so that writers choose the same format.
 
     Parameters
     ----------
     path
-        The file wanted.
+        The file to write.
 
     Raises
     ------
     FileError
-        If the folder is missing or cannot be written, the name is a folder's or a device's, or writing fails in the
-        operating system.
+        If the folder is missing or read-only, the path is a folder or a device, or writing fails in the operating
+        system.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
     >>> (Path(folder.name) / "note.txt").read_text()
     'whole'
     """
-    wanted = Path(os.path.realpath(path))  # a link stays a link, and what it points to is replaced
+    wanted = Path(os.path.realpath(path))  # a link is kept, its target is replaced
     if wanted.exists() and not wanted.is_file():
         raise FileError(path, "cannot be written: it is a folder or a device, not a file")
     try:
@@ -57,7 +57,7 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
         yield temporary
         mask = os.umask(0)
         os.umask(mask)
-        temporary.chmod(0o666 & ~mask)  # mkstemp keeps files to their owner; a plain open would not
+        temporary.chmod(0o666 & ~mask)  # mkstemp makes files private
         os.replace(temporary, wanted)
     except OSError as error:
         raise FileError(path, f"cannot be written: {_reason(error, temporary)}") from None
@@ -67,24 +67,22 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[Path]:
-    """A temporary folder beside the wanted one, which takes its name when the block ends well.
+    """Yield a temporary folder beside a folder, which takes its name when the block succeeds.
 
-    If the block fails, or is interrupted, nothing remains of it, and an error about a file in it names the wanted
-    folder instead. A folder that holds something is not touched unless `add` is true.
+    If the block fails or is interrupted, the temporary folder is removed, and errors name the final folder.
 
     Parameters
     ----------
     path
-        The folder wanted; it must not exist, or be empty.
+        The folder to write; it must not exist, or be empty.
     add
-        Let the folder hold something: the temporary folder is then in it, and at the end each of its entries is moved
-        up, in place of a file of that name.
+        Allow a folder with content: each new entry is moved into it, and replaces an entry of the same name.
 
     Raises
     ------
     FileError
-        If something of that name exists and is not an empty folder, the folder above it is missing or cannot be
-        written, or writing fails in the operating system.
+        If the path exists and is not an empty folder, its parent is missing or read-only, or writing fails in the
+        operating system.
 
     Examples
     --------
@@ -99,7 +97,7 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
     within = add and wanted.is_dir()
     try:
         if not within and wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
-            raise FileError(path, "exists already and is not an empty folder; choose another name")
+            raise FileError(path, "exists already and is not an empty folder", hint="Choose another name")
         temporary = Path(tempfile.mkdtemp(prefix=f".{wanted.name}-", dir=wanted if within else wanted.parent))
     except OSError as error:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
@@ -114,7 +112,6 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
         temporary.chmod(0o777 & ~mask)
         os.replace(temporary, wanted)
     except FileError as error:
-        # The temporary name means nothing to whoever reads the line, and is gone by then.
         if not (place := Path(error.path)).is_relative_to(temporary):
             raise
         raise FileError(Path(path) / place.relative_to(temporary), error.what, error.line, **error.fields) from None
@@ -125,7 +122,7 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
 
 
 def _reason(error: OSError, place: Path) -> str:
-    """Why writing failed. NumPy says of a full disk only how much was written: then the disk itself is asked."""
+    """Return why writing failed. NumPy's error of a full disk gives no reason; then test the free space."""
     if error.strerror is None and shutil.disk_usage(place.parent).free < _FULL_BYTES:
         return os.strerror(errno.ENOSPC)
     return error.strerror or str(error)

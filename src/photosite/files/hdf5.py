@@ -22,8 +22,8 @@ from photosite.files.child import ChildError, call_in_child
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-TIME_LIMIT_S = 5.0
-"""Time limit of the child for one file; valid files take milliseconds."""
+TIME_LIMIT_S = 2.0
+"""Time limit of the child for a small file, and for each further MB; valid files take milliseconds."""
 _MEMORY_BYTES = 1 << 30
 _HEAP_SIGNATURE = b"GCOL"
 _LARGEST_SEARCHED = 64 << 20
@@ -91,9 +91,10 @@ class Hdf5File:
     @cached_property
     def _texts(self) -> dict[str, dict[str, Any]]:
         """Text attributes of variable length, by item and name."""
+        time_s = TIME_LIMIT_S * (1 + self.path.stat().st_size / 1e6)
         try:
             found: dict[str, dict[str, Any]] = call_in_child(
-                read_texts, str(self.path), time_s=TIME_LIMIT_S, memory_bytes=_MEMORY_BYTES
+                read_texts, str(self.path), time_s=time_s, memory_bytes=_MEMORY_BYTES
             )
         except ChildError as error:
             raise FileError(self.path, f"is damaged: its attributes cannot be read ({error})") from None

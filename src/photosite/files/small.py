@@ -1,4 +1,4 @@
-"""Files that are read whole, because they should be small."""
+"""Small files, read whole."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from photosite.errors import FileError
 
 
 def read_small(path: str | PathLike[str], what: str, largest: int) -> bytes:
-    """A file's bytes.
+    """Read a file's bytes.
 
     Parameters
     ----------
     path
         The file.
     what
-        What it should be, for messages: "a protocol".
+        The expected content, for messages: "a protocol".
     largest
-        Bytes it may have: what is larger is something else, and is not read.
+        Size limit in bytes; a larger file is something else, and is not read.
 
     Raises
     ------
     FileError
-        If it cannot be read, or is larger.
+        If the file cannot be read, or is larger.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""YAML as people and strangers write it: read with line numbers, or refused in one line."""
+"""YAML of unknown origin, read with line numbers and limits on size and nesting."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from photosite.errors import FileError, did_you_mean
 from photosite.files.small import read_small
 
 LARGEST_BYTES = 1 << 22
-"""Of a file that is read at all. A protocol that lists 10 000 frames one by one takes an eighth of that."""
+"""Size limit of a file; a protocol that lists 10 000 frames one by one takes an eighth of it."""
 
 _MOST_VALUES = 1_000_000
-"""Values in a document with its aliases written out; what looks at every value would not end with many more."""
+"""Limit of values in a document, aliases expanded."""
 
 
 def read_yaml(file: Path, what: str) -> Any:
-    """The content of a YAML file.
+    """Read a YAML file.
 
     Parameters
     ----------
     file
         The file.
     what
-        What it should have been, for messages: "a protocol".
+        The expected content, for messages: "a protocol".
 
     Raises
     ------
     FileError
-        If it cannot be read, is not text in UTF-8, or is not YAML; with the line.
+        If the file cannot be read, is not UTF-8, or is not YAML; with the line.
     """
     try:
         return parse_yaml(read_small(file, what, LARGEST_BYTES).decode("utf-8"), file)
@@ -41,12 +41,12 @@ def read_yaml(file: Path, what: str) -> Any:
 
 
 def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
-    """The content of a YAML text; `path` is what errors call it.
+    """Parse YAML text; `path` names it in errors.
 
     Raises
     ------
     FileError
-        If it is not YAML, nests too deep, or holds too much; with the line where there is one.
+        If the text is not YAML, nests too deeply, or is too large; with the line where known.
 
     Examples
     --------
@@ -65,17 +65,16 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
     except YAMLError as error:
         raise FileError(path, f"is not YAML: {' '.join(str(error).split())}") from None
     except RecursionError:
-        raise FileError(path, "nests too deep") from None
-    # A tag that its value does not fit (!!set x, !!int y) comes through as whatever the parser stumbles over.
-    except Exception as error:
+        raise FileError(path, "nests too deeply") from None
+    except Exception as error:  # invalid tags (!!set x, !!int y) raise exceptions of many kinds
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise FileError(path, f"is not YAML that can be read: {reason}") from None
+        raise FileError(path, f"is not valid YAML: {reason}") from None
     _check_size(data, path)
     return data
 
 
 def _check_size(data: Any, path: str | PathLike[str]) -> None:
-    """Refuse whole numbers that no float holds, and aliases that would write out to a billion values."""
+    """Reject integers beyond the range of floats, and aliases that expand to millions of values."""
     sizes: dict[int, int] = {}
 
     def size(node: Any) -> int:
@@ -85,7 +84,7 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
             children = list(node)
         else:
             if isinstance(node, int) and abs(node) > sys.float_info.max:
-                raise FileError(path, f"holds a whole number of {node.bit_length()} bits, {hex(node)[:12]}...")
+                raise FileError(path, f"has an integer of {node.bit_length()} bits, {hex(node)[:12]}...")
             return 1
         if id(node) not in sizes:
             sizes[id(node)] = 1 + sum(map(size, children))
@@ -94,13 +93,13 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
     try:
         values = size(data)
     except RecursionError:
-        raise FileError(path, "nests too deep, or holds itself") from None
+        raise FileError(path, "nests too deeply, or contains itself") from None
     if values > _MOST_VALUES:
-        raise FileError(path, f"holds more than {_MOST_VALUES} values once its aliases are written out")
+        raise FileError(path, f"has more than {_MOST_VALUES} values with its aliases expanded")
 
 
 def dump_yaml(data: Mapping[str, Any]) -> str:
-    """Fields as YAML, lists on one line, as people write them; `parse_yaml` gives them back.
+    """Return fields as YAML with lists on one line.
 
     Examples
     --------
@@ -127,28 +126,29 @@ def dump_yaml(data: Mapping[str, Any]) -> str:
 
 
 def line_of(node: Any, key: Any) -> int | None:
-    """The line, from 1, that an entry of a mapping or list stands on; None where that is not known."""
+    """Return the line, counted from 1, of an entry of a mapping or list; None where unknown."""
     positions = getattr(getattr(node, "lc", None), "data", None) or {}
     return positions[key][0] + 1 if key in positions else None
 
 
 def check_keys(path: str | PathLike[str], data: Mapping[Any, Any], known: Sequence[str], what: str) -> None:
-    """Raise `FileError`, with the line, for a key that is not known."""
+    """Raise `FileError` with the line for an unknown key."""
     for key in data:
         if key not in known:
             name = str(key)[:80]
-            raise FileError(path, f"{what} has no key '{name}'. {did_you_mean(name, known)}", line_of(data, key))
+            hint = did_you_mean(name, known)
+            raise FileError(path, f"{what} has no key '{name}'", line_of(data, key), hint=hint)
 
 
 def optional_text(path: str | PathLike[str], data: Mapping[Any, Any], key: str) -> str | None:
-    """The text under a key, or None.
+    """Return the text under a key, or None.
 
     Raises
     ------
     FileError
-        If something else stands there; with the line.
+        If the value is not text; with the line.
     """
     value = data.get(key)
     if value is not None and not isinstance(value, str):
-        raise FileError(path, f"'{key}' is text, not {value!r:.80}", line_of(data, key))
+        raise FileError(path, key, line_of(data, key), value=value, expected="text")
     return None if value is None else str(value)

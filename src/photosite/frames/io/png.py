@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
+from photosite.files.quiet import no_stderr
 from photosite.frames.io.description import describe_frame, parse_description
 from photosite.frames.io.frame_header import FrameHeader
 from photosite.frames.raw_frame import RawFrame
@@ -86,8 +88,11 @@ def read_png_pixels(path: Path) -> NDArray[np.uint16]:
     """
     from imagecodecs import png_decode
 
+    content = path.read_bytes()
+    interlaced = content[28:29] == b"\1"  # libpng warns of every interlaced picture
     try:
-        pixels = png_decode(path.read_bytes())
+        with no_stderr() if interlaced else nullcontext():
+            pixels = png_decode(content)
     except Exception as error:  # libpng's message may be unreadable too
         raise FileError(path, f"is damaged: it cannot be decoded ({' '.join(str(error).split())[:200]})") from None
     if pixels.ndim == 3:  # a transparent gray level, which libpng makes an alpha channel

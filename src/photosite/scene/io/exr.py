@@ -28,6 +28,7 @@ from photosite.color.colour_science import colour_science
 from photosite.color.spectrum import energy_from_photons
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
+from photosite.files.quiet import no_stderr
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Block, CubeHead, SpectralCube
 from photosite.scene.io.picture import scene_of_light
@@ -607,18 +608,11 @@ def _library(path: Path) -> Any:
 @contextmanager
 def _library_errors(path: Path, *, writing: bool = False) -> Iterator[None]:
     """Turn the library's exceptions into a `FileError`, and discard what it prints on damaged files."""
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
-        with redirect_stdout(io.StringIO()):
+        with no_stderr(), redirect_stdout(io.StringIO()):
             yield
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
         reason = " ".join(str(error).replace(os.fspath(path), "it").split())[:120]
         if writing:
             raise FileError(path, f"cannot be written: {reason}") from None
         raise FileError(path, f"is damaged or truncated ({reason})", hint=_RENDER_AGAIN) from None
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)

@@ -167,7 +167,7 @@ FORMATS: tuple[Format, ...] = (
         frozenset({"units"}),
     ),
 )
-"""In the order of the test by signature: a MATLAB 7.3 file is HDF5 behind 512 bytes of its own."""
+"""In the order of the test by signature: a MATLAB 7.3 file is HDF5 behind 512 other bytes."""
 
 
 def not_reduced(path: Path, scene: SpectralCube | Scene, options: ReadOptions) -> FileError:

@@ -125,7 +125,7 @@ class ChunkedCube(CubeHead):
             data = file.datasets[self.variable]
             for first in range(0, self.shape[0], self.slab_rows):
                 raw = _slab(data, self.axes, slice(first, first + self.slab_rows), slice(None))
-                with np.errstate(over="ignore"):  # infinite values are refused by whoever uses the block
+                with np.errstate(over="ignore"):  # infinite values are refused where the block is used
                     slab = np.multiply(raw, np.asarray(self.scale, np.float64), dtype=np.float64)
                 if self.no_data is not None:
                     slab[raw == self.no_data] = np.nan

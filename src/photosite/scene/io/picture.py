@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError, PhotositeError
+from photosite.files.quiet import no_stderr
 from photosite.scene.io.color_space import RgbSpace, exif_of, space_of_picture
 from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import OutsideSrgbError
@@ -90,7 +91,8 @@ def _decoded_png(path: Path, picture: Any) -> NDArray[Any]:
         raise FileError(path, f"is damaged: {len(content)} bytes cannot hold {size} pixels")
     if "exif" not in picture.info and b"eXIf" in content:
         picture.load()  # Pillow finds metadata behind the pixels only now
-    codes = png_decode(content)
+    with no_stderr():  # libpng warns of every interlaced picture
+        codes = png_decode(content)
     return np.asarray(codes if codes.ndim == 3 else codes[:, :, None])
 
 
