@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -42,6 +43,14 @@ def photosite(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status, out, err)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A measurement that `photosite shoot` wrote: 405 frames of 66 x 98 pixels. Tests do not change it."""
+    folder = tmp_path_factory.mktemp("shot") / "stack"
+    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
+    return folder
 
 
 @pytest.fixture(autouse=True)

@@ -35,13 +35,6 @@ NAMES = (
 )
 
 
-@pytest.fixture(scope="module")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shot") / "stack"
-    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
-    return folder
-
-
 def test_json(photosite: Any, stack: Path) -> None:
     done = photosite("calibrate", stack, "--json")
     assert done.status == 0
@@ -97,9 +90,24 @@ def test_sensor_file_and_report(photosite: Any, stack: Path, tmp_path: Path) -> 
     assert not measured.noise.read_noise_mv.assumed
     assert measured.pixel.conversion_gain_uv_per_e.value == pytest.approx(30, rel=0.02)
     page = report.read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
     assert "Read noise" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert f"wrote {report}" in done.out
+
+
+def test_report_as_pdf(photosite: Any, stack: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.pdf"
+    done = photosite("calibrate", stack, "--report", report, "--json")
+    assert done.status == 0
+    assert done.json["report"] == str(report)
+    assert report.read_bytes().startswith(b"%PDF-")
+
+
+def test_report_of_another_ending_is_refused_before_anything_is_read(photosite: Any, tmp_path: Path) -> None:
+    done = photosite("calibrate", tmp_path / "nothing", "--report", tmp_path / "report.docx")
+    assert done.status == 2
+    assert "its name must end in .html or .pdf" in done.err
 
 
 def test_table_has_values_and_reasons(photosite: Any, stack: Path) -> None:

@@ -6,18 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 import photosite as ps
-from photosite.cli.main import run
 from photosite.sensor.io.maps_file import load_measured_chip
-
-
-@pytest.fixture(scope="module")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shot") / "stack"
-    assert run(["shoot", "--rows", "66", "--cols", "98", "--seed", "5", "-o", str(folder)]) == 0
-    return folder
 
 
 def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import json
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +20,16 @@ fits = pytest.importorskip("astropy.io.fits")
 
 
 @pytest.fixture(scope="module")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shot") / "stack"
-    assert run(["shoot", "--rows", "44", "--cols", "66", "--seed", "5", "-o", str(folder)]) == 0
-    return folder
+def groups(stack: Path) -> list[tuple[str, float, np.ndarray]]:
+    return [(g.kind, g.exposure_s, np.stack(list(g))) for g in ps.open_frames(stack).groups]
 
 
 @pytest.fixture(scope="module")
-def groups(stack: Path) -> list[tuple[str, float, np.ndarray]]:
-    return [(g.kind, g.exposure_s, np.stack(list(g))) for g in ps.open_frames(stack).groups]
+def expected(stack: Path) -> dict[str, Any]:
+    """The calibration of the frames as `photosite shoot` wrote them."""
+    with redirect_stdout(io.StringIO()) as out:
+        assert run(["calibrate", str(stack), "--sensor", str(stack / "nominal.sensor.yaml"), "--json"]) == 0
+    return dict(json.loads(out.getvalue()))
 
 
 def one_hdf5(folder: Path, groups: Any) -> list[Any]:
@@ -53,8 +57,9 @@ def fits_cubes(folder: Path, groups: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("make", [one_hdf5, tiff_bursts, fits_cubes])
-def test_the_container_changes_no_figure(photosite: Any, stack: Path, groups: Any, tmp_path: Path, make: Any) -> None:
-    expected = photosite("calibrate", stack, "--sensor", stack / "nominal.sensor.yaml", "--json").json
+def test_the_container_changes_no_figure(
+    photosite: Any, stack: Path, groups: Any, expected: dict[str, Any], tmp_path: Path, make: Any
+) -> None:
     arguments = make(tmp_path, groups)
     done = photosite("calibrate", *arguments, "--sensor", stack / "nominal.sensor.yaml", "--json")
     assert done.err == ""

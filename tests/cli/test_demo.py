@@ -10,7 +10,7 @@ import pytest
 import photosite as ps
 from photosite.errors import FileError
 
-SMALL = ("--rows", 132, "--cols", 196)
+SMALL = ("--rows", 66, "--cols", 98)
 
 
 def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
@@ -27,10 +27,17 @@ def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
     assert "black level raised" in done.err
 
 
-def test_table_again_in_the_same_folder_with_frames_kept(photosite: Any, tmp_path: Path) -> None:
+def test_table_again_in_the_same_folder_with_frames_kept(
+    photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def written(result: object, path: Path) -> None:
+        path.write_text("of this time", encoding="utf-8")
+
+    monkeypatch.setattr("photosite.studies.closed_loop.page.write_demo_report", written)
     (tmp_path / "report.html").write_text("of last time", encoding="utf-8")
     done = photosite("demo", *SMALL, "-o", tmp_path, "--keep-frames")
     assert done.status == 0
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "of this time"
     assert ps.open_frames(tmp_path / "frames").frame_count == 405
     sensor = (tmp_path / "calibrated.sensor.yaml").read_text(encoding="utf-8")
     assert f"({tmp_path / 'frames' / 'protocol.yaml'})" in " ".join(sensor.split())

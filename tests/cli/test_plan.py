@@ -44,7 +44,7 @@ def test_precision_of_a_named_protocol_is_that_of_its_file(photosite: Any, tmp_p
         ([], "--want"),
         (["--want", "prnu_percent=1%", "--protocol", "paper-d200"], "one of --want"),
         (["--want", "prnu_procent=1%"], "prnu_percent"),
-        (["--want", "prnu_percent=0.001%", "--rows", "20", "--cols", "20"], "cannot be reached"),
+        (["--want", "quantum_efficiency_percent=1%", "--rows", "20", "--cols", "20"], "photons"),
         (["--step", "light:1/50"], "light:EXPOSURE:FRAMES"),
         (["--step", "light:1/50:5"], "two dark frames"),
         (["--protocol", "nowhere.yaml"], "no such file"),

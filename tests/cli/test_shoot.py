@@ -79,7 +79,7 @@ def _heed_interrupts() -> None:
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
     code = "from photosite.cli.main import main; main()"
-    arguments = ["shoot", "--rows", "1296", "--cols", "1936", "--black-level", "64", "-o", str(tmp_path / "stack")]
+    arguments = ["shoot", "--rows", "528", "--cols", "784", "--black-level", "64", "-o", str(tmp_path / "stack")]
     process = subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
         stderr=subprocess.PIPE,

@@ -78,9 +78,13 @@ def test_libraw_balances_by_the_light(photosite: Any, tmp_path: Path, illuminant
     np.testing.assert_allclose(balanced / balanced[1], 1, atol=0.01)
 
 
-def test_full_size_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("rows", "cols"), [(334, 500), pytest.param(2592, 3872, marks=pytest.mark.slow)], ids=["small", "full size"]
+)
+def test_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_path: Path, rows: int, cols: int) -> None:
     file, pixels = tmp_path / "shot.dng", tmp_path / "libraw.npy"
-    assert photosite("simulate", "-o", file, "--seed", 3).status == 0
+    size = () if rows == 2592 else ("--rows", rows, "--cols", cols)
+    assert photosite("simulate", *size, "-o", file, "--seed", 3).status == 0
     code = (
         "import sys, numpy, rawpy\n"
         "with rawpy.imread(sys.argv[1]) as raw:\n"
@@ -88,7 +92,8 @@ def test_full_size_dng_is_read_by_libraw_in_a_fresh_process(photosite: Any, tmp_
         "    numpy.save(sys.argv[2], raw.raw_image)\n"
     )
     subprocess.run([sys.executable, "-c", code, file, pixels], check=True)
-    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), ps.load_sensor("nikon-d200"))
+    sensor = ps.load_sensor("nikon-d200").with_(rows=rows, cols=cols)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
     expected = camera.capture(ps.charts.macbeth("A", 40), exposure_s=1 / 3, seed=3)
-    assert expected.shape == (2592, 3872)
+    assert expected.shape == (rows, cols)
     np.testing.assert_array_equal(np.load(pixels), expected.dn)
