@@ -40,7 +40,7 @@ def _shown(label: str, unit: str, topic: str) -> dict[str, ParameterLabel]:
 class Parameters:
     """The parameters of a sensor or of one colour channel, named after EMVA 1288 and the 2008 paper.
 
-    Noise and non-uniformity are standard deviations. `_dn`, `_e` and `_mv` are the same quantity in digital numbers,
+    Noise and nonuniformity are standard deviations. `_dn`, `_e` and `_mv` are the same quantity in digital numbers,
     electrons and millivolts at the pixel.
     """
 

@@ -65,12 +65,12 @@ depend on the conversion gain.
 
 
 def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return Table 1, the measured noise budget and the spectral response known beforehand.
+    """Return Table 1, the measured noise budget and the spectral response of the base sensor.
 
     Parameters
     ----------
     calibration
-        Result of `calibrate`. Without a sensor known beforehand, the millivolts and figures are missing.
+        Result of `calibrate`. Without a base sensor, the millivolts and figures are missing.
     """
     blocks: list[Block] = [
         Paragraph(

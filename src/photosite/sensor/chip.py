@@ -1,4 +1,4 @@
-"""A drawn chip: the fixed pattern that a sensor's serial number stands for."""
+"""A drawn chip: the fixed pattern that is drawn from a sensor's serial number."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Chip:
 
 
 def draw_chip(sensor: Sensor) -> Chip:
-    """Return the chip of a sensor's serial number.
+    """Return the chip that is drawn from a sensor's serial number.
 
     PRNU and DSNU are normal. Dark current is log-normal with the sensor's mean and relative spread, so that it stays
     positive. The pattern depends on the serial alone; the sensor's spreads scale it.

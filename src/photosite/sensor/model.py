@@ -104,7 +104,7 @@ class Noise(Section):
     prnu_percent: ResponseSpread
     dark_voltage_mv_per_s: NotNegative = Measured(0.0)
     dcnu_percent: NotNegative = Measured(0.0)
-    """Dark current non-uniformity: standard deviation over pixels relative to the mean (log-normal)."""
+    """Dark current nonuniformity: standard deviation over pixels relative to the mean (log-normal)."""
 
 
 class Readout(Section):

@@ -1,4 +1,4 @@
-"""Black level, read noise and DSNU of darks clipped at zero, by maximum likelihood.
+"""Black level, read noise and DSNU of dark frames clipped at zero, by maximum likelihood.
 
 A camera without a pedestal clips the lower half of its dark noise, so that the remaining spreads are not those of the
 sensor. The model is that of the sensor file: pixel means are normal around the black level (DSNU); a pixel's numbers

@@ -155,7 +155,7 @@ def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> N
     Parameters
     ----------
     calibration
-        Result of `calibrate`. The pixel area is that of the sensor known beforehand.
+        Result of `calibrate`. The pixel area is that of its base sensor.
     path
         File to write.
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def measured_sensor(calibration: Calibration) -> Sensor:
-    """Return the sensor known beforehand with the measured values in place of the assumed ones.
+    """Return the base sensor with the measured values in place of the assumed ones.
 
     Parameters that could not be estimated keep their value. A negative estimate of a noise or nonuniformity is written
     as 0 with its uncertainty, because a sensor file cannot hold a negative one; its source states the estimate.
@@ -27,7 +27,7 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     Raises
     ------
     CalibrationError
-        If no sensor was known beforehand.
+        If the calibration has no base sensor.
     """
     base = calibration.base
     if base is None:
@@ -75,7 +75,7 @@ def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) ->
     Raises
     ------
     CalibrationError
-        If no sensor was known beforehand.
+        If the calibration has no base sensor.
     FileError
         If a file cannot be written.
     """

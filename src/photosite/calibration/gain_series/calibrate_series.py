@@ -58,7 +58,7 @@ def calibrate_series(
     frames
         Dark frames and flat fields at two gain settings or more, enough to calibrate each setting.
     sensor
-        Sensor known beforehand; default `frames.sensor`. Its analog gain is taken as that of the lowest setting. The
+        Base sensor; default `frames.sensor`. Its analog gain is taken as that of the lowest setting. The
         analog gain of the other settings follows from their nominal values.
     progress
         As for `calibrate`, over all settings.

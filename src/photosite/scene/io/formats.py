@@ -2,7 +2,8 @@
 
 To add a format: write a module in `photosite.scene.io` with `open_cube(path, options)` (returns a cube, to be reduced,
 or a scene) or `read(path, options)` (returns a scene), and `write(scene, path)` where scenes can be written; and add
-an entry to `FORMATS`.
+an entry to `FORMATS`. Keyword arguments of `write` are the options of `write_scene`. docs/contributing.md lists tests
+and documentation.
 """
 
 from __future__ import annotations
