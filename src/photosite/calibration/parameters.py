@@ -123,5 +123,5 @@ def parameter_label(name: str) -> ParameterLabel:
     ('Read noise', 'mV')
     """
     if name not in PARAMETER_LABELS:
-        raise InputError("name", value=name, expected="a parameter", hint=did_you_mean(name, PARAMETER_LABELS))
+        raise InputError("parameter", value=name, expected="a known name", hint=did_you_mean(name, PARAMETER_LABELS))
     return PARAMETER_LABELS[name]

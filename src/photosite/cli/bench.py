@@ -11,9 +11,9 @@ from photosite.cli.output import print_json, table
 
 @click.command("bench", cls=Command)
 @click.option("--quick", is_flag=True, help="Fewer repeats, smaller stacks, no scaling table; about a minute.")
-@click.option("--case", "names", multiple=True, metavar="NAME", help="Measure this case only; repeatable.")
+@click.option("--case", "cases", multiple=True, metavar="NAME", help="Measure this case only; repeatable.")
 @options.json_option
-def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
+def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
     """Measure time and memory of photosite on this machine.
 
     Each case runs in turn with a baseline, a plain way to do the same work: SciPy transforms per wavelength, NumPy's
@@ -25,22 +25,22 @@ def command(quick: bool, names: tuple[str, ...], as_json: bool) -> None:
     from photosite.studies.bench.cases import run_cases
     from photosite.studies.bench.scaling import memory, scaling
 
-    cases = run_cases(names, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
-    whole = not (quick or names)
+    measured = run_cases(cases, quick, lambda name: click.echo(f"measuring {name} ...", err=True))
+    whole = not (quick or cases)
     if whole:
         click.echo("measuring the growth of time and memory ...", err=True)
     laws, growth = (scaling(), memory()) if whole else ((), None)
     if as_json:
         print_json(
             {
-                "cases": {name: case.to_dict() for name, case in cases.items()},
+                "cases": {name: case.to_dict() for name, case in measured.items()},
                 "scaling": {law.what: law.to_dict() for law in laws},
                 "memory": growth.to_dict() if growth else {},
             }
         )
         return
     rows: list[tuple[str, ...]] = [("case", "seconds", "baseline", "ratio", "peak MB", "megapixels")]
-    for name, case in cases.items():
+    for name, case in measured.items():
         figures = (case.seconds, case.baseline_seconds, case.ratio, case.peak_mb, case.megapixels)
         rows.append((name, *(f"{figure:.{digits}f}" for figure, digits in zip(figures, (3, 3, 1, 0, 1), strict=True))))
     click.echo(table(rows, "<>>>>>"))

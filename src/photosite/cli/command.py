@@ -44,7 +44,7 @@ class OptionSpelling:
 
     def name(self, field: str) -> str:
         """Return the option that sets an argument, such as `--exposure`."""
-        parameter = self._parameters.get(field)
+        parameter = self._parameters.get(field) or self._parameters.get(f"{field}s")  # plural: a repeatable option
         if parameter is not None:
             return _flag(parameter)
         carrier = self._carrier(field)
@@ -105,7 +105,11 @@ class Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does."""
         with _errors_in_options(self):
-            return super().parse_args(ctx, args)
+            try:
+                return super().parse_args(ctx, args)
+            except click.UsageError as error:
+                error.ctx = error.ctx or ctx  # some of click's errors do not name the command
+                raise
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run as click does."""

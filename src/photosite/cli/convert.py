@@ -55,7 +55,9 @@ def _read_options(function: Callable[..., Any]) -> Callable[..., Any]:
             help="What to do with missing values.  [default: refuse]",
         ),
         click.option("--width", "width_m", type=options.above(), metavar="M", help="Width of the scene in m."),
-        click.option("--distance", "distance_m", type=options.above(), metavar="M", help="From lens to scene in m."),
+        click.option(
+            "--distance", "distance_m", type=options.above(), metavar="M", help="Distance from lens to scene in m."
+        ),
         click.option(
             "--luminance", "mean_luminance_cd_m2", type=options.above(), metavar="CD/M2", help=options.LUMINANCE_HELP
         ),

@@ -34,18 +34,16 @@ def brightness_of(text: str) -> str | float:
     type=white_balance_of,
     metavar="BALANCE",
     default="gray-world",
-    help="gray-world, none, or gains for R, G and B: 2.1,1,1.4. Default: gray-world.",
+    help="gray-world, none, or gains for R, G and B: 2.1,1,1.4.",
 )
 @click.option(
     "--brightness",
     type=brightness_of,
     metavar="FACTOR",
     default="auto",
-    help="auto, or a factor for the linear picture. Default: auto.",
+    help="auto, or a factor for the linear picture.",
 )
-@click.option(
-    "--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture. Default: 8."
-)
+@click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture.")
 @click.option("--bits", type=click.IntRange(1, 16), help="Bit depth of the converter, for files that do not state it.")
 @click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not state it.")
 @options.json_option

@@ -89,7 +89,7 @@ def command(
       emva-xml   EMVA 1288 results XML of a measurement, every parameter with its uncertainty
       emva       a folder with an EMVA 1288 descriptor and the frames of a measurement
 
-    Example: photosite export stack darktable --maker Acme --model X-1 -o noiseprofiles.json
+    Example: photosite export stack darktable --gain-setting 100 --maker Acme --model X-1 -o noiseprofiles.json
     """
     measured = _Source(source, gain_setting, sensor_name, bits, cfa)
     if form == "emva":

@@ -21,9 +21,9 @@ from photosite.cli.output import Stages, print_json, say_if_compiling
     default="farrell2008",
     help="Folder for the page, results.json and the figures.",
 )
-@click.option("--only", "keys", multiple=True, metavar="CHAPTER", help="Run this chapter only; repeatable.")
+@click.option("--only", "chapters", multiple=True, metavar="CHAPTER", help="Run this chapter only; repeatable.")
 @options.json_option
-def command(seed: int, output: Path, keys: tuple[str, ...], as_json: bool) -> None:
+def command(seed: int, output: Path, chapters: tuple[str, ...], as_json: bool) -> None:
     """Reproduce the experiments of the 2008 paper.
 
     Farrell, Okincha and Parmar, "Sensor calibration and simulation": every table and figure beside the values of the
@@ -39,7 +39,7 @@ def command(seed: int, output: Path, keys: tuple[str, ...], as_json: bool) -> No
     stages = Stages()
     say_if_compiling()
     with atomic_folder(output) as place:
-        study = reproduce(seed, keys or None, stages)
+        study = reproduce(seed, chapters or None, stages)
         stages.stage("drawing the figures and writing the page")
         write_study(study, place)
     if as_json:

@@ -6,6 +6,7 @@ A command's module is imported only when that command runs, so that `photosite -
 from __future__ import annotations
 
 import importlib
+import re
 import signal
 import sys
 import warnings
@@ -112,7 +113,7 @@ def run(arguments: Sequence[str]) -> int:
             status = cli.main(list(arguments), prog_name="photosite", standalone_mode=False)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "photosite"
-            return _fail(f"{error.format_message()} (see {command} --help)")
+            return _fail(f"{_usage_message(error)} (see {command} --help)")
         except click.ClickException as error:
             return _fail(error.format_message())
         except PhotositeError as error:
@@ -121,6 +122,31 @@ def run(arguments: Sequence[str]) -> int:
             click.echo("photosite: interrupted", err=True)
             return EXIT_INTERRUPTED
     return int(status) if isinstance(status, int) else 0
+
+
+def _usage_message(error: click.UsageError) -> str:
+    """Return click's message as one clause: `--bits must be in the range 1<=x<=16, got 20`."""
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        return "a command is required"
+    message = error.format_message().rstrip(".")
+    if not isinstance(error, click.BadParameter) or isinstance(error, click.MissingParameter):
+        return message
+    prefix = re.match(r"Invalid value for '?(?:-\w['/ ]+)*([^':]+)'?: ", message)
+    if prefix is None:
+        return message
+    name, problem = prefix[1], message[prefix.end() :]
+    for pattern, condition in _CONDITIONS:
+        if found := re.fullmatch(pattern, problem):
+            return f"{name} must be {condition.format(found['limit'].replace(chr(39), ''))}, got {found['value']}"
+    return f"{name} {problem}" if problem.startswith("must be") else message
+
+
+_CONDITIONS = (
+    (r"(?P<value>.+) is not in the range (?P<limit>.+)", "in the range {}"),
+    (r"(?P<value>'.*?') is not one of (?P<limit>.+)", "one of {}"),
+    (r"(?P<value>'.*') is not a valid (?P<limit>.+?)(?: range)?", "a valid {}"),
+)
+"""What click says of an invalid value, and the condition in photosite's form."""
 
 
 def _show_warning(

@@ -36,12 +36,17 @@ def command() -> None:
     "--distance",
     "distance_m",
     type=float,
+    metavar="M",
     help="Object distance in m.  [default: focus distance, or infinity]",
 )
-@click.option("--wavelength", "wavelength_nm", type=float, default=550.0, help="Wavelength of the MTF in nm.")
+@click.option(
+    "--wavelength", "wavelength_nm", type=float, default=550.0, metavar="NM", help="Wavelength of the MTF in nm."
+)
 @json_option
 def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: bool) -> None:
-    """Check an optics file: exit status 0 if it describes a lens, otherwise 2 with the line and the reason.
+    """Check an optics file and print the MTF.
+
+    The exit status is 0 if the file describes a lens, otherwise 2 with the line and the reason.
 
     FILE may also be the ISETPARMS.txt of a ray trace by ISET's macros, or its folder (docs/optics.md).
 

@@ -32,7 +32,7 @@ def exposure_time(text: str) -> float:
     try:
         return parse_exposure(text)
     except InputError as error:
-        raise click.BadParameter(str(error)) from None
+        raise click.BadParameter(str(error).removeprefix("exposure_s ")) from None
 
 
 def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | float], float]:
@@ -46,7 +46,7 @@ def above(limit: float = 0.0, *, or_equal: bool = False) -> Callable[[str | floa
             value = math.nan
         if math.isfinite(value) and (value > limit or (or_equal and value == limit)):
             return value
-        raise click.BadParameter(f"expected a number {wanted}, got '{text}'")
+        raise click.BadParameter(f"must be a number {wanted}, got '{text}'")
 
     return number
 
@@ -62,7 +62,7 @@ def wavelengths_of(text: str) -> list[float]:
             return [first + k * step for k in range(count + 1)]
         return [float(part) for part in text.split(",")]
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise click.BadParameter(f"expected 400,410,420 or first:last:step such as 400:700:10, got '{text}'") from None
+        raise click.BadParameter(f"must be 400,410,420 or first:last:step such as 400:700:10, got '{text}'") from None
 
 
 class BandRange(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases only
@@ -77,7 +77,7 @@ class BandRange(click.ParamType):  # type: ignore[type-arg]  # generic in newer 
         except ValueError:
             first = last = math.nan
         if not 0 < first <= last < math.inf:
-            self.fail(f"expected FIRST:LAST in nm, such as 400:780, got '{value}'", param, ctx)
+            self.fail(f"must be FIRST:LAST in nm, such as 400:780, got '{value}'", param, ctx)
         return first, last
 
     def spell(self, value: Any) -> str:
@@ -94,10 +94,15 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         if path.is_dir():
             raise FileError(path, "cannot be written: it is a folder", hint="Name a file in it")
         if path.suffix.lower() not in suffixes:
-            raise FileError(path, f"cannot be written: its name must end in {' or '.join(suffixes)}")
+            raise FileError(path, f"cannot be written: its name must end in {_either(suffixes)}")
         return path
 
     return checked
+
+
+def _either(suffixes: tuple[str, ...]) -> str:
+    """Return the suffixes as in a sentence: .a, .b or .c."""
+    return " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
 
 
 def output_folder(text: str) -> Path:
@@ -125,11 +130,10 @@ def _check_place(path: Path) -> None:
         raise FileError(path, f"cannot be written: the folder {path.parent} is read-only")
 
 
-def sensor_option(default: str | None = "nikon-d200") -> Callable[[F], F]:
-    """Add --sensor."""
-    return click.option(
-        "--sensor", "sensor_name", default=default, metavar="NAME|FILE", help="Preset or sensor file (YAML)."
-    )
+def sensor_option(default: str | None = "nikon-d200", *, shown: str | None = None) -> Callable[[F], F]:
+    """Add --sensor; `shown` is a default that is applied later."""
+    text = "Preset or sensor file (YAML)." + ("" if shown is None else f"  [default: {shown}]")
+    return click.option("--sensor", "sensor_name", default=default, metavar="NAME|FILE", help=text)
 
 
 def size_options(function: F) -> F:
@@ -211,7 +215,7 @@ def _options_of_scene(function: F) -> F:
             "--tolerance",
             type=above(),
             metavar="T",
-            help="Of the reduction of a file to few basis spectra: largest RMS error, relative to the RMS.  "
+            help="Largest RMS error of the reduction of a scene file to few basis spectra, relative to the RMS.  "
             "[default: 0.001]",
         ),
         click.option(
@@ -231,7 +235,11 @@ def _options_of_scene(function: F) -> F:
             help="Width of the scene in m; without it, the scene fills the frame.",
         ),
         click.option(
-            "--distance", "distance_m", type=above(), metavar="M", help="From lens to scene in m.  [default: 1.2]"
+            "--distance",
+            "distance_m",
+            type=above(),
+            metavar="M",
+            help="Distance from lens to scene in m.  [default: 1.2]",
         ),
         click.option(
             "--luminance",
@@ -287,7 +295,7 @@ def name_and_value(text: str) -> tuple[str, Any]:
 
     name, sign, value = text.partition("=")
     if not sign or not name.strip():
-        raise click.BadParameter(f"expected NAME=VALUE, such as contrast=10, got '{text}'")
+        raise click.BadParameter(f"must be NAME=VALUE, such as contrast=10, got '{text}'")
     if value.strip() == "inf":  # YAML writes .inf
         return name.strip().replace("-", "_"), math.inf
     parsed = parse_yaml(value, f"--scene-option {name}")

@@ -50,8 +50,20 @@ _NAMED = ("paper-d200",)
     metavar="X",
     help="Light level: signal of the brightest channel at the longest exposure, relative to saturation.",
 )
-@click.option("--longest-flat", type=options.exposure_time, default="1/20", help="Longest exposure of a flat field.")
-@click.option("--longest-dark", type=options.exposure_time, default="5", help="Longest exposure of a dark frame.")
+@click.option(
+    "--longest-flat",
+    type=options.exposure_time,
+    default="1/20",
+    metavar="SECONDS",
+    help="Longest exposure time of a flat field in s.",
+)
+@click.option(
+    "--longest-dark",
+    type=options.exposure_time,
+    default="5",
+    metavar="SECONDS",
+    help="Longest exposure time of a dark frame in s.",
+)
 @click.option("--photons", is_flag=True, help="The light will be metered, so that the photons per pixel are known.")
 @options.json_option
 def command(

@@ -28,8 +28,8 @@ def _value(text: str) -> tuple[str, str]:
 @click.option(
     "--spp", type=click.IntRange(min=1), default=64, show_default=True, help="Paths per pixel and group of four bands."
 )
-@click.option("--rows", type=click.IntRange(min=1), metavar="N", help="Size of the picture, instead of the scene's.")
-@click.option("--cols", type=click.IntRange(min=1), metavar="N", help="Size of the picture, instead of the scene's.")
+@click.option("--rows", type=click.IntRange(min=1), metavar="N", help="Rows of the picture, instead of the scene's.")
+@click.option("--cols", type=click.IntRange(min=1), metavar="N", help="Columns of the picture, instead of the scene's.")
 @click.option(
     "--wavelengths",
     "wavelength_nm",
@@ -50,7 +50,7 @@ def _value(text: str) -> tuple[str, str]:
 @click.option(
     "--unit", "unit_m", type=options.above(), default=1.0, metavar="M", help="Metres per unit of the scene file."
 )
-@click.option("--distance", "distance_m", type=options.above(), metavar="M", help="From lens to scene, in m.")
+@click.option("--distance", "distance_m", type=options.above(), metavar="M", help="Distance from lens to scene in m.")
 @click.option(
     "--luminance",
     "mean_luminance_cd_m2",

@@ -48,7 +48,7 @@ command.add_command(fill_factor)
 @click.option("--sensors", type=click.IntRange(1), help=f"Virtual sensors per condition.  [default: {SENSORS}]")
 @click.option(
     "--condition",
-    "names",
+    "conditions",
     multiple=True,
     metavar="NAME",
     help=f"Study this condition only; repeatable. One of {', '.join(CONDITION_NAMES)}.",
@@ -56,7 +56,7 @@ command.add_command(fill_factor)
 @click.option("--quick", is_flag=True, help=f"Use {QUICK_SENSORS} sensors, which detect large errors only.")
 @click.option("--processes", type=click.IntRange(1), default=2, help="Number of worker processes.")
 @options.json_option
-def coverage(sensors: int | None, names: tuple[str, ...], quick: bool, processes: int, as_json: bool) -> None:
+def coverage(sensors: int | None, conditions: tuple[str, ...], quick: bool, processes: int, as_json: bool) -> None:
     """Count how often 95 % intervals contain the truth.
 
     Virtual sensors are drawn, shot and calibrated under several conditions: bright and dim light, few frames, clipped
@@ -76,14 +76,14 @@ def coverage(sensors: int | None, names: tuple[str, ...], quick: bool, processes
 
     if quick and sensors is not None:
         raise click.UsageError("give one of --quick and --sensors")
-    for name in names:
+    for name in conditions:
         condition(name)
     stages = Stages()
     say_if_compiling()
     count = sensors or (QUICK_SENSORS if quick else SENSORS)
     stages.stage(f"measuring {count} virtual sensors per condition")
     study = coverage_study(
-        names, sensors=count, processes=processes, progress=lambda done, total: stages(done, total, "sensors")
+        conditions, sensors=count, processes=processes, progress=lambda done, total: stages(done, total, "sensors")
     )
     if as_json:
         print_json(study.to_dict())

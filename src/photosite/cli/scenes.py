@@ -100,7 +100,8 @@ def show(picture: Path | None, as_json: bool, **given: Any) -> None:
         print_json(facts | {"picture": None if picture is None else str(picture)})
         return
     click.echo(
-        f"{scene.name}: {facts['rows']} x {facts['cols']} samples, {facts['spectra']} spectra over "
+        f"{scene.name}: {facts['rows']} x {facts['cols']} samples, "
+        f"{facts['spectra']} {'spectrum' if facts['spectra'] == 1 else 'spectra'} over "
         f"{facts['first_nm']:g} to {facts['last_nm']:g} nm ({facts['wavelengths']} wavelengths)\n"
         f"{options.luminance_line(scene)}, darkest to brightest sample "
         f"{facts['darkest_cd_m2']:.3g} to {facts['brightest_cd_m2']:.3g} cd/m2\n"

@@ -96,7 +96,9 @@ def show(name: str, as_json: bool) -> None:
 
 @command.command("schema")
 def schema() -> None:
-    """Print the JSON Schema of sensor files, for editors and other tools.
+    """Print the JSON Schema of sensor files.
+
+    Editors and other tools use it to check files.
 
     Example: photosite sensors schema > sensor.schema.json
     """
@@ -109,7 +111,9 @@ def schema() -> None:
 @click.argument("file", type=click.Path(path_type=Path))
 @json_option
 def check(file: Path, as_json: bool) -> None:
-    """Check a sensor file: exit status 0 if it is valid, otherwise 2 with the line and the reason.
+    """Check a sensor file.
+
+    The exit status is 0 if the file is valid, otherwise 2 with the line and the reason.
 
     Example: photosite sensors check mine.sensor.yaml
     """
@@ -135,7 +139,9 @@ def _assumed(node: Any, path: str = "") -> list[str]:
 @click.argument("name", metavar="NAME|FILE")
 @click.argument("file", type=click.Path(path_type=Path))
 def export(name: str, file: Path) -> None:
-    """Write a sensor to a new file for editing. Existing files are not overwritten.
+    """Write a sensor to a new file for editing.
+
+    Existing files are not overwritten.
 
     Example: photosite sensors export nikon-d200 mine.sensor.yaml
     """

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Camera file (YAML): sensor, optics and scene together. Other options override it.",
 )
-@options.sensor_option(default=None)
+@options.sensor_option(default=None, shown="nikon-d200")
 @options.size_options
 @options.black_level_option("Black level in DN, instead of the sensor's.")
 @options.scene_options
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     "cells_per_pixel",
     type=click.IntRange(1),
     metavar="ODD",
-    help="Cells across a pixel in which the image is computed: 3 or more for edges to be measured.  [default: 1]",
+    help="Cells across a pixel in which the image is computed; use 3 or more to measure edges.  [default: 1]",
 )
 @options.seed_option()
 @options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif, .png or .h5.")
@@ -94,7 +94,7 @@ def command(
     it.
 
     Corners of the ColorChecker for `photosite validate --corners`: its patches extend 62 P above and below the frame's
-    centre and 94 P to its left and right, with P = max(cols / 196, rows / 132) pixels (square ones). The D200's
+    centre and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng

@@ -77,7 +77,7 @@ def command(
         raise click.UsageError(f"{option} applies to --measured only", ctx)
     if len(paths) != 2:
         raise click.UsageError(
-            f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; got {len(paths)} paths",
+            f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; paths given: {len(paths)}",
             ctx,
         )
     _compare_two(paths[0], paths[1], chart, level, tolerance_percent, bits, cfa, as_json)

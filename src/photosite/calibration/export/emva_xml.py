@@ -24,7 +24,10 @@ from photosite.files.atomic import atomic_path
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Value, derive
 
-EMVA_XML_LOSS = "lost: curves, spectrograms, histograms, covariance between figures, warnings, rejected frames, hashes"
+EMVA_XML_LOSS = (
+    "not in the file: curves, spectrograms, histograms, covariance between parameters, "
+    "warnings, rejected frames, hashes"
+)
 
 _UNFILTERED = "without the high-pass filter, as in the reference implementation"
 _QUANTISATION = 1.0 / 12.0
