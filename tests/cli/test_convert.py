@@ -97,7 +97,7 @@ def test_bands_are_sorted_on_request(photosite: Any, bare: Path) -> None:
 def test_invalid_wavelengths(photosite: Any, bare: Path, text: str) -> None:
     done = photosite("convert", bare, "-o", bare.with_name("out.h5"), "--wavelengths", text)
     assert done.status == 2
-    assert "expected 400,410,420 or first:last:step" in done.err
+    assert "must be 400,410,420 or first:last:step" in done.err
 
 
 def test_the_method_for_pictures(photosite: Any, tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_some_bands_of_a_file(photosite: Any, tmp_path: Path) -> None:
     assert "--bands 300:830" in refused.err
     assert photosite(*call, "--bands", "400:830", "--json").json["bands"] == 4
     for wrong in ("830:400", "400", "400:830:10", "a:b", "0:5"):
-        assert f"expected FIRST:LAST in nm, such as 400:780, got '{wrong}'" in photosite(*call, "--bands", wrong).err
+        assert f"must be FIRST:LAST in nm, such as 400:780, got '{wrong}'" in photosite(*call, "--bands", wrong).err
     assert photosite(*call, "--bands", "400-830").status == 2
     show = ("scenes", "show", tmp_path / "a.tif", "--illuminant", "D65", "--luminance", "100")
     assert "--scene-option 'band_range_nm=[300,830]'" in photosite(*show).err

@@ -82,7 +82,7 @@ def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path
         (["nikon-d200", "darktable", "--into", "y.dng", "-o", "x.json"], "--into names the DNG file"),
         (["nikon-d200", "emva-xml", "-o", "x.xml"], "is a sensor"),
         (["nikon-d200", "darktable", "-o", "x.yaml"], "must end in .json"),
-        (["nikon-d200", "tiff", "-o", "x.tif"], "'tiff' is not one of"),
+        (["nikon-d200", "tiff", "-o", "x.tif"], "FORMAT must be one of darktable"),
         (["nowhere", "libcamera", "-o", "x.json"], "no such file or folder"),
     ],
 )

@@ -44,8 +44,8 @@ def test_seed_wavelengths_and_parameters(tmp_path: Path, capsys: pytest.CaptureF
     ("arguments", "said"),
     [
         (["none.xml"], "there is no such file"),
-        (["--set", "rows"], "expected NAME=VALUE"),
-        (["--wavelengths", "500:400:10"], "expected 400,410,420"),
+        (["--set", "rows"], "must be NAME=VALUE"),
+        (["--wavelengths", "500:400:10"], "must be 400,410,420"),
         (["--wavelengths", "400,410,430"], "in equal steps"),
         (["--variant", "scalar_rgb"], "renders no spectra"),
     ],

@@ -18,7 +18,7 @@ _SUFFIXES = (".h5", ".exr", ".mat", ".tif", ".tiff", ".hdr")
 def _value(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise click.BadParameter(f"expected NAME=VALUE, got '{text}'")
+        raise click.BadParameter(f"must be NAME=VALUE, got '{text}'")
     return name, value
 
 
