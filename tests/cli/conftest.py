@@ -54,9 +54,10 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def kernels_lie_ready(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a command says does not depend on whether this machine has compiled before."""
+def output_without_notices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the output of a command independent of compiled kernels and of the speed of the machine."""
     monkeypatch.setattr("photosite.engine.jit.kernels_are_cached", lambda: True)
+    monkeypatch.setattr("photosite.cli.output._LOG_EVERY_S", float("inf"))
 
 
 @pytest.fixture(autouse=True, scope="module")
