@@ -83,7 +83,7 @@ def test_uncertainties_units_and_reasons(measured):
     assert float(inverse.findtext("standard_uncertainty")) / float(inverse.findtext("value")) == pytest.approx(relative)
     assert inverse.findtext("unit") == "$e^-/DN$"
     assert "without the high-pass" in root.findtext("spatial/PRNU1288/method")
-    assert "lost" in root.get("note")
+    assert "not in the file" in root.get("note")
 
 
 def test_channels_have_separate_sections(virtual, tmp_path):

@@ -37,7 +37,7 @@ def test_table(photosite: Any, shot: tuple[Path, GainSeriesLab]) -> None:
     assert [line.split()[0] for line in lines[3:8]] == [f"{setting}" for setting in SETTINGS]
     assert "The conversion gain switches between the settings 200 and 400" in done.out
     # K is 0.23 at 200 and 1.4 at 400, where the conversion gain is three times as high.
-    assert "No gain setting is known to have one digital number per electron: the gain passes" in done.out
+    assert "The gain setting of 1 DN per electron is unknown: the gain passes" in done.out
 
 
 def test_json_sensors_and_report(photosite: Any, shot: tuple[Path, GainSeriesLab], tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_libcamera_of_the_lowest_setting(photosite: Any, shot: tuple[Path, GainS
     done = photosite("export", shot[0], "libcamera", "--target", "pisp", "-o", output, "--json")
     assert done.status == 0
     assert "gain setting 100 is assumed to be analogue gain 1" in done.err
-    assert "lost" in done.json["loss"]
+    assert done.json["loss"]
     tuning = json.loads(output.read_text())
     assert tuning["target"] == "pisp"
     (profile,) = photosite("import", output, "--json").json["profiles"]

@@ -47,7 +47,7 @@ def test_seed_wavelengths_and_parameters(tmp_path: Path, capsys: pytest.CaptureF
         (["--set", "rows"], "must be NAME=VALUE"),
         (["--wavelengths", "500:400:10"], "must be 400,410,420"),
         (["--wavelengths", "400,410,430"], "in equal steps"),
-        (["--variant", "scalar_rgb"], "renders no spectra"),
+        (["--variant", "scalar_rgb"], "--variant must be"),
     ],
 )
 def test_refused_in_one_line(

@@ -105,3 +105,11 @@ def test_text_of_variable_length_comes_from_the_child(tmp_path: Path) -> None:
         assert found["name"] == "Ångström"
         assert list(found["lines"]) == ["a", "b"]
         assert opened.attributes(opened.file["group"], inherited=True) == {"name": "above"}
+
+
+def test_relative_paths_follow_the_parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The child starts in one folder; the parent then moves to another."""
+    call_in_child(os.path.exists, "here", time_s=60, memory_bytes=1 << 30)
+    (tmp_path / "here").touch()
+    monkeypatch.chdir(tmp_path)
+    assert call_in_child(os.path.exists, "here", time_s=60, memory_bytes=1 << 30)

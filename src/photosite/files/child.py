@@ -61,9 +61,9 @@ def call_in_child(function: Callable[..., Any], *arguments: Any, time_s: float, 
             _child = _Child()
         try:
             if function.__module__ not in _child.modules:
-                _child.call((importlib.import_module, (function.__module__,), 0), _START_S)
+                _child.call((importlib.import_module, (function.__module__,), 0, os.getcwd()), _START_S)
                 _child.modules.add(function.__module__)
-            failed, result = _child.call((function, arguments, memory_bytes), time_s)
+            failed, result = _child.call((function, arguments, memory_bytes, os.getcwd()), time_s)
         except ChildError:
             _child.end()
             _child = None
@@ -84,7 +84,7 @@ class _Child:
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
 
-    def call(self, request: tuple[Callable[..., Any], tuple[Any, ...], int], time_s: float) -> tuple[bool, Any]:
+    def call(self, request: tuple[Callable[..., Any], tuple[Any, ...], int, str], time_s: float) -> tuple[bool, Any]:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         timer = threading.Timer(time_s, self.process.kill)
@@ -142,11 +142,12 @@ def _limit_memory(size: int) -> None:
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     while True:
         try:
-            function, arguments, memory_bytes = pickle.load(requests)
+            function, arguments, memory_bytes, folder = pickle.load(requests)
         except EOFError:
             return
         _limit_memory(memory_bytes)
         try:
+            os.chdir(folder)  # arguments may be relative paths, and the parent may have moved
             result = function(*arguments)
             answer = pickle.dumps((False, None if function is importlib.import_module else result))
         except PhotositeError as error:
