@@ -75,8 +75,8 @@ def test_what_was_fitted_is_not_named():
     result = compare_patches(patches(1.01 * LEVELS), patches(LEVELS))
     assert "light level" in diagnose(result, {})[-1]
     (_, line) = diagnose(result, {}, "light")
-    assert line.startswith("what scales all patches alike is fitted (light)")
-    assert "misplaced corners" in line
+    assert line.startswith("the common scale is fitted (light)")
+    assert "corners" in line
     assert "light level" not in line
 
 
