@@ -102,7 +102,7 @@ def test_wrong_conditions_are_reported(photosite: Any, camera: Path, options: tu
     [
         (("a.dng", "b.dng", "--f-number", "8"), "--f-number applies to --measured"),
         (("a.dng", "b.dng", "--sensor", "nikon-d200"), "--sensor applies to --measured"),
-        (("a.dng",), "got 1"),
+        (("a.dng",), "paths given: 1"),
         (("--measured", "SHOT", "--chart", "macbeth", "--sensor", "nikon-d200"), "--chart applies to two paths"),
         (("--measured", "SHOT", "--illuminant", "A"), "--measured requires --sensor"),
         (("--measured", "SHOT", "--sensor", "nikon-d200"), "--measured requires --illuminant"),

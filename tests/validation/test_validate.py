@@ -188,7 +188,7 @@ def test_some_patches_of_the_chart_will_do():
     assert result.color.names == MACBETH_NAMES[12:18]
     two = validate(shoot(12), shoot(13), regions=regions[:2])
     assert two.color is None
-    assert any("no colour differences: a colour matrix needs four patches" in note for note in two.notes)
+    assert any(note.startswith("no colour differences") for note in two.notes)
     assert two.regression_by_channel["R"] is None
 
 
