@@ -62,7 +62,7 @@ def test_the_container_changes_no_figure(
 ) -> None:
     arguments = make(tmp_path, groups)
     done = photosite("calibrate", *arguments, "--sensor", stack / "nominal.sensor.yaml", "--json")
-    assert all(line.endswith("frames") for line in done.err.splitlines()), "progress on a slow machine, no warnings"
+    assert done.err == ""
     assert done.json["parameters"] == expected["parameters"]
     assert done.json["channels"] == expected["channels"]
 
