@@ -11,6 +11,7 @@ from photosite.cli.output import Stages
 def test_a_log_gets_a_line_every_ten_seconds(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr(output, "_LOG_EVERY_S", 10.0)
     now = 100.0
     monkeypatch.setattr(output.time, "monotonic", lambda: now)
     stages = Stages()
