@@ -48,4 +48,3 @@ def test_merged_lists_are_sorted() -> None:
         (2, 1, DefectKind.OFFSET),
     ]
     assert joined.value.tolist() == [6.0, 3.0, 18.0, 9.0]
-    assert len(together([])) == 0

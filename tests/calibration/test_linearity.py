@@ -21,7 +21,7 @@ def test_three_points_of_a_parabola_have_a_deviation_in_closed_form():
     assert found.used.tolist() == [True, True, True, False]
     for fit, weight in ((found.relative, 1.0 / y[:3] ** 2), (found.full_scale, np.ones(3))):
         residual = (c @ y[:3]) / np.sum(c**2 / weight) * c / weight
-        scale = y[:3] - residual if fit.definition == "relative" else 0.9 * 0.9
+        scale = y[:3] - residual if fit is found.relative else 0.9 * 0.9
         np.testing.assert_allclose(fit.deviation_percent[:3], 100.0 * residual / scale, rtol=1e-9)
     deviation = found.relative.deviation_percent[:3]
     assert found.relative.error.value == pytest.approx(np.abs(deviation).mean(), rel=1e-12)

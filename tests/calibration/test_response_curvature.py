@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from photosite.calibration.photon_transfer.channel import ResponseCurvature, find_curvature, gain_with_curvature
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain, fit_response
-from photosite.calibration.photon_transfer.response_curvature import (
-    ResponseCurvature,
-    find_curvature,
-    gain_with_curvature,
-)
 from photosite.values.uncertain import Missing, Source, Uncertain
 
 GAIN, EFFICIENCY, PIXELS = 0.3, 0.5, 10_000

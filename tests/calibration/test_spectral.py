@@ -101,12 +101,9 @@ def test_currents_and_irradiances_agree():
     irradiance = {450.0: 0.01, 500.0: 0.01, 600.0: 0.012}
     response = {450.0: 0.25, 500.0: 0.3, 600.0: 0.4}
     direct = [line(nm, 1100, Measured(e)) for nm, e in irradiance.items()]
-    currents = [
-        line(nm, 1100, Measured(e * response[nm] * 50e-6), photodiode=diode, in_amperes=True)
-        for nm, e in irradiance.items()
-    ]
+    currents = [line(nm, 1100, Measured(e * response[nm] * 50e-6), photodiode=diode) for nm, e in irradiance.items()]
     one = calibrate_spectral(measurement(direct)).channels["M"]
-    other = calibrate_spectral(measurement(currents, photodiode=diode)).channels["M"]
+    other = calibrate_spectral(measurement(currents)).channels["M"]
     assert other.quantum_efficiency == pytest.approx(one.quantum_efficiency, rel=1e-12)
     added = np.diag(other.covariance - one.covariance) / one.quantum_efficiency**2
     # The entry at 500 nm contributes half at 450 nm: 0.5 x 0.003 / 0.25.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
+import tifffile
 from virtual_monochromator import MonochromatorRun
 
 import photosite as ps
@@ -35,39 +34,54 @@ def test_files_and_memory_give_the_same_result(written):
     assert read.frames_sha256 == direct.frames_sha256
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("photosite_spectral: 1", "photosite_spectral: 2", ":1: photosite_spectral must be 1"),
-        ("scale_uncertainty_percent: 0.5", "scale_uncertanty: 0.5", "Did you mean 'scale_uncertainty_percent'"),
-        ("scale_uncertainty_percent: 0.5", "scale_uncertainty_percent: -1", "must be 0 or more, got -1"),
-        ("centre_nm: 550.0", "centre_nm: x", "centre_nm must be a number"),
-        ("centre_nm: 550.0", "centre_nm: 500.0", "500 nm: centre_nm must be different for each band"),
-        ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "bandwidth_nm must be 0 or more and below the centre"),
-        ("photocurrent_a", "irradiance", "Did you mean 'irradiance_w_m2'"),
-        ("{value: ", "{valu: ", "Did you mean 'value'"),
-        (
-            "standard_uncertainty: ",
-            "standard_uncertainty: -",
-            "standard_uncertainty must be a finite number, 0 or above",
-        ),
-        ("area_mm2: 100.0", "area_mm2: 0", "area_mm2 must be above 0, got 0"),
-        ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "nowhere.csv: there is no such file"),
-        ("files: dark/00_*.tif", "files: dark/zz_*.tif", "no file matches"),
-        ("files: dark/00_*.tif", "files: band/000_*.tif", "is listed twice"),
-        ("name:", "region: [0, 8, 0, 99]\nname:", ":2: region must be inside the frames"),
-        ("name:", "region: [0, 8, 0]\nname:", "region must be [first row"),
-        ("name:", "bits: 14\nname:", "bits must be 12, as the file states, got 14"),
-    ],
-)
-def test_errors_name_the_file_and_the_problem(written, old, new, message):
+def test_errors_have_the_field_and_the_line(written):
+    _, folder = written
+    text, broken = (folder / "spectral.yaml").read_text(), folder / "broken.yaml"
+    for old, new, what, where, line in (
+        ("photosite_spectral: 1", "photosite_spectral: 2", "photosite_spectral", None, 1),
+        ("scale_uncertainty_percent: 0.5", "scale_uncertanty: 0.5", "unknown field 'scale_uncertanty'", None, 5),
+        ("scale_uncertainty_percent: 0.5", "scale_uncertainty_percent: -1", "value", "scale_uncertainty_percent", 5),
+        ("centre_nm: 550.0", "centre_nm: x", "value", "bands[1].centre_nm", 15),
+        ("centre_nm: 550.0", "centre_nm: 500.0", "centre_nm", "500 nm", None),
+        ("bandwidth_nm: 8.0", "bandwidth_nm: 800", "bandwidth_nm", None, 10),
+        ("  bandwidth_nm: 8.0\n", "", "the band", "bands[0]", 10),
+        ("photocurrent_a", "irradiance", "unknown field 'irradiance'", "bands[0]", 14),
+        ("standard_uncertainty: ", "standard_uncertainty: -", "standard_uncertainty", "bands[0].photocurrent_a", 14),
+        ("exposure: ", "exposure: -", "exposure_s", "darks[0].exposure", 7),
+        ("photodiode: {area_mm2: 100.0, responsivity: photodiode.csv}\n", "", "photodiode", "500 nm", 9),
+        ("files: dark/00_*.tif", "files: band/000_*.tif", "the frame is listed twice, first at line 7", None, 10),
+        ("name:", "region: [0, 8, 0, 99]\nname:", "region", None, 2),
+        ("name:", "region: [0, 8, 0]\nname:", "region", None, 2),
+    ):
+        assert old in text
+        broken.write_text(text.replace(old, new))
+        with pytest.raises(FileError) as caught:
+            open_spectral(broken)
+        assert (caught.value.path, caught.value.what, caught.value.line) == (str(broken), what, line), new
+        assert where is None or caught.value.where == where, new
+    for old, new, what, path in (
+        ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "there is no such file", "nowhere.csv"),
+        ("name:", "bits: 14\nname:", "bits", "dark/00_000.tif"),
+    ):
+        broken.write_text(text.replace(old, new))
+        with pytest.raises(FileError) as caught:
+            open_spectral(broken)
+        assert (caught.value.what, caught.value.path) == (what, str(folder / path))
+
+
+def test_a_file_may_hold_several_frames(written, tmp_path):
+    """The dark frames of an exposure time in one TIFF file of several pages."""
     _, folder = written
     text = (folder / "spectral.yaml").read_text()
-    assert old in text
-    broken = folder / "broken.yaml"
-    broken.write_text(text.replace(old, new))
-    with pytest.raises(FileError, match=re.escape(message)):
-        open_spectral(broken)
+    darks = sorted((folder / "dark").glob("00_*.tif"))
+    tifffile.imwrite(
+        folder / "pages.tif", np.stack([tifffile.imread(path) for path in darks]), photometric="minisblack"
+    )
+    (folder / "pages.yaml").write_text(
+        text.replace("files: dark/00_*.tif", "files: pages.tif").replace("name:", "bits: 12\ncfa: rggb\nname:")
+    )
+    one, other = (calibrate_spectral(open_spectral(folder / name)) for name in ("pages.yaml", "spectral.yaml"))
+    assert np.array_equal(one.channels["G"].covariance, other.channels["G"].covariance)
 
 
 def test_region(written):

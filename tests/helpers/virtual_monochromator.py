@@ -159,7 +159,6 @@ class MonochromatorRun:
                 ),
                 self.reading_a(number),
                 diode,
-                in_amperes=True,
             )
             for number, centre in enumerate(self.centres_nm)
         )
@@ -172,7 +171,7 @@ class MonochromatorRun:
         }
         array, bits = self.sensor.array, self.sensor.readout.bits
         return SpectralFrames(
-            bands, darks, array.rows, array.cols, bits, array.cfa, sensor or self.sensor, diode,
+            bands, darks, array.rows, array.cols, bits, array.cfa, sensor or self.sensor,
             scale_uncertainty_percent=self.scale_percent, source="virtual monochromator",
         )  # fmt: skip
 

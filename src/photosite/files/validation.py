@@ -80,10 +80,10 @@ def _described(model: type[BaseModel], error: Any) -> InputError:
         name, text = _BOUNDS[kind]
         return InputError(str(field), where=where, value=error["input"], expected=text.format(context[name]))
     cause = context.get("error")
-    place = _dotted(error["loc"])
     if isinstance(cause, InputError):
+        place = _dotted(parents if cause.what == field else error["loc"])
         return cause.within(place) if place else cause
-    return InputError(error["msg"].removeprefix("Value error, "), where=place or None)
+    return InputError(error["msg"].removeprefix("Value error, "), where=_dotted(error["loc"]) or None)
 
 
 def _dotted(location: Sequence[str | int]) -> str:

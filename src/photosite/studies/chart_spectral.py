@@ -23,19 +23,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PlainValidator, model_validator
 
 from photosite.calibration.spectral.chart import ChartViews
-from photosite.calibration.spectral.protocol import VERSION_KEY, ProtocolEntry, protocol_entries
+from photosite.calibration.spectral.protocol import FrameEntry, SpectralProtocol, read_spectral_protocol
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Spectrum
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
-from photosite.frames.io.protocol import stated_bits, stated_cfa
+from photosite.files.validation import line_at
+from photosite.files.yaml import line_of, read_yaml
 from photosite.frames.io.read import read_raw
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
@@ -45,21 +46,9 @@ from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
+from photosite.sensor.quantity import NotNegative, Positive, Section, is_number
+from photosite.values.measured import Measured
 
-_KEYS = (
-    VERSION_KEY,
-    "name",
-    "sensor",
-    "chart",
-    "lens",
-    "wavelength_nm",
-    "light_uncertainty_percent",
-    "bits",
-    "cfa",
-    "lights",
-)
-_LENS_KEYS = ("f_number", "focal_length_mm", "distance_m")
-_LIGHT_KEYS = ("illuminant", "spectrum", "mean_luminance_cd_m2", "exposure", "files")
 _MOST_WAVELENGTHS = 200
 _LARGEST_F_NUMBER = 128.0
 """Working f-number at which diffraction, 0.1 mm wide, blurs the patches."""
@@ -204,13 +193,56 @@ def is_chart_protocol(path: str | PathLike[str]) -> bool:
     return isinstance(data, Mapping) and "lights" in data
 
 
-@dataclass(frozen=True)
-class _Chart:
-    """Lens, distance and wavelengths in a protocol."""
+def _illuminant(raw: Any) -> str | float:
+    if isinstance(raw, str) or (isinstance(raw, int | float) and not isinstance(raw, bool)):
+        return raw
+    raise InputError("illuminant", value=raw, expected="a CIE name or a temperature such as 3200K")
 
-    optics: DiffractionLimited
-    distance_m: float
-    wavelength_nm: NDArray[np.float64]
+
+def _grid(raw: Any) -> NDArray[np.float64]:
+    numbers = isinstance(raw, Sequence) and all(is_number(n) and 0 < n < 1e6 for n in raw)
+    if not numbers or len(raw) != 3 or not raw[0] < raw[1]:
+        raise InputError("wavelength_nm", value=raw, expected="[first, last, step] in nm")
+    first, last, step = map(float, raw)
+    if (last - first) / step > _MOST_WAVELENGTHS:
+        raise InputError("wavelength_nm", value=raw, expected=f"{_MOST_WAVELENGTHS} steps or fewer")
+    return np.arange(first, last + step / 2, step)
+
+
+class _Lens(Section):
+    f_number: Positive
+    focal_length_mm: Positive
+    distance_m: Positive
+
+    def optics(self) -> DiffractionLimited:
+        optics = DiffractionLimited(f_number=self.f_number.value, focal_length_mm=self.focal_length_mm.value)
+        distance_m = self.distance_m.value
+        if (working := optics.working_f_number(distance_m)) > _LARGEST_F_NUMBER:
+            what, expected = f"working f-number at {distance_m:g} m", f"at most {_LARGEST_F_NUMBER:g}"
+            raise InputError(what, value=float(f"{working:.3g}"), expected=expected)
+        return optics
+
+
+class _Light(FrameEntry):
+    illuminant: Annotated[str | float, PlainValidator(_illuminant)] | None = None
+    spectrum: str | None = None
+    mean_luminance_cd_m2: Positive
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.illuminant is None) == (self.spectrum is None):
+            raise InputError("a light needs either 'illuminant' or 'spectrum' (a CSV file)")
+        return self
+
+
+class _ChartProtocol(SpectralProtocol):
+    chart: Literal["macbeth"] | None = None
+    lens: _Lens
+    wavelength_nm: Annotated[NDArray[np.float64], PlainValidator(_grid)] = Field(
+        default_factory=lambda: _grid([380, 780, 10]), validate_default=False
+    )
+    light_uncertainty_percent: NotNegative = Measured(0.0)
+    lights: tuple[_Light, ...] = Field(min_length=1)
 
 
 def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple[ChartViews, Sensor]:
@@ -234,92 +266,42 @@ def open_chart(path: str | PathLike[str], sensor: Sensor | None = None) -> tuple
         If the protocol or a frame cannot be read or has invalid content.
     """
     file = Path(path)
-    data = read_yaml(file, "a spectral protocol")
-    if not isinstance(data, Mapping) or data.get(VERSION_KEY) != 1:
-        version = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
-        raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=version, expected="1")
-    check_keys(file, data, _KEYS, "a spectral protocol of a chart")
-    top = ProtocolEntry(file, data, None)
-    if (name := optional_text(file, data, "chart")) not in (None, "macbeth"):
-        raise _error(top, "chart", name, "'macbeth'")
-    used = sensor or _sensor(top)
-    chart = _chart(top)
-    percent = top.percent("light_uncertainty_percent")
-    shots = [_shot(entry, chart, data) for entry in protocol_entries(top, "lights", _LIGHT_KEYS)]
-    try:
-        views = chart_views(shots, used, chart.optics, light_uncertainty_percent=percent, source=str(file))
-    except InputError as error:
-        raise error.in_file(file) from None
-    return views, used
-
-
-def _error(entry: ProtocolEntry, key: str, value: object, expected: str) -> FileError:
-    return FileError(entry.file, key, line_of(entry.data, key) or entry.line, value=value, expected=expected)
-
-
-def _sensor(top: ProtocolEntry) -> Sensor:
-    name = optional_text(top.file, top.data, "sensor")
-    if name is None:
+    protocol, data = read_spectral_protocol(file, _ChartProtocol)
+    if sensor is None and protocol.sensor is None:
         raise FileError(
-            top.file,
+            file,
             "there is no 'sensor', whose gain and pixel size are needed",
-            top.line,
             hint="Name one in the protocol, or pass {sensor}",
             arguments={"sensor": "mine.sensor.yaml"},
         )
-    return load_sensor(top.file.parent / name)
-
-
-def _chart(top: ProtocolEntry) -> _Chart:
-    lens = top.data.get("lens")
-    if not isinstance(lens, Mapping):
-        raise _error(top, "lens", lens, f"{{{', '.join(_LENS_KEYS)}}}")
-    check_keys(top.file, lens, _LENS_KEYS, "'lens'")
-    entry = ProtocolEntry(top.file, lens, line_of(top.data, "lens"))
-    f_number, focal_mm, distance_m = (entry.positive(key).value for key in _LENS_KEYS)
-    wanted = top.data.get("wavelength_nm", [380, 780, 10])
-    numbers = isinstance(wanted, Sequence) and all(
-        isinstance(n, int | float) and not isinstance(n, bool) and 0 < n < 1e6 for n in wanted
-    )
-    if not numbers or len(wanted) != 3 or not wanted[0] < wanted[1]:
-        raise _error(top, "wavelength_nm", wanted, "[first, last, step] in nm")
-    first, last, step = map(float, wanted)
-    if (last - first) / step > _MOST_WAVELENGTHS:
-        raise _error(top, "wavelength_nm", wanted, f"{_MOST_WAVELENGTHS} steps or fewer")
+    used = sensor or load_sensor(file.parent / str(protocol.sensor))
     try:
-        optics = DiffractionLimited(f_number=f_number, focal_length_mm=focal_mm)
-        if (working := optics.working_f_number(distance_m)) > _LARGEST_F_NUMBER:
-            raise InputError(
-                f"working f-number at {distance_m:g} m",
-                value=float(f"{working:.3g}"),
-                expected=f"at most {_LARGEST_F_NUMBER:g}",
-            )
-        return _Chart(optics, distance_m, np.arange(first, last + step / 2, step))
+        optics = protocol.lens.optics()
     except InputError as error:
-        raise error.within("lens").in_file(top.file, entry.line) from None
+        raise error.within("lens").in_file(file, line_of(data, "lens")) from None
+    shots = [
+        _shot(file, protocol, light, line_at(data, ("lights", number))) for number, light in enumerate(protocol.lights)
+    ]
+    percent = protocol.light_uncertainty_percent.value
+    try:
+        return chart_views(shots, used, optics, light_uncertainty_percent=percent, source=str(file)), used
+    except InputError as error:
+        raise error.in_file(file) from None
 
 
-def _shot(entry: ProtocolEntry, chart: _Chart, data: Mapping[Any, Any]) -> ChartShot:
-    named, measured = entry.data.get("illuminant"), entry.data.get("spectrum")
-    if (named is None) == (measured is None):
-        raise FileError(entry.file, "a light needs either 'illuminant' or 'spectrum' (a CSV file)", entry.line)
-    light: str | float | Spectrum
-    if measured is not None:
-        light = read_spectrum(entry.file.parent / (optional_text(entry.file, entry.data, "spectrum") or "")).spectrum
-    elif isinstance(named, bool) or not isinstance(named, str | int | float):
-        raise _error(entry, "illuminant", named, "a CIE name or a temperature such as 3200K")
-    else:
-        light = named if isinstance(named, str) else float(named)
-    exposure_s = entry.exposure_s()
+def _shot(file: Path, protocol: _ChartProtocol, entry: _Light, line: int | None) -> ChartShot:
+    light: str | float | Spectrum | None = entry.illuminant
+    if entry.spectrum is not None:
+        light = read_spectrum(file.parent / entry.spectrum).spectrum
+    assert light is not None  # the model requires one of the two
     try:
         scene = charts.macbeth(
             light,
-            entry.positive("mean_luminance_cd_m2").value,
-            wavelength_nm=chart.wavelength_nm,
-            distance_m=chart.distance_m,
+            entry.mean_luminance_cd_m2.value,
+            wavelength_nm=protocol.wavelength_nm,
+            distance_m=protocol.lens.distance_m.value,
         )
     except InputError as error:
-        raise error.in_file(entry.file, entry.line) from None
-    bits, cfa = stated_bits(entry.file, data), stated_cfa(entry.file, data)
-    frames = tuple(read_raw(path, bits=bits, cfa=cfa) for path in entry.files())
-    return ChartShot(scene, frames, exposure_s, str(named) if named is not None else str(measured))
+        raise error.in_file(file, line) from None
+    frames = tuple(read_raw(path, bits=protocol.bits, cfa=protocol.cfa) for path in entry.paths(file, line))
+    return ChartShot(scene, frames, entry.exposure, str(entry.illuminant if entry.spectrum is None else entry.spectrum))

@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.sensor.measured_chip import DefectKind, Defects, no_defects
+from photosite.sensor.measured_chip import DefectKind, Defects
 
 FAR_SIGMA = 4.5
 """Standard deviations of the channel's map beyond which a pixel is listed.
@@ -47,13 +47,6 @@ def deviations(
     usual measurement uncertainty. If a pixel was measured less precisely, the excess is added to its scale, so that
     noise alone does not make it a defect.
 
-    Parameters
-    ----------
-    values, uncertainty
-        (rows, cols).
-    tile
-        The repeating tile of channel indices.
-
     Examples
     --------
     >>> values = np.array([[-900.0, -1, 0, 1, 900]], np.float32)
@@ -78,20 +71,20 @@ def listed(
     kind: DefectKind, chosen: NDArray[np.bool_], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> Defects:
     """Return the selected pixels of a map as defects."""
-    row, col = np.nonzero(chosen)
-    return Defects(
-        row,
-        col,
-        np.full(len(row), kind, np.uint8),
-        value[row, col].astype(np.float64),
-        deviation[row, col].astype(np.float64),
-    )
+    place = np.nonzero(chosen)
+    return of_kind(kind, place, value[place], deviation[place])
+
+
+def of_kind(
+    kind: DefectKind, place: tuple[NDArray[np.int64], ...], value: NDArray[np.floating], deviation: NDArray[np.floating]
+) -> Defects:
+    """Return defects of one kind at (rows, columns)."""
+    row, col = place
+    return Defects(row, col, np.full(len(row), kind, np.uint8), value.astype(np.float64), deviation.astype(np.float64))
 
 
 def together(lists: Sequence[Defects]) -> Defects:
     """Merge lists of defects, sorted by row, column and kind."""
-    if not lists:
-        return no_defects()
     columns = {entry.name: np.concatenate([getattr(one, entry.name) for one in lists]) for entry in fields(Defects)}
     order = np.lexsort((columns["kind"], columns["col"], columns["row"]))
     return Defects(**{name: column[order] for name, column in columns.items()})

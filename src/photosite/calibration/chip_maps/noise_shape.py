@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Source, Uncertain
+
+Array = NDArray[np.float64]
 
 QUANTISATION_FOURTH = -1.0 / 120.0
 """Fourth cumulant of rounding to integers, DN^4: that of a uniform distribution."""
@@ -67,14 +70,11 @@ def measure_noise_shape(
 
     Parameters
     ----------
-    variance, fourth
-        (rows, cols) unbiased temporal variance; sum of the fourth powers of the deviations from the pixel's mean.
-    frames
-        Number of frames in the stack.
-    histogram
-        (16, bins) deviations by block of rows, centred on 0.
-    width
-        Width of a bin, DN.
+    variance, fourth, frames
+        (rows, cols) unbiased temporal variance, and sum of the fourth powers of the deviations from the pixel's mean,
+        over so many frames.
+    histogram, width
+        (16, bins) deviations by block of rows, centred on 0; width of a bin, DN.
     """
     method = f"{frames} dark frames, k-statistics over pixels, jackknife over {BLOCKS} blocks of rows"
     if frames < 4:
@@ -82,7 +82,7 @@ def measure_noise_shape(
         excess = within = between = Estimate(reason=why, method=method)
     else:
         moments = _block_moments(variance, fourth, frames)
-        excess, within, between = (_jackknifed(part, moments, method) for part in (_excess, _within, _between))
+        excess, within, between = (_jackknifed(partial(_kurtosis, part), moments, method) for part in range(3))
     shape = _jackknifed(
         lambda counts: tukey_shape(counts, width),
         histogram.astype(np.float64),
@@ -94,7 +94,7 @@ def measure_noise_shape(
     return NoiseShape(excess, within, between, shape)
 
 
-def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n: int) -> NDArray[np.float64]:
+def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n: int) -> Array:
     """Return the sums (blocks, 4) over pixels of 1, k2, k4 and an unbiased estimate of the squared variance."""
     rows = variance.shape[0]
     sums = np.zeros((BLOCKS, 4))
@@ -109,31 +109,16 @@ def _block_moments(variance: NDArray[np.float32], fourth: NDArray[np.float32], n
     return sums
 
 
-def _cumulants(sums: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the means over pixels of variance, fourth cumulant and squared variance, corrected for rounding."""
+def _kurtosis(part: int, sums: Array) -> float:
+    """Return the excess kurtosis (part 0), or its part within (1) or between (2) pixels, corrected for rounding."""
     variance, fourth, squared = (float(x) for x in sums[1:] / sums[0])
     exact = variance - QUANTISATION_DN2
-    return exact, fourth - QUANTISATION_FOURTH, squared - 2 * QUANTISATION_DN2 * variance + QUANTISATION_DN2**2
+    within = (fourth - QUANTISATION_FOURTH) / exact**2
+    between = 3.0 * ((squared - 2 * QUANTISATION_DN2 * variance + QUANTISATION_DN2**2) / exact**2 - 1.0)
+    return (within + between, within, between)[part]
 
 
-def _within(sums: NDArray[np.float64]) -> float:
-    variance, fourth, _ = _cumulants(sums)
-    return fourth / variance**2
-
-
-def _between(sums: NDArray[np.float64]) -> float:
-    variance, _, squared = _cumulants(sums)
-    return 3.0 * (squared / variance**2 - 1.0)
-
-
-def _excess(sums: NDArray[np.float64]) -> float:
-    return _within(sums) + _between(sums)
-
-
-_Statistic = Callable[[NDArray[np.float64]], float]
-
-
-def _jackknifed(statistic: _Statistic, blocks: NDArray[np.float64], method: str) -> Estimate:
+def _jackknifed(statistic: Callable[[Array], float], blocks: Array, method: str) -> Estimate:
     """Return a statistic of the sum of the blocks, with its jackknife uncertainty."""
     total = blocks.sum(axis=0)
     filled = blocks[blocks.reshape(len(blocks), -1).any(axis=1)]
@@ -149,14 +134,7 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     """Return the shape of the Tukey lambda distribution with the highest correlation to a histogram.
 
     The quantile function is Q(p) = (p^lambda - (1 - p)^lambda) / lambda. A bin from p0 to p1 is compared with the mean
-    of Q between them, in closed form, so that the bin width does not matter.
-
-    Parameters
-    ----------
-    counts
-        (bins,), centred on 0.
-    width
-        Width of a bin.
+    of Q between them, in closed form, so that the bin width does not matter. The (bins,) counts are centred on 0.
 
     Examples
     --------
@@ -183,7 +161,7 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     return float(minimize_scalar(minus_correlation, bounds=(_LEAST_SHAPE, _MOST_SHAPE), method="bounded").x)
 
 
-def tukey_density(shape: float, standard_deviation: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def tukey_density(shape: float, standard_deviation: float) -> tuple[Array, Array]:
     """Return points and density of a Tukey lambda distribution, for drawing.
 
     Examples
@@ -210,7 +188,7 @@ def tukey_reach(shape: float, standard_deviation: float) -> float:
     return standard_deviation / (shape * float(np.sqrt(_quantile_square(shape)))) if shape > 0.0 else float("inf")
 
 
-def _quantile_integral(p: NDArray[np.float64], shape: float) -> NDArray[np.float64]:
+def _quantile_integral(p: Array, shape: float) -> Array:
     """Return the integral of Q from 0 to p, up to a constant."""
     q = 1.0 - p
     if abs(shape) < 1e-6:

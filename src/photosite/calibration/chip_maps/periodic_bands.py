@@ -53,15 +53,8 @@ def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     the mean is itself an estimate, the ratio follows Fisher's F, which gives the probability of the highest of m
     values. Hann's window keeps a strong band from leaking into its neighbours. Only the maximum of a peak counts.
 
-    Parameters
-    ----------
-    profiles
-        (profiles, lines) line means in DN: one profile of the mean frame, or one per frame. Fewer lines than `SHORTEST`
-        give no bands.
-
-    Returns
-    -------
-    tuple of Band
+    `profiles` holds (profiles, lines) line means in DN: one profile of the mean frame, or one per frame. Fewer lines
+    than `SHORTEST` give no bands.
 
     Examples
     --------

@@ -19,12 +19,8 @@ _OWN = 1e-6
 class NoiseSpread:
     """Distribution of the true temporal variances of a channel's pixels: scaled inverse chi-square.
 
-    Parameters
-    ----------
-    variance
-        Scale, DN^2.
-    freedom
-        Degrees of freedom: infinite if all pixels have the same variance, 0 if the other pixels are uninformative.
+    `variance` is the scale, DN^2. `freedom` is infinite if all pixels have the same variance, and 0 if the other pixels
+    are uninformative.
     """
 
     variance: float
@@ -47,12 +43,7 @@ def noise_spread(variances: NDArray[np.floating], freedom: int) -> NoiseSpread:
     range of their logarithm gives its second degrees of freedom, and their median the scale, so that few outliers do
     not matter.
 
-    Parameters
-    ----------
-    variances
-        Unbiased temporal variances of a channel's pixels.
-    freedom
-        Number of frames minus one.
+    `variances` are unbiased, and `freedom` is the number of frames minus one.
 
     Examples
     --------

@@ -50,30 +50,22 @@ def read_residuals(
     sigma_dn: float,
     place: tuple[NDArray[np.int64], NDArray[np.int64]],
 ) -> StackResiduals:
-    """Read a stack again, with its mean known.
+    """Read the frames of a mean again.
 
     Parameters
     ----------
-    frames
-        The frames of the mean.
-    mean
-        The mean.
+    frames, mean
+        The frames, and their mean.
     sigma_dn
         Typical temporal standard deviation, which sets the bin width of the histogram.
     place
         Rows and columns of the pixels whose series are kept.
-
-    Raises
-    ------
-    ValueError
-        If the number of frames differs from that of the mean.
     """
     rows, cols = mean.sum.shape
-    tile = mean.labels.shape[0], mean.labels.shape[1]
-    row_level = mean.sum.sum(axis=1, dtype=np.float64) / (cols * mean.count)
-    column_level = mean.sum.sum(axis=0, dtype=np.float64) / (rows * mean.count)
+    tile, n = (mean.labels.shape[0], mean.labels.shape[1]), mean.count
+    row_level = mean.sum.sum(axis=1, dtype=np.float64) / (cols * n)
+    column_level = mean.sum.sum(axis=0, dtype=np.float64) / (rows * n)
     level = float(row_level.mean())
-    n = mean.count
     bin_dn = sigma_dn / _BINS_PER_SIGMA
     # Each residual lacks 1 / n of the noise variance, because the mean contains the frame.
     bins_per_dn = float(np.sqrt(n / max(n - 1, 1))) / bin_dn

@@ -25,10 +25,8 @@ class ResponseMap:
     ----------
     slopes
         (rows, cols) float32, DN per unit of the light axis.
-    variance
-        (channels,) variance of a slope due to temporal noise.
-    seconds
-        (channels,) seconds of dark current per unit of the light axis.
+    variance, seconds
+        (channels,) variance of a slope due to temporal noise; seconds of dark current per unit of the light axis.
     """
 
     slopes: NDArray[np.float32]
@@ -40,23 +38,16 @@ class ResponseMap:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return each pixel's relative deviation from its channel's mean response, and its standard uncertainty.
 
-        Parameters
-        ----------
-        dark_rate, dark_uncertainty
-            (rows, cols) DN/s, or (1, 1) zeros if unknown.
-        tile
-            The repeating tile of channel indices.
+        The dark rate and its uncertainty are (rows, cols) in DN/s, or (1, 1) zeros if unknown.
         """
         value, uncertainty = (np.empty(self.slopes.shape, np.float32) for _ in range(2))
         for k, (variance, seconds) in enumerate(zip(self.variance, self.seconds, strict=True)):
-            planes = []
             for part in defects.sites(tile, k):
                 rate, of_rate = (m if m.shape == (1, 1) else m[part] for m in (dark_rate, dark_uncertainty))
                 value[part] = self.slopes[part] - seconds * rate
                 uncertainty[part] = np.sqrt(variance + (seconds * of_rate) ** 2)
-                planes.append(part)
             mean = float(np.mean(defects.channel_values(value, tile, k), dtype=np.float64))
-            for part in planes:
+            for part in defects.sites(tile, k):
                 value[part] = value[part] / np.float32(mean) - np.float32(1.0)
                 uncertainty[part] /= np.float32(mean)
         return value, uncertainty

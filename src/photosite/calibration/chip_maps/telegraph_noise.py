@@ -15,10 +15,8 @@ LEAST_FRAMES = 12
 """Smallest number of frames in which two levels are searched for."""
 
 LEAST_DISTANCE = 4.0
-"""Smallest distance of the levels in units of the noise within them.
-
-The halves of a normal distribution are 2.7 such units apart, and those of a uniform one (a slow drift) 3.5.
-"""
+"""Smallest distance of the levels in units of the noise within them: 2.7 for the halves of a normal distribution, and
+3.5 for those of a uniform one (a slow drift)."""
 
 LEAST_VARIANCE_DN2 = 0.5
 """Smallest temporal variance. Below it, the two levels may be neighbouring integers, as in every quiet pixel."""
@@ -35,14 +33,10 @@ class TwoLevels:
 
     Parameters
     ----------
-    ratio
-        (pixels,) sum of squares between the groups over that within them.
-    lower, upper
-        (pixels,) mean of each group.
-    high_fraction
-        (pixels,) fraction of the frames in the upper group.
-    within
-        (pixels,) variance within the groups, n - 2 degrees of freedom.
+    ratio, within
+        (pixels,) sum of squares between the groups over that within them; variance within, n - 2 degrees of freedom.
+    lower, upper, high_fraction
+        (pixels,) mean of each group; fraction of the frames in the upper one.
     """
 
     ratio: NDArray[np.float64]
@@ -65,14 +59,7 @@ def least_visits(frames: int) -> int:
 def two_levels(series: NDArray[np.floating]) -> TwoLevels:
     """Divide each pixel's values so that the sum of squares within the two groups is smallest (exact two-means).
 
-    Parameters
-    ----------
-    series
-        (pixels, frames), at least `LEAST_FRAMES` frames.
-
-    Returns
-    -------
-    TwoLevels
+    `series` is (pixels, frames), with at least `LEAST_FRAMES` frames.
 
     Examples
     --------
@@ -135,10 +122,8 @@ def find_blinking(series: NDArray[np.floating], seed: int = 0) -> tuple[NDArray[
 
     Returns
     -------
-    ndarray
-        (pixels,) True for blinking pixels.
-    TwoLevels
-        The levels of the values without dither.
+    found, levels
+        (pixels,) True for blinking pixels; the levels of the values without dither.
     """
     series = series[:, :MOST_FRAMES]
     rng = np.random.default_rng(seed)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from photosite.calibration.chip_maps.noise_shape import NoiseShape, measure_nois
 from photosite.calibration.chip_maps.periodic_bands import Band, find_bands
 from photosite.calibration.chip_maps.residuals import StackResiduals
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
-from photosite.calibration.spatial.line_noise import TemporalParts, temporal_parts
+from photosite.calibration.spatial.line_noise import TemporalParts, pool_temporal, temporal_parts
 from photosite.engine.frame_sums import MeanFrame
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Uncertain, weighted_mean
+from photosite.values.uncertain import Uncertain
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,8 @@ class Trace:
     ----------
     row, col
         Position of the pixel.
-    dn
-        (frames,) values, without shifts of whole frames.
-    lower_dn, upper_dn
-        The two levels.
+    dn, lower_dn, upper_dn
+        (frames,) values, without shifts of whole frames, and the two levels.
     """
 
     row: int
@@ -50,11 +48,9 @@ class TemporalNoise:
     ----------
     frames, exposure_s
         Number of frames of the stack, and their exposure time.
-    pixel_noise_dn, row_noise_dn, column_noise_dn
+    pixel_noise_dn, row_noise_dn, column_noise_dn, frame_noise_dn
         Standard deviation of single pixels (without rounding; includes the shot noise of the dark current), and of the
-        noise that a whole row or column shares. Negative variance estimates give minus the root of their size.
-    frame_noise_dn
-        Standard deviation of shifts common to a whole frame.
+        noise that a whole row, column or frame shares. Negative variance estimates give minus the root of their size.
     shape
         Deviation of the noise from a normal distribution.
     bands
@@ -81,18 +77,13 @@ class TemporalNoise:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, without histogram and traces."""
+        names = ("pixel_noise_dn", "row_noise_dn", "column_noise_dn", "frame_noise_dn")
         return {
             "frames": self.frames,
             "exposure_s": self.exposure_s,
-            **{
-                name: getattr(self, name).to_dict()
-                for name in ("pixel_noise_dn", "row_noise_dn", "column_noise_dn", "frame_noise_dn")
-            },
-            **{entry.name: getattr(self.shape, entry.name).to_dict() for entry in fields(NoiseShape)},
-            "bands": {
-                name: [{entry.name: getattr(band, entry.name) for entry in fields(Band)} for band in bands]
-                for name, bands in self.bands.items()
-            },
+            **{name: getattr(self, name).to_dict() for name in names},
+            **{name: estimate.to_dict() for name, estimate in vars(self.shape).items()},
+            "bands": {name: [dict(vars(band)) for band in bands] for name, bands in self.bands.items()},
         }
 
 
@@ -105,20 +96,13 @@ def measure_temporal_noise(
 ) -> TemporalNoise:
     """Measure the temporal noise of a stack of dark frames.
 
-    Parameters
-    ----------
-    stack
-        Statistics of the stack.
-    look
-        Residuals from the second reading of the stack.
-    variance
-        (rows, cols) temporal variance of each pixel.
-    mean
-        The mean frame.
-    tile
-        The repeating tile of channel indices.
+    `look` holds the residuals from the second reading of the stack, and `variance` (rows, cols) the temporal variance
+    of each pixel.
     """
-    parts = _pooled(stack, [temporal_parts(level, look.lines, tile, k) for k, level in enumerate(stack.levels)])
+    parts = pool_temporal(
+        [temporal_parts(level, look.lines, tile, k) for k, level in enumerate(stack.levels)],
+        [float(level.pixels) for level in stack.levels],
+    )
     method = f"{stack.frames} {stack.label}, two-way analysis of variance"
     rounding = pooled_level(stack.levels).rounding_variance
     histogram = look.histogram.sum(axis=0)
@@ -134,13 +118,6 @@ def measure_temporal_noise(
         bands=_bands(look, mean, tile),
         residual_dn=np.asarray((np.arange(bins) + 0.5 - bins / 2) * look.bin_dn, np.float64),
         residual_count=histogram,
-    )
-
-
-def _pooled(stack: GroupStatistics, parts: Sequence[TemporalParts]) -> TemporalParts:
-    weights = [float(level.pixels) for level in stack.levels]
-    return TemporalParts(
-        *(weighted_mean([getattr(entry, name) for entry in parts], weights) for name in ("pixel", "row", "column"))
     )
 
 

@@ -36,6 +36,8 @@ from photosite.values.estimate import Estimate
 from photosite.values.measured import COVERAGE_95, Measured
 from photosite.values.uncertain import Uncertain, correlated
 
+Array = NDArray[np.float64]
+
 _AT_THE_PIXEL = ("read_noise_mv", "dsnu_mv", "dark_voltage_mv_per_s", "conversion_gain_uv_per_e")
 """Parameters in volts at the pixel, which are inversely proportional to the analog gain."""
 
@@ -60,14 +62,8 @@ def calibrate_series(
     sensor
         Base sensor; default `frames.sensor`. Its analog gain is taken as that of the lowest setting. The
         analog gain of the other settings follows from their nominal values.
-    progress
-        As for `calibrate`, over all settings.
-    checkpoint
-        As for `calibrate`: a checkpoint folder, which gets a subfolder for each setting.
-
-    Returns
-    -------
-    GainSeries
+    progress, checkpoint
+        As for `calibrate`, over all settings; the checkpoint folder gets a subfolder for each.
 
     Raises
     ------
@@ -78,46 +74,32 @@ def calibrate_series(
     InputError
         If `sensor` does not match the frames.
     """
-    settings = frames.gain_settings
+    settings, where = frames.gain_settings, frames.source
     if len(settings) < 2:
+        hint = "Use calibrate for one setting, or state each frame's gain_setting in the protocol"
         raise CalibrationError(
-            "number of gain settings",
-            where=frames.source,
-            value=len(settings),
-            expected="2 or more",
-            hint="Use calibrate for one setting, or state each frame's gain_setting in the protocol",
+            "number of gain settings", where=where, value=len(settings), expected="2 or more", hint=hint
         )
     stated = [setting for setting in settings if setting is not None]
     if len(stated) < len(settings):
         hint = "State gain_setting for all frames in the protocol"
-        raise CalibrationError("some frames have no gain setting", where=frames.source, hint=hint)
+        raise CalibrationError("some frames have no gain setting", where=where, hint=hint)
     base = sensor if sensor is not None else frames.sensor
-    count = _Count(frames.frame_count, progress)
+    done, total = 0, frames.frame_count
     steps = []
     for setting in stated:
         part = frames.at_gain(setting)
+        before, others = done, total - part.frame_count
+
+        def report(read: int, expected: int, before: int = before, others: int = others) -> None:
+            nonlocal done, total  # frames that are read again count
+            done, total = before + read, others + expected
+            if progress is not None:
+                progress(done, total)
+
         sums = None if checkpoint is None else Path(checkpoint) / f"gain{setting:g}"
-        steps.append(GainStep(setting, calibrate(part, base, progress=count.of(part.frame_count), checkpoint=sums)))
-    return analyse_series(steps, base, frames.source)
-
-
-class _Count:
-    """Progress over all settings, including frames that are read again."""
-
-    def __init__(self, total: int, progress: Progress | None) -> None:
-        self.done, self.total, self.progress = 0, total, progress
-
-    def of(self, frames: int) -> Progress | None:
-        report = self.progress
-        if report is None:
-            return None
-        before, planned = self.done, self.total
-
-        def progress(done: int, expected: int) -> None:
-            self.done, self.total = before + done, planned - frames + expected
-            report(self.done, self.total)
-
-        return progress
+        steps.append(GainStep(setting, calibrate(part, base, progress=report, checkpoint=sums)))
+    return analyse_series(steps, base, where)
 
 
 def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source: str = "") -> GainSeries:
@@ -157,12 +139,12 @@ def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source
     )
 
 
-def _values(steps: Sequence[GainStep], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _values(steps: Sequence[GainStep], name: str) -> tuple[Array, Array]:
     entries = [getattr(step.calibration, name) for step in steps]
     return np.array([e.value for e in entries]), np.array([e.standard_uncertainty for e in entries])
 
 
-def _read_noise(steps: Sequence[GainStep], gain: NDArray[np.float64], u_gain: NDArray[np.float64]) -> ReadNoise | None:
+def _read_noise(steps: Sequence[GainStep], gain: Array, u_gain: Array) -> ReadNoise | None:
     """Return the read noise of the settings; None unless all are above zero."""
     if any((step.calibration.read_noise_dn.value or 0.0) <= 0.0 for step in steps):
         return None
@@ -172,15 +154,13 @@ def _read_noise(steps: Sequence[GainStep], gain: NDArray[np.float64], u_gain: ND
     return ReadNoise(gain, u_gain, value**2, (value**2 - lower * np.abs(lower)) / COVERAGE_95)
 
 
-def _mode(settings: NDArray[np.float64], noise: ReadNoise | None) -> GainMode:
+def _mode(settings: Array, noise: ReadNoise | None) -> GainMode:
     method = "read noise^2 = (pre-amplifier noise K)^2 + post-amplifier noise^2, weighted fit over the settings"
     names = tuple(float(setting) for setting in settings)
     if noise is None or len(settings) < 2:
-        reason = (
-            "the read noise of a setting is not distinguishable from rounding"
-            if noise is None
-            else "one setting at this conversion gain; the two parts need at least two"
-        )
+        reason = "one setting at this conversion gain; the two parts need at least two"
+        if noise is None:
+            reason = "the read noise of a setting is not distinguishable from rounding"
         missing = Estimate(reason=reason, method=method)
         return GainMode(names, missing, missing)
     fit = noise.two_parts()
@@ -190,9 +170,7 @@ def _mode(settings: NDArray[np.float64], noise: ReadNoise | None) -> GainMode:
     return GainMode(names, pre, post, fit.chi_square, fit.degrees_of_freedom, scatter)
 
 
-def _switch(
-    found: Switch, settings: NDArray[np.float64], gain_step: StepTest, modes: Sequence[GainMode]
-) -> ConversionGainSwitch:
+def _switch(found: Switch, settings: Array, gain_step: StepTest, modes: Sequence[GainMode]) -> ConversionGainSwitch:
     def between(low: int, high: int) -> tuple[float, float]:
         return float(settings[low - 1]), float(settings[high])
 
@@ -201,11 +179,8 @@ def _switch(
     method = "pre-amplifier noise above the switch divided by that below"
     ratio = Estimate(reason="the pre-amplifier noise is not known on both sides of the switch", method=method)
     if above.value is not None and below.value is not None and below.upper_limit_95 is None and below.value > 0:
-        ratio = Estimate.of(
-            Uncertain.of(above.value, above.standard_uncertainty or 0.0)
-            / Uncertain.of(below.value, below.standard_uncertainty or 0.0),
-            method,
-        )
+        high, low = (Uncertain.of(e.value or 0.0, e.standard_uncertainty or 0.0) for e in (above, below))
+        ratio = Estimate.of(high / low, method)
     return ConversionGainSwitch(
         between(found.split, found.split),
         between(found.first, found.last),
@@ -216,7 +191,7 @@ def _switch(
     )
 
 
-def _irregular(rest: NDArray[np.float64], settings: NDArray[np.float64], found: Switch | None) -> list[str]:
+def _irregular(rest: Array, settings: Array, found: Switch | None) -> list[str]:
     """Return warnings about settings whose gain deviates from the nominal value by a tenth or more."""
     split = len(rest) if found is None else found.split
     notes = []
@@ -232,13 +207,7 @@ def _irregular(rest: NDArray[np.float64], settings: NDArray[np.float64], found: 
     return notes
 
 
-def _unity(
-    settings: NDArray[np.float64],
-    rest: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    splits: Sequence[slice],
-    scale: SettingScale,
-) -> Estimate:
+def _unity(settings: Array, rest: Array, variance: Array, splits: Sequence[slice], scale: SettingScale) -> Estimate:
     """Return the setting where ln K = level + ln amplification is 0: in the mode that contains it, or extrapolated."""
     method = "setting at which the system gain is 1 DN per electron, from the scale of the settings"
     places: list[tuple[Uncertain, float, float]] = []

@@ -65,14 +65,11 @@ class ConversionGainSwitch:
         The last setting with the low and the first setting with the high conversion gain.
     between_95
         The same for the 95 % range of the position: the switch lies between these two settings.
-    gain_ratio
-        Gain per unit of setting above the switch, relative to below; 1 if settings stay proportional to the gain.
-    read_noise_ratio
-        Pre-amplifier noise in electrons above the switch, relative to below.
-    p_value
-        Probability of such evidence in a series without a switch.
-    seen_in
-        The evidence: "gain per setting", "read noise".
+    gain_ratio, read_noise_ratio
+        Above the switch, relative to below: gain per unit of setting, 1 if settings stay proportional to the gain, and
+        pre-amplifier noise in electrons.
+    p_value, seen_in
+        Probability of such evidence in a series without a switch; the evidence: "gain per setting", "read noise".
     """
 
     between: tuple[float, float]
@@ -124,19 +121,13 @@ class GainSeries:
         InputError
             If the series does not contain the setting.
         """
-        for step in self.steps:
-            if step.setting == setting:
-                return step.calibration
-        expected = f"one of {', '.join(f'{step.setting:g}' for step in self.steps)}"
+        if setting in self.settings:
+            return self.steps[self.settings.index(setting)].calibration
+        expected = f"one of {', '.join(f'{known:g}' for known in self.settings)}"
         raise InputError("setting", value=setting, expected=expected)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write an HTML report of the series with tables and figures, as a single file.
-
-        Parameters
-        ----------
-        path
-            File to write.
 
         Raises
         ------
@@ -149,31 +140,19 @@ class GainSeries:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `photosite calibrate --json` for several gain settings."""
-        switch = self.switch
         return {
             "scale": self.scale,
             "settings": [{"setting": step.setting, **step.calibration.to_dict()} for step in self.steps],
-            "conversion_gain_switch": None
-            if switch is None
-            else {
-                "between": list(switch.between),
-                "between_95": list(switch.between_95),
-                "gain_ratio": switch.gain_ratio.to_dict(),
-                "read_noise_ratio": switch.read_noise_ratio.to_dict(),
-                "p_value": switch.p_value,
-                "seen_in": list(switch.seen_in),
-            },
-            "modes": [
-                {
-                    "settings": list(mode.settings),
-                    "pre_amplifier_noise_e": mode.pre_amplifier_noise_e.to_dict(),
-                    "post_amplifier_noise_dn": mode.post_amplifier_noise_dn.to_dict(),
-                    "chi_square": mode.chi_square,
-                    "degrees_of_freedom": mode.degrees_of_freedom,
-                    "scatter_percent": mode.scatter_percent,
-                }
-                for mode in self.modes
-            ],
+            "conversion_gain_switch": None if self.switch is None else _plain(vars(self.switch)),
+            "modes": [_plain(vars(mode)) for mode in self.modes],
             "unity_gain": self.unity_gain.to_dict(),
             "warnings": list(self.warnings),
         }
+
+
+def _plain(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields with estimates as dictionaries and tuples as lists."""
+    return {
+        name: value.to_dict() if isinstance(value, Estimate) else list(value) if isinstance(value, tuple) else value
+        for name, value in fields.items()
+    }

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 
+Array = NDArray[np.float64]
+
 FALSE_ALARMS = 0.01
 """Fraction of series without a conversion-gain switch in which one may be found."""
 
@@ -28,7 +30,7 @@ SettingScale = Literal["proportional", "tenths of a decibel", "decibels"]
 _DECIBEL = math.log(10.0) / 20.0
 
 
-def log_amplification(settings: NDArray[np.float64], scale: SettingScale) -> NDArray[np.float64]:
+def log_amplification(settings: Array, scale: SettingScale) -> Array:
     """Return the natural logarithm of the amplification of settings, up to a constant.
 
     ISO numbers and plain gains are proportional to the amplification. Some machine-vision and astronomy cameras use
@@ -44,13 +46,8 @@ def log_amplification(settings: NDArray[np.float64], scale: SettingScale) -> NDA
     return settings * (_DECIBEL if scale == "decibels" else 0.1 * _DECIBEL)
 
 
-def find_setting_scale(settings: NDArray[np.float64], gain: NDArray[np.float64]) -> SettingScale:
+def find_setting_scale(settings: Array, gain: Array) -> SettingScale:
     """Return the scale that explains the measured gains best, with one free step for a conversion-gain switch.
-
-    Parameters
-    ----------
-    settings, gain
-        (n,) settings, ascending, and system gains.
 
     Examples
     --------
@@ -64,15 +61,15 @@ def find_setting_scale(settings: NDArray[np.float64], gain: NDArray[np.float64])
 
     def left(scale: SettingScale) -> float:
         rest = np.log(gain) - log_amplification(settings, scale)
-        whole = float(np.sum((rest - rest.mean()) ** 2))
         if len(rest) < 4:
-            return whole
-        return min(
-            float(np.sum((rest[:k] - rest[:k].mean()) ** 2) + np.sum((rest[k:] - rest[k:].mean()) ** 2))
-            for k in range(1, len(rest))
-        )
+            return _scatter(rest)
+        return min(_scatter(rest[:k]) + _scatter(rest[k:]) for k in range(1, len(rest)))
 
     return min(allowed, key=left)
+
+
+def _scatter(values: Array) -> float:
+    return float(np.sum((values - values.mean()) ** 2))
 
 
 @dataclass(frozen=True)
@@ -85,40 +82,33 @@ class StepTest:
         Probability of a step as significant as the best one if there is none, over all positions (Bonferroni).
     split
         Index of the first setting above the best step.
-    step, step_uncertainty
-        (n - 1,) size of a step before setting 1, 2, ...
-    deviance
-        (n - 1,) -2 log likelihood of each position.
+    step, step_uncertainty, deviance
+        (n - 1,) size of a step before setting 1, 2, ..., and -2 log likelihood of each position.
     """
 
     p_value: float
     split: int
-    step: NDArray[np.float64]
-    step_uncertainty: NDArray[np.float64]
-    deviance: NDArray[np.float64]
+    step: Array
+    step_uncertainty: Array
+    deviance: Array
 
 
-def step_in_gain(log_gain_per_setting: NDArray[np.float64], variance: NDArray[np.float64]) -> StepTest:
+def step_in_gain(log_gain_per_setting: Array, variance: Array) -> StepTest:
     """Test whether the gain per unit of amplification steps up at some setting.
 
-    The model has one level on each side, weighted by sampling variance and the scatter of nominal settings
-    (`fit_linear`). The step divided by its uncertainty follows Student's t with n - 2 degrees of freedom, one-sided.
-
-    Parameters
-    ----------
-    log_gain_per_setting, variance
-        (n,) ln K - ln amplification, and its sampling variance.
+    The model has one level on each side, weighted by the sampling variance of the logarithms, ln K - ln amplification,
+    and by the scatter of nominal settings (`fit_linear`). The step divided by its uncertainty follows Student's t with
+    n - 2 degrees of freedom, one-sided.
     """
     y, n = log_gain_per_setting, len(log_gain_per_setting)
-    fits = [fit_linear(_step_design(n, k), y, np.diag(variance)) for k in range(1, n)]
-    designs = [_step_design(n, k) for k in range(1, n)]
-    step = np.array([fit.parameters[1] for fit in fits])
-    uncertainty = np.array([math.sqrt(fit.covariance[1, 1]) for fit in fits])
-    return _tested(step, uncertainty, n - 2, [_deviance(d, y, variance, f) for d, f in zip(designs, fits, strict=True)])
-
-
-def _step_design(n: int, k: int) -> NDArray[np.float64]:
-    return np.column_stack([np.ones(n), np.arange(n) >= k]).astype(np.float64)
+    step, uncertainty, deviance = [], [], []
+    for k in range(1, n):
+        design = np.column_stack([np.ones(n), np.arange(n) >= k]).astype(np.float64)
+        fit = fit_linear(design, y, np.diag(variance))
+        step.append(float(fit.parameters[1]))
+        uncertainty.append(math.sqrt(fit.covariance[1, 1]))
+        deviance.append(_deviance(design, y, variance, fit))
+    return _tested(step, uncertainty, n - 2, deviance)
 
 
 def step_in_read_noise(noise: ReadNoise) -> StepTest:
@@ -139,21 +129,20 @@ def step_in_read_noise(noise: ReadNoise) -> StepTest:
         cov = fit.covariance
         uncertainty.append(math.sqrt(cov[0, 0] + cov[1, 1] - 2 * cov[0, 1]))
         deviance.append(_deviance(design, np.ones(n), variance, fit))
-    return _tested(np.array(drop), np.array(uncertainty), n - 3, deviance)
+    return _tested(drop, uncertainty, n - 3, deviance)
 
 
-def _tested(
-    step: NDArray[np.float64], uncertainty: NDArray[np.float64], freedom: int, deviance: list[float]
-) -> StepTest:
+def _tested(steps: list[float], uncertainties: list[float], freedom: int, deviance: list[float]) -> StepTest:
     from scipy.stats import t as student
 
+    step, uncertainty = np.array(steps), np.array(uncertainties)
     chances = student.sf(step / uncertainty, freedom)
     best = int(np.argmin(chances))
     p_value = min(1.0, len(step) * float(chances[best]))
     return StepTest(p_value, best + 1, step, uncertainty, np.array(deviance))
 
 
-def _deviance(design: NDArray[np.float64], y: NDArray[np.float64], variance: NDArray[np.float64], fit: Fit) -> float:
+def _deviance(design: Array, y: Array, variance: Array, fit: Fit) -> float:
     total = variance + fit.extra_variance
     residual = y - design @ fit.parameters
     return float(np.sum(residual**2 / total + np.log(total)))
@@ -171,25 +160,21 @@ class ReadNoise:
         (n,) squared read noise, above 0, without rounding.
     """
 
-    gain: NDArray[np.float64]
-    gain_uncertainty: NDArray[np.float64]
-    variance_dn2: NDArray[np.float64]
-    variance_uncertainty: NDArray[np.float64]
+    gain: Array
+    gain_uncertainty: Array
+    variance_dn2: Array
+    variance_uncertainty: Array
 
     def __getitem__(self, index: slice) -> ReadNoise:
         return ReadNoise(
             self.gain[index], self.gain_uncertainty[index], self.variance_dn2[index], self.variance_uncertainty[index]
         )
 
-    def fit(self, columns: NDArray[np.float64]) -> tuple[Fit, NDArray[np.float64], NDArray[np.float64]]:
+    def fit(self, columns: Array) -> tuple[Fit, Array, Array]:
         """Fit the relative variances by linear least squares; all columns but the last belong to A K^2 terms.
 
-        The uncertainty of the gains enters as the effective variance (2 A K u(K))^2 of the previous fit.
-
-        Returns
-        -------
-        tuple
-            The fit, the design (n, p) and the sampling variances (n,), in relative units.
+        The uncertainty of the gains enters as the effective variance (2 A K u(K))^2 of the previous fit. Also returns
+        the design (n, p) and the sampling variances (n,), in relative units.
         """
         design = columns / self.variance_dn2[:, None]
         sampling = (self.variance_uncertainty / self.variance_dn2) ** 2
@@ -212,14 +197,10 @@ class Switch:
 
     Parameters
     ----------
-    split
-        Index of the first setting above the switch.
-    first, last
-        The same for the lowest and highest position within the 95 % range.
-    p_value
-        Probability of such evidence without a switch.
-    seen_in
-        The evidence: "read noise", "gain per setting" or both.
+    split, first, last
+        Index of the first setting above the switch; the same for the ends of the 95 % range of its position.
+    p_value, seen_in
+        Probability of such evidence without a switch; the evidence: "read noise", "gain per setting" or both.
     """
 
     split: int
@@ -235,28 +216,18 @@ def find_switch(gain_step: StepTest, noise_step: StepTest | None) -> Switch | No
     A switch has two signs, and a camera may show either: the pre-amplifier noise in electrons falls, and the gain per
     unit of setting rises. If the manufacturer lowers the amplifier gain at the switch, so that settings stay
     proportional to the gain, only the noise shows it. Each sign is tested at half of `FALSE_ALARMS`. A step in gain
-    alone must also exceed the inaccuracy of nominal settings (`LEAST_STEP`).
-
-    Parameters
-    ----------
-    gain_step, noise_step
-        The two tests on the same settings; None if the read noise could not be measured.
+    alone must also exceed the inaccuracy of nominal settings (`LEAST_STEP`). `noise_step` is None if the read noise
+    could not be measured.
     """
-    seen = []
+    seen: dict[str, StepTest] = {}
     if gain_step.p_value < FALSE_ALARMS / 2 and gain_step.step[gain_step.split - 1] > LEAST_STEP:
-        seen.append("gain per setting")
+        seen["gain per setting"] = gain_step
     if noise_step is not None and noise_step.p_value < FALSE_ALARMS / 2:
-        seen.append("read noise")
+        seen["read noise"] = noise_step
     if not seen:
         return None
-    both = (("gain per setting", gain_step), ("read noise", noise_step))
-    tests = [test for name, test in both if name in seen and test is not None]
-    deviance = np.sum([test.deviance for test in tests], axis=0)
+    deviance = np.sum([test.deviance for test in seen.values()], axis=0)
     possible = np.flatnonzero(deviance <= deviance.min() + _POSITION_95)
-    return Switch(
-        int(np.argmin(deviance)) + 1,
-        int(possible[0]) + 1,
-        int(possible[-1]) + 1,
-        min(1.0, 2.0 * min(test.p_value for test in tests)),
-        tuple(seen),
-    )
+    split, first, last = (int(index) + 1 for index in (np.argmin(deviance), possible[0], possible[-1]))
+    p_value = min(1.0, 2.0 * min(test.p_value for test in seen.values()))
+    return Switch(split, first, last, p_value, tuple(seen))

@@ -13,6 +13,8 @@ from photosite.calibration.photon_transfer.fit import Fit
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE, fit_gain, fit_response
 from photosite.calibration.reduction.groups import CLIPPED_SHARE
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -22,29 +24,25 @@ class Curve:
     ----------
     title, x_label, y_label
         Labels of a plot, units included.
-    x, y, y_uncertainty
-        (points,) measured values; the standard uncertainty is that of sampling alone.
-    used
-        (points,) whether the fit used the point.
-    intercept, slope
-        The line; None where no line could be fitted.
+    x, y, y_uncertainty, used
+        (points,) measured values; standard uncertainty of sampling alone; whether the fit used the point.
+    intercept, slope, line_covariance
+        The line, and the (2, 2) covariance of its parameters; None where no line could be fitted.
     extra_variance
         Variance per point, beyond sampling, that explains the scatter about the line; 0 for ideal frames.
-    line_covariance
-        (2, 2) covariance of intercept and slope; None without a line.
     """
 
     title: str
     x_label: str
     y_label: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    y_uncertainty: NDArray[np.float64]
+    x: Array
+    y: Array
+    y_uncertainty: Array
     used: NDArray[np.bool_]
     intercept: float | None = None
     slope: float | None = None
     extra_variance: float = 0.0
-    line_covariance: NDArray[np.float64] | None = None
+    line_covariance: Array | None = None
 
     @classmethod
     def of_fit(
@@ -52,7 +50,7 @@ class Curve:
         title: str,
         x_label: str,
         y_label: str,
-        points: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
+        points: tuple[Array, Array, Array, NDArray[np.bool_]],
         fit: Fit | None,
     ) -> Curve:
         """Return the curve of a fit with two parameters, or with the slope alone through the origin."""
@@ -66,11 +64,10 @@ class Curve:
         slope = float(fit.parameters[-1])
         return cls(title, x_label, y_label, *points, intercept, slope, fit.extra_variance, covariance)
 
-    def line(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def line(self, x: ArrayLike) -> tuple[Array, Array] | None:
         """Return the line and its standard uncertainty at some abscissae; None without a line.
 
-        With a the intercept and b the slope, u^2 = u^2(a) + 2 x u(a, b) + x^2 u^2(b). This is the uncertainty of the
-        true line, not of another point.
+        With intercept a and slope b, u^2 = u^2(a) + 2 x u(a, b) + x^2 u^2(b): that of the true line, not of a point.
 
         Examples
         --------
@@ -92,14 +89,12 @@ class LinearRange:
 
     Parameters
     ----------
-    abscissa
-        "exposure_s" or "photons_per_pixel": the axis of the light levels.
-    lowest, highest
-        The range on that axis.
+    abscissa, lowest, highest
+        The range of photons per pixel ("photons_per_pixel") or exposure time ("exposure_s").
     highest_dn
         Mean digital number of the brightest level inside.
-    levels
-        Number of light levels inside, of `levels_measured`.
+    levels, levels_measured
+        Number of light levels inside, and of all.
     rule
         How the range was found.
     """
@@ -124,18 +119,13 @@ def channel_curves(dark: DarkLines, channel: Channel | None) -> dict[str, Curve]
     levels, used = channel.levels, channel.used
     axis = "photons per pixel" if levels.photons_known else "exposure (s)"
     uncertainty = np.sqrt(np.diag(levels.signal_covariance))
-    curves["response"] = Curve.of_fit(
-        "Response", axis, "signal (DN)", (levels.x, levels.signal, uncertainty, used), fit_response(levels, used)
-    )
+    points = levels.x, levels.signal, uncertainty, used
+    curves["response"] = Curve.of_fit("Response", axis, "signal (DN)", points, fit_response(levels, used))
     known = levels.repeated
     uncertainty = np.sqrt(np.diag(levels.shot_covariance))[known]
-    curves["photon_transfer"] = Curve.of_fit(
-        "Photon transfer",
-        "signal (DN)",
-        "temporal variance less dark (DN²)",
-        (levels.signal[known], levels.shot[known], uncertainty, used[known]),
-        fit_gain([levels], [used]),
-    )
+    points = levels.signal[known], levels.shot[known], uncertainty, used[known]
+    y_label, fit = "temporal variance less dark (DN²)", fit_gain([levels], [used])
+    curves["photon_transfer"] = Curve.of_fit("Photon transfer", "signal (DN)", y_label, points, fit)
     return curves
 
 

@@ -13,6 +13,8 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import Level
 from photosite.values.uncertain import Missing, Uncertain, Value, combined, correlated
 
+Array = NDArray[np.float64]
+
 BEYOND_SAMPLING = 0.001
 """Share of ideal measurements whose dark variances may be reported to scatter beyond their sampling."""
 
@@ -31,31 +33,25 @@ class DarkLine:
 
     Parameters
     ----------
-    exposure_s, y, variance
-        (m,) exposure time, measured quantity, its sampling variance.
+    exposure_s, y, variance, shared
+        (m,) exposure time; measured quantity; its sampling variance; standard uncertainty from clipping and rounding,
+        which the points share.
     fit
         The line; None with one exposure only.
-    shared
-        (m,) standard uncertainty that the points share: from clipping and from rounding.
     points
         The quantity with its independent sources, where other results share them; else empty.
     """
 
-    exposure_s: NDArray[np.float64]
-    y: NDArray[np.float64]
-    variance: NDArray[np.float64]
+    exposure_s: Array
+    y: Array
+    variance: Array
     fit: Fit | None
-    shared: NDArray[np.float64]
+    shared: Array
     points: tuple[Uncertain, ...] = ()
 
     @classmethod
     def through(
-        cls,
-        exposure_s: NDArray[np.float64],
-        y: NDArray[np.float64],
-        variance: NDArray[np.float64],
-        shared: NDArray[np.float64],
-        points: Sequence[Uncertain] = (),
+        cls, exposure_s: Array, y: Array, variance: Array, shared: Array, points: Sequence[Uncertain] = ()
     ) -> DarkLine:
         """Fit the line, if there are two exposures or more.
 
@@ -73,7 +69,7 @@ class DarkLine:
         return cls(exposure_s, y, variance, fit, shared, tuple(points))
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Array:
         """(m, m) covariance of the measured quantity."""
         return np.asarray(np.diag(self.variance) + np.outer(self.shared, self.shared))
 
@@ -100,7 +96,7 @@ class DarkLine:
         intercept, _ = self.line
         if isinstance(intercept, Uncertain):
             return intercept
-        weight = 1.0 / self.variance / np.sum(1.0 / self.variance)
+        weight = _inverse(self.variance)
         if self.points:
             return combined(self.points, weight) + Uncertain.of(0.0, abs(float(weight @ self.shared)))
         return Uncertain.of(float(weight @ self.y), float(np.sqrt(weight @ self.covariance @ weight)))
@@ -115,30 +111,34 @@ class DarkLine:
         from scipy.stats import chi2
 
         fit = self.fit
-        if fit is None or fit.degrees_of_freedom == 0:
-            return 0.0
-        if fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, fit.degrees_of_freedom)):
+        free = 0 if fit is None else fit.degrees_of_freedom
+        if fit is None or free == 0 or fit.chi_square <= float(chi2.isf(BEYOND_SAMPLING, free)):
             return 0.0
         return math.sqrt(fit.extra_variance) / abs(float(self.y.mean()))
 
-    def weights_at(self, exposure_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def weights_at(self, exposure_s: Array) -> Array:
         """Return (exposures, m) weights: the dark value at each exposure is their product with `y`.
 
-        They select darks of the same exposure where there are any (EMVA 1288), else the line.
+        They select dark frames of the same exposure where there are any (EMVA 1288), else the line.
         """
         weights = np.zeros((len(exposure_s), len(self.exposure_s)))
         for row, t in zip(weights, exposure_s, strict=True):
             same = same_exposure(self.exposure_s, t)
             if same.any():
-                row[same] = (1.0 / self.variance[same]) / np.sum(1.0 / self.variance[same])
+                row[same] = _inverse(self.variance[same])
             elif self.fit is not None:
                 row[:] = _design(np.array([t]))[0] @ self.fit.estimator
             else:
-                row[:] = (1.0 / self.variance) / np.sum(1.0 / self.variance)
+                row[:] = _inverse(self.variance)
         return weights
 
 
-def _design(t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(variance: Array) -> Array:
+    """Return weights inversely proportional to the variances, with sum 1."""
+    return np.asarray(1.0 / variance / np.sum(1.0 / variance))
+
+
+def _design(t: Array) -> Array:
     return np.column_stack([np.ones_like(t), t])
 
 
@@ -179,9 +179,7 @@ class DarkLines:
         return cls(mean, noise)
 
 
-def temporal_variances(
-    exposure_s: NDArray[np.float64], levels: Sequence[Level]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def temporal_variances(exposure_s: Array, levels: Sequence[Level]) -> tuple[Array, Array]:
     """Return (m,) temporal variance of each dark level and its uncertainty, DN^2.
 
     A single frame shows no noise and is given that of the repeated darks of the nearest exposure.

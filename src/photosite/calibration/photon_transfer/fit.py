@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.values.uncertain import Uncertain, correlated
+
+Array = NDArray[np.float64]
 
 BY_CHANCE = 1.0 / 6.0
 """Share of ideal measurements whose scatter counts as beyond sampling: one standard deviation, one side."""
@@ -32,9 +35,9 @@ class Fit:
         Points less parameters.
     """
 
-    parameters: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    estimator: NDArray[np.float64]
+    parameters: Array
+    covariance: Array
+    estimator: Array
     extra_variance: float
     chi_square: float
     degrees_of_freedom: int
@@ -55,10 +58,8 @@ class Fit:
         return correlated(self.parameters, self.covariance, self.freedom)
 
 
-def _solve(
-    design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the generalised least squares solution: parameters, covariance, estimator and chi square."""
+def _solve(design: Array, y: Array, covariance: Array) -> tuple[Array, Array, Array, float]:
+    """Return parameters, covariance, estimator and chi square of generalised least squares."""
     root = np.linalg.cholesky(covariance)
     x = np.linalg.solve(root, design)
     normal = np.linalg.inv(x.T @ x)
@@ -68,7 +69,7 @@ def _solve(
     return parameters, normal, estimator, float(residual @ residual)
 
 
-def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
+def fit_linear(design: Array, y: Array, covariance: Array) -> Fit:
     """Fit by least squares, weighted by the covariance of the points and, where they scatter more, an extra variance.
 
     The extra variance, equal for all points, is the one at which chi square equals its expectation, the degrees of
@@ -80,12 +81,8 @@ def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: 
 
     Parameters
     ----------
-    design
-        (m, p) design matrix.
-    y
-        (m,) measured points.
-    covariance
-        (m, m) covariance of the points, positive definite.
+    design, y, covariance
+        (m, p) design matrix; (m,) measured points; their (m, m) covariance, positive definite.
 
     Raises
     ------
@@ -106,22 +103,17 @@ def fit_linear(design: NDArray[np.float64], y: NDArray[np.float64], covariance: 
     parameters, normal, estimator, chi_square = _solve(design, y, covariance)
     extra = 0.0
     if freedom > 0 and chi_square > float(chdtri(freedom, BY_CHANCE)):
-        extra = _extra_variance(design, y, covariance, freedom)
-        parameters, normal, estimator, _ = _solve(design, y, covariance + extra * np.eye(m))
+        identity = np.eye(m)
+        extra = _extra_variance(lambda more: _solve(design, y, covariance + more * identity)[3] - freedom, covariance)
+        parameters, normal, estimator, _ = _solve(design, y, covariance + extra * identity)
     return Fit(parameters, normal, estimator, extra, chi_square, freedom)
 
 
-def _extra_variance(
-    design: NDArray[np.float64], y: NDArray[np.float64], covariance: NDArray[np.float64], freedom: int
-) -> float:
+def _extra_variance(excess: Callable[[float], float], covariance: Array) -> float:
+    """Return the extra variance at which chi square has no excess over its expectation."""
     from scipy.optimize import brentq
 
-    identity = np.eye(len(y))
-
-    def excess(extra: float) -> float:
-        return _solve(design, y, covariance + extra * identity)[3] - freedom
-
-    low, high = 0.0, float(np.trace(covariance)) / len(y)
+    low, high = 0.0, float(np.trace(covariance)) / len(covariance)
     while excess(high) > 0.0:
         low, high = high, 4.0 * high
         if not math.isfinite(high):

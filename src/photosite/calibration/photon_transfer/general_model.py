@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.photon_transfer.channel import Channel
+from photosite.calibration.photon_transfer.photon_transfer import NOT_REACHED
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
+
+Array = NDArray[np.float64]
 
 LEAST_LEVELS = 3
 """Light levels that a local slope needs."""
@@ -51,14 +54,14 @@ class GeneralModel:
     """
 
     abscissa: str
-    x: NDArray[np.float64]
-    signal_dn: NDArray[np.float64]
-    signal_uncertainty: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    slope_uncertainty: NDArray[np.float64]
-    noise_dn: NDArray[np.float64]
-    snr: NDArray[np.float64]
-    snr_uncertainty: NDArray[np.float64]
+    x: Array
+    signal_dn: Array
+    signal_uncertainty: Array
+    slope: Array
+    slope_uncertainty: Array
+    noise_dn: Array
+    snr: Array
+    snr_uncertainty: Array
     threshold: Value
     saturation: Value
     dynamic_range_db: Value
@@ -72,11 +75,12 @@ class GeneralModel:
 def general_model(channel: Channel) -> GeneralModel | Missing:
     """Return the general model of a channel, or the reason why it is missing.
 
-    Levels with one frame have no noise, but shape the curve. Of several groups at one amount of light, the one with the
-    smallest uncertainty is used.
+    Levels with one frame have no noise, but shape the curve. Of several groups at one amount of light, the best known
+    one is used.
     """
-    levels, dark = channel.levels, channel.dark.variance
-    place = _best_levels(levels.x, np.diag(levels.signal_covariance))
+    levels = channel.levels
+    order = np.lexsort((np.diag(levels.signal_covariance), levels.x))
+    place = order[np.append(True, np.diff(levels.x[order]) > 0.0)]
     x, signal = levels.x[place], levels.signal[place]
     if len(x) < LEAST_LEVELS:
         return Missing(f"{len(x)} light levels; a characteristic curve needs {LEAST_LEVELS} or more")
@@ -84,17 +88,19 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     difference = local_slopes(x)
     slope = difference @ signal
     slope_u = np.sqrt(np.sum((difference @ covariance) * difference, axis=1))
-    weights = dark.weights_at(levels.exposure_s)[place]
-    variance = levels.shot[place] + weights @ dark.y
-    of_dark = np.sum(weights**2 * dark.variance, axis=1)
-    variance_u = np.sqrt(np.maximum(np.diag(levels.shot_covariance)[place] - of_dark, 0.0))  # negative only by rounding
-
+    variance, variance_u2 = (each[place] for each in channel.temporal_variance())
     good = (variance > 0.0) & (slope > 0.0) & ~levels.clipped[place]
     noise = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     snr = np.where(good, x * slope / noise, np.nan)
-    relative = np.hypot(slope_u / np.where(good, slope, np.nan), 0.5 * variance_u / np.where(good, variance, np.nan))
-    threshold = _threshold(channel, x[good], slope[good], variance[good])
-    saturation = _saturation(channel, x, snr)
+    relative = np.hypot(
+        slope_u / np.where(good, slope, np.nan), 0.5 * np.sqrt(variance_u2) / np.where(good, variance, np.nan)
+    )
+    threshold = _threshold(channel.dark.variance.at_zero, x[good], slope[good], variance[good])
+    saturation: Value = NOT_REACHED
+    if channel.saturation.signal is not None and np.isfinite(snr).any():
+        peak = int(np.nanargmax(snr))
+        low, high = x[max(peak - 1, 0)], x[min(peak + 1, len(x) - 1)]
+        saturation = Uncertain.of(float(x[peak]), float(high - low) / math.sqrt(12.0))
     return GeneralModel(
         abscissa=levels.abscissa,
         x=x,
@@ -111,13 +117,7 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
     )
 
 
-def _best_levels(x: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the index of the best-known level at each amount of light."""
-    order = np.lexsort((variance, x))
-    return np.asarray(order[np.append(True, np.diff(x[order]) > 0.0)])
-
-
-def local_slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def local_slopes(x: Array) -> Array:
     """Return the (m, m) matrix from ordinates to the slopes of the parabolas through each point and its neighbours.
 
     At each end, the parabola goes through the last three points.
@@ -141,11 +141,8 @@ def local_slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return slopes
 
 
-def _threshold(
-    channel: Channel, x: NDArray[np.float64], slope: NDArray[np.float64], variance: NDArray[np.float64]
-) -> Value:
+def _threshold(dark: Uncertain, x: Array, slope: Array, variance: Array) -> Value:
     """Return where x slope = noise, with variance and slope interpolated linearly between the levels and the dark."""
-    dark = channel.dark.variance.at_zero
     if not x.size or dark.value <= 0.0:
         return Missing("no light level shows noise and signal, or the dark temporal variance is not above zero")
     light, noise = np.append(0.0, x), np.append(dark.value, variance)
@@ -166,11 +163,3 @@ def _threshold(
     # Near zero light the noise is the dark noise: the root moves by half the relative error of its variance.
     relative = 0.5 * dark.relative if i == 1 else 0.0
     return Uncertain.of(root, root * relative)
-
-
-def _saturation(channel: Channel, x: NDArray[np.float64], snr: NDArray[np.float64]) -> Value:
-    if channel.saturation.signal is None or not np.isfinite(snr).any():
-        return Missing("no flat reached saturation; take flats up to the level where they stop getting brighter")
-    peak = int(np.nanargmax(snr))
-    low, high = x[max(peak - 1, 0)], x[min(peak + 1, len(x) - 1)]
-    return Uncertain.of(float(x[peak]), float(high - low) / math.sqrt(12.0))

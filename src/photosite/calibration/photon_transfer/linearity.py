@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,23 +13,21 @@ from photosite.calibration.photon_transfer.channel import Channel
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, weighted_mean
 
+Array = NDArray[np.float64]
+
 RANGE = (0.05, 0.95)
 """EMVA 1288: the regression uses signals from 5 to 95 % of that at saturation."""
 
 LEAST_LEVELS = 3
 """Light levels that a deviation from a line needs; the standard asks for 50 equal steps, at least 9 in the range."""
 
-Definition = Literal["relative", "full scale"]
-
 
 @dataclass(frozen=True, eq=False)
 class LinearityFit:
-    """A straight line through the response, and the deviations from it.
+    """A straight line through the response, and the deviations from it, in one of the definitions of `linearity`.
 
     Parameters
     ----------
-    definition
-        "relative" or "full scale", see `linearity`.
     intercept, slope
         The line: DN, and DN per unit of the abscissa.
     deviation_percent, deviation_uncertainty
@@ -40,11 +37,10 @@ class LinearityFit:
         deviation for "relative", and half the difference of highest and lowest for "full scale".
     """
 
-    definition: Definition
     intercept: float
     slope: float
-    deviation_percent: NDArray[np.float64]
-    deviation_uncertainty: NDArray[np.float64]
+    deviation_percent: Array
+    deviation_uncertainty: Array
     error: Uncertain
     lowest: Uncertain
     highest: Uncertain
@@ -62,16 +58,14 @@ class Linearity:
         (points,) the light levels below saturation: amount of light; mean less dark; its standard uncertainty.
     used
         (points,) whether the signal is between 5 and 95 % of that at saturation, so that it was fitted.
-    relative
-        Definition of EMVA 1288 releases 3.1 and 4.0.
-    full_scale
-        Definition of release 3.0.
+    relative, full_scale
+        Definitions of EMVA 1288 releases 3.1 and 4.0, and of release 3.0.
     """
 
     abscissa: str
-    x: NDArray[np.float64]
-    signal_dn: NDArray[np.float64]
-    signal_uncertainty: NDArray[np.float64]
+    x: Array
+    signal_dn: Array
+    signal_uncertainty: Array
     used: NDArray[np.bool_]
     relative: LinearityFit
     full_scale: LinearityFit
@@ -106,35 +100,25 @@ def linearity_estimates(channels: Sequence[Linearity | Missing]) -> dict[str, Es
 def channel_linearity(channel: Channel) -> Linearity | Missing:
     """Return the linearity of a channel, or the reason why it is missing.
 
-    Without known photons the abscissa is the exposure time, and the light is taken as constant (the standard's method
-    I).
+    Without known photons the abscissa is the exposure time, and the light is taken as constant: the standard's method
+    I.
     """
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None or saturation.index is None:
         return Missing("linearity is defined from 5 to 95 % of saturation, and no flat reached saturation")
-    below = np.arange(len(levels.x)) <= saturation.index
-    return linearity(
-        levels.x[below],
-        levels.signal[below],
-        levels.signal_covariance[np.ix_(below, below)],
-        saturation.signal,
-        levels.abscissa,
-    )
+    below = slice(0, saturation.index + 1)
+    covariance = levels.signal_covariance[below, below]
+    return linearity(levels.x[below], levels.signal[below], covariance, saturation.signal, levels.abscissa)
 
 
 def linearity(
-    x: NDArray[np.float64],
-    signal: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    saturation: float,
-    abscissa: str = "photons_per_pixel",
+    x: Array, signal: Array, covariance: Array, saturation: float, abscissa: str = "photons_per_pixel"
 ) -> Linearity | Missing:
     """Return the linearity of EMVA 1288, from signals y at amounts of light H, in two definitions.
 
     Relative (R4.0 Linear, equations 61 and 62; the same since R3.1). The line a0 + a1 H is the one of least relative
     squares, sum ((y - a0 - a1 H) / y)^2, over signals from 5 to 95 % of that at saturation. The deviation is
-    100 (y - a0 - a1 H) / (a0 + a1 H). LE_min and LE_max are the lowest and highest in that range, LE the mean of
-    their absolute values.
+    100 (y - a0 - a1 H) / (a0 + a1 H), LE_min and LE_max its extremes there, and LE the mean of its absolute values.
 
     Full scale (R3.0). The line is that of plain least squares over the same range; the deviation is
     100 (y - a0 - a1 H) / (0.9 y_sat), 0.9 being the range's part of the full scale, and LE is half of the difference
@@ -142,10 +126,8 @@ def linearity(
 
     Parameters
     ----------
-    x, signal
-        (m,) amounts of light, and signals in DN, dark subtracted, up to saturation.
-    covariance
-        (m, m) covariance of the signals.
+    x, signal, covariance
+        (m,) amounts of light; (m,) signals in DN, dark subtracted, up to saturation, and their (m, m) covariance.
     saturation
         The signal at saturation, DN.
     abscissa
@@ -154,8 +136,8 @@ def linearity(
     Returns
     -------
     Linearity or Missing
-        Missing with fewer than three amounts of light in the range. The uncertainties come from the sampling of the
-        signals. Noise widens the extremes and increases mean absolute values: compare errors with their uncertainty.
+        Missing with fewer than three amounts of light in the range. The uncertainties are those of sampling. Noise
+        widens the extremes and increases mean absolute values: compare errors with their uncertainty.
 
     Examples
     --------
@@ -171,22 +153,15 @@ def linearity(
         return Missing(
             f"{different} light levels lie between 5 and 95 % of saturation; linearity needs {LEAST_LEVELS}, better 9"
         )
-    relative = _fit("relative", x, signal, covariance, used, saturation)
-    full_scale = _fit("full scale", x, signal, covariance, used, saturation)
+    relative, full_scale = (_fit(is_relative, x, signal, covariance, used, saturation) for is_relative in (True, False))
     if not math.isfinite(relative.error.value):
         return Missing("the line of least relative squares through the response falls to zero within its range")
     return Linearity(abscissa, x, signal, np.sqrt(np.diag(covariance)), used, relative, full_scale)
 
 
 def _fit(
-    definition: Definition,
-    x: NDArray[np.float64],
-    signal: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    used: NDArray[np.bool_],
-    saturation: float,
+    relative: bool, x: Array, signal: Array, covariance: Array, used: NDArray[np.bool_], saturation: float
 ) -> LinearityFit:
-    relative = definition == "relative"
     weight = np.zeros_like(signal)
     weight[used] = 1.0 / signal[used] ** 2 if relative else 1.0
     design = np.column_stack([np.ones_like(x), x])
@@ -213,7 +188,6 @@ def _fit(
         gradient = 0.5 * (slopes[high] - slopes[low])
     intercept, slope = (float(p) for p in estimator @ signal)
     return LinearityFit(
-        definition,
         intercept,
         slope,
         deviation,

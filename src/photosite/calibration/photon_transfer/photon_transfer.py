@@ -15,11 +15,15 @@ from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.calibration.reduction.groups import CLIPPED_SHARE, GroupStatistics
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, combined
 
+Array = NDArray[np.float64]
+
 LINEAR_SHARE = 0.7
 """EMVA 1288: the range for gain and responsivity ends at 70 % of the signal at saturation."""
 
 FALLEN_SHARE = 0.8
 """A brighter level with a shot variance below this share of the largest shows that the maximum is passed."""
+
+NOT_REACHED = Missing("no flat reached saturation; take flats up to the level where they stop getting brighter")
 
 STILL_SHARE = 0.02
 """A level with a shot variance below this share of the largest is fully clipped."""
@@ -43,34 +47,29 @@ class LightLevels:
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
     dark_noise, dark_share
         The dark temporal variances, and the (m, darks) share of each that was subtracted.
-    mean
-        (m,) mean including the dark, DN.
-    spread
-        (m,) standard deviation over pixels and frames, DN.
-    mean_variance
-        (m,) variance of the mean over pixels and frames, fixed pattern included.
-    clipped, white_share
-        (m,) whether the level is clipped; share of numbers at full scale.
-    group
-        (m,) index of the light group.
+    mean, spread, mean_variance
+        (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
+        fixed pattern included.
+    clipped, white_share, group
+        (m,) whether the level is clipped; share of numbers at full scale; index of the light group.
     """
 
     abscissa: str
-    x: NDArray[np.float64]
-    exposure_s: NDArray[np.float64]
-    signal: NDArray[np.float64]
-    signal_covariance: NDArray[np.float64]
-    shot: NDArray[np.float64]
-    shot_covariance: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    noise_uncertainty: NDArray[np.float64]
+    x: Array
+    exposure_s: Array
+    signal: Array
+    signal_covariance: Array
+    shot: Array
+    shot_covariance: Array
+    noise: Array
+    noise_uncertainty: Array
     dark_noise: tuple[Uncertain, ...]
-    dark_share: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    mean_variance: NDArray[np.float64]
+    dark_share: Array
+    mean: Array
+    spread: Array
+    mean_variance: Array
     clipped: NDArray[np.bool_]
-    white_share: NDArray[np.float64]
+    white_share: Array
     group: NDArray[np.intp]
 
     @property
@@ -85,48 +84,44 @@ class LightLevels:
 
 
 def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLines) -> LightLevels:
-    """Return one channel's light levels, dark subtracted.
+    """Return one channel's light levels, less the dark of the same exposure or of the line through the dark levels.
 
-    The dark is that of the same exposure where there is one, else the line through the darks. The covariances include
-    the darks that several levels share.
+    The covariances include the dark frames that several levels share.
     """
     photons = [entry.group.photons_per_pixel for entry in lights]
     known = all(count is not None for count in photons)
     exposure = np.array([entry.group.exposure_s for entry in lights])
     x = np.array([float(count or 0.0) for count in photons]) if known else exposure
     order = np.argsort(x, kind="stable")
-    levels = [lights[i].levels[channel] for i in order]
-    exposure = exposure[order]
+    levels, exposure = [lights[i].levels[channel] for i in order], exposure[order]
 
-    take_mean = dark.mean.weights_at(exposure)
-    take_variance = dark.variance.weights_at(exposure)
-    mean = np.array([level.mean for level in levels])
-    variance = np.array([level.variance for level in levels])
+    def each(name: str) -> Array:
+        return np.array([getattr(level, name) for level in levels])
+
+    take_mean, take_variance = dark.mean.weights_at(exposure), dark.variance.weights_at(exposure)
+    mean, variance, spread = each("mean"), each("variance"), each("variance_uncertainty")
+    over_pixels = each("spatial_variance") / each("pixels")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
-    sampling = np.array(
-        [level.mean_variance if level.repeated else level.spatial_variance / level.pixels for level in levels]
-    )
-    spread = np.array([level.variance_uncertainty for level in levels])
-    of_mean = np.array([level.rounding_mean for level in levels])
-    of_variance = np.array([level.rounding_variance for level in levels])
+    sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
     return LightLevels(
         abscissa="photons_per_pixel" if known else "exposure_s",
         x=x[order],
         exposure_s=exposure,
         signal=mean - take_mean @ dark.mean.y,
-        signal_covariance=np.diag(sampling + of_mean**2) + take_mean @ dark.mean.covariance @ take_mean.T,
+        signal_covariance=np.diag(sampling + each("rounding_mean") ** 2)
+        + take_mean @ dark.mean.covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
-        shot_covariance=np.diag(spread**2 + of_variance**2)
+        shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
         + take_variance @ dark.variance.covariance @ take_variance.T,
         noise=variance,
         noise_uncertainty=spread,
         dark_noise=dark.variance.points,
         dark_share=take_variance,
         mean=mean,
-        spread=np.sqrt([level.spatial_variance + np.nan_to_num(level.variance) for level in levels]),
-        mean_variance=np.array([level.spatial_variance / level.pixels for level in levels]),
+        spread=np.sqrt(each("spatial_variance") + np.nan_to_num(variance)),
+        mean_variance=over_pixels,
         clipped=np.array([level.clipped for level in levels]),
-        white_share=np.array([level.high_fraction for level in levels]),
+        white_share=each("high_fraction"),
         group=order,
     )
 
@@ -137,17 +132,13 @@ class Saturation:
 
     Parameters
     ----------
-    index
-        The light level with the largest temporal variance (EMVA 1288 R4.0), or the brightest of single frames; None
-        where no level is saturated.
-    signal
-        Its signal, DN, dark subtracted; None where no level is saturated.
+    index, signal
+        The light level with the largest temporal variance (EMVA 1288 R4.0), or the brightest of single frames, and its
+        signal, DN, dark subtracted; None where no level is saturated.
     x
         Amount of light at the largest variance; its uncertainty is that of a step between levels.
-    level_dn
-        Mean digital number of fully clipped pixels.
-    level_method
-        How it was measured.
+    level_dn, level_method
+        Mean digital number of fully clipped pixels, and how it was measured.
     """
 
     index: int | None
@@ -165,19 +156,17 @@ def find_saturation(levels: LightLevels, white: int) -> Saturation:
     level_dn, method = _clipped_level(levels, white)
     repeated = np.flatnonzero(levels.repeated)
     if repeated.size == 0:
-        seen = isinstance(level_dn, Uncertain)
-        reason = "no light level has two frames, which the variance at saturation needs"
-        if not seen:
-            return Saturation(None, None, Missing(reason), level_dn, method)
-        brightest = int(np.argmax(levels.signal))
-        return Saturation(brightest, float(levels.signal[brightest]), Missing(reason), level_dn, method)
-    peak = int(repeated[np.argmax(levels.shot[repeated])])
-    beyond = repeated[repeated > peak]
-    fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_SHARE * levels.shot[peak]
-    if not (fallen or levels.white_share[peak:].max() > CLIPPED_SHARE):
-        reason = "no flat reached saturation; take flats up to the level where they stop getting brighter"
-        return Saturation(None, None, Missing(reason), level_dn, method)
-    return Saturation(peak, float(levels.signal[peak]), _between_neighbours(levels, peak), level_dn, method)
+        x: Value = Missing("no light level has two frames, which the variance at saturation needs")
+        reached, peak = isinstance(level_dn, Uncertain), int(np.argmax(levels.signal))
+    else:
+        peak = int(repeated[np.argmax(levels.shot[repeated])])
+        beyond = repeated[repeated > peak]
+        fallen = beyond.size > 0 and levels.shot[beyond].min() < FALLEN_SHARE * levels.shot[peak]
+        reached = bool(fallen or levels.white_share[peak:].max() > CLIPPED_SHARE)
+        x = _between_neighbours(levels, peak) if reached else NOT_REACHED
+    if not reached:
+        return Saturation(None, None, x, level_dn, method)
+    return Saturation(peak, float(levels.signal[peak]), x, level_dn, method)
 
 
 def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
@@ -237,10 +226,7 @@ def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.boo
 class GainFit(Fit):
     """The photon transfer line, and the effect of the dark variances on the gain.
 
-    Parameters
-    ----------
-    dark
-        Value 0, with the sources of the dark variances, which read noise and dark noise share.
+    `dark` has the value 0, and the sources of the dark variances, which read noise and dark noise share.
     """
 
     dark: Uncertain
@@ -259,24 +245,17 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
     K is one number for a chip, because all channels share the converter. The signal's uncertainty enters by its effect
     K u(signal) on the variance axis (effective variance). A variance that is low by chance also has a low estimated
     uncertainty, and weights from such uncertainties bias the line downwards by twice the relative variance. So the
-    relative uncertainty of each level is applied to the value of the line there.
-
-    Returns
-    -------
-    GainFit or None
-        None where no level can be used.
+    relative uncertainty of each level is applied to the value of the line there. None where no level can be used.
     """
-    masks = [mask & levels.repeated for levels, mask in zip(channels, used, strict=True)]
-    y = np.concatenate([levels.signal[mask] for levels, mask in zip(channels, masks, strict=True)])
-    v = np.concatenate([levels.shot[mask] for levels, mask in zip(channels, masks, strict=True)])
+    masked = [(levels, mask & levels.repeated) for levels, mask in zip(channels, used, strict=True)]
+    y, v, noise, uncertainty = (
+        np.concatenate([getattr(levels, name)[mask] for levels, mask in masked])
+        for name in ("signal", "shot", "noise", "noise_uncertainty")
+    )
     if y.size == 0:
         return None
-    shot = block_diag(*[c.shot_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
-    signal = block_diag(*[c.signal_covariance[np.ix_(m, m)] for c, m in zip(channels, masks, strict=True)])
-    noise, uncertainty = (
-        np.concatenate([getattr(levels, name)[mask] for levels, mask in zip(channels, masks, strict=True)])
-        for name in ("noise", "noise_uncertainty")
-    )
+    shot = block_diag(*[levels.shot_covariance[np.ix_(mask, mask)] for levels, mask in masked])
+    signal = block_diag(*[levels.signal_covariance[np.ix_(mask, mask)] for levels, mask in masked])
     gain = float(y @ v / (y @ y))
     for _ in range(3):
         expected = np.maximum(noise - v + gain * y, 0.0)
@@ -284,7 +263,7 @@ def fit_gain(channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]])
         fit = fit_linear(y[:, None], v, shot + np.diag(change) + gain**2 * signal)
         gain = float(fit.parameters[0])
     dark, start = Uncertain(0.0), 0
-    for levels, mask in zip(channels, masks, strict=True):
+    for levels, mask in masked:
         end = start + int(mask.sum())
         share = fit.estimator[0, start:end] @ levels.dark_share[mask]
         dark, start = dark - combined(levels.dark_noise, share), end

@@ -50,15 +50,7 @@ class SnrCurve:
     def model(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the linear model's ratio and its standard uncertainty, to first order.
 
-        Parameters
-        ----------
-        x
-            Amounts of light above 0, any shape.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Both of the shape of `x`; NaN where a negative dark variance leaves no noise.
+        `x` holds amounts of light above 0, in any shape. NaN where a negative dark variance leaves no noise.
 
         Examples
         --------
@@ -68,10 +60,8 @@ class SnrCurve:
         >>> [round(float(n), 3) for n in curve.model(100.0)]
         [10.0, 0.1]
         """
-        light = np.asarray(x, dtype=np.float64)
         k = self.gain_dn_per_e
-        signal = light * (self.response_dn.value if self.photons else k.value)
-        variance = self.dark_variance_dn2.value + k.value * signal
+        signal, variance = self._signal_and_variance(x)
         variance = np.where(variance > 0.0, variance, np.nan)
         snr = signal / np.sqrt(variance)
         of_dark = -0.5 * snr / variance * self.dark_variance_dn2.standard_uncertainty
@@ -86,18 +76,14 @@ class SnrCurve:
     def with_pattern(self, x: ArrayLike, dsnu_dn: float, prnu: float) -> NDArray[np.float64]:
         """Return the linear model's ratio with the fixed pattern as noise: that of the pixels of one frame.
 
+        This is the total SNR of EMVA 1288 R4.0 Linear.
+
         Parameters
         ----------
         x
             Amounts of light above 0, any shape.
-        dsnu_dn
-            DSNU1288 in DN; a negative one stands for a negative variance.
-        prnu
-            PRNU1288, as a share of the signal; negative as `dsnu_dn`.
-
-        Notes
-        -----
-        EMVA 1288 R4.0 Linear, total SNR.
+        dsnu_dn, prnu
+            DSNU1288 in DN, and PRNU1288 as a share of the signal; a negative one stands for a negative variance.
 
         Examples
         --------
@@ -106,38 +92,29 @@ class SnrCurve:
         >>> curve.with_pattern([1e4, 1e8], 0.0, 0.01).round(1).tolist()
         [70.7, 100.0]
         """
-        light = np.asarray(x, dtype=np.float64)
-        signal = light * (self.response_dn.value if self.photons else self.gain_dn_per_e.value)
-        variance = self.dark_variance_dn2.value + self.gain_dn_per_e.value * signal
+        signal, variance = self._signal_and_variance(x)
         variance = variance + dsnu_dn * abs(dsnu_dn) + prnu * abs(prnu) * signal**2
         return np.asarray(signal / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
+
+    def _signal_and_variance(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        gain = self.gain_dn_per_e.value
+        signal = np.asarray(x, dtype=np.float64) * (self.response_dn.value if self.photons else gain)
+        return signal, self.dark_variance_dn2.value + gain * signal
 
 
 def snr_curve(channel: Channel) -> SnrCurve | Missing:
     """Return the signal-to-noise ratios of a channel's light levels, or the reason why they are missing.
 
-    Parameters
-    ----------
-    channel
-        The channel.
-
-    Returns
-    -------
-    SnrCurve or Missing
-        Left out are levels with one frame, levels whose noise or signal is not above zero, and levels brighter than
-        that of the largest noise, where clipping removes the noise.
+    Left out are levels with one frame, levels whose noise or signal is not above zero, and levels brighter than that of
+    the largest noise, where clipping removes the noise.
     """
-    levels, gain, dark = channel.levels, channel.gain, channel.dark.variance
-    photons = levels.photons_known
+    levels, gain, photons = channel.levels, channel.gain, channel.levels.photons_known
     fit = fit_response(levels, channel.used)
     if isinstance(gain, Missing):
         return gain
     if fit is None:
         return Missing("no light level lies in the linear range")
-    weights = dark.weights_at(levels.exposure_s)
-    variance = levels.shot + weights @ dark.y
-    of_dark = np.sum(weights**2 * dark.variance, axis=1)
-    variance_u2 = np.maximum(np.diag(levels.shot_covariance) - of_dark, 0.0)  # negative only by rounding
+    variance, variance_u2 = channel.temporal_variance()
     known = levels.repeated & (variance > 0.0) & (levels.signal > 0.0)
     if channel.saturation.index is not None:
         known[channel.saturation.index + 1 :] = False
@@ -153,5 +130,5 @@ def snr_curve(channel: Channel) -> SnrCurve | Missing:
         photons=photons,
         response_dn=slope if photons else gain,
         gain_dn_per_e=gain,
-        dark_variance_dn2=dark.at_zero,
+        dark_variance_dn2=channel.dark.variance.at_zero,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.engine.frame_statistics import line_sums
-from photosite.values.uncertain import Uncertain, weighted_mean
+from photosite.values.uncertain import Uncertain, combined, weighted_mean
 
 LINE_FRAMES = 8
 """Frames of a group that are read for row and column noise.
@@ -44,17 +45,8 @@ class TemporalParts:
 def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: float = 0.0) -> list[TemporalParts]:
     """Estimate, per channel, the temporal variance that remains in the mean of a group's frames.
 
-    A few frames, spread evenly over the group, are read again for their row and column sums.
-
-    Parameters
-    ----------
-    reader
-        The reader that read the group.
-    statistics
-        The group, with at least two frames.
-    scatter
-        Relative scatter of the noise between combinations of frames beyond sampling (`DarkLine.scatter`). The mean
-        frame is such a combination.
+    A few frames of the group, which has at least two, are read again for their row and column sums. `scatter` is that
+    of the noise between combinations of frames beyond sampling (`DarkLine.scatter`); the mean frame is one of them.
 
     Raises
     ------
@@ -88,16 +80,7 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
     is unbiased and may be negative. EMVA 1288 R4.0 splits spatial variances this way, but assumes that temporal noise
     is independent between pixels.
 
-    Parameters
-    ----------
-    level
-        The channel's level, with at least two frames.
-    lines
-        Row and column sums of at least two of the level's frames.
-    tile
-        The repeating tile of channel indices.
-    channel
-        Index of the channel.
+    `level` is that of the channel, and `lines` the row and column sums of at least two of its frames.
 
     Examples
     --------
@@ -117,12 +100,13 @@ def temporal_parts(level: Level, lines: LineSums, tile: NDArray[np.int64], chann
     for r, c in np.argwhere(tile == channel):
         rows, columns = row_sums[:, r::tile_rows, c], column_sums[:, r, c::tile_cols]
         found.append(_plane_parts(level, rows / columns.shape[1], columns / rows.shape[1]))
-    even = [1.0] * len(found)
-    return TemporalParts(
-        weighted_mean([parts.pixel for parts in found], even),
-        weighted_mean([parts.row for parts in found], even),
-        weighted_mean([parts.column for parts in found], even),
-    )
+    return pool_temporal(found, [1.0] * len(found))
+
+
+def pool_temporal(parts: Sequence[TemporalParts], weights: Sequence[float]) -> TemporalParts:
+    """Return the weighted mean of each part."""
+    names = ("pixel", "row", "column")
+    return TemporalParts(*(weighted_mean([getattr(entry, name) for entry in parts], weights) for name in names))
 
 
 def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDArray[np.float64]) -> TemporalParts:
@@ -140,13 +124,7 @@ def _plane_parts(level: Level, row_means: NDArray[np.float64], column_means: NDA
             [1.0 / rows, 0.0, 1.0],
         ]
     )
-    solve = np.linalg.inv(equations)
-    known = (of_pixels, of_rows, of_columns)
-    pixel, row, column = (
-        sum((value * float(weight) for value, weight in zip(known, weights, strict=True)), Uncertain(0.0))
-        for weights in solve
-    )
-    return TemporalParts(pixel, row, column)
+    return TemporalParts(*(combined((of_pixels, of_rows, of_columns), row) for row in np.linalg.inv(equations)))
 
 
 def _residual_variance(means: NDArray[np.float64]) -> Uncertain:

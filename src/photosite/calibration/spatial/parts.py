@@ -31,45 +31,33 @@ class Parts:
     pixel: Uncertain
 
     def __sub__(self, other: Parts) -> Parts:
-        return Parts(
-            self.total - other.total, self.row - other.row, self.column - other.column, self.pixel - other.pixel
-        )
+        return Parts(*(one - two for one, two in zip(self.values, other.values, strict=True)))
 
     def scaled(self, factor: Uncertain | float) -> Parts:
         """Return all parts multiplied by a factor."""
-        return Parts(self.total * factor, self.row * factor, self.column * factor, self.pixel * factor)
+        return Parts(*(part * factor for part in self.values))
+
+    @property
+    def values(self) -> tuple[Uncertain, ...]:
+        """Total, row, column, and pixel part."""
+        return self.total, self.row, self.column, self.pixel
 
 
 def pool_parts(parts: list[Parts], weights: list[float]) -> Parts:
     """Return the weighted mean of each part."""
-    return Parts(
-        *(
-            weighted_mean([getattr(entry, name) for entry in parts], weights)
-            for name in ("total", "row", "column", "pixel")
-        )
-    )
+    return Parts(*(weighted_mean(one, weights) for one in zip(*(entry.values for entry in parts), strict=True)))
 
 
 @dataclass(frozen=True)
 class _Shares:
-    """Variance that independent pixels and lines of variance 1 produce in a plane and in its means.
+    """Variance that independent pixels and lines of variance 1 produce in a plane and in its means."""
 
-    Parameters
-    ----------
-    pixel, line
-        Variance of a pixel of the plane due to pixels, and due to columns (or rows).
-    column_mean, row_mean, mean
-        Variance due to pixels of a column's mean, of a row's mean and of the plane's mean.
-    columns_mean, rows_mean
-        Variance of the plane's mean due to columns, and due to rows.
-    """
-
-    pixel: float
-    line: float
-    column_mean: float
+    pixel: float  # of a pixel of the plane, due to pixels
+    line: float  # of a pixel of the plane, due to columns (or rows)
+    column_mean: float  # due to pixels, as the next two
     row_mean: float
     mean: float
-    columns_mean: float
+    columns_mean: float  # of the plane's mean, due to columns
     rows_mean: float
 
     @classmethod
@@ -101,21 +89,13 @@ def _mean_products(n: int) -> tuple[float, float, float]:
 
 
 def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: bool) -> Parts:
-    """Split a mean frame's spatial variance into row, column and pixel parts.
+    """Split the spatial variance of a colour plane of a mean frame, (rows, cols), into row, column and pixel parts.
 
     EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
     function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
-    unbiased, and have independent left sides. For a filtered plane the equations contain the gains of the filter, so
-    that the parts are not attenuated.
-
-    Parameters
-    ----------
-    plane
-        (rows, cols) mean frame of one colour plane, DN.
-    noise
-        Temporal variance in the mean frame, DN^2. Each part is subtracted from its counterpart.
-    filtered
-        Whether to apply the high-pass filter first.
+    unbiased, and have independent left sides. If the plane is to be high-pass filtered first, the equations contain
+    the gains of the filter, so that the parts are not attenuated. The temporal noise in the mean frame, DN^2, is
+    subtracted part by part.
     """
     values = np.ascontiguousarray(high_pass(plane) if filtered else plane)
     rows, cols = values.shape
@@ -150,10 +130,7 @@ def channel_parts(
 ) -> Parts | Missing:
     """Split the spatial variance of one channel: the mean over its sites in the tile, each a separate plane.
 
-    Returns
-    -------
-    Parts or Missing
-        Missing if the planes are too small for the filter.
+    Missing if the planes are too small for the filter.
     """
     tile_rows, tile_cols = tile.shape
     planes = [mean[r::tile_rows, c::tile_cols] for r, c in np.argwhere(tile == channel)]

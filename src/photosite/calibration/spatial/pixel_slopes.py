@@ -35,8 +35,7 @@ def of_one_sample(mean: Uncertain, variance: Uncertain, third: float, pixels: in
     """Return a mean and a variance over pixels as those of the sensor from which the pixels were drawn.
 
     The mean gains the uncertainty variance / pixels. Where the pixels are skewed, such as by a few hot pixels, the
-    errors of both are correlated: their covariance over samples is the third central moment divided by the number of
-    pixels.
+    errors of both are correlated: their covariance over samples is the third central moment / pixels.
 
     Examples
     --------
@@ -72,10 +71,8 @@ class SlopeSpread:
 
     Parameters
     ----------
-    pixels
-        Number of pixels.
-    mean
-        Mean slope.
+    pixels, mean
+        Number of pixels, and their mean slope.
     variance
         Variance over pixels, with the propagated noise subtracted.
     third
@@ -89,15 +86,7 @@ class SlopeSpread:
 
 
 class PixelSlopes:
-    """A map of per-pixel slopes, accumulated level by level as a linear combination of mean frames.
-
-    Parameters
-    ----------
-    shape
-        (rows, cols).
-    tile
-        The repeating tile of channel indices.
-    """
+    """A map (rows, cols) of per-pixel slopes, accumulated level by level as a linear combination of mean frames."""
 
     def __init__(self, shape: tuple[int, int], tile: NDArray[np.int64]) -> None:
         self.tile = tile
@@ -132,8 +121,7 @@ def slope_noise(
 ) -> Uncertain:
     """Propagate temporal noise to the variance of a pixel's slope: the sum of c^2 v / n over the levels.
 
-    `scatter` is the relative scatter of the noise between combinations of frames beyond sampling. The slope is one such
-    combination.
+    `scatter` is that of the noise between combinations of frames, such as the slope, beyond sampling.
     """
     share = coefficients**2 / frames
     noise = float(share @ variance)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from photosite.engine.map_statistics import smooth_separable
 
+Array = NDArray[np.float64]
+
 MARGIN = 9
 """Width in pixels of the border that the 19 x 19 kernel of the filter cannot process."""
 
@@ -20,35 +22,17 @@ SMALLEST_SIDE = 2 * MARGIN + 16
 
 
 @cache
-def high_pass_kernel() -> NDArray[np.float64]:
+def high_pass_kernel() -> Array:
     """Return the one-dimensional smoothing kernel (19,): a box of 7, a box of 11 and the binomial 1 2 1, convolved."""
     kernel = np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11))
     return np.convolve(kernel, np.array([0.25, 0.5, 0.25]))
 
 
-def smooth(plane: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the low-pass filtered plane (rows - 18, cols - 18), without the border."""
-    return smooth_separable(np.ascontiguousarray(plane), high_pass_kernel())
+def high_pass(plane: Array) -> Array:
+    """Return the plane less the low-pass filtered plane, (rows - 18, cols - 18), without the border.
 
-
-def high_pass(plane: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Subtract the low-pass filtered plane and remove the border.
-
-    The filter removes slow variation such as uneven illumination and vignetting.
-
-    Parameters
-    ----------
-    plane
-        (rows, cols).
-
-    Returns
-    -------
-    ndarray
-        (rows - 18, cols - 18).
-
-    References
-    ----------
-    EMVA 1288 R4.0: 7 x 7 box, 11 x 11 box, 3 x 3 binomial.
+    The filter removes slow variation such as uneven illumination and vignetting. It is that of EMVA 1288 R4.0: 7 x 7
+    box, 11 x 11 box, 3 x 3 binomial.
 
     Examples
     --------
@@ -56,7 +40,8 @@ def high_pass(plane: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> bool(abs(high_pass(ramp)).max() < 1e-12)
     True
     """
-    return plane[MARGIN:-MARGIN, MARGIN:-MARGIN] - smooth(plane)
+    smooth = smooth_separable(np.ascontiguousarray(plane), high_pass_kernel())
+    return plane[MARGIN:-MARGIN, MARGIN:-MARGIN] - smooth
 
 
 def line_gain() -> float:
@@ -108,32 +93,22 @@ class Difference:
     array([[4., 5.]])
     """
 
-    bright: NDArray[np.float64]
-    dark: NDArray[np.float64]
+    bright: Array
+    dark: Array
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of rows and columns."""
         return self.bright.shape
 
-    def __getitem__(self, part: tuple[slice, slice], /) -> NDArray[np.float64]:
+    def __getitem__(self, part: tuple[slice, slice], /) -> Array:
         return np.asarray(self.bright[part] - self.dark[part])
 
 
 def strips(plane: Plane, axis: int = 1) -> Iterator[tuple[slice, NDArray[np.floating]]]:
     """Yield a map in strips of whole lines, so that derived values do not need memory for a second map.
 
-    Parameters
-    ----------
-    plane
-        (rows, cols).
-    axis
-        1: strips of rows. 0: strips of columns, transposed.
-
-    Yields
-    ------
-    slice, ndarray
-        The lines of the strip, and their values (lines, values).
+    Each is the slice of its lines and their values (lines, values): rows for axis 1, columns for axis 0.
 
     Examples
     --------

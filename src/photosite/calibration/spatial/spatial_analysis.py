@@ -25,39 +25,29 @@ from photosite.calibration.spatial.planes import (
 )
 from photosite.values.uncertain import Missing
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Statistics of the lines of a map, position by position along one direction.
+    """Profile of a map along one direction (EMVA 1288 R4.0, 8.7).
 
     Parameters
     ----------
     mean, lowest, highest, middle
         (n,) mean, minimum and maximum over the lines, and the values of the middle line, in the unit of the map.
-
-    References
-    ----------
-    EMVA 1288 R4.0, 8.7: horizontal and vertical profiles.
     """
 
-    mean: NDArray[np.float64]
-    lowest: NDArray[np.float64]
-    highest: NDArray[np.float64]
-    middle: NDArray[np.float64]
+    mean: Array
+    lowest: Array
+    highest: Array
+    middle: Array
 
 
 def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
-    """Return the horizontal and the vertical profile of one map, or of several maps of one size together.
+    """Return the horizontal profile, over the rows, and the vertical one, over the columns, of maps of one size.
 
-    Parameters
-    ----------
-    planes
-        (rows, cols) each. Mean and extremes are those of all planes; the middle line is that of the first plane.
-
-    Returns
-    -------
-    along_columns, along_rows
-        The horizontal profile, over the rows at each column, and the vertical profile, over the columns at each row.
+    Mean and extremes are those of all planes, (rows, cols) each; the middle line is that of the first plane.
 
     Examples
     --------
@@ -68,8 +58,8 @@ def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
     [1.5, 2.5, 5.0]
     """
     rows, cols = planes[0].shape
-    sums, lows, highs = (np.zeros(cols), np.full(cols, np.inf), np.full(cols, -np.inf))
-    row_sums, row_lows, row_highs = (np.zeros(rows), np.full(rows, np.inf), np.full(rows, -np.inf))
+    sums, lows, highs = np.zeros(cols), np.full(cols, np.inf), np.full(cols, -np.inf)
+    row_sums, row_lows, row_highs = np.zeros(rows), np.full(rows, np.inf), np.full(rows, -np.inf)
     for plane in planes:
         for part, lines in strips(plane):
             sums += lines.sum(axis=0)
@@ -89,7 +79,7 @@ def profiles(planes: Sequence[Plane]) -> tuple[Profile, Profile]:
 
 @dataclass(frozen=True, eq=False)
 class Spectrogram:
-    """Mean power spectrum of the lines of a map.
+    """Mean power spectrum of the lines of a map (EMVA 1288 R4.0, 8.6; the plots show the square root of the power).
 
     Parameters
     ----------
@@ -101,23 +91,17 @@ class Spectrogram:
         frequencies, including the mirrored ones, is the variance.
     length
         Number of values in a line. A sinusoid of amplitude a along the lines gives a peak of a^2 length / 4.
-    white
-        Median power: the part that does not depend on frequency.
-    temporal
-        Power of the temporal noise that remains in the map.
-
-    References
-    ----------
-    EMVA 1288 R4.0, 8.6: horizontal and vertical spectrograms. The plots show the square root of the power.
+    white, temporal
+        Median power, the part that does not depend on frequency; power of the temporal noise that remains in the map.
     """
 
-    frequency: NDArray[np.float64]
-    power: NDArray[np.float64]
+    frequency: Array
+    power: Array
     length: int
     white: float
     temporal: float
 
-    def amplitude(self) -> NDArray[np.float64]:
+    def amplitude(self) -> Array:
         """Return the amplitude (n,) of the sinusoid that alone would produce each power, in the unit of the map."""
         share = np.full(len(self.frequency), 2.0)
         share[0] = 1.0
@@ -135,10 +119,8 @@ def spectrogram(planes: Sequence[Plane], axis: int, *, scale: float = 1.0, tempo
         (rows, cols) each; the mean of each is subtracted.
     axis
         1 for the horizontal spectrogram, along rows; 0 for the vertical spectrogram, along columns.
-    scale
-        Factor that the map is multiplied by.
-    temporal
-        Temporal variance that remains in the scaled map.
+    scale, temporal
+        Factor that the map is multiplied by, and temporal variance that remains in the scaled map.
 
     Examples
     --------
@@ -174,46 +156,41 @@ _QUARTILE = NormalDist().inv_cdf(0.75)
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Numbers of pixels by their deviation from the mean: signed, and accumulated by size.
+    """Numbers of pixels by their deviation from the mean: signed, and accumulated by size (EMVA 1288 R4.0, 8.8).
 
     Parameters
     ----------
-    lower, width
-        (bins,) lower ends of the bins, and their common width, in the unit of the map. 0 is the mean of the map.
-    count
-        (bins,) numbers of pixels.
+    lower, width, count
+        (bins,) lower ends of the bins; their common width, in the unit of the map; numbers of pixels. 0 is the mean of
+        the map.
     sigma
         Standard deviation of the map, for the normal distribution drawn beside it.
     deviation, percent_beyond
         (bins,) deviations, and the percentage of pixels that deviate at least that far on either side.
-
-    References
-    ----------
-    EMVA 1288 R4.0, 8.8: logarithmic histograms and accumulated histograms.
     """
 
-    lower: NDArray[np.float64]
+    lower: Array
     width: float
     count: NDArray[np.int64]
     sigma: float
-    deviation: NDArray[np.float64]
-    percent_beyond: NDArray[np.float64]
+    deviation: Array
+    percent_beyond: Array
 
-    def normal(self) -> NDArray[np.float64]:
+    def normal(self) -> Array:
         """Return the counts (bins,) of a normal distribution of the same standard deviation."""
         if self.sigma == 0.0:
             return self.count.astype(np.float64)
         edges = np.append(self.lower, self.lower[-1] + self.width)
         return np.asarray(self.count.sum() * np.diff(_normal_below(edges, self.sigma)))
 
-    def normal_beyond(self) -> NDArray[np.float64]:
+    def normal_beyond(self) -> Array:
         """Return `percent_beyond` (bins,) of a normal distribution of the same standard deviation."""
         if self.sigma == 0.0:
             return self.percent_beyond
         return np.asarray(200.0 * _normal_below(-self.deviation, self.sigma))
 
 
-def _normal_below(x: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+def _normal_below(x: Array, sigma: float) -> Array:
     from scipy.special import ndtr
 
     return np.asarray(ndtr(x / sigma))
@@ -238,50 +215,35 @@ def histogram(planes: Sequence[Plane], centres: Sequence[float], grain: float | 
     >>> found.deviation.tolist(), found.percent_beyond.tolist()
     ([0.0, 0.5, 1.0, 1.5], [100.0, 60.0, 40.0, 20.0])
     """
-    range_ = _Range.of(planes, centres)
-    width, bins = _bins(range_.highest - range_.lowest, grain)
-    least = 0.0 if grain is None else range_.least
-    step, steps = _bins(max(range_.highest, -range_.lowest) - least, grain)
+    lowest, highest, least, sigma = _extent(planes, centres)
+    width, bins = _bins(highest - lowest, grain)
+    least = 0.0 if grain is None else least
+    step, steps = _bins(max(highest, -lowest) - least, grain)
     count, sizes = np.zeros(bins, np.int64), np.zeros(steps, np.int64)
     for deviations in _deviations(planes, centres):
-        count += _counted(deviations - range_.lowest, width, bins, grain)
+        count += _counted(deviations - lowest, width, bins, grain)
         sizes += _counted(np.abs(deviations) - least, step, steps, grain)
-    return Histogram(
-        lower=range_.lowest + width * np.arange(bins, dtype=np.float64),
-        width=width,
-        count=count,
-        sigma=range_.sigma,
-        deviation=least + step * np.arange(steps, dtype=np.float64),
-        percent_beyond=100.0 * np.cumsum(sizes[::-1])[::-1] / sizes.sum(),
-    )
+    lower, deviation = lowest + width * np.arange(bins, dtype=np.float64), least + step * np.arange(steps, dtype=float)
+    return Histogram(lower, width, count, sigma, deviation, 100.0 * np.cumsum(sizes[::-1])[::-1] / sizes.sum())
 
 
 def _deviations(planes: Sequence[Plane], centres: Sequence[float]) -> Iterator[NDArray[np.floating]]:
     return (lines - centre for plane, centre in zip(planes, centres, strict=True) for _, lines in strips(plane))
 
 
-@dataclass(frozen=True)
-class _Range:
-    """Lowest and highest deviation, smallest absolute deviation, and standard deviation."""
-
-    lowest: float
-    highest: float
-    least: float
-    sigma: float
-
-    @classmethod
-    def of(cls, planes: Sequence[Plane], centres: Sequence[float]) -> _Range:
-        lowest, highest, least = np.inf, -np.inf, np.inf
-        total = squares = 0.0
-        pixels = 0
-        for some in _deviations(planes, centres):
-            lowest, highest = min(lowest, float(some.min())), max(highest, float(some.max()))
-            least = min(least, float(np.abs(some).min()))
-            total += float(some.sum(dtype=np.float64))
-            squares += float(np.einsum("ij,ij->", some, some, dtype=np.float64))
-            pixels += some.size
-        # The centres are the means, so a negative difference is a rounding error.
-        return cls(lowest, highest, least, float(np.sqrt(max(squares / pixels - (total / pixels) ** 2, 0.0))))
+def _extent(planes: Sequence[Plane], centres: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return lowest and highest deviation, smallest absolute deviation, and standard deviation."""
+    lowest, highest, least = np.inf, -np.inf, np.inf
+    total = squares = 0.0
+    pixels = 0
+    for some in _deviations(planes, centres):
+        lowest, highest = min(lowest, float(some.min())), max(highest, float(some.max()))
+        least = min(least, float(np.abs(some).min()))
+        total += float(some.sum(dtype=np.float64))
+        squares += float(np.einsum("ij,ij->", some, some, dtype=np.float64))
+        pixels += some.size
+    # The centres are the means, so a negative difference is a rounding error.
+    return lowest, highest, least, float(np.sqrt(max(squares / pixels - (total / pixels) ** 2, 0.0)))
 
 
 def _bins(extent: float, grain: float | None) -> tuple[float, int]:
@@ -317,7 +279,7 @@ class OutlierPixels:
 
     row: NDArray[np.intp]
     col: NDArray[np.intp]
-    deviation: NDArray[np.float64]
+    deviation: Array
     threshold: float
     rule: str
 
@@ -330,7 +292,7 @@ class OutlierPixels:
 def normal_threshold(sample: NDArray[np.floating], pixels: int) -> float:
     """Return the deviation beyond which a normal distribution of `pixels` values would have 0.1 pixels, on either side.
 
-    The standard deviation is that of the sample's interquartile range, which outlier pixels do not widen.
+    Its standard deviation is that of the sample's interquartile range, which outlier pixels do not widen.
     """
     low, high = np.quantile(sample, [0.25, 0.75])
     sigma = float(high - low) / (2.0 * _QUARTILE)
@@ -411,16 +373,12 @@ class FramePattern:
         "DN", or "%" of the mean signal: the unit of spectrograms, histogram and outlier pixels.
     mean_dn
         Mean of the map.
-    horizontal, vertical
-        Spectrograms of the map.
-    horizontal_filtered, vertical_filtered
-        Spectrograms after the standard's high-pass filter, which removes uneven light.
+    horizontal, vertical, horizontal_filtered, vertical_filtered
+        Spectrograms of the map, and those after the standard's high-pass filter, which removes uneven light.
     along_columns, along_rows
         Horizontal and vertical profile in DN. In a mosaic, positions count pixels of the channel.
-    histogram
-        Deviations from the mean; for light, after the high-pass filter.
-    outliers
-        Outlier pixels of the histogram.
+    histogram, outliers
+        Deviations from the mean and their outlier pixels; for light, after the high-pass filter.
     """
 
     kind: Literal["dark", "light"]
@@ -468,7 +426,7 @@ class MeanPlanes:
         Temporal variance that remains in the mean, DN^2.
     """
 
-    planes: Sequence[NDArray[np.float64]]
+    planes: Sequence[Array]
     origins: Sequence[tuple[int, int]]
     tile: tuple[int, int]
     frames: int
@@ -477,13 +435,7 @@ class MeanPlanes:
 
     @classmethod
     def of(
-        cls,
-        mean: NDArray[np.float64],
-        tile: NDArray[np.int64],
-        channel: int,
-        frames: int,
-        exposure_s: float,
-        noise: TemporalParts,
+        cls, mean: Array, tile: NDArray[np.int64], channel: int, frames: int, exposure_s: float, noise: TemporalParts
     ) -> MeanPlanes:
         """Cut a mean frame into planes."""
         origins = [(int(r), int(c)) for r, c in np.argwhere(tile == channel)]
@@ -491,9 +443,8 @@ class MeanPlanes:
         planes = [mean[r::tile_rows, c::tile_cols] for r, c in origins]
         # Planes differ in size if the sensor's size is not a multiple of the tile. Keep the common part.
         rows, cols = min(plane.shape[0] for plane in planes), min(plane.shape[1] for plane in planes)
-        return cls(
-            [plane[:rows, :cols] for plane in planes], origins, (tile_rows, tile_cols), frames, exposure_s, noise
-        )
+        planes = [plane[:rows, :cols] for plane in planes]
+        return cls(planes, origins, (tile_rows, tile_cols), frames, exposure_s, noise)
 
     def places(self, site: int, border: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the sensor rows and columns of a plane, without a border."""
@@ -526,57 +477,34 @@ def spatial_analysis(
     if smallest < SMALLEST_SIDE:
         return Missing(f"a colour plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
     wanted = thresholds or OutlierThresholds()
-    return SpatialAnalysis(
-        _dark_pattern(dark, wanted.dark_dn),
-        light if isinstance(light, Missing) else _light_pattern(light, dark, wanted.light_percent),
-    )
+    of_light = light if isinstance(light, Missing) else _pattern(light, dark, wanted.light_percent)
+    return SpatialAnalysis(_pattern(dark, None, wanted.dark_dn), of_light)
 
 
-def _dark_pattern(dark: MeanPlanes, threshold: float | None) -> FramePattern:
-    means = [plane_mean(plane) for plane in dark.planes]
-    found = histogram(dark.planes, means, grain=_grain(dark))
-    outliers = outlier_pixels(dark.planes, means, [dark.places(site, 0) for site in range(len(means))], threshold)
-    filtered = [high_passed(plane) for plane in dark.planes]
-    return _pattern("dark", dark, dark.planes, means, filtered, dark.noise.total.value, found, outliers)
-
-
-def _grain(frames: MeanPlanes) -> float | None:
-    """Return the step of the mean's values; None for several planes, whose means have different fractions."""
-    return 1.0 / frames.frames if len(frames.planes) == 1 else None
-
-
-def _light_pattern(light: MeanPlanes, dark: MeanPlanes, threshold: float | None) -> FramePattern:
-    planes = [Difference(bright, black) for bright, black in zip(light.planes, dark.planes, strict=True)]
+def _pattern(frames: MeanPlanes, dark: MeanPlanes | None, threshold: float | None) -> FramePattern:
+    """Return the pattern of a mean dark frame, or of a mean flat field less a mean dark frame."""
+    planes: Sequence[Plane] = frames.planes
+    noise, grain = frames.noise.total.value, None
+    if dark is not None:
+        planes = [Difference(bright, black) for bright, black in zip(frames.planes, dark.planes, strict=True)]
+        noise += dark.noise.total.value
+    elif len(planes) == 1:  # several planes have means with different fractions
+        grain = 1.0 / frames.frames
     means = [plane_mean(plane) for plane in planes]
-    filtered = [high_passed(plane, 100.0 / float(np.mean(means))) for plane in planes]
-    level = [plane_mean(plane) for plane in filtered]
-    found = histogram(filtered, level)
-    outliers = outlier_pixels(filtered, level, [light.places(site, MARGIN) for site in range(len(planes))], threshold)
-    noise = light.noise.total.value + dark.noise.total.value
-    return _pattern("light", light, planes, means, filtered, noise, found, outliers)
-
-
-def _pattern(
-    kind: Literal["dark", "light"],
-    frames: MeanPlanes,
-    planes: Sequence[Plane],
-    means: Sequence[float],
-    filtered: Sequence[Plane],
-    noise: float,
-    found: Histogram,
-    outliers: OutlierPixels,
-) -> FramePattern:
     mean = float(np.mean(means))
-    scale = 1.0 if kind == "dark" else 100.0 / mean
+    scale = 1.0 if dark is None else 100.0 / mean
+    filtered = [high_passed(plane, scale) for plane in planes]
+    counted: Sequence[Plane] = planes if dark is None else filtered
+    centres, border = (means, 0) if dark is None else ([plane_mean(plane) for plane in filtered], MARGIN)
     temporal = noise * scale**2
     horizontal, vertical = (spectrogram(planes, axis, scale=scale, temporal=temporal) for axis in (1, 0))
     passed = [spectrogram(filtered, axis, temporal=temporal * pixel_gain()) for axis in (1, 0)]
     along_columns, along_rows = profiles(planes)
     return FramePattern(
-        kind=kind,
+        kind="dark" if dark is None else "light",
         frames=frames.frames,
         exposure_s=frames.exposure_s,
-        unit="DN" if kind == "dark" else "%",
+        unit="DN" if dark is None else "%",
         mean_dn=mean,
         horizontal=horizontal,
         vertical=vertical,
@@ -584,6 +512,8 @@ def _pattern(
         vertical_filtered=passed[1],
         along_columns=along_columns,
         along_rows=along_rows,
-        histogram=found,
-        outliers=outliers,
+        histogram=histogram(counted, centres, grain),
+        outliers=outlier_pixels(
+            counted, centres, [frames.places(site, border) for site in range(len(planes))], threshold
+        ),
     )

@@ -33,12 +33,7 @@ class Passband:
     energy
         Relative spectral energy, not negative and not all 0. A single wavelength is a line.
     centre_nm
-        Nominal wavelength of the band, at which its quantum efficiency is reported.
-
-    Raises
-    ------
-    InputError
-        If a value is negative, all are 0, or the centre lies outside the band.
+        Nominal wavelength, inside the band, at which its quantum efficiency is reported.
 
     Examples
     --------
@@ -55,9 +50,8 @@ class Passband:
         if (values < 0).any() or not (values > 0).any():
             raise InputError("energy", expected="0 or more at every wavelength, and above 0 at one or more")
         if not grid[0] <= self.centre_nm <= grid[-1]:
-            raise InputError(
-                "centre_nm", value=self.centre_nm, expected=f"inside the band, {grid[0]:g} to {grid[-1]:g}"
-            )
+            expected = f"inside the band, {grid[0]:g} to {grid[-1]:g}"
+            raise InputError("centre_nm", value=self.centre_nm, expected=expected)
 
     @classmethod
     def of_energy(cls, energy: Spectrum) -> Passband:
@@ -71,13 +65,9 @@ class Passband:
         grid, values = self.energy.wavelength_nm, self.energy.values
         half = 0.5 * values.max()
         above = np.flatnonzero(values >= half)
-        left, right = above[0], above[-1]
-        low = grid[left] if left == 0 else np.interp(half, values[left - 1 : left + 1], grid[left - 1 : left + 1])
-        high = (
-            grid[right]
-            if right == grid.size - 1
-            else np.interp(half, values[right : right + 2][::-1], grid[right : right + 2][::-1])
-        )
+        rise = slice(max(above[0] - 1, 0), above[0] + 1)  # a single entry at the end of the grid
+        fall = slice(above[-1], above[-1] + 2)
+        low, high = np.interp(half, values[rise], grid[rise]), np.interp(half, values[fall][::-1], grid[fall][::-1])
         return float(high - low)
 
     def moved(self, by_nm: float) -> Passband:
@@ -85,18 +75,10 @@ class Passband:
         return Passband(Spectrum(self.energy.wavelength_nm + by_nm, self.energy.values), self.centre_nm + by_nm)
 
     def quadrature(self, breaks_nm: ArrayLike = ()) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return nodes and weights for integrals over the band.
+        """Return wavelengths and shares (points,) for integrals over the band, weighted with its energy.
 
-        Parameters
-        ----------
-        breaks_nm
-            Wavelengths at which the integrand has kinks. Integrands that are quadratic between these and the band's own
-            entries are integrated exactly.
-
-        Returns
-        -------
-        wavelengths, shares
-            (points,) each. `shares @ f(wavelengths)` is the mean of f, weighted with the band's energy.
+        `shares @ f(wavelengths)` is the mean of f. It is exact if f is quadratic between the band's own entries and
+        `breaks_nm`, where it may have kinks.
         """
         grid, values = self.energy.wavelength_nm, self.energy.values
         if grid.size == 1:
@@ -121,13 +103,7 @@ class Passband:
         return float(photons_from_energy(shares, points).sum())
 
     def mean_responsivity_a_per_w(self, responsivity: Spectrum) -> float:
-        """Return a photodiode's amperes per watt of the band's light.
-
-        Raises
-        ------
-        InputError
-            If the responsivity does not cover the band.
-        """
+        """Return a photodiode's amperes per watt of the band's light, which its responsivity must cover."""
         grid, known = self.energy.wavelength_nm, responsivity.wavelength_nm
         lit = grid[self.energy.values > 0]
         if lit[0] < known[0] or lit[-1] > known[-1]:
@@ -142,11 +118,6 @@ class Passband:
 
 def triangular_passband(centre_nm: float, fwhm_nm: float) -> Passband:
     """Return the band of a monochromator with slits of equal width: a triangle, or a line for width 0.
-
-    Raises
-    ------
-    InputError
-        If the width is negative, or the band would reach 0 nm.
 
     Examples
     --------
@@ -193,17 +164,12 @@ class Photodiode:
     Parameters
     ----------
     responsivity_a_per_w
-        Responsivity over wavelength, linear between entries.
+        Responsivity over wavelength, above 0, linear between entries.
     standard_uncertainty_a_per_w
         (wavelengths,) independent uncertainty of each entry. A common uncertainty goes into
         `SpectralFrames.scale_uncertainty_percent`.
     area_mm2
-        Sensitive area.
-
-    Raises
-    ------
-    InputError
-        If a responsivity or the area is not above 0.
+        Sensitive area, above 0.
     """
 
     responsivity_a_per_w: Spectrum
@@ -227,23 +193,19 @@ class Band:
         Name for messages and figures, such as "550 nm".
     passband
         Spectrum of the light.
-    exposure_s
-        Exposure time.
-    frames
-        The frames.
+    exposure_s, frames
+        Exposure time, and the frames.
     reading
         Photodiode reading at the position of the sensor, less the dark reading: irradiance in W/m2, or current in A.
     photodiode
-        The photodiode, for readings in amperes.
-    in_amperes
-        Whether the reading is a current.
+        The photodiode, for a reading in amperes; None for one in W/m2.
     centre_uncertainty_nm
         Standard uncertainty of the band's wavelength, independent between bands.
 
     Raises
     ------
     InputError
-        If the reading is not above 0, there are no frames, or the photodiode is missing or does not cover the band.
+        If the reading is not above 0, there are no frames, or the photodiode does not cover the band.
     """
 
     name: str
@@ -252,7 +214,6 @@ class Band:
     frames: tuple[FrameSource, ...]
     reading: Measured
     photodiode: Photodiode | None = None
-    in_amperes: bool = False
     centre_uncertainty_nm: float = 0.0
 
     def __post_init__(self) -> None:
@@ -261,9 +222,6 @@ class Band:
             raise InputError("reading", where=self.name, value=self.reading.value, expected="above 0")
         if not self.frames:
             raise InputError("frames", where=self.name, value=(), expected="at least one frame")
-        if self.in_amperes and self.photodiode is None:
-            hint = "A reading in amperes needs the photodiode's area and responsivity"
-            raise InputError("photodiode", where=self.name, value=None, expected="given", hint=hint)
         if not (math.isfinite(self.centre_uncertainty_nm) and self.centre_uncertainty_nm >= 0):
             value = self.centre_uncertainty_nm
             raise InputError("centre_uncertainty_nm", where=self.name, value=value, expected="0 or more")
@@ -272,15 +230,11 @@ class Band:
     def photons_m2(self, moved_nm: float = 0.0) -> Measured:
         """Return the photons per m2 during the exposure, with the uncertainty of the reading.
 
-        Parameters
-        ----------
-        moved_nm
-            Assumed error of the band's wavelength: actual minus nominal.
+        `moved_nm` is an assumed error of the band's wavelength: actual minus nominal.
         """
         band = self.passband.moved(moved_nm)
         watts = 1.0
-        if self.in_amperes and self.photodiode is not None:
-            diode = self.photodiode
+        if (diode := self.photodiode) is not None:
             amperes_per_watt = band.mean_responsivity_a_per_w(diode.responsivity_a_per_w)
             watts = 1.0 / (amperes_per_watt * diode.area_mm2.value * 1e-6)
         scale = watts * band.photons_per_joule * self.exposure_s
@@ -291,9 +245,8 @@ class Band:
 
         Bands that use the same entry share its error.
         """
-        if self.photodiode is None or not self.in_amperes:
+        if (diode := self.photodiode) is None:
             return np.zeros(0)
-        diode = self.photodiode
         known = diode.responsivity_a_per_w.wavelength_nm
         points, shares = self.passband.quadrature(known)
         # The mean responsivity is linear in the entries; each entry contributes through its hat function.
@@ -309,15 +262,13 @@ class SpectralFrames:
     Parameters
     ----------
     bands
-        The bands; sorted by wavelength.
+        The bands, with different centres; sorted by wavelength.
     darks
         Dark frames by exposure time. Each exposure time of a band needs some.
     rows, cols, bits, cfa
         Format of all frames.
     sensor
         The sensor that supplies gain, pixel size and fill factor, or None.
-    photodiode
-        The photodiode, for readings in amperes.
     region
         Evenly lit part of the frame; None for the whole frame.
     scale_uncertainty_percent
@@ -326,11 +277,6 @@ class SpectralFrames:
         Relative standard uncertainty of each exposure time, common to bands of one exposure time.
     source
         Where the measurement was read from.
-
-    Raises
-    ------
-    InputError
-        If two bands have the same centre, or a band's exposure time has no dark frames.
     """
 
     bands: tuple[Band, ...]
@@ -340,7 +286,6 @@ class SpectralFrames:
     bits: int
     cfa: Cfa
     sensor: Sensor | None = None
-    photodiode: Photodiode | None = None
     region: Region | None = None
     scale_uncertainty_percent: float = 0.0
     exposure_uncertainty_percent: float = 0.0

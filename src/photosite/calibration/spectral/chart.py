@@ -34,21 +34,12 @@ class ChartViews:
         (views, channels) measured mean electrons, and the independent uncertainty of each view.
     usable
         (views, channels) False for saturated patches, for example.
-    patch, light
-        (views,) indices of patch and light.
-    light_names
-        Names of the lights.
+    patch, light, light_names
+        (views,) indices of patch and light; names of the lights.
     light_uncertainty_percent
         Relative standard uncertainty of each light's level, common to its views.
-    source
-        Where the measurement was read from.
-    frame_count, frames_sha256
-        Number and digests of the frames.
-
-    Raises
-    ------
-    InputError
-        If shapes do not match or a value is not finite.
+    source, frame_count, frames_sha256
+        Where the measurement was read from; number and digests of the frames.
     """
 
     wavelength_nm: NDArray[np.float64]

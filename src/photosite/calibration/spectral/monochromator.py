@@ -89,9 +89,8 @@ def calibrate_spectral(
         for band, reason in channel.left_out.items()
     ]
     if levels.flicker > 0:
-        warnings.append(
-            f"the light varies by {100 * levels.flicker:.2g} % between frames; the uncertainties include this"
-        )
+        percent = 100 * levels.flicker
+        warnings.append(f"the light varies by {percent:.2g} % between frames; the uncertainties include this")
     return SpectralCalibration(
         channels=channels,
         bands=tuple(_reading(band) for band in frames.bands),
@@ -125,19 +124,9 @@ def _checked_sensor(frames: SpectralFrames, sensor: Sensor | None) -> Sensor:
 
 
 def check_gain_known(sensor: Sensor) -> None:
-    """Check that a sensor's system gain was measured or published.
-
-    Raises
-    ------
-    CalibrationError
-        If the gain is only assumed.
-    """
-    for what, quantity in (
-        ("conversion_gain_uv_per_e", sensor.pixel.conversion_gain_uv_per_e),
-        ("voltage_swing_v", sensor.pixel.voltage_swing_v),
-        ("analog_gain", sensor.readout.analog_gain),
-    ):
-        if quantity.assumed:
+    """Raise `CalibrationError` if a sensor's system gain was neither measured nor published, but assumed."""
+    for what in ("conversion_gain_uv_per_e", "voltage_swing_v", "analog_gain"):
+        if sensor.measured(what).assumed:
             raise CalibrationError(
                 what,
                 where=f"sensor '{sensor.name}'",
@@ -147,11 +136,9 @@ def check_gain_known(sensor: Sensor) -> None:
 
 
 def _reading(band: Band) -> BandReading:
-    photons = band.photons_m2()
-    return BandReading(
-        band.name, band.passband.centre_nm, band.passband.fwhm_nm, band.exposure_s, photons.value,
-        photons.standard_uncertainty,
-    )  # fmt: skip
+    photons, light = band.photons_m2(), band.passband
+    uncertainty = photons.standard_uncertainty
+    return BandReading(band.name, light.centre_nm, light.fwhm_nm, band.exposure_s, photons.value, uncertainty)
 
 
 def _channel(
@@ -182,7 +169,7 @@ def _channel(
         smooth = smooth_positive_estimate(matrix, mean, alone, centres, relative=readings)
         efficiency, covariance = smooth.mean, smooth.covariance
     covariance = covariance + np.diag(_wavelength_variance(efficiency, centres, used))
-    relative = math.hypot(common_relative_uncertainty(sensor), _diode_relative(frames))
+    relative = math.hypot(common_relative_uncertainty(sensor), _scale_relative(frames))
     covariance = covariance + relative**2 * np.outer(efficiency, efficiency)
     result = ChannelEfficiency(
         wavelength_nm=centres,
@@ -208,17 +195,13 @@ def _reading_relative(bands: tuple[Band, ...], frames: SpectralFrames) -> NDArra
     """Return the relative covariance (bands, bands) due to readings, the photodiode's table and the shutter."""
     reading = np.array([band.reading.standard_uncertainty / band.reading.value for band in bands])
     relative = np.diag(reading**2)
-    entries = max(band.diode_deviations().size for band in bands)
-    if entries:
-        deviations = np.zeros((len(bands), entries))
-        for row, band in enumerate(bands):
-            found = band.diode_deviations()
-            deviations[row, : found.size] = found
+    found = [band.diode_deviations() for band in bands]
+    if entries := max(each.size for each in found):
+        deviations = np.stack([np.pad(each, (0, entries - each.size)) for each in found])
         relative = relative + deviations @ deviations.T
     exposures = np.array([band.exposure_s for band in bands])
     shutter = frames.exposure_uncertainty_percent / 100
-    relative = relative + shutter**2 * (exposures[:, None] == exposures[None, :])
-    return np.asarray(relative)
+    return np.asarray(relative + shutter**2 * (exposures[:, None] == exposures[None, :]))
 
 
 def _wavelength_variance(
@@ -239,24 +222,14 @@ def _wavelength_variance(
 
 def common_relative_uncertainty(sensor: Sensor) -> float:
     """Return the relative standard uncertainty that gain and pixel give all quantum efficiencies of a sensor."""
-    pixel = sensor.pixel
-    quantities = (
-        pixel.conversion_gain_uv_per_e,
-        pixel.voltage_swing_v,
-        sensor.readout.analog_gain,
-        pixel.width_um,
-        pixel.height_um,
-        pixel.fill_factor,
-    )
-    return math.hypot(*map(_relative, quantities))
+    names = ("conversion_gain_uv_per_e", "voltage_swing_v", "analog_gain", "width_um", "height_um", "fill_factor")
+    return math.hypot(*(_relative(sensor.measured(name)) for name in names))
 
 
-def _diode_relative(frames: SpectralFrames) -> float:
+def _scale_relative(frames: SpectralFrames) -> float:
     """Return the relative standard uncertainty common to all readings."""
-    area = 0.0
-    if frames.photodiode is not None and any(band.in_amperes for band in frames.bands):
-        area = _relative(frames.photodiode.area_mm2)
-    return math.hypot(area, frames.scale_uncertainty_percent / 100)
+    areas = {_relative(band.photodiode.area_mm2) for band in frames.bands if band.photodiode is not None}
+    return math.hypot(max(areas, default=0.0), frames.scale_uncertainty_percent / 100)
 
 
 def _relative(quantity: Measured) -> float:
@@ -267,22 +240,16 @@ def _check_possible(name: str, channel: ChannelEfficiency, frames: SpectralFrame
     """Reject quantum efficiencies outside 0 to 1 beyond their uncertainty."""
     value, uncertainty = channel.quantum_efficiency, channel.standard_uncertainty
     high = int(np.argmax(value - 1.0 - _SIGNIFICANT * uncertainty))
-    if value[high] - 1.0 > _SIGNIFICANT * uncertainty[high]:
-        raise CalibrationError(
-            f"the quantum efficiency at {channel.wavelength_nm[high]:g} nm",
-            where=f"{frames.source}: channel {name}",
-            value=float(f"{value[high]:.3g}"),
-            expected="at most 1",
-            hint="Check the unit of the readings (W/m2 or A), the exposure times, and the sensor's pixel size and gain",
-        )
     # With many bands without response, some are below 0 by chance. The limit is for all bands together.
     limit = _SIGNIFICANT + math.sqrt(2 * math.log(value.size))
     low = int(np.argmin(value + limit * uncertainty))
-    if value[low] < -limit * uncertainty[low]:
-        raise CalibrationError(
-            f"the quantum efficiency at {channel.wavelength_nm[low]:g} nm",
-            where=f"{frames.source}: channel {name}",
-            value=float(f"{value[low]:.3g}"),
-            expected=f"0 or more within its uncertainty of {uncertainty[low]:.2g}",
-            hint="Check that the dark frames were taken without light, with the same exposure time and gain",
-        )
+    if value[high] - 1.0 > _SIGNIFICANT * uncertainty[high]:
+        place, expected = high, "at most 1"
+        hint = "Check the unit of the readings (W/m2 or A), the exposure times, and the sensor's pixel size and gain"
+    elif value[low] < -limit * uncertainty[low]:
+        place, expected = low, f"0 or more within its uncertainty of {uncertainty[low]:.2g}"
+        hint = "Check that the dark frames were taken without light, with the same exposure time and gain"
+    else:
+        return
+    what, where = f"the quantum efficiency at {channel.wavelength_nm[place]:g} nm", f"{frames.source}: channel {name}"
+    raise CalibrationError(what, where=where, value=float(f"{value[place]:.3g}"), expected=expected, hint=hint)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from photosite.sensor.model import Channel, Sensor
 from photosite.values.measured import COVERAGE_95
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class BandReading:
@@ -32,35 +34,31 @@ class ChannelEfficiency:
 
     Parameters
     ----------
-    wavelength_nm
-        (n,) wavelengths of the values.
-    quantum_efficiency
-        (n,) estimates. Noise may make values near 0 negative.
+    wavelength_nm, quantum_efficiency
+        (n,) wavelengths, and estimates. Noise may make values near 0 negative.
     covariance
         (n, n) covariance, including common uncertainties.
     band_mean
         (n,) mean over each band's photons, before the correction for the bandwidth; None for a chart.
     common_relative_uncertainty
         Relative uncertainty that scales all values of all channels together: gain, pixel, photodiode.
-    method
-        Method of estimation.
-    left_out
-        Bands that this channel could not use, with the reason.
+    method, left_out
+        Method of estimation, and bands that this channel could not use, with the reason.
     shortest_95
         (n,) and (n,) lower and upper ends of the 95 % interval if it is not symmetric; else None.
     """
 
-    wavelength_nm: NDArray[np.float64]
-    quantum_efficiency: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    band_mean: NDArray[np.float64] | None
+    wavelength_nm: Array
+    quantum_efficiency: Array
+    covariance: Array
+    band_mean: Array | None
     common_relative_uncertainty: float
     method: str
     left_out: Mapping[str, str] = field(default_factory=dict)
-    shortest_95: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    shortest_95: tuple[Array, Array] | None = None
 
     @property
-    def interval_95(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def interval_95(self) -> tuple[Array, Array]:
         """Lower and upper ends (n,) of the 95 % interval at each wavelength."""
         if self.shortest_95 is not None:
             return self.shortest_95
@@ -68,17 +66,15 @@ class ChannelEfficiency:
         return self.quantum_efficiency - half, self.quantum_efficiency + half
 
     @property
-    def standard_uncertainty(self) -> NDArray[np.float64]:
+    def standard_uncertainty(self) -> Array:
         """Standard uncertainty (n,) of each value."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def as_channel(self, source: str) -> Channel:
         """Return the channel of a sensor file. Values outside 0 to 1 (within their uncertainty) become 0 or 1."""
         value = self.quantum_efficiency
-        outside = [
-            f"{nm:g} nm ({q:.2g})" for nm, q in zip(self.wavelength_nm, value, strict=True) if not 0.0 <= q <= 1.0
-        ]
-        if outside:
+        known = zip(self.wavelength_nm, value, strict=True)
+        if outside := [f"{nm:g} nm ({q:.2g})" for nm, q in known if not 0.0 <= q <= 1.0]:
             source += f"; clipped to 0 to 1, within its uncertainty, at {', '.join(outside)}"
         return Channel(
             wavelength_nm=tuple(self.wavelength_nm.tolist()),
@@ -109,18 +105,12 @@ class SpectralCalibration:
     ----------
     channels
         Result per colour channel.
-    bands
-        The bands of light, sorted by wavelength; empty for a chart.
-    light
-        Description of the light.
+    bands, light
+        The bands of light, sorted by wavelength, or empty for a chart; description of the light.
     base
         The sensor that supplied gain and pixel.
-    source
-        Where the measurement was read from.
-    frame_count
-        Number of frames read.
-    frames_sha256
-        One digest per frame.
+    source, frame_count, frames_sha256
+        Where the measurement was read from, number of frames, and one digest per frame.
     warnings
         Warnings for the user.
     """

@@ -17,6 +17,10 @@ from photosite.errors import CalibrationError, FileError
 from photosite.frames.frame_set import FrameSource
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_names, shifted
+from photosite.values.region import Region
+
+_Pairs = list[tuple[tuple[Level, ...], tuple[Level, ...]]]
+"""Levels of each band's light frames and dark frames, by channel."""
 
 _NEAR_FULL = 3.0
 """Standard deviations of a pixel by which a mean must stay below the well capacity."""
@@ -28,10 +32,9 @@ class SpectralSignals:
 
     Parameters
     ----------
-    signal_dn
-        (channels, bands) mean above the dark.
-    covariance_dn2
-        (channels, bands, bands) covariance: frame noise, flicker, and dark frames that bands share.
+    signal_dn, covariance_dn2
+        (channels, bands) mean above the dark, and its covariance (channels, bands, bands): frame noise, flicker, and
+        dark frames that bands share.
     reasons
         Why a channel cannot use a band, by channel and band; empty if it can.
     flicker
@@ -53,19 +56,15 @@ class _Reader:
     def __init__(self, frames: SpectralFrames, progress: Callable[[int, int], None] | None) -> None:
         self._frames = frames
         self._progress = progress
-        self._done = 0
-        region = frames.region
-        self._rows = slice(0, frames.rows) if region is None else slice(region.r0, region.r1)
-        self._cols = slice(0, frames.cols) if region is None else slice(region.c0, region.c1)
+        self._region = region = frames.region or Region("frame", 0, frames.rows, 0, frames.cols)
         names = channel_names(frames.cfa)
-        tile = shifted(frames.cfa, self._rows.start, self._cols.start)
-        self._shape = (self._rows.stop - self._rows.start, self._cols.stop - self._cols.start)
+        tile = shifted(frames.cfa, region.r0, region.c0)
         self._labels = np.array([[names.index(name) for name in row] for row in tile], np.int64)
         self.sha256: list[str] = []
 
     def levels(self, sources: tuple[FrameSource, ...]) -> tuple[Level, ...]:
-        white = (1 << self._frames.bits) - 1
-        sums = FrameSums(self._shape, self._labels, white=white)
+        region = self._region
+        sums = FrameSums(region.shape, self._labels, white=(1 << self._frames.bits) - 1)
         seen: dict[str, str] = {}
         for source in sources:
             dn = source.read()
@@ -74,30 +73,20 @@ class _Reader:
                 raise FileError(source.name, "the frame's shape", value=dn.shape, expected=expected)
             digest = hashlib.sha256(np.ascontiguousarray(dn, dtype="<u2").data).hexdigest()
             if digest in seen:
-                raise FileError(
-                    source.name, f"the frame equals {seen[digest]} in every pixel", hint="Remove one of them"
-                )
+                what = f"the frame equals {seen[digest]} in every pixel"
+                raise FileError(source.name, what, hint="Remove one of them")
             seen[digest] = source.name
             self.sha256.append(digest)
-            sums.add(np.ascontiguousarray(dn[self._rows, self._cols]))
-            self._done += 1
+            sums.add(np.ascontiguousarray(dn[region.r0 : region.r1, region.c0 : region.c1]))
             if self._progress is not None:
-                self._progress(self._done, self._frames.frame_count)
+                self._progress(len(self.sha256), self._frames.frame_count)
         return tuple(Level.of(totals) for totals in sums.label_totals())
 
 
 def read_signals(
     frames: SpectralFrames, sensor: Sensor, progress: Callable[[int, int], None] | None = None
 ) -> SpectralSignals:
-    """Read a spectral measurement's frames.
-
-    Raises
-    ------
-    FileError
-        If a frame cannot be read, has a different size, or repeats another frame.
-    CalibrationError
-        If dark frames are clipped at 0, or a channel has too few pixels in the region.
-    """
+    """Read a spectral measurement's frames; errors as for `calibrate_spectral`."""
     reader = _Reader(frames, progress)
     darks = {exposure_s: reader.levels(sources) for exposure_s, sources in sorted(frames.darks.items())}
     _check_darks(frames, darks)
@@ -140,11 +129,8 @@ def _black_shift2(darks: dict[float, tuple[Level, ...]]) -> float:
     return max(sum(value * weight for value, weight in found) / total, 0.0) if total else 0.0
 
 
-def _flicker2(paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]], black_shift2: float) -> float:
-    """Return the relative variance of the light between frames, fitted to the frame shifts by least squares.
-
-    A negative variance estimate is not distinguishable from a steady lamp and becomes 0.
-    """
+def _flicker2(paired: _Pairs, black_shift2: float) -> float:
+    """Return the relative variance of the light between frames, fitted by least squares; 0 if it is negative."""
     above = below = 0.0
     for light, dark in paired:
         for level, black in zip(light, dark, strict=True):
@@ -163,11 +149,7 @@ def _mean_variance(level: Level) -> float:
 
 
 def _covariance(
-    bands: tuple[Band, ...],
-    paired: list[tuple[tuple[Level, ...], tuple[Level, ...]]],
-    channel: int,
-    flicker2: float,
-    black_shift2: float,
+    bands: tuple[Band, ...], paired: _Pairs, channel: int, flicker2: float, black_shift2: float
 ) -> NDArray[np.float64]:
     """Return the covariance (bands, bands), DN^2. Bands of one exposure time share their dark frames."""
     result = np.zeros((len(bands), len(bands)))

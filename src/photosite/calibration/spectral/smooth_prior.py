@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from photosite.engine.truncated_normal import positive_normal_draws
 from photosite.errors import InputError
 
+Array = NDArray[np.float64]
+
 LENGTHS_NM = tuple(np.geomspace(15.0, 50.0, 6).tolist())
 """Correlation lengths of the grid.
 
@@ -44,10 +46,8 @@ class SmoothEstimate:
 
     Parameters
     ----------
-    wavelength_nm
-        (n,).
-    mean, covariance
-        (n,) and (n, n) of the posterior.
+    wavelength_nm, mean, covariance
+        (n,), (n,) and (n, n): wavelengths, and the posterior there.
     lower_95, upper_95
         (n,) shortest interval with 95 % of the posterior at each wavelength. It starts at 0 if 0 is plausible.
     length_nm, spread, misfit
@@ -56,11 +56,11 @@ class SmoothEstimate:
         Number of independent parameters that the measurements determine; the prior determines the others.
     """
 
-    wavelength_nm: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    lower_95: NDArray[np.float64]
-    upper_95: NDArray[np.float64]
+    wavelength_nm: Array
+    mean: Array
+    covariance: Array
+    lower_95: Array
+    upper_95: Array
     length_nm: float
     spread: float
     misfit: float
@@ -75,16 +75,16 @@ class _Setting:
     spread: float
     misfit: float
     log_evidence: float
-    axes: NDArray[np.float64]
-    pulled: NDArray[np.float64]
-    keep: NDArray[np.float64]
+    axes: Array
+    pulled: Array
+    keep: Array
 
     @property
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Array:
         return np.asarray(self.spread**2 * (self.axes @ (self.keep * self.pulled)))
 
     @property
-    def factor(self) -> NDArray[np.float64]:
+    def factor(self) -> Array:
         """Factor of the posterior's covariance: factor @ factor.T."""
         return np.asarray(self.spread * self.axes * np.sqrt(self.keep))
 
@@ -94,12 +94,12 @@ class _Setting:
 
 
 def smooth_positive_estimate(
-    design: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    wavelength_nm: NDArray[np.float64],
+    design: Array,
+    measured: Array,
+    covariance: Array,
+    wavelength_nm: Array,
     *,
-    relative: NDArray[np.float64] | None = None,
+    relative: Array | None = None,
     groups: NDArray[np.int64] | None = None,
     seed: int = 0,
     draws: int = 4000,
@@ -123,14 +123,8 @@ def smooth_positive_estimate(
     groups
         (m,) integers. Measurements of one group, such as a patch under several lights, share half of the variance due
         to errors of the light. None: the light is exact, and no misfit is estimated.
-    seed
-        Seed of the draws.
-    draws
-        Number of posterior draws.
-
-    Returns
-    -------
-    SmoothEstimate
+    seed, draws
+        Seed and number of the posterior draws.
 
     Raises
     ------
@@ -189,12 +183,7 @@ def smooth_positive_estimate(
     )
 
 
-def _check(
-    design: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    wavelength_nm: NDArray[np.float64],
-) -> None:
+def _check(design: Array, measured: Array, covariance: Array, wavelength_nm: Array) -> None:
     m, n = design.shape
     if measured.shape != (m,) or covariance.shape != (m, m) or wavelength_nm.shape != (n,):
         raise InputError(
@@ -205,25 +194,24 @@ def _check(
     if not all(np.isfinite(values).all() for values in (design, measured, covariance)):
         raise InputError("design, measured and covariance", expected="finite")
     if not (design.sum() > 0 and measured.sum() > 0):
-        raise InputError(
-            "the sums of design and measured", expected="above 0", hint="The measurements contain no light"
-        )
+        hint = "The measurements contain no light"
+        raise InputError("the sums of design and measured", expected="above 0", hint=hint)
 
 
-def _matern(wavelength_nm: NDArray[np.float64], length_nm: float) -> NDArray[np.float64]:
+def _matern(wavelength_nm: Array, length_nm: float) -> Array:
     """Correlation (1 + s) exp(-s), s = sqrt(3) distance / length."""
     scaled = np.sqrt(3.0) * np.abs(wavelength_nm[:, None] - wavelength_nm) / length_nm
     return np.asarray((1.0 + scaled) * np.exp(-scaled) + _JITTER * np.eye(wavelength_nm.size))
 
 
-def _weights(settings: list[_Setting]) -> NDArray[np.float64]:
+def _weights(settings: list[_Setting]) -> Array:
     """Return the normalised marginal likelihoods (settings,)."""
     evidence = np.array([setting.log_evidence for setting in settings])
     weights = np.exp(evidence - evidence.max())
     return np.asarray(weights / weights.sum())
 
 
-def _common_part(relative: NDArray[np.float64]) -> float:
+def _common_part(relative: Array) -> float:
     """Return the largest variance common to all; the rest is still a valid covariance."""
     scale = float(np.trace(relative)) / len(relative)
     if scale == 0.0:
@@ -234,11 +222,8 @@ def _common_part(relative: NDArray[np.float64]) -> float:
 
 
 def _noises(
-    covariance: NDArray[np.float64],
-    expected: NDArray[np.float64],
-    relative: NDArray[np.float64] | None,
-    groups: NDArray[np.int64] | None,
-) -> tuple[NDArray[np.float64], ...]:
+    covariance: Array, expected: Array, relative: Array | None, groups: NDArray[np.int64] | None
+) -> tuple[Array, ...]:
     """Return the covariance of the measurements, one for each misfit of the grid."""
     products = np.outer(expected, expected)
     known = covariance if relative is None else covariance + relative * products
@@ -248,12 +233,7 @@ def _noises(
     return tuple(known + misfit**2 * products * alike for misfit in MISFITS)
 
 
-def _settings(
-    design: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    noises: tuple[NDArray[np.float64], ...],
-    wavelength_nm: NDArray[np.float64],
-) -> Iterator[_Setting]:
+def _settings(design: Array, measured: Array, noises: tuple[Array, ...], wavelength_nm: Array) -> Iterator[_Setting]:
     """Yield every combination of the grid, with evidence and posterior of the normal model before truncation."""
     unit = float(measured.sum() / design.sum())
     roots = {length: np.linalg.cholesky(_matern(wavelength_nm, length)) for length in LENGTHS_NM}
@@ -270,13 +250,10 @@ def _settings(
                 spread = relative * unit
                 keep = 1.0 / (1.0 + spread**2 * information)
                 evidence = constant + 0.5 * float(np.sum(spread**2 * keep * pulled**2) + np.sum(np.log(keep)))
-                yield _Setting(
-                    length, spread, misfit, evidence,
-                    axes, pulled, keep,
-                )  # fmt: skip
+                yield _Setting(length, spread, misfit, evidence, axes, pulled, keep)
 
 
-def _shortest(sample: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _shortest(sample: Array) -> tuple[Array, Array]:
     """Return, per column, the shortest interval with 95 % of the draws; from 0 if it would begin at the lowest draw."""
     ordered = np.sort(sample, axis=0)
     inside = int(np.ceil(_PROBABILITY * len(ordered)))
