@@ -13,10 +13,10 @@ LINES = 500
 
 @pytest.mark.parametrize("count", [1, 8])
 def test_false_alarms_for_independent_lines(count) -> None:
-    """2000 profiles; binomial at 1e-4 with twice the rate, because the background is the median of 65 frequencies."""
+    """1000 profiles; binomial at 1e-4 with twice the rate, because the background is the median of 65 frequencies."""
     rng = np.random.default_rng(1)
-    alarms = sum(bool(find_bands(rng.normal(0, 1, (count, LINES)))) for _ in range(2000))
-    assert alarms <= stats.binom.isf(1e-4, 2000, 2 * FALSE_ALARMS)
+    alarms = sum(bool(find_bands(rng.normal(0, 1, (count, LINES)))) for _ in range(1000))
+    assert alarms <= stats.binom.isf(1e-4, 1000, 2 * FALSE_ALARMS)
 
 
 @pytest.mark.parametrize("cycles", [12, 100, 229])

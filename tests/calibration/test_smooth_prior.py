@@ -9,7 +9,7 @@ from photosite.calibration.spectral.smooth_prior import _matern, smooth_positive
 from photosite.engine.truncated_normal import positive_normal_draws
 from photosite.errors import InputError
 
-NM = np.arange(400.0, 701.0, 10.0)
+NM = np.arange(400.0, 701.0, 20.0)
 
 
 def _response(rng, length_nm=30.0):
@@ -114,7 +114,7 @@ def test_common_error_widens_but_does_not_bias(relative):
         smooth_positive_estimate(design, measured, np.diag(noise**2), NM, relative=factor)
         for factor in (None, np.full((30, 30), relative**2))
     )
-    total = NM == 550.0
+    total = NM == 560.0
     value, widened = alone.mean[total][0], both.mean[total][0]
     assert widened == pytest.approx(value, rel=0.04)
     own = alone.covariance[total, total][0] / value**2
