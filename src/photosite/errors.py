@@ -40,11 +40,9 @@ class Spelling(Protocol):
 
     def name(self, field: str) -> str:
         """Return the name of an argument."""
-        ...
 
     def argument(self, field: str, value: Any) -> str:
         """Return an argument with its value."""
-        ...
 
 
 class PythonSpelling:
@@ -119,13 +117,7 @@ class _Fields(Exception):  # noqa: N818 - shared by errors and warnings
         return {name: getattr(self, name) for name in names}
 
     def format(self, spelling: Spelling = _PYTHON) -> str:
-        """Return the message, one line.
-
-        Parameters
-        ----------
-        spelling
-            How the user's interface writes arguments.
-        """
+        """Return the message, one line; `spelling` is how the user's interface writes arguments."""
         text = self.what if self.expected is None else f"{self._field(spelling)} must be {self.expected}"
         if self.value is not NOT_GIVEN:
             text += f", got {_short(self.value)}"
@@ -157,17 +149,14 @@ class PhotositeError(_Fields):
     def in_file(
         self, path: str | PathLike[str], line: int | None = None, spelling: Spelling | None = None
     ) -> FileError:
-        """Return this error as that of a file's content.
-
-        `where` is kept: it is the section inside the file.
+        """Return this error as that of a file's content; `where` becomes the section inside the file.
 
         Parameters
         ----------
         path, line
             As for `FileError`.
         spelling
-            How arguments are written in that file. None: the hint's placeholders are kept, to be filled by the
-            interface.
+            How the file writes arguments; None: the hint's placeholders are kept, to be filled by the interface.
 
         Examples
         --------
@@ -203,13 +192,9 @@ class FileError(PhotositeError):
 
     Parameters
     ----------
-    path
-        The file.
-    what
-        As for the other exceptions.
-    line
-        The line of the file, counted from 1, where known.
-    **fields
+    path, line
+        The file, and its line counted from 1, where known.
+    what, **fields
         As for the other exceptions; `where` is the section inside the file.
     """
 
@@ -258,6 +243,18 @@ def _short(value: Any) -> str:
         value = value.item()
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+
+
+def message_of(error: Exception) -> str:
+    """Return another library's message on one line, shortened; the name of its class where it has none.
+
+    Examples
+    --------
+    >>> message_of(ValueError("damaged\\n  header")), message_of(KeyError()), message_of(OSError(13, "No access"))
+    ('damaged header', 'KeyError', 'No access')
+    """
+    text = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+    return text[:200] or type(error).__name__
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -12,12 +12,12 @@ from photosite.sensor.io.maps_file import load_measured_chip
 
 
 def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack: Path, tmp_path: Path) -> None:
-    """The offsets of the simulated darks are those of the chip that was shot: correlation of 0.7 and more."""
-    done = photosite("calibrate", stack, "--maps", "--json", "-o", tmp_path / "mine.sensor.yaml")
+    """The offsets of the simulated dark frames are those of the chip that was shot: correlation of 0.7 and more."""
+    done = photosite("calibrate", stack, "--maps", "-o", tmp_path / "mine.sensor.yaml")
     assert done.status == 0, done.err
-    assert Path(done.json["maps"]) == tmp_path / "mine.maps.h5"
-    assert set(done.json["defects"]) == {"hot", "offset", "dead", "response", "blinking", "noisy"}
-    assert done.json["temporal"]["pixel_noise_dn"]["value"] > 0
+    for words in ("row noise", "excess kurtosis", "Tukey lambda (0.1356: normal)", "defective pixels", "blinking"):
+        assert words in done.out
+    assert done.out.endswith(f"wrote {tmp_path / 'mine.maps.h5'}\n")
     sensor = ps.load_sensor(tmp_path / "mine.sensor.yaml")
     assert load_measured_chip(sensor) is not None
     camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
@@ -26,10 +26,3 @@ def test_maps_lie_beside_the_sensor_file_and_are_simulated(photosite: Any, stack
     shot = ps.open_frames(stack).of_kind("dark")[0]
     mean = np.mean(list(shot), axis=0)
     assert np.corrcoef(simulated.ravel(), mean.ravel())[0, 1] > 0.7
-
-
-def test_a_run_for_people_shows_noise_and_defects(photosite: Any, stack: Path) -> None:
-    done = photosite("calibrate", stack, "--maps")
-    assert done.status == 0, done.err
-    for words in ("row noise", "excess kurtosis", "Tukey lambda (0.1356: normal)", "defective pixels", "blinking"):
-        assert words in done.out

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import photosite as ps
 from photosite.errors import FileError
 
+if TYPE_CHECKING:
+    from photosite.studies.closed_loop.study import ClosedLoop
+
 SMALL = ("--rows", 66, "--cols", 98)
 
 
+@pytest.fixture
+def measured_before(monkeypatch: pytest.MonkeyPatch, loop: ClosedLoop) -> None:
+    """Replace the closed loop by the shared result of a smaller one."""
+
+    def made(sensor: object, *, folder: Path, **options: object) -> ClosedLoop:
+        folder.mkdir()
+        return loop
+
+    monkeypatch.setattr("photosite.studies.closed_loop.study.closed_loop", made)
+
+
+@pytest.mark.usefixtures("measured_before")
 def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
     done = photosite("demo", "--rows", 132, "--cols", 196, "-o", tmp_path / "demo", "--json")
     assert done.status == 0
@@ -22,7 +37,7 @@ def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
     assert {file.name for file in report.parent.iterdir()} == {"report.html", "calibrated.sensor.yaml"}
     gain = done.json["parameters"]["system_gain_dn_per_e"]
     for name, row in done.json["parameters"].items():
-        assert set(row) == {"true", "estimated", "standard_uncertainty"}, name
+        assert {"true", "estimated", "standard_uncertainty"} <= set(row), name
     assert abs(gain["estimated"] - gain["true"]) < 5 * gain["standard_uncertainty"] < 0.05 * gain["true"]
     assert "black level raised" in done.err
 
@@ -30,6 +45,8 @@ def test_json_and_files(photosite: Any, tmp_path: Path) -> None:
 def test_table_again_in_the_same_folder_with_frames_kept(
     photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The whole loop, with all frames of the paper."""
+
     def written(result: object, path: Path) -> None:
         path.write_text("of this time", encoding="utf-8")
 
@@ -46,6 +63,7 @@ def test_table_again_in_the_same_folder_with_frames_kept(
     assert done.out.splitlines()[-1] == f"report: {tmp_path / 'report.html'}"
 
 
+@pytest.mark.usefixtures("measured_before")
 def test_nothing_new_after_a_failure(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A report that cannot be written leaves no sensor file beside it, and no folder that was not there."""
 

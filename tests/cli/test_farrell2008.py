@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,10 +27,15 @@ def test_writes_page_numbers_and_figures(photosite: Any, tmp_path: Path) -> None
     assert {path.name for path in folder.iterdir()} == {"farrell2008.html", "results.json", "figures"}
 
 
-def test_says_where_things_are(photosite: Any, tmp_path: Path) -> None:
-    shown = photosite("reproduce", "farrell2008", "-o", tmp_path / "out", "--only", "table1")
+def test_says_where_things_are(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = SimpleNamespace(seconds={"table1": 1.6, "figure4": 1.6}, to_dict=dict)
+    monkeypatch.setattr("photosite.studies.farrell2008.study.reproduce", lambda *arguments: study)
+    monkeypatch.setattr("photosite.studies.farrell2008.page.page.write_study", lambda study, place: None)
+    shown = photosite("reproduce", "farrell2008", "-o", tmp_path / "out")
     assert shown.status == 0
-    assert f"page: {tmp_path / 'out' / 'farrell2008.html'}" in shown.out
+    places = {"page": "farrell2008.html", "numbers": "results.json", "figures": "figures"}
+    lines = [f"{what}: {tmp_path / 'out' / name}" for what, name in places.items()]
+    assert shown.out.splitlines() == [*lines, "3 s"]
 
 
 def test_a_folder_that_holds_something_is_left_alone(photosite: Any, tmp_path: Path) -> None:

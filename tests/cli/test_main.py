@@ -13,7 +13,7 @@ import pytest
 
 import photosite as ps
 from photosite.cli import main
-from photosite.cli.main import COMMANDS
+from photosite.cli.main import COMMANDS, load_command
 from photosite.errors import PhotositeWarning
 
 
@@ -36,8 +36,8 @@ def test_help_imports_nothing_heavy() -> None:
 
 def _leaves() -> list[tuple[str, click.Command]]:
     found = []
-    for name, entry in COMMANDS.items():
-        command = importlib.import_module(f"photosite.cli.{entry.module}").command
+    for name in COMMANDS:
+        command = load_command(name)
         found.append((name, command))
         if isinstance(command, click.Group):
             found += [(f"{name} {sub}", command.commands[sub]) for sub in command.commands]
@@ -64,7 +64,9 @@ def test_version(photosite: Any) -> None:
         (["sensors", "lst"], "Did you mean 'list'?"),
         (["sensors", "zzz"], "Known are: list, show"),
         (["simulate", "--sead", "3"], "--seed"),
-        (["simulate", "--seed", "-1"], "--seed"),
+        (["simulate", "--seed", "-1"], "--seed must be a whole number, 0 to 2^64-1, got -1"),
+        (["shoot", "--rows", "x"], "--rows must be a whole number, 1 or more, got x"),
+        (["compare", "a.csv", "--unit", "v"], "--unit must be one of e, dn, got 'v'"),
         (["shoot"], "--output"),
     ],
 )

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
+
 from photosite.cli.reproduce import CONDITION_NAMES
 from photosite.studies.coverage.conditions import CONDITIONS
+from photosite.studies.farrell2008 import fill_factor
 
 
 def test_coverage(photosite: Any) -> None:
@@ -43,11 +46,13 @@ def test_wrong_calls_are_one_line(photosite: Any) -> None:
         assert said in wrong.err
 
 
-def test_fill_factor(photosite: Any) -> None:
+def test_fill_factor(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = tuple(fill_factor.recovery_study(range(1)))
+    monkeypatch.setattr(fill_factor, "recovery_study", lambda seeds, progress: found)
     shown = photosite("reproduce", "fill-factor", "--seeds", "1")
     assert shown.status == 0
     assert "Nikon D200" in shown.out
     assert "100 %" in shown.out
-    found = json.loads(photosite("reproduce", "fill-factor", "--seeds", "1", "--json").out)
-    assert set(found) == {"d200", "vendor"}
-    assert found["d200"]["passes"]
+    content = json.loads(photosite("reproduce", "fill-factor", "--seeds", "1", "--json").out)
+    assert set(content) == {"d200", "vendor"}
+    assert content["d200"]["passes"]

@@ -20,11 +20,7 @@ def masked_dng(path, *, black, border=70, masked=(0, 0, 60, 6, 0, 6, 4, 70)):
     dn = np.random.default_rng(4).integers(60, 4000, (60, 70)).astype(np.uint16)
     dn[:, :6] = border
     dn[:4, 6:] = border
-    raw = {
-        REPEAT: None,
-        BLACK_LEVEL: None if black is None else (SHORT, [black]),
-        MASKED_AREAS: (LONG, list(masked)),
-    }
+    raw = {REPEAT: None, BLACK_LEVEL: None if black is None else (SHORT, [black]), MASKED_AREAS: (LONG, list(masked))}
     path.write_bytes(hand_made_dng(dn, area=[4, 6, 60, 70], raw=raw))
     return dn[4:, 6:]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -107,26 +108,26 @@ def test_the_d200_at_full_size(tmp_path):
     assert np.array_equal(read_raw(tmp_path / "d200.dng").dn, frame.dn)
 
 
-@pytest.mark.parametrize("cfa", BAYER)
-def test_libraw_uses_the_colour_matrix(tmp_path, cfa):
+def test_libraw_uses_the_colour_matrix(tmp_path):
     """LibRaw's camera to sRGB is the inverse of (XYZ to camera)(sRGB to XYZ), its rows summing to 1.
 
     The rows are in the tile's order of channels, so that confused planes and channels show. The camera is called
     Nikon D200 because LibRaw has its own matrix and white level for that name.
     """
-    tile = cfa_from(cfa)
-    frame = make_frame((30, 30), 12, cfa, metadata=MappingProxyType({"camera": "Nikon D200"}))
-    rows = ["RGB".index(name) for name in frame.channels]
     neutral = [0.75, 1.0, 0.3125]
-    metadata = MappingProxyType({**frame.metadata, "as_shot_neutral": ",".join(map(str, neutral))})
-    frame = RawFrame(frame.dn, bits=12, cfa=tile, color_matrix=MATRIX_RGB[rows], metadata=metadata)
-    (seen,) = in_a_fresh_process([saved(tmp_path / "a.dng", frame)])
+    metadata = {"camera": "Nikon D200", "as_shot_neutral": ",".join(map(str, neutral))}
+    paths = []
+    for cfa in BAYER:
+        frame = make_frame((30, 30), 12, cfa, metadata=metadata)
+        rows = ["RGB".index(name) for name in frame.channels]
+        paths.append(saved(tmp_path / f"{cfa}.dng", replace(frame, color_matrix=MATRIX_RGB[rows])))
     to_camera = MATRIX_RGB @ SRGB_TO_XYZ
     to_camera /= to_camera.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(seen["to_srgb"], np.linalg.inv(to_camera), rtol=0, atol=2e-6)
-    assert not np.any(seen["xyz_to_camera"])  # LibRaw's own table is not used
-    assert seen["white"] == 4095
-    np.testing.assert_allclose(seen["balance"], 1 / np.array(neutral), rtol=1e-6)
+    for seen in in_a_fresh_process(paths):
+        np.testing.assert_allclose(seen["to_srgb"], np.linalg.inv(to_camera), rtol=0, atol=2e-6)
+        assert not np.any(seen["xyz_to_camera"])  # LibRaw's own table is not used
+        assert seen["white"] == 4095
+        np.testing.assert_allclose(seen["balance"], 1 / np.array(neutral), rtol=1e-6)
 
 
 @pytest.mark.parametrize("cfa", ["gbrg", "mono"])
@@ -171,18 +172,20 @@ def test_tags_as_tifffile_reads_them(tmp_path, cfa):
     assert 50728 not in tags  # the light is unknown
 
 
-@pytest.mark.parametrize("black", [0.5, 63.9999, 256 / 3, 1e-6, 1000.123456789])
-def test_black_levels_with_a_fraction(tmp_path, black):
+def test_black_levels_with_a_fraction(tmp_path):
     """The tag holds the fraction and photosite reads it; LibRaw truncates it."""
-    frame = make_frame((24, 24), 12, "rggb", black_level_dn=black)
-    path = saved(tmp_path / "a.dng", frame)
-    assert read_raw(path).black_level_dn == black
-    with tifffile.TiffFile(path) as file:
-        top, bottom = file.pages.first.tags[50714].value
-    assert top / bottom == pytest.approx(black, rel=1e-9)
-    (seen,) = in_a_fresh_process([path])
-    assert seen["raw"]
-    assert seen["black"] == [int(black)] * 4
+    levels = [0.5, 63.9999, 256 / 3, 1e-6, 1000.123456789]
+    paths = []
+    for number, black in enumerate(levels):
+        path = saved(tmp_path / f"{number}.dng", make_frame((24, 24), 12, "rggb", black_level_dn=black))
+        assert read_raw(path).black_level_dn == black
+        with tifffile.TiffFile(path) as file:
+            top, bottom = file.pages.first.tags[50714].value
+        assert top / bottom == pytest.approx(black, rel=1e-9)
+        paths.append(path)
+    for black, seen in zip(levels, in_a_fresh_process(paths), strict=True):
+        assert seen["raw"]
+        assert seen["black"] == [int(black)] * 4
 
 
 def test_frames_too_small_for_libraw_are_written_with_a_warning(tmp_path):

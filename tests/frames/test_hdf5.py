@@ -147,17 +147,17 @@ def test_datasets_that_were_not_written(tmp_path):
     """A shape without data must not become a billion frames."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("data", shape=(10**9, 100, 100), dtype=np.uint16, chunks=(1, 100, 100))
-    with raises(FileError, "the dataset is incomplete: 0 bytes stored"):
+    with raises(FileError, "stores 0 bytes of ", where="/data"):
         read_headers(tmp_path / "a.h5")
 
 
 def test_damaged_text_of_variable_length_does_not_hang(tmp_path, monkeypatch):
     """libhdf5 loops for ever over some of these heaps."""
-    monkeypatch.setattr(hdf5, "TIME_LIMIT_S", 1.0)
     made(tmp_path / "a.h5", cfa="rggb", kind="dark")
     whole = (tmp_path / "a.h5").read_bytes()
     heap = whole.index(b"GCOL")
     assert read_headers(tmp_path / "a.h5")[0].cfa == cfa_from("rggb")
+    monkeypatch.setattr(hdf5, "TIME_LIMIT_S", 0.3)
     for at, bit in ((24, 64), (48, 128), (8, 1), (15, 128)):
         damaged = bytearray(whole)
         damaged[heap + at] ^= bit

@@ -36,7 +36,7 @@ def test_undamaged_files_are_read(name):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
 def test_damaged_files_are_read_or_refused(name, seed):
     target, rng = TARGETS[name], random.Random(seed)
@@ -44,7 +44,7 @@ def test_damaged_files_are_read_or_refused(name, seed):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(
     edits=st.lists(st.tuples(st.integers(0, 4000), st.binary(max_size=9), st.integers(0, 40)), min_size=1, max_size=4)
 )

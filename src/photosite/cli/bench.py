@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
 import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import print_json, table
+from photosite.cli.output import show, table
+
+if TYPE_CHECKING:
+    from photosite.studies.bench.scaling import Memory, Scaling
+    from photosite.studies.bench.timing import Case
 
 
 @click.command("bench", cls=Command)
@@ -30,25 +37,25 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
     if whole:
         click.echo("measuring the growth of time and memory ...", err=True)
     laws, growth = (scaling(), memory()) if whole else ((), None)
-    if as_json:
-        print_json(
-            {
-                "cases": {name: case.to_dict() for name, case in measured.items()},
-                "scaling": {law.what: law.to_dict() for law in laws},
-                "memory": growth.to_dict() if growth else {},
-            }
-        )
-        return
+    content = {
+        "cases": {name: case.to_dict() for name, case in measured.items()},
+        "scaling": {law.what: law.to_dict() for law in laws},
+        "memory": growth.to_dict() if growth else {},
+    }
+    show(as_json, content, lambda: _text(measured, laws, growth))
+
+
+def _text(measured: Mapping[str, Case], laws: Iterable[Scaling], growth: Memory | None) -> str:
     rows: list[tuple[str, ...]] = [("case", "seconds", "baseline", "ratio", "peak MB", "megapixels")]
     for name, case in measured.items():
         figures = (case.seconds, case.baseline_seconds, case.ratio, case.peak_mb, case.megapixels)
         rows.append((name, *(f"{figure:.{digits}f}" for figure, digits in zip(figures, (3, 3, 1, 0, 1), strict=True))))
-    click.echo(table(rows, "<>>>>>"))
+    lines = [table(rows, "<>>>>>")]
     for law in laws:
         points = ", ".join(f"{size:g}: {seconds:.3f} s" for size, seconds in zip(law.sizes, law.seconds, strict=True))
-        click.echo(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")
+        lines.append(f"\n{law.what} ({law.unit})\n  {points}; exponent {law.exponent:.2f}")
     if growth:
-        points = ", ".join(
-            f"{size:.0f}: {each:.1f}" for size, each in zip(growth.megapixels, growth.bytes_per_pixel, strict=True)
-        )
-        click.echo(f"\npeak memory of a stream of captures, bytes per pixel (by megapixels)\n  {points}")
+        each = zip(growth.megapixels, growth.bytes_per_pixel, strict=True)
+        points = ", ".join(f"{size:.0f}: {count:.1f}" for size, count in each)
+        lines.append(f"\npeak memory of a stream of captures, bytes per pixel (by megapixels)\n  {points}")
+    return "\n".join(lines)

@@ -3,39 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.gain_series import calibrate_gain_series
-from photosite.cli.output import Stages, print_json, say_if_compiling, table
+from photosite.cli.output import Stages, listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
+    from photosite.calibration.gain_series.result import GainSeries
     from photosite.calibration.result import Calibration
 
 
 @click.command("calibrate", cls=Command)
 @click.argument("path", type=click.Path(path_type=Path))
-@click.option(
-    "--sensor",
-    "sensor_name",
-    metavar="NAME|FILE",
-    help="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol.",
+@options.sensor_option(
+    text="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol."
 )
-@click.option(
-    "-o",
-    "--output",
-    type=options.output_file(".yaml", ".yml"),
-    metavar="FILE",
-    help="Sensor file to write (YAML).",
-)
-@click.option(
+@options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
+@options.file_option(
     "--report",
-    type=options.output_file(".html", ".pdf"),
-    metavar="FILE",
-    help="Report to write: a data sheet as one self-contained HTML page or a PDF, by the suffix.",
+    suffixes=options.REPORT_SUFFIXES,
+    text="Report to write: a data sheet as one self-contained HTML page or a PDF, by the suffix.",
 )
 @click.option(
     "--checkpoint",
@@ -43,22 +33,19 @@ if TYPE_CHECKING:
     metavar="FOLDER",
     help="Checkpoint folder; an interrupted run resumes from it.",
 )
-@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth, for files without it.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files without it.")
+@options.reading_options()
 @click.option("--dark", multiple=True, metavar="PATTERN", help="Dark frames of the folder, by file name: 'IMG_00*'.")
 @click.option("--light", multiple=True, metavar="PATTERN", help="Light frames of the folder, by file name.")
-@click.option(
+@options.quantity(
     "--outlier-dark",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="DN",
-    help="List pixels of the mean dark frame that deviate from its mean by more. Default: a limit beyond which a "
+    unit="DN",
+    text="List pixels of the mean dark frame that deviate from its mean by more. Default: a limit beyond which a "
     "normal distribution has a tenth of a pixel.",
 )
-@click.option(
+@options.quantity(
     "--outlier-light",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="PERCENT",
-    help="The same for the mean light frame near half saturation, high-passed, in percent of the mean signal.",
+    unit="PERCENT",
+    text="The same for the mean light frame near half saturation, high-passed, in percent of the mean signal.",
 )
 @click.option(
     "--maps",
@@ -73,14 +60,11 @@ def command(
     output: Path | None,
     report: Path | None,
     checkpoint: Path | None,
-    bits: int | None,
-    cfa: str | None,
-    dark: tuple[str, ...],
-    light: tuple[str, ...],
     outlier_dark: float | None,
     outlier_light: float | None,
     maps: bool,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
@@ -113,52 +97,41 @@ def command(
     Example: photosite calibrate stack -o mine.sensor.yaml --report report.html
     """
     from photosite.calibration.calibrate import calibrate
+    from photosite.calibration.gain_series.calibrate_series import calibrate_series
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.frames.open import open_frames
     from photosite.sensor.io.maps_file import maps_path
-    from photosite.sensor.io.sensor_file import load_sensor
 
-    frames = open_frames(path, bits=bits, cfa=cfa, dark=dark, light=light)
-    sensor = frames.sensor if sensor_name is None else load_sensor(sensor_name)
+    frames = open_frames(path, **reading)
+    sensor = options.sensor_or(frames.sensor, sensor_name)
+    is_series = len(frames.gain_settings) > 1
     if output is not None and sensor is None:
         raise click.UsageError("-o needs pixel size, volts and spectra, which frames lack: give --sensor")
-    if maps and len(frames.gain_settings) > 1:
+    if is_series and maps:
         raise click.UsageError("--maps needs frames of one gain setting: calibrate each setting separately")
-    if (outlier_dark or outlier_light) and len(frames.gain_settings) > 1:
+    if is_series and (outlier_dark or outlier_light):
         raise click.UsageError("--outlier-dark and --outlier-light need frames of one gain setting")
     say_if_compiling()
-    if len(frames.gain_settings) > 1:
-        calibrate_gain_series(frames, sensor, output, report, checkpoint, as_json)
+    if is_series:
+        series = calibrate_series(frames, sensor, progress=Stages(), checkpoint=checkpoint)
+        _write_series(series, output, report, as_json)
         return
     outliers = OutlierThresholds(outlier_dark, outlier_light)
     calibration = calibrate(frames, sensor, maps=maps, outliers=outliers, progress=Stages(), checkpoint=checkpoint)
-    _save(calibration, output, report)
-    beside = maps_path(output) if calibration.chip is not None and output is not None else None
-    if as_json:
-        written = {"sensor": output, "maps": beside, "report": report}
-        print_json(calibration.to_dict() | {name: str(file) for name, file in written.items() if file is not None})
-        return
-    _show(calibration)
-    for file in (output, beside, report):
-        if file is not None:
-            click.echo(f"wrote {file}")
-
-
-def _save(calibration: Calibration, output: Path | None, report: Path | None) -> None:
     if output is not None:
         _ = calibration.sensor  # raises before anything is written
     if report is not None:
         calibration.report(report)
     if output is not None:
         calibration.save(output)
+    beside = maps_path(output) if calibration.chip is not None and output is not None else None
+    show(as_json, calibration.to_dict(), lambda: _text(calibration), sensor=output, maps=beside, report=report)
 
 
-def _show(calibration: Calibration) -> None:
+def _text(calibration: Calibration) -> str:
     from photosite.calibration.parameters import PARAMETER_LABELS
     from photosite.report.numbers import format_uncertain
 
-    model = f"EMVA 1288's {calibration.model} model"
-    click.echo(f"{calibration.source}: {calibration.frame_count} frames, {model}\n")
     rows = [("parameter", "value", "unit", "method")]
     missing = [("not estimated", "reason")]
     for name, entry in calibration.estimates().items():
@@ -170,25 +143,23 @@ def _show(calibration: Calibration) -> None:
         if entry.upper_limit_95 is not None:
             value += f" (< {entry.upper_limit_95:.3g})"
         rows.append((shown.label, value, shown.unit, entry.method))
-    click.echo(table(rows, "<<<<"))
-    if len(missing) > 1:
-        click.echo("\n" + table(missing, "<<"))
-    _show_chip(calibration)
+    heading = f"{calibration.source}: {calibration.frame_count} frames, EMVA 1288's {calibration.model} model"
+    parts = [heading, table(rows, "<<<<"), *([table(missing, "<<")] if len(missing) > 1 else []), *_chip(calibration)]
     for what, lines in (("warnings", calibration.warnings), ("left out", calibration.rejected)):
         if lines:
-            click.echo(f"\n{what}:")
-            for line in lines:
-                click.echo(f"  {line}")
+            parts.append(listed(f"{what}:", lines))
+    return "\n\n".join(parts)
 
 
-def _show_chip(calibration: Calibration) -> None:
+def _chip(calibration: Calibration) -> list[str]:
+    """Return the tables of noise, defects and bands, where maps were measured."""
     from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
     from photosite.report.numbers import format_uncertain
 
     chip, temporal = calibration.chip, calibration.temporal
     if chip is None or temporal is None:
-        return
-    rows = [("dark temporal noise", "value", "unit", "method")]
+        return []
+    noise = [("dark temporal noise", "value", "unit", "method")]
     for label, unit, entry in (
         ("pixel noise", "DN", temporal.pixel_noise_dn),
         ("row noise", "DN", temporal.row_noise_dn),
@@ -200,15 +171,74 @@ def _show_chip(calibration: Calibration) -> None:
         (f"Tukey lambda ({NORMAL_SHAPE:.4f}: normal)", "", temporal.shape.tukey_lambda),
     ):
         if entry.value is not None and entry.standard_uncertainty is not None:
-            rows.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))
-    click.echo("\n" + table(rows, "<<<<"))
+            noise.append((label, format_uncertain(entry.value, entry.standard_uncertainty), unit, entry.method))
     defects = [("defective pixels", "number")] + [(kind, str(n)) for kind, n in chip.defects.counts().items()]
-    click.echo("\n" + table(defects, "<>"))
-    bands = [("bands", "cycles per pixel", "amplitude, DN")]
-    bands += [
+    bands = [
         (name, f"{band.cycles_per_pixel:.4f}", format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn))
         for name, found in temporal.bands.items()
         for band in found
     ]
-    if len(bands) > 1:
-        click.echo("\n" + table(bands, "<><"))
+    heading = ("bands", "cycles per pixel", "amplitude, DN")
+    return [table(noise, "<<<<"), table(defects, "<>"), *([table([heading, *bands], "<><")] if bands else [])]
+
+
+def _write_series(series: GainSeries, output: Path | None, report: Path | None, as_json: bool) -> None:
+    """Write a sensor file per gain setting and the report of a series."""
+    steps = [] if output is None else [(setting_path(output, step.setting), step) for step in series.steps]
+    for path, step in steps:
+        step.calibration.sensor.save(path)
+    if report is not None:
+        series.report(report)
+    sensors = [str(path) for path, _ in steps]
+    content = series.to_dict() | ({"sensors": sensors} if sensors else {})
+    show(
+        as_json,
+        content,
+        lambda: "\n".join([_series_text(series), *(f"wrote {path}" for path in sensors)]),
+        report=report,
+    )
+
+
+def setting_path(path: Path, setting: float) -> Path:
+    """Return the path of a setting's sensor file: mine.sensor.yaml becomes mine.gain400.sensor.yaml.
+
+    Examples
+    --------
+    >>> setting_path(Path("out/mine.sensor.yaml"), 400.0).as_posix()
+    'out/mine.gain400.sensor.yaml'
+    """
+    ending = "".join(path.suffixes[-2:]) if path.name.endswith((".sensor.yaml", ".sensor.yml")) else path.suffix
+    return path.with_name(f"{path.name.removesuffix(ending)}.gain{setting:g}{ending}")
+
+
+def _series_text(series: GainSeries) -> str:
+    from photosite.calibration.parameters import parameter_label
+    from photosite.report.gain_series import SERIES_PARAMETERS, switch_sentence, unity_sentence
+    from photosite.report.tables import format_estimate
+
+    labels = [parameter_label(name) for name in SERIES_PARAMETERS]
+    rows = [("setting", *(f"{shown.label}, {shown.unit}" for shown in labels))]
+    for step in series.steps:
+        values = [format_estimate(getattr(step.calibration, name)) for name in SERIES_PARAMETERS]
+        rows.append((f"{step.setting:g}", *values))
+    noise = [("settings", "noise before the amplifier, e⁻", "after it, DN", "chi square", "degrees of freedom")]
+    noise += [
+        (
+            f"{mode.settings[0]:g} to {mode.settings[-1]:g}",
+            format_estimate(mode.pre_amplifier_noise_e),
+            format_estimate(mode.post_amplifier_noise_dn),
+            "" if mode.chi_square is None else f"{mode.chi_square:.3g}",
+            "" if mode.degrees_of_freedom is None else str(mode.degrees_of_freedom),
+        )
+        for mode in series.modes
+    ]
+    frames = sum(step.calibration.frame_count for step in series.steps)
+    return "\n\n".join(
+        [
+            f"{series.source}: {frames} frames at {len(series.steps)} gain settings ({series.scale})",
+            table(rows, ">" * len(rows[0])),
+            table(noise, "<>>>>"),
+            f"{switch_sentence(series)}\n{unity_sentence(series)}",
+            *([listed("warnings:", series.warnings)] if series.warnings else []),
+        ]
+    )

@@ -26,11 +26,6 @@ class OptionSpelling:
     The name of each parameter of a command is the name of the library's argument, so that the command's own list of
     parameters is the map from argument to option.
 
-    Parameters
-    ----------
-    command
-        The command.
-
     Examples
     --------
     >>> option = click.Option(["--luminance", "mean_luminance_cd_m2"], type=float)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,91 +11,79 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, print_json
+from photosite.cli.output import Stages, show
 
 _SUFFIXES = (".h5", ".mat", ".tif", ".tiff", ".hdr", ".exr")
 
+_REPLACEMENT = click.Choice(["refuse", "zero"])
 
-def _read_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add an option for each field of `photosite.scene.options.ReadOptions`."""
-    for option in (
-        click.option(
-            "--patch-cols",
-            type=click.IntRange(1),
-            metavar="N",
-            help="Patches in a row of a measured chart (CGATS, CSV).",
-        ),
-        click.option("--variable", metavar="NAME", help="The data set that holds the cube, where a file has several."),
-        click.option(
-            "--method",
-            type=click.Choice(["mallett-yuksel", "jakob-hanika"]),
-            help="How a display picture's colours become spectra: weights of three reflectances, or a smooth "
-            "reflectance for each colour.  [default: mallett-yuksel]",
-        ),
-        click.option(
-            "--out-of-gamut",
-            type=click.Choice(["refuse", "clip"]),
-            help="What to do with a display picture's colours that the method cannot represent.  [default: refuse]",
-        ),
-        click.option(
-            "--interleave",
-            type=click.Choice(["bip", "bsq", "bil"]),
-            help="Order of the axes of an HDF5 cube that does not state it: rows, columns, bands (bip), bands first "
-            "(bsq) or second (bil).",
-        ),
-        click.option("--sort-bands", is_flag=True, help="Sort the bands by wavelength."),
-        click.option(
-            "--negative",
-            type=click.Choice(["refuse", "zero"]),
-            help="What to do with values below 0.  [default: refuse]",
-        ),
-        click.option(
-            "--no-data",
-            type=click.Choice(["refuse", "zero"]),
-            help="What to do with missing values.  [default: refuse]",
-        ),
-        click.option("--width", "width_m", type=options.above(), metavar="M", help="Width of the scene in m."),
-        click.option(
-            "--distance", "distance_m", type=options.above(), metavar="M", help="Distance from lens to scene in m."
-        ),
-        click.option(
-            "--luminance", "mean_luminance_cd_m2", type=options.above(), metavar="CD/M2", help=options.LUMINANCE_HELP
-        ),
-        click.option("--illuminant", metavar="NAME", help="Light on reflectances: D65, A, 3200K, ..."),
-        click.option(
-            "--wavelengths",
-            "wavelength_nm",
-            type=options.wavelengths_of,
-            metavar="NM",
-            help="Wavelengths of the bands, where the file does not state them: 400,410,... or 400:700:10.",
-        ),
-        click.option(
-            "--bands",
-            "band_range_nm",
-            type=options.BandRange(),
-            metavar="FIRST:LAST",
-            help="Read only the bands from FIRST to LAST nm, such as 400:780.",
-        ),
-        click.option(
-            "--units",
-            metavar="UNITS",
-            help="Units of the values; they override the file's. W/sr/m2/nm, photons/s/sr/m2/nm, reflectance, percent, "
-            "reflectance/10000, relative; for a Radiance picture: radiance.",
-        ),
-        click.option(
-            "--tolerance",
-            type=options.above(),
-            metavar="T",
-            help="Largest RMS error of the reduction of a cube, relative to the RMS.  [default: 0.001]",
-        ),
-    ):
-        function = option(function)
-    return function
+
+class BandRange(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases only
+    """Two wavelengths in nm, such as 400:780."""
+
+    name = "range"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Parse FIRST:LAST."""
+        try:
+            first, last = map(float, value.split(":"))
+        except ValueError:
+            first = last = math.nan
+        if not 0 < first <= last < math.inf:
+            self.fail(f"must be FIRST:LAST in nm, such as 400:780, got '{value}'", param, ctx)
+        return first, last
+
+    def spell(self, value: Any) -> str:
+        """Return a range as a user writes it."""
+        return ":".join(f"{end:g}" for end in value)
+
+
+_read_options = options.stacked(
+    click.option(
+        "--bands",
+        "band_range_nm",
+        type=BandRange(),
+        metavar="FIRST:LAST",
+        help="Read only the bands from FIRST to LAST nm, such as 400:780.",
+    ),
+    click.option("--illuminant", metavar="NAME", help="Light on reflectances: D65, A, 3200K, ..."),
+    options.cube_options("Wavelengths of the bands, where the file does not state them: 400,410,... or 400:700:10."),
+    click.option("--no-data", type=_REPLACEMENT, help="What to do with missing values.  [default: refuse]"),
+    click.option("--negative", type=_REPLACEMENT, help="What to do with values below 0.  [default: refuse]"),
+    click.option("--sort-bands", is_flag=True, help="Sort the bands by wavelength."),
+    click.option(
+        "--interleave",
+        type=click.Choice(["bip", "bsq", "bil"]),
+        help="Order of the axes of an HDF5 cube that does not state it: rows, columns, bands (bip), bands first (bsq) "
+        "or second (bil).",
+    ),
+    click.option(
+        "--out-of-gamut",
+        type=click.Choice(["refuse", "clip"]),
+        help="What to do with a display picture's colours that the method cannot represent.  [default: refuse]",
+    ),
+    click.option(
+        "--method",
+        type=click.Choice(["mallett-yuksel", "jakob-hanika"]),
+        help="How a display picture's colours become spectra: weights of three reflectances, or a smooth reflectance "
+        "for each colour.  [default: mallett-yuksel]",
+    ),
+    click.option("--variable", metavar="NAME", help="The data set that holds the cube, where a file has several."),
+    click.option(
+        "--patch-cols", type=options.Whole(1), metavar="N", help="Patches in a row of a measured chart (CGATS, CSV)."
+    ),
+)
+"""An option for each field of `photosite.scene.options.ReadOptions`."""
 
 
 @click.command("convert", cls=Command)
 @click.argument("source", type=click.Path(path_type=Path))
-@options.output_option(*_SUFFIXES, text="Scene to write: .h5 (photosite's own), .mat, .tif, .hdr (ENVI), .exr.")
+@options.file_option(
+    *("-o", "--output"),
+    suffixes=_SUFFIXES,
+    required=True,
+    text="Scene to write: .h5 (photosite's own), .mat, .tif, .hdr (ENVI), .exr.",
+)
 @_read_options
 @options.json_option
 def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
@@ -117,32 +105,23 @@ def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
     seconds = time.perf_counter() - begun
     scene = done.scene
     tolerance = ReadOptions(**read_options).tolerance if done.reduced else None
-    facts = {
-        "path": str(output),
-        "rows": scene.shape[0],
-        "cols": scene.shape[1],
+    facts = options.scene_facts(scene) | {
+        "path": output,
         "bands": done.bands,
         "components": done.components,
         "tolerance": tolerance,
-        "relative_error": scene.relative_error,
-        "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
-        "patches_luminance_cd_m2": options.patches_luminance(scene),
         "no_data_values": done.no_data_values,
         "negative_values": done.negative_values,
-        "distance_m": scene.distance_m,
-        "width_m": scene.width_m,
         "seconds": seconds,
     }
-    if as_json:
-        print_json(facts)
-        return
     error = f"RMS error {scene.relative_error:.2e} of the RMS radiance"
     how = f"{error}, measured over all samples (tolerance {tolerance:g})" if done.reduced else f"not reduced ({error})"
-    click.echo(
+    lines = [
         f"wrote {output}: {scene.shape[0]} x {scene.shape[1]} samples, {done.bands} bands as {done.components} "
-        f"spectra; {how}"
-    )
-    click.echo(f"{options.luminance_line(scene)}; {seconds:.1f} s")
+        f"spectra; {how}",
+        f"{options.luminance_line(scene)}; {seconds:.1f} s",
+    ]
     for count, what in ((done.no_data_values, "missing"), (done.negative_values, "negative")):
         if count:
-            click.echo(f"{count} {what} values were read as 0")
+            lines.append(f"{count} {what} values were read as 0")
+    show(as_json, facts, lambda: "\n".join(lines))

@@ -10,8 +10,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, print_json, say, say_if_compiling, table
-from photosite.cli.shoot import prepared_sensor
+from photosite.cli.output import Stages, say, say_if_compiling, show, table, verdict
 
 if TYPE_CHECKING:
     from photosite.sensor.model import Sensor
@@ -22,17 +21,11 @@ PROTOCOL_NAME = "protocol.yaml"
 
 
 @click.command("demo", cls=Command)
-@options.sensor_option()
-@click.option("--rows", type=click.IntRange(1), default=1296, help="Rows of the virtual chip.")
-@click.option("--cols", type=click.IntRange(1), default=1936, help="Columns of the virtual chip.")
+@options.sensor_option("nikon-d200")
+@options.size_options(1296, 1936)
 @options.seed_option(2008)
-@click.option(
-    "-o",
-    "--output",
-    type=options.shared_folder,
-    metavar="FOLDER",
-    default="photosite-demo",
-    help="Folder for the report and the calibrated sensor file.",
+@options.folder_option(
+    options.shared_folder, "Folder for the report and the calibrated sensor file.", default="photosite-demo"
 )
 @click.option("--keep-frames", is_flag=True, help="Keep the frames in the subfolder frames.")
 @options.json_option
@@ -49,7 +42,7 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
     from photosite.errors import FileError
     from photosite.files.atomic import atomic_folder
 
-    sensor, note = prepared_sensor(sensor_name, rows, cols, None)
+    sensor, note = options.prepared_sensor(sensor_name, rows, cols, None)
     if keep_frames and (output / FRAMES_NAME).exists():
         raise FileError(
             output / FRAMES_NAME, "the folder already exists", hint="Choose another folder, or omit --keep-frames"
@@ -62,11 +55,9 @@ def command(sensor_name: str, rows: int, cols: int, seed: int, output: Path, kee
         loop = _loop(sensor, seed, place, source)
         if not keep_frames:
             shutil.rmtree(place / FRAMES_NAME)
-    if as_json:
-        print_json(loop.to_dict() | {"report": str(output / REPORT_NAME), "seconds": loop.seconds})
-    else:
-        _show(loop)
-        click.echo(f"\nreport: {output / REPORT_NAME}")
+    report = output / REPORT_NAME
+    content = loop.to_dict() | {"report": report, "seconds": loop.seconds}
+    show(as_json, content, lambda: f"{_text(loop)}\n\nreport: {report}")
 
 
 def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
@@ -83,7 +74,7 @@ def _loop(sensor: Sensor, seed: int, place: Path, source: str) -> ClosedLoop:
     return loop
 
 
-def _show(loop: ClosedLoop) -> None:
+def _text(loop: ClosedLoop) -> str:
     from photosite.report.numbers import format_number
 
     rows: list[tuple[str, ...]] = [("parameter", "true", "estimated", "uncertainty", "unit")]
@@ -94,11 +85,7 @@ def _show(loop: ClosedLoop) -> None:
             continue
         numbers = (row.true, 5), (row.estimated, 5), (row.standard_uncertainty, 2)
         rows.append((row.label, *(format_number(value, digits) for value, digits in numbers), row.unit))
-    click.echo("\n" + table(rows, "<>>><"))
-    if missing:
-        click.echo("\n" + table([("not estimated", "why"), *missing], "<<"))
+    parts = [table(rows, "<>>><"), *([table([("not estimated", "why"), *missing], "<<")] if missing else [])]
     result = loop.validation
-    click.echo(
-        f"\nColorChecker by the true and the calibrated sensor: {'agree' if result.agrees else 'differ'} "
-        f"(relative tolerance {result.tolerance_percent:g} %)"
-    )
+    agreement = f"{verdict(result.agrees)} (relative tolerance {result.tolerance_percent:g} %)"
+    return "\n" + "\n\n".join([*parts, f"ColorChecker by the true and the calibrated sensor: {agreement}"])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import print_json
+from photosite.cli.output import show
 
 
 def white_balance_of(text: str) -> str | list[float]:
@@ -18,7 +19,7 @@ def white_balance_of(text: str) -> str | list[float]:
     try:
         return [float(gain) for gain in text.split(",")]
     except ValueError:
-        raise click.BadParameter(f"expected a name or three gains such as 2.1,1,1.4, not '{text}'") from None
+        raise click.BadParameter(f"must be a name or three gains such as 2.1,1,1.4, got '{text}'") from None
 
 
 def brightness_of(text: str) -> str | float:
@@ -28,7 +29,9 @@ def brightness_of(text: str) -> str | float:
 
 @click.command("develop", cls=Command)
 @click.argument("raw", type=click.Path(path_type=Path))
-@options.output_option(*options.PICTURE_SUFFIXES, text="Picture to write (.png).")
+@options.file_option(
+    "-o", "--output", suffixes=options.PICTURE_SUFFIXES, required=True, text="Picture to write (.png)."
+)
 @click.option(
     "--white-balance",
     type=white_balance_of,
@@ -44,8 +47,7 @@ def brightness_of(text: str) -> str | float:
     help="auto, or a factor for the linear picture.",
 )
 @click.option("--depth", type=click.Choice(["8", "16"]), default="8", help="Bits per channel of the picture.")
-@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth of the converter, for files that do not state it.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files that do not state it.")
+@options.reading_options()
 @options.json_option
 def command(
     raw: Path,
@@ -53,9 +55,8 @@ def command(
     white_balance: str | list[float],
     brightness: str | float,
     depth: str,
-    bits: int | None,
-    cfa: str | None,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG, sRGB).
 
@@ -67,10 +68,8 @@ def command(
     from photosite.develop.picture import save_picture
     from photosite.frames.io.read import read_raw
 
-    frame = read_raw(raw, bits=bits, cfa=cfa)
-    picture = develop(frame, white_balance=white_balance, exposure=brightness)
-    save_picture(picture, output, bits=int(depth))
-    if as_json:
-        print_json({"path": str(output), "rows": frame.shape[0], "cols": frame.shape[1], "depth": int(depth)})
-    else:
-        click.echo(f"wrote {output}: {frame.shape[0]} x {frame.shape[1]} pixels, {depth} bits per channel")
+    frame = read_raw(raw, **reading)
+    rows, cols = frame.shape
+    save_picture(develop(frame, white_balance=white_balance, exposure=brightness), output, bits=int(depth))
+    facts = {"path": output, "rows": rows, "cols": cols, "depth": int(depth)}
+    show(as_json, facts, lambda: f"wrote {output}: {rows} x {cols} pixels, {depth} bits per channel")

@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import print_json, say, table
+from photosite.cli.output import say, show, table
 
 if TYPE_CHECKING:
     from photosite.sensor.noise_profile import NoiseProfile
@@ -22,15 +22,8 @@ if TYPE_CHECKING:
     "--mono", is_flag=True, help="For darktable: the camera has no colour filters. Files from photosite state it."
 )
 @click.option("--gain-setting", type=float, metavar="ISO", help="Gain setting, for files that hold several.")
-@click.option(
-    "--sensor",
-    "sensor_name",
-    metavar="NAME|FILE",
-    help="Sensor for all properties that the profile does not hold. Required for -o.",
-)
-@click.option(
-    "-o", "--output", type=options.output_file(".yaml", ".yml"), metavar="FILE", help="Sensor file to write (YAML)."
-)
+@options.sensor_option(text="Sensor for all properties that the profile does not hold. Required for -o.")
+@options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
 @options.json_option
 def command(
     file: Path,
@@ -60,14 +53,10 @@ def command(
         profiles = (profile_at_setting(profiles, gain_setting),)
     for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
         say(note)
-    if as_json:
-        content: dict[str, Any] = {"profiles": [_as_dict(profile) for profile in profiles]}
-        print_json(content | ({} if output is None else {"sensor": str(output)}))
-        return
-    rows = [("setting", "channel", "slope", "offset", "K, DN/e⁻", "dark noise, DN", "black to white, DN", "camera")]
-    click.echo(table([*rows, *(row for profile in profiles for row in _rows(profile))], "><>>>><<"))
-    if output is not None:
-        click.echo(f"wrote {output}")
+    content = {"profiles": [_as_dict(profile) for profile in profiles]}
+    heading = ("setting", "channel", "slope", "offset", "K, DN/e⁻", "dark noise, DN", "black to white, DN", "camera")
+    rows = [row for profile in profiles for row in _rows(profile)]
+    show(as_json, content, lambda: table([heading, *rows], "><>>>><<"), sensor=output)
 
 
 def _read(file: Path, model: str | None, mono: bool) -> tuple[NoiseProfile, ...]:

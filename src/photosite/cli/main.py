@@ -6,12 +6,12 @@ A command's module is imported only when that command runs, so that `photosite -
 from __future__ import annotations
 
 import importlib
+import keyword
 import re
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from types import FrameType
 from typing import NoReturn, TextIO
@@ -29,34 +29,34 @@ EXIT_TERMINATED = 143
 """128 + SIGTERM."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A command: its module in this folder, and its line of help."""
-
-    module: str
-    summary: str
-
-
-COMMANDS: dict[str, Entry] = {
-    "demo": Entry("demo", "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report."),
-    "sensors": Entry("sensors", "List, show, check and export sensor files."),
-    "optics": Entry("optics", "Check optics files; print what they hold and the MTF."),
-    "scenes": Entry("scenes", "List the built-in scenes; show scenes and scene files."),
-    "convert": Entry("convert", "Reduce a spectral image to a scene of few basis spectra, and write it."),
-    "render": Entry("render", "Render a Mitsuba 3 scene to spectral radiance."),
-    "simulate": Entry("simulate", "Simulate a raw frame of a scene."),
-    "shoot": Entry("shoot", "Simulate a measurement: the dark frames and flat fields of a calibration."),
-    "plan": Entry("plan", "Plan a measurement: frames needed for a precision, precision reached by a protocol."),
-    "calibrate": Entry("calibrate", "Estimate a sensor's parameters from dark frames and flat fields."),
-    "spectral": Entry("spectral", "Measure quantum efficiency from narrow bands and a photodiode, or from a chart."),
-    "export": Entry("export", "Write noise profiles and EMVA 1288 files for other programs."),
-    "import": Entry("import_", "Read noise profiles of other programs, also into sensor files."),
-    "validate": Entry("validate", "Compare measured with simulated raw frames of a chart."),
-    "compare": Entry("compare", "Compare another simulator's patches or mosaics with photosite's."),
-    "develop": Entry("develop", "Develop a raw frame to a picture."),
-    "reproduce": Entry("reproduce", "Repeat the studies, such as the coverage of the intervals."),
-    "bench": Entry("bench", "Time photosite on this machine against a plain implementation."),
+COMMANDS = {
+    "demo": "Run the whole loop on a virtual D200: frames, calibration, simulation, comparison, report.",
+    "sensors": "List, show, check and export sensor files.",
+    "optics": "Check optics files; print what they hold and the MTF.",
+    "scenes": "List the built-in scenes; show scenes and scene files.",
+    "convert": "Reduce a spectral image to a scene of few basis spectra, and write it.",
+    "render": "Render a Mitsuba 3 scene to spectral radiance.",
+    "simulate": "Simulate a raw frame of a scene.",
+    "shoot": "Simulate a measurement: the dark frames and flat fields of a calibration.",
+    "plan": "Plan a measurement: frames needed for a precision, precision reached by a protocol.",
+    "calibrate": "Estimate a sensor's parameters from dark frames and flat fields.",
+    "spectral": "Measure quantum efficiency from narrow bands and a photodiode, or from a chart.",
+    "export": "Write noise profiles and EMVA 1288 files for other programs.",
+    "import": "Read noise profiles of other programs, also into sensor files.",
+    "validate": "Compare measured with simulated raw frames of a chart.",
+    "compare": "Compare another simulator's patches or mosaics with photosite's.",
+    "develop": "Develop a raw frame to a picture.",
+    "reproduce": "Repeat the studies, such as the coverage of the intervals.",
+    "bench": "Time photosite on this machine against a plain implementation.",
 }
+"""Commands, each a module of this folder, with their lines of help."""
+
+
+def load_command(name: str) -> click.Command:
+    """Import and return a command: `command` in the module of its name (`import_` for `import`)."""
+    module = f"{name}_" if keyword.iskeyword(name) else name
+    command: click.Command = importlib.import_module(f"photosite.cli.{module}").command
+    return command
 
 
 class LazyGroup(Group):
@@ -67,16 +67,13 @@ class LazyGroup(Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return a command; every module calls its own `command`."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = importlib.import_module(f"photosite.cli.{COMMANDS[cmd_name].module}").command
-        return command
+        """Import and return a command."""
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table; no command is imported for it."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
@@ -125,7 +122,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _usage_message(error: click.UsageError) -> str:
-    """Return click's message as one clause: `--bits must be in the range 1<=x<=16, got 20`."""
+    """Return click's message as one clause: `--unit must be one of 'e', 'dn', got 'v'`."""
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         return "a command is required"
     message = error.format_message().rstrip(".")
@@ -142,7 +139,6 @@ def _usage_message(error: click.UsageError) -> str:
 
 
 _CONDITIONS = (
-    (r"(?P<value>.+) is not in the range (?P<limit>.+)", "in the range {}"),
     (r"(?P<value>'.*?') is not one of (?P<limit>.+)", "one of {}"),
     (r"(?P<value>'.*') is not a valid (?P<limit>.+?)(?: range)?", "a valid {}"),
 )

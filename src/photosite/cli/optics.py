@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from photosite.cli import options
 from photosite.cli.command import Group
-from photosite.cli.options import json_option
-from photosite.cli.output import print_json, table
+from photosite.cli.output import show, table
 from photosite.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 
 _FREQUENCIES_PER_MM = (10.0, 20.0, 40.0, 80.0, 160.0)
 _SHARES_OF_FIELD = (0.5, 0.7, 1.0)
-_OF_FIELD = ("frequency_per_mm", "tangential", "sagittal")
-"""To the right of the axis, tangential is along the rows."""
+_KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensDesign": "lens_design"}
+"""Kinds of blur as optics files name them."""
 
 
 @click.group("optics", cls=Group)
@@ -42,7 +43,7 @@ def command() -> None:
 @click.option(
     "--wavelength", "wavelength_nm", type=float, default=550.0, metavar="NM", help="Wavelength of the MTF in nm."
 )
-@json_option
+@options.json_option
 def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: bool) -> None:
     """Check an optics file and print the MTF.
 
@@ -65,29 +66,37 @@ def check(file: Path, distance_m: float | None, wavelength_nm: float, as_json: b
     lens = load_optics(file)
     if distance_m is None:
         distance_m = math.inf if lens.focus_distance_m is None else lens.focus_distance_m
-    facts = {"file": str(file), **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
     spread = lens.point_spread(distance_m)
-    mtf = _mtf(spread, wavelength_nm)
+    facts = {"file": file, **_facts(lens), "distance_m": distance_m if math.isfinite(distance_m) else None}
     design = _design(lens, spread, wavelength_nm)
-    if as_json:
-        names = ("frequency_per_mm", "along_rows", "along_columns")
-        columns = {name: list(column) for name, column in zip(names, zip(*mtf, strict=True), strict=True)}
-        more = {} if design is None else {"lens_design": design}
-        print_json({**facts, **more, "mtf": {"wavelength_nm": wavelength_nm, **columns}})
-        return
-    click.echo(
+    if design is not None:
+        facts["lens_design"] = design
+    mtf = _mtf(spread, wavelength_nm)
+    facts["mtf"] = {"wavelength_nm": wavelength_nm, **_columns(mtf, "along_rows", "along_columns")}
+    where = f"an object at {distance_m:g} m" if math.isfinite(distance_m) else "an object at infinity"
+    blocks = [
         f"{file}: describes {facts['name'] or 'a lens'}: f/{facts['f_number']:g}, {facts['focal_length_mm']:g} mm; "
         f"blur: {facts['blur']}; holds: {', '.join(facts['holds']) or 'nothing else'}"
-    )
-    if design is not None:
-        click.echo(_design_text(design))
-    where = f"an object at {distance_m:g} m" if math.isfinite(distance_m) else "an object at infinity"
-    click.echo(f"\nMTF on the axis at {wavelength_nm:g} nm, {where}:\n")
-    heading = ("cycles/mm", "along rows", "along columns")
-    click.echo(table([heading, *((f"{f:g}", f"{x:.3f}", f"{y:.3f}") for f, x, y in mtf)], ">>>"))
+        + ("" if design is None else f"\n{_design_text(design)}"),
+        f"MTF on the axis at {wavelength_nm:g} nm, {where}:",
+        table([("cycles/mm", "along rows", "along columns"), *_rows(*zip(*mtf, strict=True))], ">>>"),
+    ]
     if design is not None and design["mtf_over_field"]:
-        click.echo("\nMTF to the right of the axis, tangential and sagittal:\n")
-        click.echo(_field_table(design["mtf_over_field"]))
+        heading, columns = ["cycles/mm"], [_FREQUENCIES_PER_MM]
+        for at in design["mtf_over_field"]:
+            heading += [f"{at['height_mm']:.3g} mm T", "S"]
+            columns += [at["tangential"], at["sagittal"]]
+        blocks.append("MTF to the right of the axis, tangential and sagittal:")
+        blocks.append(table([heading, *_rows(*columns)], ">" * len(heading)))
+    show(as_json, facts, lambda: "\n\n".join(blocks))
+
+
+def _columns(mtf: list[tuple[float, float, float]], rows: str, columns: str) -> dict[str, list[float]]:
+    return dict(zip(("frequency_per_mm", rows, columns), map(list, zip(*mtf, strict=True)), strict=True))
+
+
+def _rows(frequencies: Iterable[float], *columns: Iterable[float]) -> list[tuple[str, ...]]:
+    return [(f"{f:g}", *(f"{value:.3f}" for value in row)) for f, *row in zip(frequencies, *columns, strict=True)]
 
 
 def _facts(lens: Lens) -> dict[str, Any]:
@@ -112,10 +121,6 @@ def _facts(lens: Lens) -> dict[str, Any]:
     }
 
 
-_KINDS = {"Wavefront": "wavefront", "OtfTable": "otf", "PsfTable": "psf", "LensDesign": "lens_design"}
-"""Kinds of blur as optics files name them."""
-
-
 def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | None:
     """Return the properties of lens-design data; None for other lenses."""
     import numpy as np
@@ -129,8 +134,8 @@ def _design(lens: Lens, spread: Any, wavelength_nm: float) -> dict[str, Any] | N
     if isinstance(spread, FieldPsf):
         farthest_m = float(spread.x_m[-1])
         for share in _SHARES_OF_FIELD if farthest_m > 0 else ():
-            found = _mtf(spread, wavelength_nm, share * farthest_m)
-            columns = {name: [row[k] for row in found] for k, name in enumerate(_OF_FIELD)}
+            # To the right of the axis, tangential is along the rows.
+            columns = _columns(_mtf(spread, wavelength_nm, share * farthest_m), "tangential", "sagittal")
             over_field.append({"height_mm": share * farthest_m * 1e3, **columns})
     field = np.stack([design.field_x, design.field_y], axis=1)
     return {
@@ -165,18 +170,6 @@ def _many(count: int, what: str) -> str:
     return f"{count} {what}" + ("" if count == 1 else "s")
 
 
-def _field_table(over_field: list[dict[str, Any]]) -> str:
-    """Return a table with tangential and sagittal columns for each height."""
-    heading = ["cycles/mm"]
-    for at in over_field:
-        heading += [f"{at['height_mm']:.3g} mm T", "S"]
-    rows = [heading]
-    for k, frequency in enumerate(_FREQUENCIES_PER_MM):
-        values = [at[name][k] for at in over_field for name in ("tangential", "sagittal")]
-        rows.append([f"{frequency:g}", *(f"{value:.3f}" for value in values)])
-    return table(rows, ">" * len(heading))
-
-
 def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[float, float, float]]:
     """Return frequency per mm, MTF along rows and MTF along columns, at a distance to the right of the axis."""
     import numpy as np
@@ -197,18 +190,10 @@ def _mtf(spread: Any, wavelength_nm: float, right_m: float = 0.0) -> list[tuple[
     if isinstance(spread, RadialPsf):
         both = np.stack([spread.otf(f, wavelength_nm)] * 2)
     elif isinstance(spread, FieldPsf):
-        both = sum(
-            _weight(spread, weights, right_m) * plane(mode)
-            for weights, mode in zip(spread.weights, spread.modes, strict=True)
-        )
+        # Weights are linear between nodes.
+        along = [[np.interp(right_m, spread.x_m, row) for row in weights] for weights in spread.weights]
+        parts = [float(np.interp(0.0, spread.y_m, column)) for column in along]
+        both = sum(part * plane(mode) for part, mode in zip(parts, spread.modes, strict=True))
     else:
         both = plane(spread)
     return [(per_mm, float(x), float(y)) for per_mm, x, y in zip(_FREQUENCIES_PER_MM, *np.abs(both), strict=True)]
-
-
-def _weight(spread: Any, weights: Any, right_m: float) -> float:
-    """Return the weight of a mode at a distance to the right of the axis, linear between nodes."""
-    import numpy as np
-
-    along = [np.interp(right_m, spread.x_m, row) for row in weights]
-    return float(np.interp(0.0, spread.y_m, along))

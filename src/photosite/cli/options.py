@@ -16,15 +16,43 @@ from photosite.errors import FileError, InputError
 from photosite.values.exposure import parse_exposure
 
 if TYPE_CHECKING:
-    from photosite.optics.diffraction import DiffractionLimited
     from photosite.scene.scene import Scene
     from photosite.scene.scene_request import SceneRequest
     from photosite.sensor.model import Sensor
 
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 RAW_SUFFIXES = (".dng", ".tif", ".tiff", ".png", ".h5", ".hdf5")
 PICTURE_SUFFIXES = (".png",)
+REPORT_SUFFIXES = (".html", ".pdf")
+SENSOR_SUFFIXES = (".yaml", ".yml")
+
+
+# Types of values
+
+
+class Whole(click.IntRange):
+    """Whole numbers from a lowest to a highest one; help and errors state the limits in words."""
+
+    name = "integer"
+
+    def __init__(self, lowest: int, highest: int | None = None) -> None:
+        super().__init__(lowest, highest)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parse a number within the limits."""
+        try:
+            return int(super().convert(value, param, ctx))
+        except click.BadParameter:
+            limits = self._describe_range() or f"{self.min} or more"
+            self.fail(f"must be a whole number, {limits}, got {value}", param, ctx)
+
+    def _describe_range(self) -> str:
+        if self.max is None:  # 1 or more, which needs no explanation
+            return ""
+        power = math.log2(self.max + 1)
+        return f"{self.min} to " + (f"2^{power:.0f}-1" if power >= 32 else str(self.max))
 
 
 def exposure_time(text: str) -> float:
@@ -65,24 +93,23 @@ def wavelengths_of(text: str) -> list[float]:
         raise click.BadParameter(f"must be 400,410,420 or first:last:step such as 400:700:10, got '{text}'") from None
 
 
-class BandRange(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases only
-    """Two wavelengths in nm, such as 400:780."""
+def name_and_text(text: str) -> tuple[str, str]:
+    """Parse NAME=VALUE, the value as text."""
+    name, sign, value = text.partition("=")
+    if not sign or not name.strip():
+        raise click.BadParameter(f"must be NAME=VALUE, such as contrast=10, got '{text}'")
+    return name.strip(), value
 
-    name = "range"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """Parse FIRST:LAST."""
-        try:
-            first, last = map(float, value.split(":"))
-        except ValueError:
-            first = last = math.nan
-        if not 0 < first <= last < math.inf:
-            self.fail(f"must be FIRST:LAST in nm, such as 400:780, got '{value}'", param, ctx)
-        return first, last
+def name_and_value(text: str) -> tuple[str, Any]:
+    """Parse NAME=VALUE, the value as in YAML: a number, a list, true, or text."""
+    from photosite.files.yaml import parse_yaml
 
-    def spell(self, value: Any) -> str:
-        """Return a range as a user writes it."""
-        return ":".join(f"{end:g}" for end in value)
+    name, value = name_and_text(text)
+    if value.strip() == "inf":  # YAML writes .inf
+        return name.replace("-", "_"), math.inf
+    parsed = parse_yaml(value, f"--scene-option {name}")
+    return name.replace("-", "_"), list(parsed) if isinstance(parsed, list) else parsed
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:
@@ -94,15 +121,11 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         if path.is_dir():
             raise FileError(path, "cannot be written: it is a folder", hint="Name a file in it")
         if path.suffix.lower() not in suffixes:
-            raise FileError(path, f"cannot be written: its name must end in {_either(suffixes)}")
+            either = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+            raise FileError(path, f"cannot be written: its name must end in {either}")
         return path
 
     return checked
-
-
-def _either(suffixes: tuple[str, ...]) -> str:
-    """Return the suffixes as in a sentence: .a, .b or .c."""
-    return " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
 
 
 def output_folder(text: str) -> Path:
@@ -130,37 +153,136 @@ def _check_place(path: Path) -> None:
         raise FileError(path, f"cannot be written: the folder {path.parent} is read-only")
 
 
-def sensor_option(default: str | None = "nikon-d200", *, shown: str | None = None) -> Callable[[F], F]:
-    """Add --sensor; `shown` is a default that is applied later."""
-    text = "Preset or sensor file (YAML)." + ("" if shown is None else f"  [default: {shown}]")
-    return click.option("--sensor", "sensor_name", default=default, metavar="NAME|FILE", help=text)
+# Options
 
 
-def size_options(function: F) -> F:
+def stacked(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+    """Add several options, in the order of the help."""
+
+    def add(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def option(*names: str, default: Any = None, **settings: Any) -> Callable[[F], F]:
+    """Add an option; a default of None is left out, because click takes it for a value of a required option."""
+    return click.option(*names, **settings, **({} if default is None else {"default": default}))
+
+
+def quantity(*names: str, unit: str, text: str, default: float | None = None, zero: bool = False) -> Callable[[F], F]:
+    """Add an option for a finite number above 0; with `zero`, for 0 too."""
+    return option(*names, type=above(or_equal=zero), metavar=unit, default=default, help=text)
+
+
+def path_option(*names: str, text: str, required: bool = False) -> Callable[[F], F]:
+    """Add an option for a path that is not checked."""
+    return click.option(*names, type=click.Path(path_type=Path), metavar="FILE", required=required, help=text)
+
+
+def file_option(
+    *names: str, suffixes: tuple[str, ...], text: str, default: str | None = None, required: bool = False
+) -> Callable[[F], F]:
+    """Add an option for a file to write."""
+    kind = output_file(*suffixes)
+    return option(*names, type=kind, metavar="FILE", default=default, required=required, help=text)
+
+
+def folder_option(kind: Callable[[str], Path], text: str, default: str | None = None) -> Callable[[F], F]:
+    """Add -o / --output, a folder to write."""
+    return option("-o", "--output", type=kind, metavar="FOLDER", default=default, required=default is None, help=text)
+
+
+def sensor_option(default: str | None = None, *, text: str = "Preset or sensor file (YAML).") -> Callable[[F], F]:
+    """Add --sensor."""
+    return option("--sensor", "sensor_name", default=default, metavar="NAME|FILE", help=text)
+
+
+def size_options(rows: int | None = None, cols: int | None = None) -> Callable[[F], F]:
     """Add --rows and --cols, for a chip of another size with the same pixels."""
-    function = click.option("--cols", type=click.IntRange(1), help="Columns of the chip, instead of the sensor's.")(
-        function
+    where = "of the chip, instead of the sensor's." if rows is None else "of the virtual chip."
+    return stacked(
+        option("--rows", type=Whole(1), metavar="N", default=rows, help=f"Rows {where}"),
+        option("--cols", type=Whole(1), metavar="N", default=cols, help=f"Columns {where}"),
     )
-    return click.option("--rows", type=click.IntRange(1), help="Rows of the chip, instead of the sensor's.")(function)
 
 
 def black_level_option(text: str) -> Callable[[F], F]:
-    """Add --black-level; `text` says what happens without it."""
-    return click.option("--black-level", "black_level_dn", type=above(or_equal=True), metavar="DN", help=text)
+    """Add --black-level; `text` says for what, or what happens without it."""
+    return quantity("--black-level", "black_level_dn", unit="DN", zero=True, text=f"Black level in DN{text}.")
 
 
-def lens_options(function: F) -> F:
-    """Add --f-number and --focal-length, of a diffraction-limited lens."""
-    function = click.option(
-        "--focal-length",
-        "focal_length_mm",
-        type=above(),
-        default=50.0,
-        metavar="MM",
-        help="Focal length in mm.",
-    )(function)
-    return click.option("--f-number", type=above(), default=8.0, metavar="N", help="f-number.")(function)
+def virtual_sensor_options(function: F) -> F:
+    """Add the options of a virtual sensor whose dark frames do not clip, for `prepared_sensor`."""
+    level = black_level_option("; by default one at which dark frames do not clip at 0")
+    return stacked(sensor_option("nikon-d200"), size_options(), level)(function)
 
+
+def virtual_light_options(photons: str) -> Callable[[F], F]:
+    """Add the options of the light in a virtual measurement; `photons` is the help of --photons."""
+    return stacked(
+        click.option("--illuminant", default="D65", metavar="NAME", help=ILLUMINANT_HELP),
+        quantity(
+            "--level",
+            unit="X",
+            default=1.3,
+            text="Light level: signal of the brightest channel at the longest exposure time, relative to saturation.",
+        ),
+        click.option("--photons", is_flag=True, help=photons),
+    )
+
+
+ILLUMINANT_HELP = "CIE illuminant (A, D65, ...) or blackbody (3200K)."
+
+
+def reading_options(kind: str = "files", default: str = "") -> Callable[[F], F]:
+    """Add --bits and --cfa, for raw frames that do not state them."""
+    text = f"for {kind} that do not state it.{default}"
+    return stacked(
+        click.option("--bits", type=Whole(1, 16), metavar="N", help=f"Bit depth, {text}"),
+        click.option("--cfa", metavar="TILE", help=f"Colour filter array (rggb, ...), {text}"),
+    )
+
+
+def lens_options(*, late: bool = False) -> Callable[[F], F]:
+    """Add --f-number and --focal-length, of a diffraction-limited lens; with `late`, the command sets the defaults."""
+
+    def lens_option(*names: str, unit: str, text: str, default: float) -> Callable[[F], F]:
+        text += f"  [default: {default:g}]" if late else ""
+        return quantity(*names, unit=unit, text=text, default=None if late else default)
+
+    return stacked(
+        lens_option("--f-number", unit="N", text="f-number of a diffraction-limited lens.", default=8.0),
+        lens_option("--focal-length", "focal_length_mm", unit="MM", text="Focal length in mm.", default=50.0),
+    )
+
+
+def exposure_option(
+    name: str = "--exposure", argument: str = "exposure_s", *, text: str, default: str | None = None
+) -> Callable[[F], F]:
+    """Add an exposure time, by default --exposure."""
+    return option(name, argument, type=exposure_time, metavar="SECONDS", default=default, help=text)
+
+
+def tolerance_percent_option(default: float, text: str) -> Callable[[F], F]:
+    """Add --tolerance of a comparison."""
+    return quantity("--tolerance", "tolerance_percent", unit="PERCENT", default=default, zero=True, text=text)
+
+
+level_option = quantity("--level", unit="P", default=0.05, text="False-alarm rate of the verdict where there is noise.")
+
+
+def seed_option(default: int = 0) -> Callable[[F], F]:
+    """Add --seed."""
+    return option("--seed", type=Whole(0, 2**64 - 1), default=default, help="Key of the temporal noise.")
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, and nothing else.")
+
+
+# Scenes
 
 LUMINANCE_HELP = (
     "Mean luminance of the scene in cd/m2: of a chart's patches (macbeth, color-checker-sg, hdr-patches, measured "
@@ -168,18 +290,43 @@ LUMINANCE_HELP = (
 )
 
 
-def patches_luminance(scene: Scene) -> float | None:
-    """Return the mean luminance of a chart's patches; None for other scenes."""
-    return scene.nominal_luminance_cd_m2() if scene.patches and scene.regions else None
+def luminance_option(text: str = LUMINANCE_HELP, default: float | None = None) -> Callable[[F], F]:
+    """Add --luminance."""
+    return quantity("--luminance", "mean_luminance_cd_m2", unit="CD/M2", default=default, text=text)
 
 
-def luminance_line(scene: Scene) -> str:
-    """Return a scene's mean luminance as text, with what it is the mean of."""
-    over_all = f"{scene.mean_luminance_cd_m2():.4g} cd/m2"
-    patches = patches_luminance(scene)
-    if patches is None:
-        return f"mean luminance {over_all}"
-    return f"mean luminance {patches:.4g} cd/m2 of the patches, {over_all} of all samples"
+def distance_option(text: str = "Distance from lens to scene in m.", default: float | None = None) -> Callable[[F], F]:
+    """Add --distance."""
+    return quantity("--distance", "distance_m", unit="M", default=default, text=text)
+
+
+def wavelengths_option(text: str, default: str | None = None) -> Callable[[F], F]:
+    """Add --wavelengths."""
+    return option("--wavelengths", "wavelength_nm", type=wavelengths_of, metavar="NM", default=default, help=text)
+
+
+def cube_options(wavelengths: str) -> Callable[[F], F]:
+    """Add the options of reading a scene file that all commands have; `wavelengths` is the help of --wavelengths."""
+    return stacked(
+        luminance_option(f"{LUMINANCE_HELP}  [default: a built-in scene's 40; a file's own]"),
+        distance_option("Distance from lens to scene in m.  [default: a file's own, or 1.2]"),
+        quantity(
+            "--width", "width_m", unit="M", text="Width of the scene in m; without it, the scene fills the frame."
+        ),
+        click.option(
+            "--units",
+            metavar="UNITS",
+            help="Units of the values of a scene file; they override the file's. W/sr/m2/nm, photons/s/sr/m2/nm, "
+            "reflectance, percent, reflectance/10000, relative; for a Radiance picture: radiance.",
+        ),
+        wavelengths_option(wavelengths),
+        quantity(
+            "--tolerance",
+            unit="T",
+            text="Largest RMS error of the reduction of a scene file to few basis spectra, relative to the RMS.  "
+            "[default: 0.001]",
+        ),
+    )
 
 
 class SceneOption(NameValueOption):
@@ -193,81 +340,43 @@ class SceneOption(NameValueOption):
         return field in ReadOptions.model_fields or any(field in chart_options(name) for name in BUILT_IN_SCENES)
 
 
-def scene_options(function: F) -> F:
-    """Add --scene and the options of the scene."""
-    source = click.option(
+_OPTIONS_OF_SCENE = stacked(
+    click.option(
+        "--scene-option",
+        "options",
+        cls=SceneOption,
+        type=name_and_value,
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="An option of the built-in scene (contrast=10; `photosite scenes` lists them), or of reading a file "
+        "(no_data=zero, band_range_nm=[400,780], sort_bands=true, variable=NAME, method=jakob-hanika; "
+        "docs/scenes.md); may be repeated.",
+    ),
+    click.option(
+        "--illuminant",
+        metavar="NAME",
+        help="CIE illuminant (A, D65, FL2, ...), blackbody (3200K), daylight or white LED ('daylight 5600', "
+        "'led 4000'), or a CSV file of a spectrum.  [default: A; a picture's D65; another file's own]",
+    ),
+    cube_options(
+        "Wavelengths in nm of a built-in scene, or of the bands of a file that does not state them: 400:700:10 or "
+        "400,410,..."
+    ),
+)
+
+scene_options = stacked(
+    click.option(
         "--scene",
         "scene_source",
         metavar="NAME|FILE",
         help="A built-in scene or a scene file; `photosite scenes` lists them.  [default: macbeth]",
-    )
-    return source(_options_of_scene(function))
+    ),
+    _OPTIONS_OF_SCENE,
+)
+"""--scene and the options of the scene."""
 
-
-def scene_argument(function: F) -> F:
-    """Add the scene as the command's argument, and its options."""
-    return click.argument("scene_source", metavar="NAME|FILE")(_options_of_scene(function))
-
-
-def _options_of_scene(function: F) -> F:
-    for option in (
-        click.option(
-            "--tolerance",
-            type=above(),
-            metavar="T",
-            help="Largest RMS error of the reduction of a scene file to few basis spectra, relative to the RMS.  "
-            "[default: 0.001]",
-        ),
-        click.option(
-            "--wavelengths",
-            "wavelength_nm",
-            type=wavelengths_of,
-            metavar="START:STOP:STEP",
-            help="Wavelengths in nm of a built-in scene, or of the bands of a file that does not state them: "
-            "400:700:10 or 400,410,...",
-        ),
-        click.option("--units", metavar="UNIT", help="Units of the values of a scene file; they override the file's."),
-        click.option(
-            "--width",
-            "width_m",
-            type=above(),
-            metavar="M",
-            help="Width of the scene in m; without it, the scene fills the frame.",
-        ),
-        click.option(
-            "--distance",
-            "distance_m",
-            type=above(),
-            metavar="M",
-            help="Distance from lens to scene in m.  [default: 1.2]",
-        ),
-        click.option(
-            "--luminance",
-            "mean_luminance_cd_m2",
-            type=above(),
-            metavar="CD/M2",
-            help=f"{LUMINANCE_HELP}  [default: 40; a file's own]",
-        ),
-        click.option(
-            "--illuminant",
-            metavar="NAME",
-            help="CIE illuminant (A, D65, FL2, ...), blackbody (3200K), daylight or white LED ('daylight 5600', "
-            "'led 4000'), or a CSV file of a spectrum.  [default: A; a picture's D65; another file's own]",
-        ),
-        click.option(
-            "--scene-option",
-            "options",
-            cls=SceneOption,
-            type=name_and_value,
-            multiple=True,
-            metavar="NAME=VALUE",
-            help="An option of the built-in scene (contrast=10; `photosite scenes` lists them), or of reading a file "
-            "(no_data=zero, band_range_nm=[400,780], sort_bands=true, variable=NAME, method=jakob-hanika; "
-            "docs/scenes.md); may be repeated.",
-        ),
-    ):
-        function = option(function)
-    return function
+scene_argument = stacked(click.argument("scene_source", metavar="NAME|FILE"), _OPTIONS_OF_SCENE)
+"""The scene as the command's argument, and its options."""
 
 
 def request_of(base: SceneRequest, given: Mapping[str, Any]) -> SceneRequest:
@@ -289,59 +398,62 @@ def options_of_scene(given: Mapping[str, Any]) -> dict[str, Any]:
     return merged_options(own, dict(given["options"]))
 
 
-def name_and_value(text: str) -> tuple[str, Any]:
-    """Parse NAME=VALUE, the value as in YAML: a number, a list, true, or text."""
-    from photosite.files.yaml import parse_yaml
-
-    name, sign, value = text.partition("=")
-    if not sign or not name.strip():
-        raise click.BadParameter(f"must be NAME=VALUE, such as contrast=10, got '{text}'")
-    if value.strip() == "inf":  # YAML writes .inf
-        return name.strip().replace("-", "_"), math.inf
-    parsed = parse_yaml(value, f"--scene-option {name}")
-    return name.strip().replace("-", "_"), list(parsed) if isinstance(parsed, list) else parsed
+def patches_luminance(scene: Scene) -> float | None:
+    """Return the mean luminance of a chart's patches; None for other scenes."""
+    return scene.nominal_luminance_cd_m2() if scene.patches and scene.regions else None
 
 
-def illuminant_option(default: str) -> Callable[[F], F]:
-    """Add --illuminant."""
-    return click.option(
-        "--illuminant", default=default, metavar="NAME", help="CIE illuminant (A, D65, ...) or blackbody (3200K)."
+def scene_facts(scene: Scene) -> dict[str, Any]:
+    """Return a scene's properties for JSON."""
+    return {
+        "rows": scene.shape[0],
+        "cols": scene.shape[1],
+        "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
+        "patches_luminance_cd_m2": patches_luminance(scene),
+        "relative_error": scene.relative_error,
+        "distance_m": scene.distance_m,
+        "width_m": scene.width_m,
+    }
+
+
+def luminance_line(scene: Scene) -> str:
+    """Return a scene's mean luminance as text, with what it is the mean of."""
+    over_all = f"{scene.mean_luminance_cd_m2():.4g} cd/m2"
+    patches = patches_luminance(scene)
+    if patches is None:
+        return f"mean luminance {over_all}"
+    return f"mean luminance {patches:.4g} cd/m2 of the patches, {over_all} of all samples"
+
+
+# Sensors
+
+
+def prepared_sensor(
+    sensor_name: str, rows: int | None, cols: int | None, black_level_dn: float | None, *, pedestal: bool = True
+) -> tuple[Sensor, str]:
+    """Return a sensor, with a black level at which dark frames do not clip unless one is given, and a note on it."""
+    from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.studies.virtual_lab import dark_noise_dn, with_pedestal
+
+    changes = {"rows": rows, "cols": cols, "black_level_dn": black_level_dn}
+    sensor = load_sensor(sensor_name).with_(**{name: value for name, value in changes.items() if value is not None})
+    raised = with_pedestal(sensor) if pedestal and black_level_dn is None else sensor
+    if raised is sensor:
+        return sensor, ""
+    own, high = (each.readout.black_level_dn.value for each in (sensor, raised))
+    return raised, (
+        f"black level raised from {own:g} to {high:g} DN: dark frames with {dark_noise_dn(sensor):.2f} DN of noise "
+        "would clip at 0"
     )
 
 
-def seed_option(default: int = 0) -> Callable[[F], F]:
-    """Add --seed."""
-    return click.option("--seed", type=click.IntRange(0, 2**64 - 1), default=default, help="Key of the temporal noise.")
-
-
-def json_option(function: F) -> F:
-    """Add --json."""
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object, and nothing else.")(function)
-
-
-def output_option(*suffixes: str, text: str, default: str | None = None) -> Callable[[F], F]:
-    """Add -o / --output, a file; it is required where it has no default."""
-    return click.option(
-        "-o",
-        "--output",
-        type=output_file(*suffixes),
-        metavar="FILE",
-        default=default,
-        required=default is None,
-        help=text,
-    )
-
-
-def load_sensor_resized(name: str, rows: int | None, cols: int | None, black_level: float | None = None) -> Sensor:
-    """Return a sensor with the given size and black level."""
+def sensor_or(default: T, name: str | None) -> Sensor | T:
+    """Return the sensor of --sensor, or the default where it is not given."""
     from photosite.sensor.io.sensor_file import load_sensor
 
-    changes: dict[str, Any] = {"rows": rows, "cols": cols, "black_level_dn": black_level}
-    return load_sensor(name).with_(**{name: value for name, value in changes.items() if value is not None})
+    return default if name is None else load_sensor(name)
 
 
-def lens(f_number: float, focal_length: float) -> DiffractionLimited:
-    """Return a diffraction-limited lens."""
-    from photosite.optics.diffraction import DiffractionLimited
-
-    return DiffractionLimited(f_number=f_number, focal_length_mm=focal_length)
+def is_given(ctx: click.Context, name: str) -> bool:
+    """Return whether a parameter of a command was given on the command line."""
+    return ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE

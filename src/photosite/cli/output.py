@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,15 +15,25 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-def print_json(content: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output.
+def show(as_json: bool, content: Mapping[str, Any], text: Callable[[], str], **written: PathLike[str] | None) -> None:
+    """Print a result on standard output, as one JSON object or as text.
 
-    Raises
-    ------
-    ValueError
-        If a number is not finite: results hold none, so this is a bug.
+    Parameters
+    ----------
+    as_json
+        Whether the command was called with --json.
+    content
+        The JSON object. Its numbers are finite.
+    text
+        Returns the text.
+    **written
+        Files that the command wrote, by their names in the JSON object; None for those that were not asked for.
     """
-    click.echo(json.dumps(content, allow_nan=False, ensure_ascii=False, default=_plain))
+    files = {name: str(path) for name, path in written.items() if path is not None}
+    if as_json:
+        click.echo(json.dumps({**content, **files}, allow_nan=False, ensure_ascii=False, default=_plain))
+    else:
+        click.echo("\n".join([text(), *(f"wrote {path}" for path in files.values())]))
 
 
 def _plain(value: Any) -> Any:
@@ -35,14 +46,7 @@ def _plain(value: Any) -> Any:
 
 
 def table(rows: Sequence[Sequence[str]], align: str) -> str:
-    """Return rows of text in columns, two spaces apart.
-
-    Parameters
-    ----------
-    rows
-        All of one length; the first is the heading.
-    align
-        One of `<` and `>` per column.
+    """Return rows of text in columns; the first row is the heading, `align` has `<` or `>` for each column.
 
     Examples
     --------
@@ -56,6 +60,16 @@ def table(rows: Sequence[Sequence[str]], align: str) -> str:
         for row in rows
     )
     return "\n".join(lines)
+
+
+def verdict(agrees: bool) -> str:
+    """Return the verdict of a comparison in one word."""
+    return "agree" if agrees else "differ"
+
+
+def listed(heading: str, lines: Iterable[str]) -> str:
+    """Return a heading with indented lines below it."""
+    return "\n".join([heading, *(f"  {line}" for line in lines)])
 
 
 def say(message: str) -> None:

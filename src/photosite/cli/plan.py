@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import print_json, table
+from photosite.cli.output import show, table
 
 if TYPE_CHECKING:
     from photosite.frames.frame_settings import Kind
     from photosite.sensor.model import Sensor
-    from photosite.studies.planning import Plan, Want
+    from photosite.studies.planning import Plan
     from photosite.studies.protocol import ShootingProtocol
 
 _NAMED = ("paper-d200",)
 
 
 @click.command("plan", cls=Command)
-@options.sensor_option()
-@options.size_options
-@options.black_level_option("Black level in DN; by default one at which dark frames do not clip at 0.")
+@options.virtual_sensor_options
 @click.option(
     "--want",
     "wants",
@@ -42,44 +41,25 @@ _NAMED = ("paper-d200",)
     metavar="KIND:EXPOSURE:FRAMES",
     help="Step of the protocol to evaluate, such as dark:1/8000:50 or light:1/50:5; repeatable.",
 )
-@options.illuminant_option("D65")
-@click.option(
-    "--level",
-    type=options.above(),
-    default=1.3,
-    metavar="X",
-    help="Light level: signal of the brightest channel at the longest exposure, relative to saturation.",
+@options.virtual_light_options("The light will be metered, so that the photons per pixel are known.")
+@options.exposure_option(
+    *("--longest-flat", "longest_flat"), default="1/20", text="Longest exposure time of a flat field in s."
 )
-@click.option(
-    "--longest-flat",
-    type=options.exposure_time,
-    default="1/20",
-    metavar="SECONDS",
-    help="Longest exposure time of a flat field in s.",
+@options.exposure_option(
+    *("--longest-dark", "longest_dark"), default="5", text="Longest exposure time of a dark frame in s."
 )
-@click.option(
-    "--longest-dark",
-    type=options.exposure_time,
-    default="5",
-    metavar="SECONDS",
-    help="Longest exposure time of a dark frame in s.",
-)
-@click.option("--photons", is_flag=True, help="The light will be metered, so that the photons per pixel are known.")
 @options.json_option
 def command(
-    sensor_name: str,
-    rows: int | None,
-    cols: int | None,
-    black_level_dn: float | None,
     wants: tuple[str, ...],
     protocol: str | None,
     steps: tuple[str, ...],
     illuminant: str,
     level: float,
+    photons: bool,
     longest_flat: float,
     longest_dark: float,
-    photons: bool,
     as_json: bool,
+    **chip: Any,
 ) -> None:
     """Find how many frames a precision needs, or what precision a protocol reaches.
 
@@ -91,31 +71,23 @@ def command(
 
     Example: photosite plan --rows 1000 --cols 1500 --want prnu_percent=2% --want system_gain_dn_per_e=0.5%
     """
-    from photosite.cli.shoot import prepared_sensor
     from photosite.studies.planning import Design, Want, plan_frames, plan_protocol
     from photosite.studies.virtual_lab import virtual_lab
 
     if sum(map(bool, (wants, protocol, steps))) != 1:
         raise click.UsageError("give one of --want, --protocol and --step")
     wanted = {want.parameter: want for want in map(Want.parse, wants)}
-    sensor, note = prepared_sensor(sensor_name, rows, cols, black_level_dn)
+    sensor, note = options.prepared_sensor(**chip)
     if wanted:
-        plan = plan_frames(
-            sensor, wanted, design=Design(longest_dark, longest_flat), illuminant=illuminant, metered=photons
-        )
+        design = Design(longest_dark, longest_flat)
+        plan = plan_frames(sensor, wanted, design=design, illuminant=illuminant, metered=photons)
     else:
         shooting = _protocol(protocol, steps)
-        lab = virtual_lab(sensor, shooting, illuminant=illuminant, level=level, photons_known=photons)
-        plan = plan_protocol(lab)
-    if as_json:
-        print_json(plan.to_dict() | ({"note": note} if note else {}))
-        return
-    _show(plan, sensor, note)
+        plan = plan_protocol(virtual_lab(sensor, shooting, illuminant=illuminant, level=level, photons_known=photons))
+    show(as_json, plan.to_dict() | ({"note": note} if note else {}), lambda: _text(plan, sensor, note))
 
 
 def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
-    from pathlib import Path
-
     from photosite.errors import FileError
     from photosite.frames.io.protocol import read_protocol
     from photosite.studies.planning import step_from
@@ -138,51 +110,29 @@ def _protocol(named: str | None, steps: tuple[str, ...]) -> ShootingProtocol:
     return ShootingProtocol(found.name or path.name, tuple(steps_found))
 
 
-def _show(plan: Plan, sensor: Sensor, note: str) -> None:
-    from photosite.studies.planning import setting_text
+def _text(plan: Plan, sensor: Sensor, note: str) -> str:
+    from photosite.report.numbers import format_number
+    from photosite.studies.planning import LEAST_IN_WORDS, setting_text
     from photosite.values.exposure import format_exposure
 
-    array = sensor.array
-    click.echo(f"{plan.protocol.frame_count} frames of {sensor.name}, {array.rows} x {array.cols} pixels")
+    lines = [f"{plan.protocol.frame_count} frames of {sensor.name}, {sensor.array.rows} x {sensor.array.cols} pixels"]
     if note:
-        click.echo(note)
+        lines.append(note)
     if plan.least:
-        from photosite.studies.planning import LEAST_IN_WORDS
-
-        click.echo(f"the minimum of a calibration ({LEAST_IN_WORDS}) reaches the wanted precision")
-    rows = [("frames", "exposure", "light")]
-    capacity = sensor.saturation_capacity_e
+        lines.append(f"the minimum of a calibration ({LEAST_IN_WORDS}) reaches the wanted precision")
+    groups = [("frames", "exposure", "light")]
     for group in plan.groups:
         text = format_exposure(group.exposure_s)
         exposure = text if "/" in text else f"{group.exposure_s:.4g}"
-        rows.append((str(group.frames), f"{exposure} s", setting_text(group, capacity)))
-    click.echo("\n" + table(rows, ">><"))
-    click.echo("\n" + table([_HEADING, *(_line(plan, name) for name in _shown(plan))], "<>>><"))
-
-
-_HEADING = ("parameter", "expected", "uncertainty", "relative", "")
-
-
-def _shown(plan: Plan) -> list[str]:
-    estimates = plan.expected.estimates()
-    return [name for name, entry in estimates.items() if entry.standard_uncertainty is not None]
-
-
-def _line(plan: Plan, name: str) -> tuple[str, ...]:
-    from photosite.report.numbers import format_number
-
-    entry = plan.expected.estimates()[name]
-    value, uncertainty = entry.value or 0.0, entry.standard_uncertainty or 0.0
-    known = uncertainty < abs(value)  # a relative uncertainty of a value near 0 is meaningless
-    share = f"{100 * uncertainty / abs(value):.2g} %" if known else ""
-    return (
-        name,
-        format_number(value, 4) if known else "0",
-        format_number(uncertainty, 2),
-        share,
-        next((_wanted(want) for want in plan.wants if want.parameter == name), ""),
-    )
-
-
-def _wanted(want: Want) -> str:
-    return f"wanted: {want.text}"
+        groups.append((str(group.frames), f"{exposure} s", setting_text(group, sensor.saturation_capacity_e)))
+    wanted = {want.parameter: f"wanted: {want.text}" for want in plan.wants}
+    rows = [("parameter", "expected", "uncertainty", "relative", "")]
+    for name, entry in plan.expected.estimates().items():
+        if entry.standard_uncertainty is None:
+            continue
+        value, uncertainty = entry.value or 0.0, entry.standard_uncertainty
+        known = uncertainty < abs(value)  # a relative uncertainty of a value near 0 is meaningless
+        relative = f"{100 * uncertainty / abs(value):.2g} %" if known else ""
+        expected = format_number(value, 4) if known else "0"
+        rows.append((name, expected, format_number(uncertainty, 2), relative, wanted.get(name, "")))
+    return "\n\n".join(["\n".join(lines), table(groups, ">><"), table(rows, "<>>><")])

@@ -10,7 +10,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Group
-from photosite.cli.output import print_json, table
+from photosite.cli.output import listed, show, table
 
 if TYPE_CHECKING:
     from photosite.scene.scene import Scene
@@ -27,7 +27,7 @@ def command(ctx: click.Context, as_json: bool) -> None:
     Example: photosite scenes show siemens-star --picture star.png
     """
     if ctx.invoked_subcommand is None:
-        _list(as_json)
+        ctx.invoke(list_, as_json=as_json)
 
 
 @command.command("list")
@@ -37,53 +37,49 @@ def list_(as_json: bool) -> None:
 
     Example: photosite scenes list --json
     """
-    _list(as_json)
-
-
-def _list(as_json: bool) -> None:
     from photosite.scene.built_in import BUILT_IN_SCENES, chart_function, chart_options
-    from photosite.scene.io.formats import FORMATS
 
     scenes = {
-        name: ((chart_function(name).__doc__ or "").strip().splitlines()[0], chart_options(name))
+        name: {
+            "summary": (chart_function(name).__doc__ or "").strip().splitlines()[0],
+            "options": {key: "inf" if value == math.inf else value for key, value in chart_options(name).items()},
+        }
         for name in BUILT_IN_SCENES
     }
-    if as_json:
-        listed = {
-            name: {"summary": line, "options": {key: _json(value) for key, value in known.items()}}
-            for name, (line, known) in scenes.items()
+    show(as_json, {"scenes": scenes}, lambda: _scenes_text(scenes))
+
+
+def _scenes_text(scenes: dict[str, dict[str, Any]]) -> str:
+    from photosite.scene.io.formats import FORMATS
+
+    def written(known: dict[str, Any]) -> str:
+        texts = {
+            key: "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+            for key, value in known.items()
         }
-        print_json({"scenes": listed})
-        return
-    rows = [(name, line) for name, (line, _) in scenes.items()]
-    click.echo(table([("scene", "description"), *rows], "<<"))
-    click.echo("\nOptions with their defaults (--scene-option NAME=VALUE):")
-    for name, (_, known) in scenes.items():
-        click.echo(f"  {name}: {', '.join(f'{key}={_written(value)}' for key, value in known.items()) or 'none'}")
-    click.echo("\nFile formats (docs/scenes.md):")
-    for kind in FORMATS:
-        click.echo(f"  {kind.name}: {' '.join(kind.suffixes)}")
+        return ", ".join(f"{key}={text}" for key, text in texts.items()) or "none"
 
-
-def _json(value: Any) -> Any:
-    """A default in JSON: infinity is the text that --scene-option takes."""
-    return "inf" if value == math.inf else value
-
-
-def _written(value: Any) -> str:
-    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+    return "\n\n".join(
+        [
+            table([("scene", "description"), *((name, entry["summary"]) for name, entry in scenes.items())], "<<"),
+            listed(
+                "Options with their defaults (--scene-option NAME=VALUE):",
+                (f"{name}: {written(entry['options'])}" for name, entry in scenes.items()),
+            ),
+            listed("File formats (docs/scenes.md):", (f"{kind.name}: {' '.join(kind.suffixes)}" for kind in FORMATS)),
+        ]
+    )
 
 
 @command.command("show")
 @options.scene_argument
-@click.option(
+@options.file_option(
     "--picture",
-    type=options.output_file(*options.PICTURE_SUFFIXES),
-    metavar="FILE",
-    help="Also write a preview as an eye adapted to the scene's light would see it (PNG).",
+    suffixes=options.PICTURE_SUFFIXES,
+    text="Also write a preview as an eye adapted to the scene's light would see it (PNG).",
 )
 @options.json_option
-def show(picture: Path | None, as_json: bool, **given: Any) -> None:
+def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
     """Show a scene's samples, spectra, luminance and distance.
 
     Example: photosite scenes show cube.hdr --picture cube.png
@@ -96,39 +92,29 @@ def show(picture: Path | None, as_json: bool, **given: Any) -> None:
     if picture is not None:
         save_picture(preview(scene), picture)
     facts = _facts(scene)
-    if as_json:
-        print_json(facts | {"picture": None if picture is None else str(picture)})
-        return
-    click.echo(
-        f"{scene.name}: {facts['rows']} x {facts['cols']} samples, "
-        f"{facts['spectra']} {'spectrum' if facts['spectra'] == 1 else 'spectra'} over "
+    spectra = f"{facts['spectra']} {'spectrum' if facts['spectra'] == 1 else 'spectra'}"
+    width = "as wide as the frame" if scene.width_m is None else f"{scene.width_m:g} m wide"
+    text = (
+        f"{scene.name}: {facts['rows']} x {facts['cols']} samples, {spectra} over "
         f"{facts['first_nm']:g} to {facts['last_nm']:g} nm ({facts['wavelengths']} wavelengths)\n"
         f"{options.luminance_line(scene)}, darkest to brightest sample "
         f"{facts['darkest_cd_m2']:.3g} to {facts['brightest_cd_m2']:.3g} cd/m2\n"
-        f"{scene.distance_m:g} m from the lens, "
-        + ("as wide as the frame" if scene.width_m is None else f"{scene.width_m:g} m wide")
+        f"{scene.distance_m:g} m from the lens, {width}"
     )
-    if picture is not None:
-        click.echo(f"wrote {picture}")
+    show(as_json, {**facts, "picture": None}, lambda: text, picture=picture)
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
     from photosite.scene.preview import tristimulus
 
     luminance = tristimulus(scene)[..., 1]
-    return {
+    return options.scene_facts(scene) | {
         "name": scene.name,
-        "rows": scene.shape[0],
-        "cols": scene.shape[1],
         "spectra": len(scene.basis),
         "wavelengths": scene.wavelength_nm.size,
         "first_nm": float(scene.wavelength_nm[0]),
         "last_nm": float(scene.wavelength_nm[-1]),
-        "mean_luminance_cd_m2": scene.mean_luminance_cd_m2(),
-        "patches_luminance_cd_m2": options.patches_luminance(scene),
         "darkest_cd_m2": float(luminance.min()),
         "brightest_cd_m2": float(luminance.max()),
-        "distance_m": scene.distance_m,
-        "width_m": scene.width_m,
         "regions": [region.name for region in scene.regions],
     }

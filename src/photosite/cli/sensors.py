@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from photosite.cli.command import Group
 from photosite.cli.options import json_option
-from photosite.cli.output import print_json, table
-
-if TYPE_CHECKING:
-    from photosite.sensor.model import Sensor
+from photosite.cli.output import show, table
+from photosite.errors import FileError
+from photosite.values.cfa import tile_text
 
 
 @click.group("sensors", cls=Group, invoke_without_command=True)
@@ -28,7 +27,7 @@ def command(ctx: click.Context, as_json: bool) -> None:
     Example: photosite sensors show nikon-d200
     """
     if ctx.invoked_subcommand is None:
-        _list(as_json)
+        ctx.invoke(list_, as_json=as_json)
 
 
 @command.command("list")
@@ -38,49 +37,36 @@ def list_(as_json: bool) -> None:
 
     Example: photosite sensors list --json
     """
-    _list(as_json)
-
-
-def _list(as_json: bool) -> None:
     from photosite.sensor.io.sensor_file import load_sensor, preset_names
 
     presets = {name: load_sensor(name) for name in preset_names()}
-    if as_json:
-        print_json({"sensors": {name: _facts(sensor) for name, sensor in presets.items()}})
-        return
-    heading = ("sensor", "pixel", "rows x cols", "CFA", "bits", "read noise", "name")
-    click.echo(table([heading, *(_row(name, sensor) for name, sensor in presets.items())], "<><<>><"))
-
-
-def _facts(sensor: Sensor) -> dict[str, Any]:
-    return {
-        "name": sensor.name,
-        "rows": sensor.array.rows,
-        "cols": sensor.array.cols,
-        "cfa": [list(row) for row in sensor.array.cfa],
-        "pixel_width_um": sensor.pixel.width_um.value,
-        "bits": sensor.readout.bits,
-        "read_noise_mv": sensor.noise.read_noise_mv.value,
-        "saturation_capacity_e": sensor.saturation_capacity_e,
+    facts = {
+        name: {
+            "name": sensor.name,
+            "rows": sensor.array.rows,
+            "cols": sensor.array.cols,
+            "cfa": sensor.array.cfa,
+            "pixel_width_um": sensor.pixel.width_um.value,
+            "bits": sensor.readout.bits,
+            "read_noise_mv": sensor.noise.read_noise_mv.value,
+            "saturation_capacity_e": sensor.saturation_capacity_e,
+        }
+        for name, sensor in presets.items()
     }
-
-
-def _row(name: str, sensor: Sensor) -> tuple[str, ...]:
-    return (
-        name,
-        f"{sensor.pixel.width_um.value:g} um",
-        f"{sensor.array.rows} x {sensor.array.cols}",
-        "".join("".join(row) for row in sensor.array.cfa).lower(),
-        str(sensor.readout.bits),
-        f"{sensor.noise.read_noise_mv.value:g} mV",
-        sensor.name,
-    )
+    rows = [("sensor", "pixel", "rows x cols", "CFA", "bits", "read noise", "name")]
+    for name, sensor in presets.items():
+        size = f"{sensor.array.rows} x {sensor.array.cols}"
+        tile = tile_text(sensor.array.cfa).replace("/", "").lower()
+        noise = f"{sensor.noise.read_noise_mv.value:g} mV"
+        bits = str(sensor.readout.bits)
+        rows.append((name, f"{sensor.pixel.width_um.value:g} um", size, tile, bits, noise, sensor.name))
+    show(as_json, {"sensors": facts}, lambda: table(rows, "<><<>><"))
 
 
 @command.command("show")
 @click.argument("name", metavar="NAME|FILE")
 @json_option
-def show(name: str, as_json: bool) -> None:
+def show_sensor(name: str, as_json: bool) -> None:
     """Print a sensor file, with the source of every value.
 
     Example: photosite sensors show vendor-2.2um --json
@@ -88,10 +74,8 @@ def show(name: str, as_json: bool) -> None:
     from photosite.sensor.io.sensor_file import dump_sensor, load_sensor
 
     sensor = load_sensor(name)
-    if as_json:
-        print_json(sensor.model_dump(mode="json", exclude_none=True))
-    else:
-        click.echo(dump_sensor(sensor), nl=False)
+    content = sensor.model_dump(mode="json", exclude_none=True)
+    show(as_json, content, lambda: dump_sensor(sensor).removesuffix("\n"))
 
 
 @command.command("schema")
@@ -121,10 +105,8 @@ def check(file: Path, as_json: bool) -> None:
 
     sensor = load_sensor(file)
     assumed = _assumed(sensor.model_dump(mode="json", exclude_none=True))
-    if as_json:
-        print_json({"file": str(file), "name": sensor.name, "assumed": assumed})
-    else:
-        click.echo(f"{file}: valid sensor file of {sensor.name}; assumed values: {', '.join(assumed) or 'none'}")
+    text = f"{file}: valid sensor file of {sensor.name}; assumed values: {', '.join(assumed) or 'none'}"
+    show(as_json, {"file": file, "name": sensor.name, "assumed": assumed}, lambda: text)
 
 
 def _assumed(node: Any, path: str = "") -> list[str]:
@@ -145,7 +127,6 @@ def export(name: str, file: Path) -> None:
 
     Example: photosite sensors export nikon-d200 mine.sensor.yaml
     """
-    from photosite.errors import FileError
     from photosite.sensor.io.sensor_file import load_sensor
 
     if file.exists():

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import print_json, say_if_compiling
+from photosite.cli.output import say_if_compiling, show
 from photosite.errors import InputError
 from photosite.values.exposure import format_exposure
 
@@ -26,52 +25,32 @@ if TYPE_CHECKING:
 
 
 @click.command("simulate", cls=Command)
-@click.option(
-    "--camera",
-    "camera_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera file (YAML): sensor, optics and scene together. Other options override it.",
+@options.path_option(
+    *("--camera", "camera_file"),
+    text="Camera file (YAML): sensor, optics and scene together. Other options override it.",
 )
-@options.sensor_option(default=None, shown="nikon-d200")
-@options.size_options
-@options.black_level_option("Black level in DN, instead of the sensor's.")
+@options.sensor_option(text="Preset or sensor file (YAML).  [default: nikon-d200]")
+@options.size_options()
+@options.black_level_option("; by default the sensor's")
 @options.scene_options
-@click.option(
-    "--optics",
-    "optics_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Optics file (YAML, or ISETPARMS.txt).",
-)
-@click.option(
-    "--f-number", type=options.above(), metavar="N", help="f-number of a diffraction-limited lens.  [default: 8]"
-)
-@click.option(
-    "--focal-length", "focal_length_mm", type=options.above(), metavar="MM", help="Focal length in mm.  [default: 50]"
-)
-@click.option(
-    "--exposure",
-    "exposure_s",
-    type=options.exposure_time,
-    metavar="SECONDS",
-    help="Exposure time in s, such as 0.01 or 1/100.  [default: 1/3]",
-)
+@options.path_option("--optics", "optics_file", text="Optics file (YAML, or ISETPARMS.txt).")
+@options.lens_options(late=True)
+@options.exposure_option(text="Exposure time in s, such as 0.01 or 1/100.  [default: 1/3]")
 @click.option(
     "--cells",
     "cells_per_pixel",
-    type=click.IntRange(1),
+    type=options.Whole(1),
     metavar="ODD",
     help="Cells across a pixel in which the image is computed; use 3 or more to measure edges.  [default: 1]",
 )
 @options.seed_option()
-@options.output_option(*options.RAW_SUFFIXES, default="shot.dng", text="Raw frame to write: .dng, .tif, .png or .h5.")
-@click.option(
-    "--preview",
-    type=options.output_file(*options.PICTURE_SUFFIXES),
-    metavar="FILE",
-    help="Also write a developed picture (PNG).",
+@options.file_option(
+    *("-o", "--output"),
+    suffixes=options.RAW_SUFFIXES,
+    default="shot.dng",
+    text="Raw frame to write: .dng, .tif, .png or .h5.",
 )
+@options.file_option("--preview", suffixes=options.PICTURE_SUFFIXES, text="Also write a developed picture (PNG).")
 @options.json_option
 def command(
     camera_file: Path | None,
@@ -105,35 +84,43 @@ def command(
     say_if_compiling()
     raw = _with_white_balance(camera.capture(scene, time_s, seed=seed), camera, _light(set_up.scene, scene))
     _save(raw, output, preview)
-    facts = _facts(raw, output, preview)
-    if as_json:
-        print_json(facts | {"scene": scene.name, "sensor": camera.sensor.name, "seed": seed})
-        return
-    click.echo(
+    facts: dict[str, Any] = {
+        "path": output,
+        "preview": preview,
+        "rows": raw.shape[0],
+        "cols": raw.shape[1],
+        "bits": raw.bits,
+        "black_level_dn": raw.black_level_dn,
+        "white_level_dn": raw.white_level_dn,
+        "exposure_s": raw.exposure_s,
+        "mean_dn": float(raw.dn.mean()),
+        "max_dn": int(raw.dn.max()),
+        "saturated_fraction": float((raw.dn >= raw.white_level_dn).mean()),
+        "scene": scene.name,
+        "sensor": camera.sensor.name,
+        "seed": seed,
+    }
+    text = (
         f"wrote {output}: {raw.shape[0]} x {raw.shape[1]} pixels of {camera.sensor.name}, {scene.name}, "
         f"{format_exposure(time_s)} s; mean {facts['mean_dn']:.1f} DN, max {facts['max_dn']} DN, "
         f"{100 * facts['saturated_fraction']:.3g} % saturated"
     )
-    if preview is not None:
-        click.echo(f"wrote {preview}")
+    show(as_json, facts, lambda: text, preview=preview)
 
 
 def _set_up(camera_file: Path | None, given: dict[str, Any]) -> SetUp:
-    """The camera file's set-up, or the paper's, changed by the options."""
+    """Return the camera file's set-up, or the paper's, changed by the options."""
     from photosite.camera.file import SetUp, load_camera
 
     base = SetUp() if camera_file is None else load_camera(camera_file)
-    sensor = base.sensor
-    if given["sensor_name"] is not None:
-        sensor = options.load_sensor_resized(given["sensor_name"], None, None)
+    sensor = options.sensor_or(base.sensor, given["sensor_name"])
     changes = {name: given[name] for name in ("rows", "cols", "black_level_dn") if given[name] is not None}
-    cells = given["cells_per_pixel"]
     return replace(
         base,
         sensor=sensor.with_(**changes),
         optics=_optics(base.optics, given),
         scene=_request(base.scene, given),
-        cells_per_pixel=base.cells_per_pixel if cells is None else cells,
+        cells_per_pixel=given["cells_per_pixel"] or base.cells_per_pixel,
     )
 
 
@@ -149,11 +136,8 @@ def _optics(base: Optics, given: dict[str, Any]) -> Optics:
         return base
     if given["optics_file"] is not None or not isinstance(base, DiffractionLimited):
         name, value = next(iter(changes.items()))
-        raise InputError(
-            "the optics file defines the lens",
-            hint=f"Omit {{{name}}}, or change the file",
-            arguments={name: value},
-        )
+        hint = f"Omit {{{name}}}, or change the file"
+        raise InputError("the optics file defines the lens", hint=hint, arguments={name: value})
     return replace(base, **changes)
 
 
@@ -165,14 +149,13 @@ def _request(base: SceneRequest | PlanesRequest, given: dict[str, Any]) -> Scene
     if given["scene_source"] is not None:
         return options.request_of(SceneRequest(), given)
     if options.options_of_scene(given):
-        raise InputError(
-            "options cannot change a scene of planes", hint="Change light and place of each plane in the camera file"
-        )
+        hint = "Change light and place of each plane in the camera file"
+        raise InputError("options cannot change a scene of planes", hint=hint)
     return base
 
 
 def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scene | None:
-    """A field of the scene's light, where it is known from the request or from the scene's reflectances."""
+    """Return a field of the scene's light, where it is known from the request or from the scene's reflectances."""
     from photosite.scene.charts import uniform
     from photosite.scene.scene import Scene
 
@@ -184,10 +167,10 @@ def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scen
 
 
 def _with_white_balance(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
-    """The frame with the camera's response to grey under its light, which a DNG stores as its white balance."""
+    """Return the frame with the camera's response to grey under its light, which a DNG stores as its white balance."""
     if light is None or (neutral := camera.as_shot_neutral(light)) is None:
         return raw
-    return replace(raw, metadata=MappingProxyType({**raw.metadata, "as_shot_neutral": neutral}))
+    return replace(raw, metadata={**raw.metadata, "as_shot_neutral": neutral})
 
 
 def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:
@@ -199,19 +182,3 @@ def _save(raw: RawFrame, output: Path, preview: Path | None) -> None:
     raw.save(output)
     if preview is not None and picture is not None:
         save_picture(picture, preview)
-
-
-def _facts(raw: RawFrame, output: Path, preview: Path | None) -> dict[str, Any]:
-    return {
-        "path": str(output),
-        "preview": None if preview is None else str(preview),
-        "rows": raw.shape[0],
-        "cols": raw.shape[1],
-        "bits": raw.bits,
-        "black_level_dn": raw.black_level_dn,
-        "white_level_dn": raw.white_level_dn,
-        "exposure_s": raw.exposure_s,
-        "mean_dn": float(raw.dn.mean()),
-        "max_dn": int(raw.dn.max()),
-        "saturated_fraction": float((raw.dn >= raw.white_level_dn).mean()),
-    }

@@ -9,7 +9,7 @@ import click
 
 from photosite.cli import options
 from photosite.cli.command import Command
-from photosite.cli.output import Stages, print_json, say_if_compiling, table
+from photosite.cli.output import Stages, listed, say_if_compiling, show, table
 
 if TYPE_CHECKING:
     from photosite.calibration.spectral.result import SpectralCalibration
@@ -18,22 +18,13 @@ if TYPE_CHECKING:
 
 @click.command("spectral", cls=Command)
 @click.argument("path", metavar="PROTOCOL", type=click.Path(path_type=Path))
-@click.option(
-    "--sensor",
-    "sensor_name",
-    metavar="NAME|FILE",
-    help="Sensor with measured gain and pixel size. Default: the sensor named in the protocol.",
+@options.sensor_option(text="Sensor with measured gain and pixel size. Default: the sensor named in the protocol.")
+@options.file_option(
+    *("-o", "--output"),
+    suffixes=options.SENSOR_SUFFIXES,
+    text="Sensor file to write (YAML), with the measured quantum efficiencies.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=options.output_file(".yaml", ".yml"),
-    metavar="FILE",
-    help="Sensor file to write (YAML), with the measured quantum efficiencies.",
-)
-@click.option(
-    "--figure", type=options.output_file(".png", ".svg"), metavar="FILE", help="Figure to write (PNG or SVG)."
-)
+@options.file_option("--figure", suffixes=(".png", ".svg"), text="Figure to write (PNG or SVG).")
 @click.option("--beside", metavar="NAME|FILE", help="Sensor to draw in the figure for comparison.")
 @options.seed_option()
 @options.json_option
@@ -54,24 +45,14 @@ def command(
 
     Example: photosite spectral spectral.yaml --sensor mine.sensor.yaml -o mine.sensor.yaml --figure qe.png
     """
-    from photosite.sensor.io.sensor_file import load_sensor
-
-    sensor = None if sensor_name is None else load_sensor(sensor_name)
-    known = None if beside is None else load_sensor(beside)
+    sensor, known = options.sensor_or(None, sensor_name), options.sensor_or(None, beside)
     say_if_compiling()
     calibration = _calibrated(path, sensor, seed)
     if output is not None:
         calibration.sensor.save(output)
     if figure is not None:
         _draw(calibration, known, figure)
-    written = {"sensor": output, "figure": figure}
-    if as_json:
-        print_json(calibration.to_dict() | {name: str(file) for name, file in written.items() if file is not None})
-        return
-    _show(calibration)
-    for file in written.values():
-        if file is not None:
-            click.echo(f"wrote {file}")
+    show(as_json, calibration.to_dict(), lambda: _text(calibration), sensor=output, figure=figure)
 
 
 def _calibrated(path: Path, sensor: Sensor | None, seed: int) -> SpectralCalibration:
@@ -96,18 +77,14 @@ def _draw(calibration: SpectralCalibration, beside: Sensor | None, path: Path) -
         temporary.write_bytes(svg_bytes(drawn) if path.suffix.lower() == ".svg" else png_bytes(drawn))
 
 
-def _show(calibration: SpectralCalibration) -> None:
+def _text(calibration: SpectralCalibration) -> str:
     from photosite.report.numbers import format_uncertain
 
-    click.echo(f"{calibration.source}: {calibration.frame_count} frames, {calibration.light}\n")
+    lines = [f"{calibration.source}: {calibration.frame_count} frames, {calibration.light}\n"]
     for name, channel in calibration.channels.items():
+        columns = (channel.wavelength_nm, channel.quantum_efficiency, channel.standard_uncertainty)
         rows = [("nm", f"{name}: electrons per photon", "95 % interval")]
-        low, high = channel.interval_95
-        for nm, value, uncertainty, lower, upper in zip(
-            channel.wavelength_nm, channel.quantum_efficiency, channel.standard_uncertainty, low, high, strict=True
-        ):
-            rows.append((f"{nm:g}", format_uncertain(value, uncertainty), f"{lower:.4f} to {upper:.4f}"))
-        click.echo(table(rows, "><<"))
-        click.echo(f"  {channel.method}\n")
-    for line in calibration.warnings:
-        click.echo(f"  {line}")
+        for nm, value, uncertainty, low, high in zip(*columns, *channel.interval_95, strict=True):
+            rows.append((f"{nm:g}", format_uncertain(value, uncertainty), f"{low:.4f} to {high:.4f}"))
+        lines.append(listed(table(rows, "><<"), [f"{channel.method}\n"]))
+    return "\n".join([*lines, *(f"  {line}" for line in calibration.warnings)])

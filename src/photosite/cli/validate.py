@@ -1,37 +1,86 @@
-"""`photosite validate`: measured raw frames against simulated frames or against a simulation from a sensor file."""
+"""`photosite validate`: raw frames of a chart against simulated frames, or against a simulation from a sensor file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
-from photosite.cli.command import Command
-from photosite.cli.output import print_json, say_if_compiling
-from photosite.cli.validate_frames import only_with_measured, show, validate_measured
+from photosite.cli.command import Command, OptionSpelling
+from photosite.cli.output import listed, say, say_if_compiling, show, table, verdict
 
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
+    from photosite.validation.frame_validation import FrameValidation
+    from photosite.validation.result import Validation
+
+
+def _corner(text: str) -> tuple[float, float]:
+    """Parse row,col."""
+    try:
+        row, col = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"must be row,col in pixels, such as 412,388, got '{text}'") from None
+    return row, col
+
+
+_only_with_measured = options.stacked(
+    click.option(
+        "--measured",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FILES",
+        help="Raw frames or folders of raw frames; several are one stack.",
+    ),
+    options.sensor_option(),
+    click.option(
+        "--scene", "scene_name", type=click.Choice(["macbeth"]), default="macbeth", help="Chart in the frames."
+    ),
+    click.option(
+        "--illuminant",
+        metavar="FILE|NAME",
+        help="Lamp: CSV file of a spectroradiometer, CIE illuminant (A, D65, ...) or blackbody (3200K).",
+    ),
+    options.quantity(
+        *("--luminance", "luminance_cd_m2"),
+        unit="CD/M2",
+        text="Mean luminance of the patches, in cd/m2; overrides that of a lamp file.",
+    ),
+    options.distance_option("Distance from lens to chart, in m.", default=1.2),
+    options.lens_options(),
+    options.exposure_option(text="Exposure time in s, such as 0.01 or 1/3; overrides that of the files."),
+    options.black_level_option(" of files without it"),
+    click.option(
+        "--corners",
+        nargs=4,
+        type=_corner,
+        metavar="R,C R,C R,C R,C",
+        help="Outer corners of the dark skin, bluish green, black and white patches, row,col in pixels.",
+    ),
+    click.option("--detect", is_flag=True, help="Find the chart; the report shows its outlines."),
+    click.option(
+        "--fit",
+        type=click.Choice(["fill_factor", "light"]),
+        help="Parameter to fit to the patch means: the fill factor or the light level.",
+    ),
+    options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, .html or .pdf."),
+    options.seed_option(),
+)
 
 
 @click.command("validate", cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path), metavar="MEASURED SIMULATED | FILES")
 @click.option("--chart", default="macbeth", help="Chart that fills the frames; only with two paths.")
-@click.option("--level", type=options.above(), default=0.05, help="False-alarm rate of the verdict.")
-@click.option(
-    "--tolerance",
-    "tolerance_percent",
-    type=options.above(or_equal=True),
-    default=0.0,
-    metavar="PERCENT",
-    help="Relative tolerance of means and noise, in percent; with 0, every difference beyond the noise counts.",
+@options.level_option
+@options.tolerance_percent_option(
+    0.0, "Relative tolerance of means and noise, in percent; with 0, every difference beyond the noise counts."
 )
-@click.option("--bits", type=click.IntRange(1, 16), help="Bit depth, for files without it.")
-@click.option("--cfa", help="Colour filter array (rggb, ...), for files without it.")
-@only_with_measured
+@options.reading_options()
+@_only_with_measured
 @options.json_option
 @click.pass_context
 def command(
@@ -39,13 +88,13 @@ def command(
     /,
     paths: tuple[Path, ...],
     chart: str,
-    level: float,
-    tolerance_percent: float,
     bits: int | None,
     cfa: str | None,
     as_json: bool,
     measured: tuple[Path, ...],
-    **camera: object,
+    level: float,
+    tolerance_percent: float,
+    **camera: Any,
 ) -> None:
     """Compare raw frames of a chart with simulated frames: patch means, noise, colours, and a verdict.
 
@@ -65,57 +114,27 @@ def command(
           --corners 412,388 420,3391 2201,3377 2188,405 --f-number 8
           --fit fill_factor --report validation.html
     """
-    given = [name for name in (*camera, "measured") if _is_given(ctx, name)]
-    if measured:
-        if _is_given(ctx, "chart"):
-            raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
-        frames = _measured((*measured, *paths), bits, cfa)
-        validate_measured(ctx, frames, level, tolerance_percent, as_json, camera)
-        return
-    if given:
-        option = "--" + {"scene_name": "scene", "sensor_name": "sensor"}.get(given[0], given[0]).replace("_", "-")
-        raise click.UsageError(f"{option} applies to --measured only", ctx)
-    if len(paths) != 2:
-        raise click.UsageError(
-            f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; paths given: {len(paths)}",
-            ctx,
-        )
-    _compare_two(paths[0], paths[1], chart, level, tolerance_percent, bits, cfa, as_json)
-
-
-def _is_given(ctx: click.Context, name: str) -> bool:
-    return ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-
-
-def _compare_two(
-    measured: Path,
-    simulated: Path,
-    chart: str,
-    level: float,
-    tolerance_percent: float,
-    bits: int | None,
-    cfa: str | None,
-    as_json: bool,
-) -> None:
     from photosite.validation.validate import validate
 
-    measured_raw, simulated_raw = _measured([measured], bits, cfa), _read(_files(simulated), bits, cfa)
+    test: dict[str, Any] = {"level": level, "tolerance_percent": tolerance_percent}
+    if measured:
+        if options.is_given(ctx, "chart"):
+            raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
+        _validate_measured(ctx, _frames([*measured, *paths], bits, cfa), test, as_json, camera)
+        return
+    if given := [name for name in camera if options.is_given(ctx, name)]:
+        raise click.UsageError(f"{OptionSpelling(ctx.command).name(given[0])} applies to --measured only", ctx)
+    if len(paths) != 2:
+        raise click.UsageError(
+            f"expected two paths, MEASURED and SIMULATED, or --measured and --sensor; paths given: {len(paths)}", ctx
+        )
+    shot, simulated = _frames(paths[:1], bits, cfa), _read(_files(paths[1]), bits, cfa)
     say_if_compiling()
-    result = validate(
-        measured_raw,
-        simulated_raw,
-        chart=chart,
-        level=level,
-        tolerance_percent=tolerance_percent,
-    )
-    if as_json:
-        print_json(result.to_dict())
-    else:
-        click.echo("measured and simulated " + ("agree" if result.agrees else "differ"))
-        show((*result.reasons, *result.notes), result)
+    result = validate(shot, simulated, chart=chart, **test)
+    show(as_json, result.to_dict(), lambda: _text(result.agrees, (*result.reasons, *result.notes), result))
 
 
-def _measured(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
+def _frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
     """Return the frames of files and folders; identical frames are an error that names their files."""
     from photosite.validation.repeats import check_repeats
 
@@ -141,3 +160,75 @@ def _files(path: Path) -> list[Path]:
     if not files:
         raise FileError(path, "has no raw frames (DNG, camera raw, TIFF, PNG)")
     return files
+
+
+def _validate_measured(
+    ctx: click.Context, frames: Sequence[RawFrame], test: Mapping[str, Any], as_json: bool, camera: Mapping[str, Any]
+) -> None:
+    """Simulate the measured frames, compare, and print the result; `camera` has the options of `--measured`."""
+    for name in ("sensor_name", "illuminant"):
+        if camera[name] is None:
+            raise click.UsageError(f"--measured requires {OptionSpelling(ctx.command).name(name)}", ctx)
+    if (camera["corners"] is None) != camera["detect"]:
+        raise click.UsageError("--measured requires either --corners (four times row,col) or --detect", ctx)
+    say_if_compiling()
+    result = _validated(frames, test, camera)
+    if camera["report"] is not None:
+        from photosite.report.validation import write_validation_report
+
+        write_validation_report(result, camera["report"])
+        say(f"wrote {camera['report']}")
+    before = _defaults_used(ctx)
+    content = result.to_dict()
+    content["notes"] = [*before, *content["notes"]]
+    fitted = () if result.fit_summary is None else (result.fit_summary,)
+    corners = "chart's corners: " + " ".join(f"{row:.1f},{col:.1f}" for row, col in result.corners)
+    lines = (*fitted, *result.reasons, corners, *result.notes, *before, *result.validation.notes)
+    show(as_json, content, lambda: _text(result.agrees, lines, result.validation))
+
+
+def _validated(frames: Sequence[RawFrame], test: Mapping[str, Any], camera: Mapping[str, Any]) -> FrameValidation:
+    from photosite.optics.diffraction import DiffractionLimited
+    from photosite.sensor.io.sensor_file import load_sensor
+    from photosite.validation.find_chart import find_chart
+    from photosite.validation.frame_validation import CaptureConditions, validate_frames
+    from photosite.validation.lamp import load_lamp
+
+    conditions = CaptureConditions(
+        sensor=load_sensor(camera["sensor_name"]),
+        optics=DiffractionLimited(f_number=camera["f_number"], focal_length_mm=camera["focal_length_mm"]),
+        lamp=load_lamp(camera["illuminant"]),
+        **{name: camera[name] for name in ("exposure_s", "luminance_cd_m2", "distance_m")},
+    )
+    if camera["black_level_dn"] is not None:
+        frames = [replace(frame, black_level_dn=camera["black_level_dn"]) for frame in frames]
+    # The comparison reads the frames with the sensor file's CFA.
+    seen = replace(frames[0], cfa=conditions.sensor.array.cfa)
+    corners = find_chart(seen) if camera["detect"] else camera["corners"]
+    return validate_frames(frames, conditions, corners, fit=camera["fit"], seed=camera["seed"], **test)
+
+
+def _defaults_used(ctx: click.Context) -> list[str]:
+    """Return a note of the defaults that influence the light level."""
+    named = {"f_number": "f/{:g}", "focal_length_mm": "{:g} mm focal length", "distance_m": "{:g} m to the chart"}
+    defaults = [text.format(ctx.params[name]) for name, text in named.items() if not options.is_given(ctx, name)]
+    return [f"defaults used: {', '.join(defaults)}"] if defaults else []
+
+
+def _text(agrees: bool, lines: Sequence[str], result: Validation) -> str:
+    """Return the verdict, reasons and notes, patch means and colour differences."""
+    channels = result.measured.channels
+    rows = [("patch", *(f"{c} {what}" for c in channels for what in ("measured", "simulated")))]
+    for name, measured, simulated in zip(
+        result.measured.names, result.measured.mean_dn, result.simulated.mean_dn, strict=True
+    ):
+        pairs = zip(measured, simulated, strict=True)
+        rows.append((name, *(f"{mean:.1f}" for pair in pairs for mean in pair)))
+    parts = [
+        listed(f"measured and simulated {verdict(agrees)}", lines),
+        "Mean above black, DN:\n" + table(rows, "<" + ">" * (2 * len(channels))),
+    ]
+    if result.color is not None:
+        delta = result.color.delta_e_2000
+        parts.append(f"delta E 2000 of the patches: mean {delta.mean():.2f}, largest {delta.max():.2f}")
+    return "\n\n".join(parts)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
-from photosite.errors import FileError
+from photosite.errors import FileError, message_of
 
 _FULL_BYTES = 1 << 16
 """Free bytes below which a disk counts as full; file systems reserve some."""
@@ -23,11 +23,6 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
 
     If the block fails, the temporary file is removed and an existing file is kept. The temporary path has the file's
     suffix, so that writers choose the same format.
-
-    Parameters
-    ----------
-    path
-        The file to write.
 
     Raises
     ------
@@ -51,7 +46,7 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(prefix=f".{wanted.stem}-", suffix=wanted.suffix, dir=wanted.parent)
         os.close(handle)
     except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+        raise FileError(path, f"cannot be written: {message_of(error)}") from None
     temporary = Path(name)
     try:
         yield temporary
@@ -69,14 +64,8 @@ def atomic_path(path: str | PathLike[str]) -> Iterator[Path]:
 def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside a folder, which takes its name when the block succeeds.
 
-    If the block fails or is interrupted, the temporary folder is removed, and errors name the final folder.
-
-    Parameters
-    ----------
-    path
-        The folder to write; it must not exist, or be empty.
-    add
-        Allow a folder with content: each new entry is moved into it, and replaces an entry of the same name.
+    If the block fails or is interrupted, the temporary folder is removed, and errors name the final folder. The folder
+    must not exist, or be empty; with `add`, each new entry is moved into it, and replaces an entry of the same name.
 
     Raises
     ------
@@ -100,7 +89,7 @@ def atomic_folder(path: str | PathLike[str], *, add: bool = False) -> Iterator[P
             raise FileError(path, "exists already and is not an empty folder", hint="Choose another name")
         temporary = Path(tempfile.mkdtemp(prefix=f".{wanted.name}-", dir=wanted if within else wanted.parent))
     except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+        raise FileError(path, f"cannot be written: {message_of(error)}") from None
     try:
         yield temporary
         if within:

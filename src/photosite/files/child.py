@@ -1,7 +1,7 @@
 """A child process that reads untrusted files, with limits on time and memory.
 
 Some C libraries crash, hang or allocate gigabytes on damaged files. Here that is an error in the parent. The child is
-started by the first call (about 0.4 s) and serves later ones (about 0.2 ms each), so that thousands of files need one
+started by the first call (about 0.5 s) and serves later ones (about 0.15 ms each), so that thousands of files need one
 child. It is replaced when it dies, and it ends with its parent.
 """
 
@@ -18,7 +18,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from photosite.errors import PhotositeError
+from photosite.errors import PhotositeError, message_of
 
 _START_S = 120.0
 """Time limit for starting the child and importing a module, on a busy machine."""
@@ -153,7 +153,7 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
         except PhotositeError as error:
             answer = pickle.dumps((True, error))
         except Exception as error:
-            answer = pickle.dumps((True, " ".join(str(error).split())[:200] or type(error).__name__))
+            answer = pickle.dumps((True, message_of(error)))
         answers.write(answer)
         answers.flush()
 

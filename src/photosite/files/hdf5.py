@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, PhotositeError
+from photosite.errors import FileError, PhotositeError, message_of
 from photosite.files.child import ChildError, call_in_child
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -103,13 +103,7 @@ class Hdf5File:
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[Hdf5File]:
-    """Open a file for reading.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, on opening or within the block.
-    """
+    """Open a file for reading."""
     import h5py
 
     try:
@@ -118,8 +112,9 @@ def open_hdf5(path: Path) -> Iterator[Hdf5File]:
     except PhotositeError:
         raise
     except Exception as error:  # h5py passes on OSError, KeyError, RuntimeError, ValueError, MemoryError ...
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be read as HDF5 ({reason})", hint="Check that the file is complete") from None
+        raise FileError(
+            path, f"cannot be read as HDF5 ({message_of(error)})", hint="Check that the file is complete"
+        ) from None
 
 
 def read_texts(path: str) -> dict[str, dict[str, Any]]:
@@ -171,13 +166,7 @@ def plain(value: Any) -> Any:
 
 
 def read_numbers(path: Path, data: Any) -> NDArray[np.float64]:
-    """Read a small dataset of numbers.
-
-    Raises
-    ------
-    FileError
-        If the dataset is large, does not hold numbers, or is incomplete.
-    """
+    """Read a small dataset of numbers."""
     if data.dtype.kind not in "fiu" or math.prod(data.shape) > _MOST_VALUES:
         raise FileError(path, f"is {data.shape} of {data.dtype}, not a short list of numbers", where=data.name)
     check_stored(path, data)
@@ -185,13 +174,7 @@ def read_numbers(path: Path, data: Any) -> NDArray[np.float64]:
 
 
 def check_stored(path: Path, data: Any) -> None:
-    """Check that the file is large enough for a dataset's shape.
-
-    Raises
-    ------
-    FileError
-        If the file stores fewer bytes than the shape needs.
-    """
+    """Check that the file is large enough for a dataset's shape."""
     size, stored = math.prod(data.shape) * data.dtype.itemsize, data.id.get_storage_size()
     contiguous = data.chunks is None and data.external is None
     if not data.is_virtual and (stored < size if contiguous else size > _HIGHEST_COMPRESSION * stored):

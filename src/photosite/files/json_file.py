@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError
 from photosite.files.atomic import atomic_path
+from photosite.files.small import read_small
+
+LARGEST_BYTES = 1 << 26
 
 
 def read_json_object(path: Path) -> Mapping[str, Any]:
-    """Read a JSON file that holds an object.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not JSON, or holds no object; with the line where known.
-    """
+    """Read a JSON file that holds an object."""
+    content = read_small(path, "a JSON file", LARGEST_BYTES)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileError(path, "there is no such file") from None
-    except OSError as error:
-        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
+        data = json.loads(content)
     # A plain ValueError is a whole number of thousands of digits.
     except (ValueError, RecursionError) as error:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else None
@@ -37,15 +32,19 @@ def read_json_object(path: Path) -> Mapping[str, Any]:
 
 
 def write_json_object(content: Mapping[str, Any], path: str | PathLike[str]) -> None:
-    """Write an object as JSON.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
+    """Write an object as JSON."""
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def valid_content(path: Path, what: str) -> Iterator[None]:
+    """Raise missing keys and invalid values of a JSON object as a `FileError`: the file is not `what`."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise FileError(path, f"the file is not {what}: {reason}") from None
 
 
 def finite_number(value: Any, name: str) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from photosite.errors import FileError
+from photosite.errors import FileError, message_of
 from photosite.files.child import ChildError, call_in_child
 
 _MOST_VALUES = 1 << 27
@@ -47,11 +47,6 @@ def load_mat(file: Path, array_folder: Path | None = None) -> dict[str, Any]:
         The file.
     array_folder
         A folder for real arrays of three axes, which are then returned as `ArrayFile`.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is damaged, or of version 7.3.
     """
     if not file.is_file():
         raise FileError(file, "there is no such file")
@@ -92,7 +87,7 @@ def _with_array_files(value: Any, folder: Path, count: list[int]) -> Any:
             for plane in range(value.shape[2]):
                 stream.write(np.ascontiguousarray(value[:, :, plane]).data)
     except OSError as error:
-        raise FileError(folder, f"cannot be written: {error.strerror}") from None
+        raise FileError(folder, f"cannot be written: {message_of(error)}") from None
     return ArrayFile(path, value.dtype, value.shape)
 
 

@@ -19,17 +19,7 @@ Piece = tuple[int, int, NDArray[Any]]
 
 
 class TemporaryFolder:
-    """A new folder in the system's place for temporary files (`TMPDIR`).
-
-    Parameters
-    ----------
-    prefix
-        Start of the folder's name.
-
-    Attributes
-    ----------
-    path
-        The folder.
+    """A new folder at `path`, in the system's place for temporary files (`TMPDIR`).
 
     Examples
     --------
@@ -50,9 +40,7 @@ class TemporaryFolder:
 def write_bands(
     path: Path, pieces: Iterable[Piece], shape: tuple[int, int, int], dtype: np.dtype[Any]
 ) -> tuple[Path, TemporaryFolder]:
-    """Copy a cube into a temporary file of plain numbers, band after band.
-
-    For files that cannot be read by rows.
+    """Copy a cube that cannot be read by rows into a temporary file of plain numbers, band after band.
 
     Parameters
     ----------
@@ -67,11 +55,6 @@ def write_bands(
     -------
     Path, TemporaryFolder
         The file, and the folder that removes it.
-
-    Raises
-    ------
-    FileError
-        If the disk has too little space.
     """
     rows, cols, bands = shape
     size = rows * cols * bands * dtype.itemsize

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import FileError, did_you_mean
+from photosite.errors import FileError, did_you_mean, message_of
 from photosite.files.small import read_small
 
 LARGEST_BYTES = 1 << 22
@@ -20,20 +20,7 @@ _MOST_VALUES = 1_000_000
 
 
 def read_yaml(file: Path, what: str) -> Any:
-    """Read a YAML file.
-
-    Parameters
-    ----------
-    file
-        The file.
-    what
-        The expected content, for messages: "a protocol".
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not UTF-8, or is not YAML; with the line.
-    """
+    """Read a YAML file; `what` names the expected content in messages, such as "a protocol"."""
     try:
         return parse_yaml(read_small(file, what, LARGEST_BYTES).decode("utf-8"), file)
     except UnicodeDecodeError:
@@ -42,11 +29,6 @@ def read_yaml(file: Path, what: str) -> Any:
 
 def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
     """Parse YAML text; `path` names it in errors.
-
-    Raises
-    ------
-    FileError
-        If the text is not YAML, nests too deeply, or is too large; with the line where known.
 
     Examples
     --------
@@ -63,12 +45,11 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise FileError(path, f"is not YAML: {error.problem}", line) from None
     except YAMLError as error:
-        raise FileError(path, f"is not YAML: {' '.join(str(error).split())}") from None
+        raise FileError(path, f"is not YAML: {message_of(error)}") from None
     except RecursionError:
         raise FileError(path, "nests too deeply") from None
     except Exception as error:  # invalid tags (!!set x, !!int y) raise exceptions of many kinds
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise FileError(path, f"is not valid YAML: {reason}") from None
+        raise FileError(path, f"is not valid YAML: {message_of(error)}") from None
     _check_size(data, path)
     return data
 
@@ -98,30 +79,40 @@ def _check_size(data: Any, path: str | PathLike[str]) -> None:
         raise FileError(path, f"has more than {_MOST_VALUES} values with its aliases expanded")
 
 
-def dump_yaml(data: Mapping[str, Any]) -> str:
-    """Return fields as YAML with lists on one line.
+def dump_yaml(data: Mapping[str, Any], width: int = 120) -> str:
+    """Return fields as YAML with lists on one line; a list of mappings has a line for each.
 
     Examples
     --------
-    >>> dump_yaml({"name": "lens", "relative": [1.0, 0.5]})
-    'name: lens\\nrelative: [1.0, 0.5]\\n'
+    >>> print(dump_yaml({"name": "lens", "relative": [1.0, 0.5], "parts": [{"f": 1}, {"f": 2}]}))
+    name: lens
+    relative: [1.0, 0.5]
+    parts:
+    - {f: 1}
+    - {f: 2}
+    <BLANKLINE>
     """
     from ruamel.yaml import YAML
-    from ruamel.yaml.comments import CommentedSeq
+    from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+    def styled(node: Any, flow: bool = False) -> Any:
+        if isinstance(node, dict):
+            mapping = CommentedMap({key: styled(value, flow) for key, value in node.items()})
+            return in_flow(mapping) if flow else mapping
+        if isinstance(node, list | tuple):
+            of_mappings = not flow and len(node) > 0 and all(isinstance(value, dict) for value in node)
+            sequence = CommentedSeq([styled(value, True) for value in node])
+            return sequence if of_mappings else in_flow(sequence)
+        return node
 
     def in_flow(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {key: in_flow(value) for key, value in node.items()}
-        if isinstance(node, list | tuple):
-            sequence = CommentedSeq([in_flow(value) for value in node])
-            sequence.fa.set_flow_style()
-            return sequence
+        node.fa.set_flow_style()
         return node
 
     yaml = YAML()
-    yaml.width = 120
+    yaml.width = width
     out = io.StringIO()
-    yaml.dump(in_flow(dict(data)), out)
+    yaml.dump(styled(dict(data)), out)
     return out.getvalue()
 
 
@@ -141,13 +132,7 @@ def check_keys(path: str | PathLike[str], data: Mapping[Any, Any], known: Sequen
 
 
 def optional_text(path: str | PathLike[str], data: Mapping[Any, Any], key: str) -> str | None:
-    """Return the text under a key, or None.
-
-    Raises
-    ------
-    FileError
-        If the value is not text; with the line.
-    """
+    """Return the text under a key, or None."""
     value = data.get(key)
     if value is not None and not isinstance(value, str):
         raise FileError(path, key, line_of(data, key), value=value, expected="text")

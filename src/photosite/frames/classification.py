@@ -30,21 +30,11 @@ _ARGUMENTS = {"dark": "dark*", "light": "flat*"}
 def classify_by_level(
     frames: Sequence[tuple[FrameSource, FrameSettings]], bits: int
 ) -> tuple[list[FrameSettings], PhotositeWarning | None]:
-    """Complete the kind of frames by their mean level; frames without a kind are read once.
+    """Complete the kind of frames by their mean level, with a warning if any were classified.
 
-    The reference of each gain setting is its first frame known to be dark, or else its darkest frame. A frame at most
-    `DARK_SPREADS` of the reference's pixel spread above the reference is dark, one more than `LIGHT_SPREADS` above is
-    light.
-
-    Returns
-    -------
-    list of FrameSettings, PhotositeWarning or None
-        The settings with their kinds, and a warning if frames were classified.
-
-    Raises
-    ------
-    FileError
-        If a level is between the limits, the darkest frame is too bright to be dark, or a frame cannot be read.
+    Frames without a kind are read once. The reference of each gain setting is its first frame known to be dark, or else
+    its darkest frame. A frame at most `DARK_SPREADS` of the reference's pixel spread above the reference is dark, one
+    more than `LIGHT_SPREADS` above is light; between the two is an error.
     """
     complete = [settings for _, settings in frames]
     levels: dict[int, float] = {}

@@ -51,18 +51,11 @@ def settings_from_names(path: Path, names: Iterable[str]) -> FrameSettings:
     names
         From the most specific to the least: dataset, file without its suffix, folder.
 
-    Raises
-    ------
-    FileError
-        If one name states two kinds, exposures, gains or temperatures.
-
     Examples
     --------
     >>> found = settings_from_names(Path("x"), ["flat_10ms_001", "iso400"])
     >>> found.kind, found.exposure_s, found.gain_setting
     ('light', 0.01, 400.0)
-    >>> settings_from_names(Path("x"), ["dark_1-8000s_001"]).exposure_s
-    0.000125
     """
     every = list(names)
     return FrameSettings(

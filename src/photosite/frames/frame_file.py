@@ -26,8 +26,7 @@ class FrameFile:
     listed_in, line
         The protocol or descriptor and its line, for messages; None for a file found in a folder.
     names
-        Names that may state settings (`photosite.frames.file_names`), the file's first, then its folder's. Empty for
-        files that a protocol or descriptor lists.
+        Names that may state settings: the file's, then its folder's. Empty for files that a listing names.
     location
         Which frame of the file.
     """

@@ -27,7 +27,7 @@ class FrameSource:
     name
         Name of the frame in messages and reports: its path, or a label for a frame in memory.
     read
-        Returns the (rows, cols) uint16 digital numbers. Called each time they are needed; nothing is cached.
+        Returns the (rows, cols) uint16 digital numbers; each call reads the file again.
     thread_safe
         Whether several threads may call the `read` of different frames at the same time.
     """
@@ -39,23 +39,17 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class FrameGroup:
-    """Frames of one kind taken with the same settings.
+    """Frames of one kind taken with the same settings, in the order in which they were listed.
 
     Parameters
     ----------
-    kind
-        "dark" or "light".
-    exposure_s
-        Exposure time.
+    kind, exposure_s, photons_per_pixel, gain_setting
+        As in `FrameSettings`; the photons of dark frames of a descriptor are 0.
     frames
-        The frames, in the order in which they were listed.
-    photons_per_pixel
-        Mean number of photons per pixel during the exposure, or None if unknown; 0 for dark frames of a descriptor.
-    gain_setting
-        The camera's gain setting, or None if unknown.
+        The frames.
     temperature_c
-        Mean of the temperatures that the frames state, in degrees Celsius, or None. Temperatures vary from frame to
-        frame, so they do not define groups.
+        Mean of the temperatures that the frames state. Temperatures vary from frame to frame, so they do not define
+        groups.
     """
 
     kind: Kind
@@ -125,12 +119,7 @@ class FrameSet:
         return tuple(sorted({group.gain_setting for group in self.groups}, key=_none_first))
 
     def at_gain(self, setting: float | None) -> FrameSet:
-        """Return the frames taken at one gain setting.
-
-        Raises
-        ------
-        InputError
-            If no frame has it.
+        """Return the frames taken at one gain setting; `InputError` if no frame has it.
 
         Examples
         --------
@@ -161,13 +150,7 @@ def _none_first(value: float | None) -> tuple[bool, float]:
 
 
 def group_frames(frames: Iterable[tuple[FrameSource, FrameSettings]]) -> tuple[FrameGroup, ...]:
-    """Group frames by kind, exposure, photons and gain setting, in the order of `FrameSet.groups`.
-
-    Raises
-    ------
-    InputError
-        If there are no frames, or a setting is invalid.
-    """
+    """Group frames by kind, exposure, photons and gain setting, in the order of `FrameSet.groups`."""
     groups: dict[tuple[Kind, float, float | None, float | None], list[tuple[FrameSource, float | None]]] = {}
     for source, settings in frames:
         try:
@@ -203,19 +186,14 @@ def frame_set_from_arrays(
     cfa: Cfa = MONOCHROME,
     sensor: Sensor | None = None,
 ) -> FrameSet:
-    """Return a frame set of arrays in memory.
+    """Return a frame set of arrays in memory, which are not copied.
 
     Parameters
     ----------
     frames
         (kind, exposure_s, dn[, photons_per_pixel[, gain_setting[, temperature_c]]]) each; dn is (rows, cols) uint16.
-        The arrays are not copied.
-    bits
-        Bit depth of the converter.
-    cfa
-        Tile of the colour filter array.
-    sensor
-        Known properties of the sensor.
+    bits, cfa, sensor
+        As in `FrameSet`.
 
     Raises
     ------

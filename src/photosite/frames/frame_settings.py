@@ -43,9 +43,8 @@ class FrameSettings:
 
     Examples
     --------
-    >>> protocol, metadata = FrameSettings(kind="dark"), FrameSettings(kind="light", exposure_s=0.01)
-    >>> protocol.or_else(metadata)
-    FrameSettings(kind='dark', exposure_s=0.01, photons_per_pixel=None, gain_setting=None, temperature_c=None)
+    >>> FrameSettings("dark").or_else(FrameSettings("light", exposure_s=0.01, gain_setting=100))
+    FrameSettings(kind='dark', exposure_s=0.01, photons_per_pixel=None, gain_setting=100, temperature_c=None)
     """
 
     kind: Kind | None = None
@@ -60,13 +59,7 @@ class FrameSettings:
         return FrameSettings(*(second if first is None else first for first, second in pairs))
 
     def validated(self) -> FrameSettings:
-        """Return these settings with floats for all numbers.
-
-        Raises
-        ------
-        InputError
-            If a setting is invalid; `what` is its name.
-        """
+        """Return these settings with floats for all numbers."""
         if self.kind is not None and self.kind not in KINDS:
             raise InputError("kind", value=self.kind, expected="'dark' or 'light'")
         numbers = {}

@@ -42,7 +42,7 @@ _SAME_EXPOSURE = 1.2
 
 @dataclass(frozen=True)
 class _OpenedFrame:
-    """A frame whose header was read; `file.settings` are complete except for the kind."""
+    """A frame whose header was read; all its settings but the kind are known."""
 
     file: FrameFile
     header: FrameHeader
@@ -61,12 +61,6 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         What was opened, for messages and the frame set.
     properties
         Properties that the listing or the caller states.
-
-    Raises
-    ------
-    FileError
-        If files are missing, listed twice or truncated, if an exposure is unknown, or if frames differ in size, bits or
-        mosaic from each other or from `properties`.
     """
     _check_existing(files)
     _check_unique(files)
@@ -80,21 +74,22 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     if properties.sensor is not None:
         cfa = properties.sensor.array.cfa if cfa is None else cfa
         _check_sensor(source, properties.sensor, bits, cfa)
-    sources = [_source(f.file, bits, cfa, shape) for f in frames]
-    settings, level_warning = classify_by_level(
-        list(zip(sources, (f.file.settings for f in frames), strict=True)), bits
-    )
+    sources = [
+        FrameSource(f.file.name, partial(_read, f.file.path, f.file.location, bits, cfa, shape), thread_safe=True)
+        for f in frames
+    ]
+    listed = [f.file.settings for f in frames]
+    settings, level_warning = classify_by_level(list(zip(sources, listed, strict=True)), bits)
     try:
         groups = group_frames(zip(sources, settings, strict=True))
     except InputError as error:
         raise error.in_file(source) from None
-    found = (level_warning, *_exposure_warnings(frames), *_temperature_warnings(settings), *border_warnings)
+    found = [level_warning, _exposure_warning(frames), _temperature_warning(settings), *border_warnings]
     notes = []
-    for warning in found:
-        if warning is not None:
-            notes.append(str(warning))
-            warning.where = source
-            warnings.warn(warning, stacklevel=3)
+    for warning in filter(None, found):
+        notes.append(str(warning))
+        warning.where = source
+        warnings.warn(warning, stacklevel=3)
     stated_black = _shared([f.header.black_level_dn for f in frames])
     return FrameSet(
         groups,
@@ -102,10 +97,10 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         bits,
         cfa or MONOCHROME,
         source,
-        properties.sensor,
-        stated_black if properties.black_level_dn is None else properties.black_level_dn,
-        (*notes, *_bits_notes(frames, properties)),
-        _shared([f.header.white_level_dn for f in frames]),
+        sensor=properties.sensor,
+        black_level_dn=stated_black if properties.black_level_dn is None else properties.black_level_dn,
+        notes=(*notes, *_bits_notes(frames, properties)),
+        white_level_dn=_shared([f.header.white_level_dn for f in frames]),
     )
 
 
@@ -178,16 +173,9 @@ def _complete_headers(frames: list[_OpenedFrame]) -> tuple[list[_OpenedFrame], l
     one = next((n for n in unknown or masked if frames[n].file.settings.kind == "dark"), (unknown or masked)[0])
     decoded, notes = read_frame(frames[one].file.path)
     complete = list(frames)
+    shown = {name: getattr(decoded, name) for name in ("bits", "cfa", "black_level_dn", "white_level_dn")}
     for n in unknown:
-        header = replace(
-            frames[n].header,
-            bits=decoded.bits,
-            cfa=decoded.cfa,
-            black_level_dn=decoded.black_level_dn,
-            white_level_dn=decoded.white_level_dn,
-            notes=notes,
-        )
-        complete[n] = replace(frames[n], header=header)
+        complete[n] = replace(frames[n], header=replace(frames[n].header, notes=notes, **shown))
     for n in masked:
         if frames[n].header.black_level_dn is None:
             header = replace(frames[n].header, black_level_dn=decoded.black_level_dn)
@@ -256,28 +244,16 @@ def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
         raise FileError(source, f"the frames have the colour filter array {tile_text(cfa)}, but {theirs}")
 
 
-def _source(file: FrameFile, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> FrameSource:
-    if file.location is None:
-        read = partial(_read, file.path, bits, cfa, shape)
+def _read(
+    path: Path, location: FrameLocation | None, bits: int, cfa: Cfa | None, shape: tuple[int, int]
+) -> NDArray[np.uint16]:
+    """Read a frame, and check it against what all frames share."""
+    if location is None:
+        name, dn = str(path), read_frame(path, bits, cfa)[0].dn
     else:
-        read = partial(_read_location, file.path, file.location, bits, shape)
-    return FrameSource(file.name, read, thread_safe=True)
-
-
-def _read(path: Path, bits: int, cfa: Cfa | None, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    frame, _ = read_frame(path, bits, cfa)
-    return _checked_shape(str(path), frame.dn, shape)
-
-
-def _read_location(path: Path, location: FrameLocation, bits: int, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    name = f"{path}{location.label}"
-    dn = _checked_shape(name, read_pixels(path, location), shape)
-    if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
-        raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
-    return dn
-
-
-def _checked_shape(name: str, dn: NDArray[np.uint16], shape: tuple[int, int]) -> NDArray[np.uint16]:
+        name, dn = f"{path}{location.label}", read_pixels(path, location)
+        if bits < 16 and (highest := int(dn.max())) >= 1 << bits:
+            raise FileError(name, "dn", value=highest, expected=f"at most {(1 << bits) - 1}, for {bits} bits")
     if dn.shape != shape:
         raise FileError(name, f"the frame was {shape} when the frame set was opened and is now {dn.shape}")
     return dn
@@ -288,34 +264,29 @@ def _shared(values: Sequence[float | None]) -> float | None:
     return values[0] if len(set(values)) == 1 else None
 
 
-def _exposure_warnings(frames: Sequence[_OpenedFrame]) -> list[PhotositeWarning]:
+def _exposure_warning(frames: Sequence[_OpenedFrame]) -> PhotositeWarning | None:
     """Return a warning if listed exposures differ from those that the files state."""
+    pairs = [(f.file.name, f.header.exposure_s or 0.0, f.file.settings.exposure_s or 0.0) for f in frames]
     different = [
-        frame
-        for frame in frames
-        if frame.header.exposure_s
-        and frame.file.settings.exposure_s
-        and not 1 / _SAME_EXPOSURE < frame.file.settings.exposure_s / frame.header.exposure_s < _SAME_EXPOSURE
+        (name, stated, listed)
+        for name, stated, listed in pairs
+        if stated and not 1 / _SAME_EXPOSURE < listed / stated < _SAME_EXPOSURE
     ]
     if not different:
-        return []
-    first = different[0]
-    return [
-        PhotositeWarning(
-            f"{len(different)} files state another exposure time than the one listed ({first.file.name}: "
-            f"{first.header.exposure_s:g} s, listed {first.file.settings.exposure_s:g} s); the listed one is used",
-            hint="Check its unit",
-        )
-    ]
+        return None
+    name, stated, listed = different[0]
+    problem = (
+        f"{len(different)} files state another exposure time than the one listed ({name}: {stated:g} s, "
+        f"listed {listed:g} s); the listed one is used"
+    )
+    return PhotositeWarning(problem, hint="Check its unit")
 
 
-def _temperature_warnings(settings: Sequence[FrameSettings]) -> list[PhotositeWarning]:
+def _temperature_warning(settings: Sequence[FrameSettings]) -> PhotositeWarning | None:
     stated = [s.temperature_c for s in settings if s.temperature_c is not None]
     if not stated or max(stated) - min(stated) <= STEADY_TEMPERATURE_C:
-        return []
-    return [
-        PhotositeWarning(
-            f"the sensor's temperature varied from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
-            "doubles about every 7, so its estimate holds for a mean temperature"
-        )
-    ]
+        return None
+    return PhotositeWarning(
+        f"the sensor's temperature varied from {min(stated):g} to {max(stated):g} degrees Celsius; dark current "
+        "doubles about every 7, so its estimate holds for a mean temperature"
+    )

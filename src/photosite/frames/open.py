@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 from photosite.errors import FileError, InputError
-from photosite.frames.folder import KindPatterns, find_listing, frame_files_in_folder, kind_by_pattern
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSet
-from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.protocol import read_protocol
-from photosite.frames.io.read import SUFFIXES, read_headers
+from photosite.frames.io.read import FORMATS, SUFFIXES, read_headers
 from photosite.frames.raw_frame import check_bits
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.values.cfa import cfa_from
+
+PROTOCOL_NAMES = ("protocol.yaml", "protocol.yml")
+
+KindPatterns = Mapping[Kind, tuple[str, ...]]
+"""Glob patterns of the dark and of the light frames."""
 
 
 def open_frames(
@@ -37,9 +41,7 @@ def open_frames(
     1. the protocol or descriptor, or the patterns `dark` and `light`;
     2. the file's metadata (exposure time, ISO or gain, temperature, kind): Exif and TIFF/EP in camera raw, DNG and
        TIFF, keywords in FITS, attributes in HDF5, and the description in files that photosite wrote;
-    3. the names of the file and its subfolder: dark, darks, bias, `d_012` for a dark frame; light, lights, flat, flats,
-       bright, `b_012` for a light frame; `10ms`, `0.04s`, `250us`, `1-8000s` (1/8000 s) for the exposure time;
-       `iso400`, `gain_2.5` for the gain setting; `_-10C` for the temperature.
+    3. the names of the file and its subfolder, such as `dark_10ms_iso400.tif` (`photosite.frames.file_names`).
 
     If no source states the kind, frames are classified by their signal level, with a warning. A file of several frames
     (pages of TIFF; datasets, stacks and units of HDF5 and FITS) stands for all of them.
@@ -50,10 +52,9 @@ def open_frames(
         A YAML protocol, an EMVA 1288 descriptor, a folder, or a file of several frames. A protocol.yaml or a single
         descriptor in a folder defines its frames; otherwise all frames in the folder are used. A folder without frames
         is searched one level down, unless a subfolder is a measurement with its own listing.
-    bits
-        Bit depth of the converter, if neither files nor protocol state it.
-    cfa
-        Colour filter array (`"rggb"` or its tile), if neither files nor protocol state it.
+    bits, cfa
+        Bit depth of the converter and colour filter array (`"rggb"` or its tile), if neither files nor protocol state
+        them.
     dark, light
         Glob patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the dark and the light frames. They override metadata and names,
         and apply to folders and files without a protocol or descriptor.
@@ -91,9 +92,9 @@ def open_frames(
     place = Path(path)
     if not place.exists():
         raise FileError(place, "there is no such file or folder")
-    listing = find_listing(place) if place.is_dir() else place
+    listing = _find_listing(place) if place.is_dir() else place
     if listing is None:
-        return frame_set_from_files(frame_files_in_folder(place, patterns), str(place), given)
+        return frame_set_from_files(_frame_files_in_folder(place, patterns), str(place), given)
     if listing is place and place.suffix.lower() in SUFFIXES:
         return frame_set_from_files([_stack(place, patterns)], str(place), given)
     if any(patterns.values()):
@@ -102,11 +103,8 @@ def open_frames(
         return _open_protocol(listing, given)
     if looks_like_descriptor(listing):
         return _open_descriptor(listing, given)
-    raise FileError(
-        place,
-        "the file is neither a YAML protocol nor an EMVA 1288 descriptor",
-        hint="A descriptor's first command is 'v' or 'n'",
-    )
+    hint = "A descriptor's first command is 'v' or 'n'"
+    raise FileError(place, "the file is neither a YAML protocol nor an EMVA 1288 descriptor", hint=hint)
 
 
 def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
@@ -117,29 +115,89 @@ def _stack(file: Path, patterns: KindPatterns) -> FrameFile:
     if len(read_headers(file)) == 1:
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
-    return FrameFile(file, FrameSettings(kind=kind_by_pattern(file, patterns)), names=(file.stem,))
+    return FrameFile(file, FrameSettings(kind=_kind_by_pattern(file, patterns)), names=(file.stem,))
 
 
 def _open_descriptor(path: Path, given: SetProperties) -> FrameSet:
-    descriptor = read_descriptor(path)
-    if given.bits not in (None, descriptor.bits):
-        raise FileError(path, "bits", value=given.bits, expected=f"{descriptor.bits}, as the descriptor states")
-    stated = SetProperties(descriptor.bits, given.cfa, (descriptor.rows, descriptor.cols))
-    return frame_set_from_files(descriptor.files, str(path), stated)
+    files, stated = read_descriptor(path)
+    return frame_set_from_files(files, str(path), _agreed(path, stated, given, "descriptor"))
 
 
 def _open_protocol(path: Path, given: SetProperties) -> FrameSet:
     protocol = read_protocol(path)
-    stated = SetProperties(
-        protocol.bits,
-        protocol.cfa,
-        black_level_dn=protocol.black_level_dn,
-        sensor=None if protocol.sensor is None else load_sensor(path.parent / protocol.sensor),
-    )
+    sensor = None if protocol.sensor is None else load_sensor(path.parent / protocol.sensor)
+    stated = SetProperties(protocol.bits, protocol.cfa, black_level_dn=protocol.black_level_dn, sensor=sensor)
+    return frame_set_from_files(protocol.frame_files(path), str(path), _agreed(path, stated, given, "protocol"))
+
+
+def _agreed(path: Path, stated: SetProperties, given: SetProperties, what: str) -> SetProperties:
+    """Return what a listing states, completed by what the caller states; the two must not contradict each other."""
     for name in ("bits", "cfa"):
-        from_protocol, from_caller = getattr(stated, name), getattr(given, name)
-        if from_protocol is None:
+        from_listing, from_caller = getattr(stated, name), getattr(given, name)
+        if from_listing is None:
             stated = replace(stated, **{name: from_caller})
-        elif from_caller is not None and from_caller != from_protocol:
-            raise FileError(path, name, value=from_caller, expected=f"{from_protocol}, as the protocol states")
-    return frame_set_from_files(protocol.frame_files(path), str(path), stated)
+        elif from_caller is not None and from_caller != from_listing:
+            raise FileError(path, name, value=from_caller, expected=f"{from_listing}, as the {what} states")
+    return stated
+
+
+def _find_listing(folder: Path) -> Path | None:
+    """Return the protocol or descriptor of a folder, or None."""
+    files = _files(folder)
+    for name in PROTOCOL_NAMES:
+        if folder / name in files:
+            return folder / name
+    descriptors = [file for file in files if _is_descriptor(file)]
+    if len(descriptors) > 1:
+        names = ", ".join(p.name for p in descriptors[:3])
+        raise FileError(folder, f"the folder has {len(descriptors)} descriptors ({names})", hint="Open one of them")
+    return descriptors[0] if descriptors else None
+
+
+def _frame_files_in_folder(folder: Path, patterns: KindPatterns) -> list[FrameFile]:
+    """List the frames in a folder, or in its subfolders if it has none itself."""
+    images = [p for p in _files(folder) if p.suffix.lower() in SUFFIXES]
+    names: dict[Path, tuple[str, ...]] = {image: (image.stem,) for image in images} or {
+        image: (image.stem, image.parent.name) for image in _images_in_subfolders(folder)
+    }
+    for pattern in (pattern for texts in patterns.values() for pattern in texts):
+        if not any(image.match(pattern) for image in names):
+            example = next(iter(names)).name
+            raise FileError(folder, "pattern", value=pattern, expected=f"one that matches a frame, such as {example}")
+    return [
+        FrameFile(image, FrameSettings(kind=_kind_by_pattern(image, patterns)), names=texts)
+        for image, texts in names.items()
+    ]
+
+
+def _kind_by_pattern(image: Path, patterns: KindPatterns) -> Kind | None:
+    """Return the kind whose patterns match a file, or None."""
+    matching = [(kind, pattern) for kind, texts in patterns.items() for pattern in texts if image.match(pattern)]
+    if len({kind for kind, _ in matching}) > 1:
+        both = " and ".join(repr(pattern) for _, pattern in matching)
+        raise FileError(image, f"dark and light patterns match the file: {both}", hint="Make the patterns narrower")
+    return matching[0][0] if matching else None
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
+
+
+def _images_in_subfolders(folder: Path) -> list[Path]:
+    subfolders = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    files = [file for subfolder in subfolders for file in _files(subfolder)]
+    listings = [p for p in files if p.name in PROTOCOL_NAMES or _is_descriptor(p)]
+    images = [p for p in files if p.suffix.lower() in SUFFIXES]
+    if images and not listings:
+        return images
+    problem = f"the folder has no frames ({FORMATS}), no protocol.yaml and no EMVA 1288 descriptor"
+    if listings:
+        hint = f"Its subfolder {listings[0].parent.name} is a separate measurement: open that"
+        raise FileError(folder, problem, hint=hint)
+    if subfolders:
+        problem += f"; its subfolders ({', '.join(p.name for p in subfolders)}) have none either"
+    raise FileError(folder, problem)
+
+
+def _is_descriptor(file: Path) -> bool:
+    return file.suffix.lower() == ".txt" and looks_like_descriptor(file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from types import MappingProxyType
@@ -43,7 +44,7 @@ class RawFrame:
     noise_profile
         (channels, 2), DNG's NoiseProfile, or None: a signal s in 0..1 (black 0, white 1) has variance scale s + offset.
     metadata
-        Other metadata of the file: camera, ISO, temperature, seed, ... Values are strings and numbers.
+        Other metadata of the file: camera, ISO, temperature, seed, ... Values are strings and numbers. Read-only.
 
     Raises
     ------
@@ -65,7 +66,7 @@ class RawFrame:
     exposure_s: float | None = None
     color_matrix: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
-    metadata: MappingProxyType[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)

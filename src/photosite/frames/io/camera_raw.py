@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,13 +29,7 @@ SUFFIXES = frozenset(f".{suffix}" for suffix in _SUFFIXES.split())
 
 @contextmanager
 def open_libraw(path: Path) -> Iterator[Any]:
-    """Open a file with LibRaw; errors of LibRaw become a FileError.
-
-    Raises
-    ------
-    FileError
-        If LibRaw cannot open or decode the file, or it has several numbers per pixel.
-    """
+    """Open a file with LibRaw; errors of LibRaw become a FileError."""
     import rawpy
 
     try:
@@ -65,31 +58,14 @@ def read_camera_raw_header(path: Path) -> FrameHeader:
     except rawpy.LibRawError as error:
         raise FileError(path, f"LibRaw cannot open the file: {_reason(error)}") from None
     tags = _tags(path)
-    metadata = MappingProxyType(_metadata(tags, iso))
+    metadata = _metadata(tags, iso)
     return FrameHeader(rows, cols, None, exposure_s=_exposure_s(tags, shutter_s), metadata=metadata)
 
 
 def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
-    """Read the visible area of a camera's raw file.
+    """Read the visible area of a camera's raw file, with notes for warnings.
 
-    Parameters
-    ----------
-    path
-        The file.
-    bits
-        Bit depth of the converter; default: the bits that the white level needs.
-    cfa
-        The expected colour filter array.
-
-    Returns
-    -------
-    RawFrame, tuple of str
-        The frame, and notes for warnings.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be decoded, or has another colour filter array.
+    By default, the bit depth is the bits that the white level needs.
     """
     with open_libraw(path) as decoder:
         dn = decoder.raw_image_visible.copy()  # the view is invalid once the decoder is closed
@@ -114,7 +90,7 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
         white_level_dn=float(white),
         exposure_s=_exposure_s(tags, shutter_s),
         color_matrix=_color_matrix(matrix, names, used, tile),
-        metadata=MappingProxyType(_metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn})),
+        metadata=_metadata(tags, iso) | ({} if border_dn is None else {MASKED_BORDER: border_dn}),
     )
     return header.to_frame(path, dn, bits, cfa), notes
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, InputError, did_you_mean
-from photosite.files.json_file import finite_number, read_json_object, write_json_object
+from photosite.files.json_file import finite_number, read_json_object, valid_content, write_json_object
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.measured import Measured
 
@@ -26,6 +26,8 @@ HAAR_FACTOR = {"mosaic": 1 / 16, "mono": 1 / 4}
 _COMMENT = "written by photosite: a and b are {factor:g} of the raw noise variance ({chip})"
 _COMMENT_FACTOR = re.compile(r"written by photosite: a and b are ([0-9.]+) of the raw noise variance \(")
 _CHIPS = {"mosaic": "colour filter mosaic", "mono": "no colour filters"}
+
+_WHAT = "a valid darktable noise profile"
 
 DARKTABLE_LOSS = (
     f"a and b are {HAAR_FACTOR['mosaic']:g} (mono: {HAAR_FACTOR['mono']:g}) of the raw slope and offset, as darktable "
@@ -88,6 +90,8 @@ def read_darktable(
 ) -> tuple[NoiseProfile, ...]:
     """Read the noise profiles of one camera from a darktable file, by increasing ISO.
 
+    The profiles have no levels, because the format has none. Entries marked "skip" are omitted.
+
     Parameters
     ----------
     path
@@ -96,11 +100,6 @@ def read_darktable(
         The camera; None if the file holds only one.
     mono
         Whether the camera has no colour filters. Only files from photosite state this.
-
-    Returns
-    -------
-    tuple of NoiseProfile
-        Without levels, which the format does not have. Entries marked "skip" are omitted.
 
     Raises
     ------
@@ -112,30 +111,21 @@ def read_darktable(
     file = Path(path)
     data = read_json_object(file)
     models: dict[str, list[tuple[Any, str | None]]] = {}
-    try:
+    with valid_content(file, _WHAT):
         if data["version"] != 0:
             raise FileError(file, "version", value=data["version"], expected="0")
         for maker in data["noiseprofiles"]:
             for entry in maker["models"]:
                 chip = _chip_in_comment(entry.get("comment"))
                 models.setdefault(str(entry["model"]), []).extend((p, chip) for p in entry["profiles"])
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise _damaged(file, error) from None
     if not models:
         raise FileError(file, "the file holds no cameras")
     model = _choose_model(file, models, model, mono)
-    try:
+    with valid_content(file, _WHAT):
         found = [_read_entry(entry, model, mono, chip) for entry, chip in models[model] if not entry.get("skip")]
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
-        raise _damaged(file, error) from None
     if not found:
         raise FileError(file, f"all profiles of '{model}' are marked as skipped")
     return tuple(sorted(found, key=lambda profile: profile.gain_setting or 0.0))
-
-
-def _damaged(file: Path, error: Exception) -> FileError:
-    reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-    return FileError(file, f"the file is not a valid darktable noise profile: {reason}")
 
 
 def _choose_model(file: Path, models: Mapping[str, Any], model: str | None, mono: bool) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,13 +23,7 @@ MARK = "photosite_frame"
 
 
 def describe_frame(frame: RawFrame) -> str:
-    """Return the description of a frame: one line of ASCII JSON.
-
-    Raises
-    ------
-    InputError
-        If metadata are not strings and finite numbers.
-    """
+    """Return the description of a frame: one line of ASCII JSON."""
     check_metadata(frame)
     content = {
         MARK: 1,
@@ -63,13 +56,7 @@ def is_description(text: str) -> bool:
 
 
 def parse_description(path: Path, text: str, rows: int, cols: int, stored_bits: int) -> FrameHeader | None:
-    """Return the header of a description, or None if another program wrote the text.
-
-    Raises
-    ------
-    FileError
-        If the description is damaged.
-    """
+    """Return the header of a description, or None if another program wrote the text."""
     if not is_description(text):
         return None
     try:
@@ -87,7 +74,7 @@ def parse_description(path: Path, text: str, rows: int, cols: int, stored_bits: 
             exposure_s=None if content["exposure_s"] is None else float(content["exposure_s"]),
             color_matrix=_table(content["color_matrix"]),
             noise_profile=_table(content["noise_profile"]),
-            metadata=MappingProxyType(dict(content["metadata"])),
+            metadata=dict(content["metadata"]),
         )
     except (ValueError, TypeError, KeyError) as error:
         raise FileError(path, f"the description of the frame is damaged ({error})") from None

@@ -18,7 +18,6 @@ import warnings
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -78,18 +77,7 @@ Area = tuple[int, int, int, int]
 
 
 def write_dng(frame: RawFrame, path: Path) -> None:
-    """Write the frame as DNG.
-
-    Raises
-    ------
-    InputError
-        If DNG cannot hold the frame: a mosaic other than the four Bayer orders, a white level with a fraction.
-
-    Warns
-    -----
-    PhotositeWarning
-        If the frame is too small for LibRaw.
-    """
+    """Write the frame as DNG."""
     import tifffile
 
     tags = [*_common_tags(frame), *_colour_tags(frame)]
@@ -165,12 +153,7 @@ def _colour_tags(frame: RawFrame) -> list[Tag]:
         expected = "one that gives positive camera values for the white of D65"
         raise InputError("color_matrix", value=matrix.tolist(), expected=expected)
     ratios = sum((_ratio(x, "color_matrix", signed=True) for x in matrix.ravel()), ())
-    return [
-        *tags,
-        (COLOR_MATRIX_1, "2i", 9, ratios, True),
-        (ILLUMINANT_1, "H", 1, D65, True),
-        *_neutral_tags(frame),
-    ]
+    return [*tags, (COLOR_MATRIX_1, "2i", 9, ratios, True), (ILLUMINANT_1, "H", 1, D65, True), *_neutral_tags(frame)]
 
 
 def _neutral_tags(frame: RawFrame) -> list[Tag]:
@@ -211,16 +194,9 @@ def _ratio(value: float, what: str, *, signed: bool = False) -> tuple[int, int]:
 
 
 def read_dng_header(path: Path) -> FrameHeader:
-    """Read the header of a DNG's frame.
-
-    Raises
-    ------
-    FileError
-        If the file is truncated or damaged, holds no frame of one sample per pixel, or was written by photosite and
-        edited.
-    """
+    """Read the header of a DNG's frame."""
     directories = read_directories(path)
-    top, raw = directories[0], _raw_directory(path, directories)
+    top, raw = directories[0], raw_directory(path, directories)
     text = top.text(DESCRIPTION) or ""
     if (own := parse_description(path, text, *_size(raw), 16)) is not None:
         checked_size(path, raw)
@@ -248,32 +224,14 @@ def _header_from_tags(path: Path, top: Directory, raw: Directory) -> FrameHeader
         exposure_s=exposure_of(top),
         color_matrix=_color_matrix(top, raw, cfa),
         noise_profile=_noise_profile(top, raw, cfa),
-        metadata=MappingProxyType(_metadata(top)),
+        metadata=_metadata(top),
         notes=notes,
         masked_border=bool(raw.numbers(MASKED_AREAS)),
     )
 
 
 def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tuple[RawFrame, tuple[str, ...]]:
-    """Read the active area of a DNG.
-
-    Parameters
-    ----------
-    path
-        The file.
-    bits, cfa
-        The expected bit depth and colour filter array.
-
-    Returns
-    -------
-    RawFrame, tuple of str
-        The frame, and notes for warnings.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be decoded, or contradicts what is expected.
-    """
+    """Read the active area of a DNG, with notes for warnings."""
     header = read_dng_header(path)
     dn, border_dn = _decode(path)
     if border_dn is None:
@@ -281,7 +239,7 @@ def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tup
     header = replace(
         header,
         black_level_dn=border_dn if header.black_level_dn is None else header.black_level_dn,
-        metadata=MappingProxyType({**header.metadata, MASKED_BORDER: border_dn}),
+        metadata={**header.metadata, MASKED_BORDER: border_dn},
     )
     frame = header.to_frame(path, dn, bits, cfa)
     return frame, header.notes + masked_border_note(frame)
@@ -290,7 +248,7 @@ def read_dng(path: Path, bits: int | None = None, cfa: Cfa | None = None) -> tup
 def _decode(path: Path) -> tuple[NDArray[np.uint16], float | None]:
     """Return the active area's digital numbers, and the mean of the masked areas if there are any."""
     directories = read_directories(path)
-    top, raw = directories[0], _raw_directory(path, directories)
+    top, raw = directories[0], raw_directory(path, directories)
     if raw is top and raw.number(COMPRESSION) in (None, 1) and raw.number(BITS) == 16:
         pixels = read_tiff_pixels(path)
     else:
@@ -326,7 +284,7 @@ def _masked_areas(path: Path, raw: Directory) -> list[Area]:
     return areas
 
 
-def _raw_directory(path: Path, directories: list[Directory]) -> Directory:
+def raw_directory(path: Path, directories: list[Directory]) -> Directory:
     """Return the largest full-resolution directory; previews are marked by NewSubfileType."""
     every = [child for page in directories for child in (page, *page.children.get(SUB_IFDS, ()))]
     raws = [p for p in every if p.number(PHOTOMETRIC) in (CFA, LINEAR_RAW) and not p.number(NEW_SUBFILE_TYPE)]

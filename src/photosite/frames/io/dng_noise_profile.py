@@ -7,8 +7,7 @@ added, and pointers to the old directory are changed (TIFF 6.0 allows directorie
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -22,8 +21,8 @@ from photosite.frames.io.description import is_description
 from photosite.frames.io.dng import read_dng_header
 from photosite.frames.io.frame_header import FrameHeader
 from photosite.frames.io.read import read_raw
-from photosite.frames.io.tiff import DESCRIPTION, LENGTH, PHOTOMETRIC, WIDTH
-from photosite.frames.io.tiff_directory import SUB_IFDS, read_directories
+from photosite.frames.io.tiff import DESCRIPTION
+from photosite.frames.io.tiff_directory import read_directories
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.cfa import MONOCHROME, channel_names
 from photosite.values.measured import Measured
@@ -34,13 +33,7 @@ _DOUBLE = 12
 
 
 def read_dng_profile(path: str | PathLike[str]) -> NoiseProfile:
-    """Read the noise profile of a DNG file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or its NoiseProfile is missing or invalid.
-    """
+    """Read the noise profile of a DNG file; one that is missing or invalid is a `FileError`."""
     file = Path(path)
     header = _header(file)
     if header.noise_profile is None:
@@ -65,30 +58,18 @@ def read_dng_profile(path: str | PathLike[str]) -> NoiseProfile:
 
 
 def _header(path: Path) -> FrameHeader:
+    """Read the header of a DNG, with levels that a noise profile can be scaled to."""
     header = read_dng_header(path)
     black, white = header.black_level_dn or 0.0, header.white_level_dn or 65535.0
     if not 0 <= black < white < float("inf"):
-        problem = f"the file is damaged: its black level {black:g} is not below its white level {white:g}"
-        raise FileError(path, problem)
+        raise FileError(path, f"the file is damaged: its black level {black:g} is not below its white level {white:g}")
     return header
 
 
 def write_dng_profile(profile: NoiseProfile, source: str | PathLike[str], path: str | PathLike[str]) -> None:
-    """Copy a DNG file and set its NoiseProfile tag.
+    """Copy a DNG file, or change it in place, and set its NoiseProfile tag.
 
-    Parameters
-    ----------
-    profile
-        The profile; it is converted to the file's black and white level.
-    source
-        The DNG file.
-    path
-        The copy; it may be the file itself.
-
-    Raises
-    ------
-    FileError
-        If the source is no DNG of one sample per pixel, is BigTIFF or damaged, or the copy cannot be written.
+    The profile is converted to the file's black and white level. BigTIFF is not supported.
     """
     file = Path(source)
     header = _header(file)
@@ -124,68 +105,24 @@ def _check_written(source: Path, written: Path, expected: NDArray[np.float64]) -
 def _table(profile: NoiseProfile, header: FrameHeader) -> NDArray[np.float64]:
     """Return (channels, 2) in the order of the file's channels; the mean for channels without an entry."""
     scaled = profile.at_levels(header.black_level_dn or 0.0, header.white_level_dn or 65535.0)
-    pairs = {
-        name: (slope.value, offset.value)
-        for name, slope, offset in zip(scaled.channels, scaled.slope, scaled.offset, strict=True)
-    }
+    values = ((slope.value, offset.value) for slope, offset in zip(scaled.slope, scaled.offset, strict=True))
+    pairs = dict(zip(scaled.channels, values, strict=True))
     mean = tuple(np.mean([*pairs.values()], axis=0).tolist())
     return np.array([pairs.get(name, mean) for name in channel_names(header.cfa or MONOCHROME)])
 
 
-@dataclass(frozen=True)
-class _RawBytes:
-    """A directory as bytes, and the offset of the pointer to it."""
-
-    pointer: int
-    entries: tuple[bytes, ...]
-    link: bytes
-    numbers: dict[int, int]
-
-
 def _with_tag(path: Path, content: bytes, values: tuple[float, ...]) -> bytes:
-    order = {b"II": "<", b"MM": ">"}[content[:2]]  # read_dng_header has checked that it is TIFF
+    """Return a file's content with NoiseProfile in a new raw directory at its end."""
+    raw = dng.raw_directory(path, read_directories(path))
+    order = raw.order
     if struct.unpack(f"{order}H", content[2:4])[0] != 42:
         raise FileError(path, "the file is a BigTIFF DNG; the noise profile can be added to classic TIFF only")
-    raws = [
-        directory
-        for directory in _directories(content, order)
-        if directory.numbers.get(PHOTOMETRIC) in (dng.CFA, dng.LINEAR_RAW)
-        and not directory.numbers.get(dng.NEW_SUBFILE_TYPE)
-    ]
-    raw = max(raws, key=lambda directory: directory.numbers.get(WIDTH, 0) * directory.numbers.get(LENGTH, 0))
-    end = len(content) + len(content) % 2
-    data = struct.pack(f"{order}{len(values)}d", *values)
-    new = struct.pack(f"{order}HHII", dng.NOISE_PROFILE, _DOUBLE, len(values), end)
-    entries = [entry for entry in raw.entries if _tag(entry, order) != dng.NOISE_PROFILE]
-    entries = sorted([*entries, new], key=lambda entry: _tag(entry, order))
-    result = bytearray(content) + bytes(end - len(content)) + data
+    (count,) = struct.unpack_from(f"{order}H", content, raw.offset)
+    start, end = raw.offset + 2, raw.offset + 2 + 12 * count
+    place = len(content) + len(content) % 2
+    entries = {struct.unpack_from(f"{order}H", content, at)[0]: content[at : at + 12] for at in range(start, end, 12)}
+    entries[dng.NOISE_PROFILE] = struct.pack(f"{order}HHII", dng.NOISE_PROFILE, _DOUBLE, len(values), place)
+    result = bytearray(content.ljust(place, b"\0")) + struct.pack(f"{order}{len(values)}d", *values)
     struct.pack_into(f"{order}I", result, raw.pointer, len(result))
-    return bytes(result + struct.pack(f"{order}H", len(entries)) + b"".join(entries) + raw.link)
-
-
-def _directories(content: bytes, order: str) -> Iterator[_RawBytes]:
-    """Yield the directories of the chain and their SubIFDs; read_dng_header has checked them."""
-    pointers = [4]
-    while pointers:
-        pointer = pointers.pop()
-        (offset,) = struct.unpack_from(f"{order}I", content, pointer)
-        if not offset:
-            continue
-        (count,) = struct.unpack_from(f"{order}H", content, offset)
-        start, end = offset + 2, offset + 2 + 12 * count
-        entries = tuple(content[at : at + 12] for at in range(start, end, 12))
-        numbers = {}
-        for at, entry in zip(range(start, end, 12), entries, strict=True):
-            tag, kind, length = struct.unpack(f"{order}HHI", entry[:8])
-            numbers[tag] = (
-                struct.unpack(f"{order}H", entry[8:10])[0] if kind == 3 else struct.unpack(f"{order}I", entry[8:])[0]
-            )
-            if tag == SUB_IFDS:
-                first = at + 8 if length == 1 else numbers[tag]
-                pointers.extend(range(first, first + 4 * length, 4))
-        pointers.append(end)
-        yield _RawBytes(pointer, entries, content[end : end + 4], numbers)
-
-
-def _tag(entry: bytes, order: str) -> int:
-    return int(struct.unpack(f"{order}H", entry[:2])[0])
+    in_order = b"".join(entries[tag] for tag in sorted(entries))  # TIFF 6.0: entries are sorted by tag
+    return bytes(result + struct.pack(f"{order}H", len(entries)) + in_order + content[end : end + 4])

@@ -8,17 +8,17 @@ to the descriptor and use backslashes. The format is that of the EMVA 1288 refer
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path, PureWindowsPath
 from typing import Literal
 
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_folder
-from photosite.frames.frame_file import FrameFile
+from photosite.files.small import read_small
+from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSet, gain_settings_text
-from photosite.frames.frame_settings import FrameSettings
+from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.raw_frame import RawFrame
 
 DESCRIPTOR_NAME = "EMVA1288_Data.txt"
@@ -28,34 +28,10 @@ EMVA_FRAMES_LOSS = (
 )
 
 _NS_PER_S = 1e9
+_LARGEST_BYTES = 1 << 24
 _FORMS = {
-    "v": "v version",
-    "n": "n bits width height",
-    "b": "b exposure_ns photons",
-    "d": "d exposure_ns",
-    "i": "i path",
+    form[0]: form for form in ("v version", "n bits width height", "b exposure_ns photons", "d exposure_ns", "i path")
 }
-
-
-@dataclass
-class Descriptor:
-    """The content of an EMVA 1288 descriptor.
-
-    Parameters
-    ----------
-    version
-        Release of the standard, or None.
-    bits, rows, cols
-        Bit depth and size of every frame.
-    files
-        The frames, in the descriptor's order.
-    """
-
-    version: str | None = None
-    bits: int = 0
-    rows: int = 0
-    cols: int = 0
-    files: list[FrameFile] = field(default_factory=list)
 
 
 def looks_like_descriptor(path: Path) -> bool:
@@ -71,104 +47,86 @@ def looks_like_descriptor(path: Path) -> bool:
     return False
 
 
-def read_descriptor(path: Path) -> Descriptor:
-    """Read an EMVA 1288 descriptor. It is not checked that its frames exist.
+def read_descriptor(path: Path) -> tuple[list[FrameFile], SetProperties]:
+    """Return the frames of a descriptor, and their bit depth and size. It is not checked that the frames exist."""
+    size: tuple[int, int, int] | None = None
+    files: list[FrameFile] = []
+    settings: FrameSettings | None = None
+    series_line, series_frames = 0, 1
+    for number, command, rest in (*_commands(path), (0, "end", "")):
+        if command in ("b", "d", "end"):
+            if series_frames == 0:
+                raise FileError(path, "the series has no frames", series_line, hint="Write 'i path' after it")
+            series_line, series_frames = number, 0
+        match command:
+            case "n":
+                if size is not None:
+                    raise FileError(path, "there is a second line 'n bits width height'", number, hint="Remove one")
+                size = _size(path, number, rest)
+            case "b":
+                exposure_ns, photons = _numbers(path, number, "b", rest, 2)
+                settings = _settings(path, number, "light", exposure_ns, photons)
+            case "d":
+                (exposure_ns,) = _numbers(path, number, "d", rest, 1)
+                settings = _settings(path, number, "dark", exposure_ns, 0.0)
+            case "i":
+                if settings is None:
+                    raise FileError(path, "the frame comes before any 'b' or 'd' line", number)
+                relative = Path(rest) if rest.startswith("/") else Path(*PureWindowsPath(rest).parts)
+                files.append(FrameFile(path.parent / relative, settings, path, number))
+                series_frames += 1
+    if size is None:
+        raise FileError(path, "the line 'n bits width height' is missing")
+    if not files:
+        raise FileError(path, "there are no frames", hint="Write 'b' and 'd' lines with 'i path' lines after them")
+    bits, cols, rows = size
+    return files, SetProperties(bits, shape=(rows, cols))
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or a line is invalid; with the line.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
+
+def _commands(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Yield line number, command and its arguments."""
+    content = read_small(path, "an EMVA 1288 descriptor", _LARGEST_BYTES)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")  # mostly an author's name in a comment
-    parser = _Parser(path)
     for number, line in enumerate(text.splitlines(), start=1):
-        if (command := line.strip()) and not command.startswith("#"):
-            parser.read_line(number, command)
-    parser.close_series()
-    descriptor = parser.descriptor
-    if not descriptor.bits:
-        raise FileError(path, "the line 'n bits width height' is missing")
-    if not descriptor.files:
-        raise FileError(path, "there are no frames", hint="Write 'b' and 'd' lines with 'i path' lines after them")
-    return descriptor
-
-
-class _Parser:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.descriptor = Descriptor()
-        self.settings: FrameSettings | None = None
-        self.series_line = 0
-        self.series_frames = 0
-
-    def read_line(self, number: int, text: str) -> None:
-        command, _, rest = text.replace("\t", " ").partition(" ")
+        if not (line := line.strip()) or line.startswith("#"):
+            continue
+        command, _, rest = line.replace("\t", " ").partition(" ")
         command, rest = command.lower(), rest.strip()
         if command not in _FORMS:
-            raise FileError(self.path, "the command", number, value=command, expected=f"one of {', '.join(_FORMS)}")
+            raise FileError(path, "the command", number, value=command, expected=f"one of {', '.join(_FORMS)}")
         if not rest:
-            raise FileError(self.path, "the line", number, value=text, expected=f"'{_FORMS[command]}'")
-        match command:
-            case "v":
-                self.descriptor.version = rest
-            case "n":
-                self.read_size(number, rest)
-            case "b":
-                exposure_ns, photons = self.numbers(number, "b", rest, 2)
-                self.open_series(number, FrameSettings("light", exposure_ns / _NS_PER_S, photons))
-            case "d":
-                (exposure_ns,) = self.numbers(number, "d", rest, 1)
-                # Division rounds once: 125000 ns is the same number as 1/8000 s.
-                self.open_series(number, FrameSettings("dark", exposure_ns / _NS_PER_S, 0.0))
-            case "i":
-                self.read_frame(number, rest)
+            raise FileError(path, "the line", number, value=line, expected=f"'{_FORMS[command]}'")
+        yield number, command, rest
 
-    def read_size(self, number: int, rest: str) -> None:
-        if self.descriptor.bits:
-            raise FileError(self.path, "there is a second line 'n bits width height'", number, hint="Remove one")
-        bits, cols, rows = self.numbers(number, "n", rest, 3)
-        if not (bits.is_integer() and cols.is_integer() and rows.is_integer()) or rows < 1 or cols < 1:
-            expected = "whole numbers above 0"
-            raise FileError(self.path, "bits, width and height", number, value=rest, expected=expected)
-        if not 1 <= bits <= 16:
-            raise FileError(self.path, "bits", number, value=int(bits), expected="1 to 16")
-        self.descriptor.bits, self.descriptor.cols, self.descriptor.rows = int(bits), int(cols), int(rows)
 
-    def open_series(self, number: int, settings: FrameSettings) -> None:
-        self.close_series()
-        try:
-            self.settings = settings.validated()
-        except InputError as error:
-            raise error.in_file(self.path, number) from None
-        self.series_line, self.series_frames = number, 0
+def _size(path: Path, number: int, rest: str) -> tuple[int, int, int]:
+    bits, cols, rows = _numbers(path, number, "n", rest, 3)
+    if not (bits.is_integer() and cols.is_integer() and rows.is_integer()) or rows < 1 or cols < 1:
+        raise FileError(path, "bits, width and height", number, value=rest, expected="whole numbers above 0")
+    if not 1 <= bits <= 16:
+        raise FileError(path, "bits", number, value=int(bits), expected="1 to 16")
+    return int(bits), int(cols), int(rows)
 
-    def close_series(self) -> None:
-        if self.settings is not None and self.series_frames == 0:
-            raise FileError(self.path, "the series has no frames", self.series_line, hint="Write 'i path' after it")
 
-    def read_frame(self, number: int, rest: str) -> None:
-        if self.settings is None:
-            raise FileError(self.path, "the frame comes before any 'b' or 'd' line", number)
-        relative = Path(rest) if rest.startswith("/") else Path(*PureWindowsPath(rest).parts)
-        self.descriptor.files.append(FrameFile(self.path.parent / relative, self.settings, self.path, number))
-        self.series_frames += 1
+def _settings(path: Path, number: int, kind: Kind, exposure_ns: float, photons: float) -> FrameSettings:
+    try:
+        # Division rounds once: 125000 ns is the same number as 1/8000 s.
+        return FrameSettings(kind, exposure_ns / _NS_PER_S, photons).validated()
+    except InputError as error:
+        raise error.in_file(path, number) from None
 
-    def numbers(self, number: int, command: str, rest: str, count: int) -> list[float]:
-        try:
-            # Some cameras' tools write decimal commas.
-            values = [float(word.replace(",", ".")) for word in rest.split()]
-        except ValueError:
-            values = []
-        if len(values) != count or not all(map(math.isfinite, values)):
-            raise FileError(self.path, "the line", number, value=f"{command} {rest}", expected=f"'{_FORMS[command]}'")
-        return values
+
+def _numbers(path: Path, number: int, command: str, rest: str, count: int) -> list[float]:
+    try:
+        values = [float(word.replace(",", ".")) for word in rest.split()]  # some cameras' tools write decimal commas
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise FileError(path, "the line", number, value=f"{command} {rest}", expected=f"'{_FORMS[command]}'")
+    return values
 
 
 def write_descriptor(
@@ -234,13 +192,11 @@ def write_descriptor(
     with atomic_folder(folder) as place:
         (place / "images").mkdir()
         for number, group in enumerate(frames.groups):
-            command = "d" if group.kind == "dark" else "b"
-            photons = "" if group.kind == "dark" else f" {group.photons_per_pixel!r}"
+            command, photons = ("d", "") if group.kind == "dark" else ("b", f" {group.photons_per_pixel!r}")
             lines.append(f"{command} {_nanoseconds(group.exposure_s)!r}{photons}")
             for index, dn in enumerate(group):
                 name = f"{command}{number}_{index:04d}{suffix}"
-                frame = RawFrame(dn, bits=frames.bits, cfa=frames.cfa, exposure_s=group.exposure_s)
-                frame.save(place / "images" / name)
+                RawFrame(dn, frames.bits, frames.cfa, exposure_s=group.exposure_s).save(place / "images" / name)
                 lines.append(f"i images\\{name}")
                 done += 1
                 if progress is not None:

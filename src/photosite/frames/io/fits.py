@@ -14,13 +14,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, message_of
 from photosite.frames.file_names import kinds_in_name
 from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.values.cfa import Cfa, cfa_from, shifted
@@ -32,13 +31,7 @@ _UNSIGNED_ZERO = 32768
 
 
 def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """Read the headers of all frames in a FITS file.
-
-    Raises
-    ------
-    FileError
-        If the file is truncated, holds no images of 8 or 16 bits, has an invalid keyword, or astropy is not installed.
-    """
+    """Read the headers of all frames in a FITS file."""
     found: list[tuple[int, tuple[int, ...], FrameHeader]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy's; the relevant ones are errors below
@@ -63,13 +56,7 @@ def read_fits_headers(path: Path) -> tuple[FrameHeader, ...]:
 
 
 def read_fits_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
-    """Read the (rows, cols) digital numbers of one frame.
-
-    Raises
-    ------
-    FileError
-        If they cannot be read, or some are below 0.
-    """
+    """Read the (rows, cols) digital numbers of one frame."""
     with _open_fits(path) as units:
         unit = units[location.part]
         zero = int(unit.header.get("BZERO", 0))  # reading the data can change the header
@@ -93,8 +80,9 @@ def _open_fits(path: Path) -> Iterator[Any]:
         raise
     # Damaged files make astropy raise OSError, ValueError, TypeError, KeyError, VerifyError ...
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"the file cannot be read as FITS ({reason})", hint="It may be truncated") from None
+        raise FileError(
+            path, f"the file cannot be read as FITS ({message_of(error)})", hint="It may be truncated"
+        ) from None
 
 
 def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
@@ -160,7 +148,7 @@ def _header(path: Path, shape: tuple[int, ...], keywords: _Keywords) -> FrameHea
         int(keywords.own["BITPIX"]),
         cfa=_cfa(path, keywords),
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
-        metadata=MappingProxyType({name: value for name, value in metadata.items() if value is not None}),
+        metadata={name: value for name, value in metadata.items() if value is not None},
     )
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -67,7 +66,7 @@ class FrameHeader:
     exposure_s: float | None = None
     color_matrix: NDArray[np.float64] | None = None
     noise_profile: NDArray[np.float64] | None = None
-    metadata: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    metadata: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     location: FrameLocation | None = None
     masked_border: bool = False
@@ -85,13 +84,7 @@ class FrameHeader:
         )
 
     def resolve_bits(self, path: Path, bits: int | None) -> int:
-        """Return the bit depth: what the file states, else what the caller states, else what the file stores.
-
-        Raises
-        ------
-        FileError
-            If file and caller disagree, or the file stores fewer bits.
-        """
+        """Return the bit depth: what the file states, else what the caller states, else what the file stores."""
         if self.bits is not None and bits is not None and self.bits != bits:
             raise FileError(path, "bits", value=bits, expected=f"{self.bits}, as the file states")
         if self.stored_bits is not None and bits is not None and bits > self.stored_bits:
@@ -106,25 +99,13 @@ class FrameHeader:
         return resolved
 
     def resolve_cfa(self, path: Path, cfa: Cfa | None) -> Cfa | None:
-        """Return the colour filter array: what the file states, else what the caller states, else None.
-
-        Raises
-        ------
-        FileError
-            If file and caller disagree.
-        """
+        """Return the colour filter array: what the file states, else what the caller states, else None."""
         if self.cfa is not None and cfa is not None and self.cfa != cfa:
             raise FileError(path, "cfa", value=tile_text(cfa), expected=f"{tile_text(self.cfa)}, as the file states")
         return self.cfa or cfa
 
     def to_frame(self, path: Path, dn: NDArray[np.uint16], bits: int | None, cfa: Cfa | None) -> RawFrame:
-        """Return the raw frame; the caller's bits and cfa are used where the file states none.
-
-        Raises
-        ------
-        FileError
-            If file and caller disagree, or the pixels are inconsistent with the header.
-        """
+        """Return the raw frame; the caller's bits and cfa are used where the file states none."""
         if self.exposure_s is not None and not 0 <= self.exposure_s < math.inf:
             raise FileError(path, "exposure_s", value=self.exposure_s, expected="finite and 0 (a bias frame) or above")
         try:
@@ -137,7 +118,7 @@ class FrameHeader:
                 exposure_s=self.exposure_s,
                 color_matrix=self.color_matrix,
                 noise_profile=self.noise_profile,
-                metadata=MappingProxyType(dict(self.metadata)),
+                metadata=dict(self.metadata),
             )
         except InputError as error:
             raise error.in_file(path) from None

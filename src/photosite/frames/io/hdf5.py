@@ -19,18 +19,16 @@ names do (`photosite.frames.file_names`). Other attributes with text or numbers 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError, InputError
-from photosite.files.hdf5 import Hdf5File, open_hdf5, plain
+from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain
 from photosite.frames.io.description import check_metadata
 from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.frames.raw_frame import RawFrame
@@ -44,18 +42,10 @@ _GAINS = ("gain_setting", "iso", "gain")
 _PER_FRAME = ("kind", "temperature_c", "photons_per_pixel", *_SECONDS, *_GAINS)
 _WITHOUT_UNIT = ("exposure", "exposure_time", "exposuretime", "exptime", "integration_time")
 _MOST_COLOURS = 4
-_HIGHEST_RATIO = 2000
-"""Bytes of pixels per byte in the file; deflate reaches 1030, so a higher ratio means that data are missing."""
 
 
 def write_hdf5(frame: RawFrame, path: Path) -> None:
-    """Write the frame as one dataset with attributes.
-
-    Raises
-    ------
-    InputError
-        If metadata are not strings and finite numbers, or have the name of a field.
-    """
+    """Write the frame as one dataset with attributes."""
     import h5py
 
     check_metadata(frame)
@@ -80,13 +70,7 @@ def _cfa_attribute(cfa: Cfa) -> Any:
 
 
 def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """Read the headers of all frames in an HDF5 file, by the names of the datasets.
-
-    Raises
-    ------
-    FileError
-        If the file is damaged, holds no frames, or has an invalid attribute.
-    """
+    """Read the headers of all frames in an HDF5 file, by the names of the datasets."""
     with open_hdf5(path) as file:
         datasets = file.datasets.values()
         parts = [_read_part(file, item) for item in datasets if _can_be_frames(item)]
@@ -100,13 +84,7 @@ def read_hdf5_headers(path: Path) -> tuple[FrameHeader, ...]:
 
 
 def read_hdf5_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
-    """Read the (rows, cols) digital numbers of one frame.
-
-    Raises
-    ------
-    FileError
-        If they cannot be read.
-    """
+    """Read the (rows, cols) digital numbers of one frame."""
     with open_hdf5(path) as file:
         data = file.datasets[str(location.part)]
         dn = data[location.index] if data.ndim == 3 else data[()]
@@ -149,11 +127,8 @@ def _read_part(file: Hdf5File, item: Any) -> _Part:
     if item.ndim == 3 and item.shape[2] <= _MOST_COLOURS < item.shape[0]:
         hint = "A stack is (frames, rows, cols)"
         raise FileError(path, f"the shape {item.shape} is that of a colour picture", where=where, hint=hint)
-    size, stored = math.prod(item.shape) * item.dtype.itemsize, item.id.get_storage_size()
-    if size > _HIGHEST_RATIO * stored and item.external is None and not item.is_virtual:
-        raise FileError(
-            path, f"the dataset is incomplete: {stored} bytes stored for {size} bytes of pixels", where=where
-        )
+    if item.external is None:
+        check_stored(path, item)
     return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, file.attributes(item, inherited=True))
 
 
@@ -173,7 +148,7 @@ def _headers(path: Path, part: _Part, single: bool) -> Iterator[FrameHeader]:
             part.shape[-1],
             part.stored_bits,
             exposure_s=_exposure_s(path, part, own),
-            metadata=MappingProxyType(metadata | _settings(own)),
+            metadata=metadata | _settings(own),
             location=FrameLocation("" if single else f":/{part.name}{number}", part.name, index),
             **fields,
         )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from photosite.errors import FileError, InputError
-from photosite.files.json_file import finite_number, read_json_object, write_json_object
+from photosite.files.json_file import finite_number, read_json_object, valid_content, write_json_object
 from photosite.sensor.noise_profile import NOT_IN_PROFILE, NoiseProfile
 from photosite.values.measured import Measured
 
@@ -72,17 +72,10 @@ def _on_16_bits(profile: NoiseProfile) -> tuple[float, float, float]:
 
 
 def read_libcamera(path: str | PathLike[str]) -> NoiseProfile:
-    """Read the noise profile of a Raspberry Pi tuning file, at analogue gain 1, on a scale of 16 bits.
-
-    Raises
-    ------
-    FileError
-        If the file is no tuning file, or its noise profile is missing or invalid: the slope must be above 0, the
-        constant 0 or above.
-    """
+    """Read the noise profile of a Raspberry Pi tuning file, at analogue gain 1, on a scale of 16 bits."""
     file = Path(path)
     data = read_json_object(file)
-    try:
+    with valid_content(file, "a Raspberry Pi tuning file with rpi.noise"):
         algorithms: dict[str, Any] = {}
         for entry in data["algorithms"]:
             algorithms |= entry
@@ -96,9 +89,6 @@ def read_libcamera(path: str | PathLike[str]) -> NoiseProfile:
             raise ValueError(f"{values} are out of range")
         span = _FULL_SCALE_DN16 - black
         dark_dn, gain = _curve(constant, slope, span)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise FileError(file, f"the file is not a Raspberry Pi tuning file with rpi.noise: {reason}") from None
     notes = [
         "levels, K and noise are on libcamera's scale of 16 bits (0 to 65535), whatever the converter's bit depth",
         "the curve whose straight line in sqrt(signal) the file holds, for photon noise and constant dark noise",
@@ -153,13 +143,7 @@ def _curve(constant: float, slope: float, span: float) -> tuple[float, float]:
 
 
 def is_libcamera(path: str | PathLike[str]) -> bool:
-    """Return whether a JSON file is a tuning file (it has "algorithms") and not darktable's ("noiseprofiles").
-
-    Raises
-    ------
-    FileError
-        If it is neither.
-    """
+    """Return whether a JSON file is a tuning file (it has "algorithms") and not darktable's ("noiseprofiles")."""
     file = Path(path)
     data = read_json_object(file)
     if "algorithms" in data:

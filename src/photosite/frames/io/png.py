@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError
+from photosite.errors import FileError, message_of
 from photosite.files.quiet import no_stderr
 from photosite.frames.io.description import describe_frame, parse_description
 from photosite.frames.io.frame_header import FrameHeader
@@ -39,13 +39,7 @@ def write_png(frame: RawFrame, path: Path) -> None:
 
 
 def read_png_header(path: Path) -> FrameHeader:
-    """Read the description of a PNG file's frame without decoding pixels (0.05 s for 1000 files).
-
-    Raises
-    ------
-    FileError
-        If the file is truncated or damaged, or its pixels are not gray of 8 or 16 bits.
-    """
+    """Read the description of a PNG file's frame without decoding pixels (0.05 s for 1000 files)."""
     from PIL.PngImagePlugin import PngImageFile
 
     try:
@@ -56,10 +50,10 @@ def read_png_header(path: Path) -> FrameHeader:
             complete = file.read() == _END
     except OSError as error:
         if error.strerror:
-            raise FileError(path, f"cannot be read: {error.strerror}") from None
+            raise FileError(path, f"cannot be read: {message_of(error)}") from None
         raise FileError(path, f"is damaged or truncated: {error}") from None
     except Exception as error:  # Pillow passes on SyntaxError, ValueError, struct.error ...
-        raise FileError(path, f"is damaged: {' '.join(str(error).split())[:200]}") from None
+        raise FileError(path, f"is damaged: {message_of(error)}") from None
     if mode in _TOO_FEW_BITS:
         raise FileError(path, "pixels", value=f"{_TOO_FEW_BITS[mode]} bits", expected="of 8 or 16 bits in a raw frame")
     if mode not in _BITS:
@@ -79,13 +73,7 @@ def _stored_mode(image: Any) -> str:
 
 
 def read_png_pixels(path: Path) -> NDArray[np.uint16]:
-    """Read the (rows, cols) values of a gray PNG file.
-
-    Raises
-    ------
-    FileError
-        If they cannot be decoded.
-    """
+    """Read the (rows, cols) values of a gray PNG file."""
     from imagecodecs import png_decode
 
     content = path.read_bytes()
@@ -94,7 +82,7 @@ def read_png_pixels(path: Path) -> NDArray[np.uint16]:
         with no_stderr() if interlaced else nullcontext():
             pixels = png_decode(content)
     except Exception as error:  # libpng's message may be unreadable too
-        raise FileError(path, f"is damaged: it cannot be decoded ({' '.join(str(error).split())[:200]})") from None
+        raise FileError(path, f"is damaged: it cannot be decoded ({message_of(error)})") from None
     if pixels.ndim == 3:  # a transparent gray level, which libpng makes an alpha channel
         pixels = pixels[:, :, 0]
     return np.ascontiguousarray(pixels, dtype=np.uint16)

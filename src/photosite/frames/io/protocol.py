@@ -15,7 +15,6 @@ frames:
 
 from __future__ import annotations
 
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,7 @@ from typing import Any
 
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
-from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
+from photosite.files.yaml import check_keys, dump_yaml, line_of, optional_text, read_yaml
 from photosite.frames.frame_file import FrameFile
 from photosite.frames.frame_settings import FrameSettings
 from photosite.values.cfa import NAMED, Cfa, cfa_from
@@ -83,13 +82,7 @@ class Protocol:
     sensor: str | None = None
 
     def frame_files(self, path: Path) -> list[FrameFile]:
-        """List the files of the protocol at `path`, with patterns expanded, in its order.
-
-        Raises
-        ------
-        FileError
-            If a pattern matches no file; with the line.
-        """
+        """List the files of the protocol at `path`, with patterns expanded, in its order."""
         return [
             FrameFile(file, frames.settings, path, frames.line)
             for frames in self.frames
@@ -119,48 +112,30 @@ def write_protocol(protocol: Protocol, path: str | PathLike[str]) -> None:
     frames:
     - {kind: dark, exposure: 1/8000, files: dark/*.png}
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.comments import CommentedMap, CommentedSeq
-
-    def in_flow(node: CommentedMap | CommentedSeq) -> CommentedMap | CommentedSeq:
-        node.fa.set_flow_style()
-        return node
-
     content: dict[str, Any] = {VERSION_KEY: 1}
     for key in ("name", "bits", "cfa", "black_level_dn", "sensor"):
         value = getattr(protocol, key)
         if key == "cfa" and value is not None:
-            named = [name for name, tile in NAMED.items() if tile == value]
-            value = named[0] if named else in_flow(CommentedSeq([list(row) for row in value]))
+            value = next((name for name, tile in NAMED.items() if tile == value), value)
         if value is not None:
             content[key] = value
-    content["frames"] = []
-    for frames in protocol.frames:
-        entry = CommentedMap(kind=frames.settings.kind)
-        if frames.settings.exposure_s is not None:
-            text = format_exposure(frames.settings.exposure_s)
-            entry["exposure"] = text if "/" in text else frames.settings.exposure_s
-        entry["files"] = frames.files[0] if len(frames.files) == 1 else in_flow(CommentedSeq(frames.files))
-        for key in _NUMBERS:
-            if (value := getattr(frames.settings, key)) is not None:
-                entry[key] = value
-        content["frames"].append(in_flow(entry))
-    yaml = YAML()
-    yaml.width = 1 << 16
-    out = io.StringIO()
-    yaml.dump(content, out)
+    content["frames"] = [_entry(frames) for frames in protocol.frames]
     with atomic_path(path) as temporary:
-        temporary.write_text(out.getvalue(), encoding="utf-8")
+        temporary.write_text(dump_yaml(content, width=1 << 16), encoding="utf-8")
+
+
+def _entry(frames: ProtocolFrames) -> dict[str, Any]:
+    entry: dict[str, Any] = {"kind": frames.settings.kind}
+    if (exposure_s := frames.settings.exposure_s) is not None:
+        text = format_exposure(exposure_s)
+        entry["exposure"] = text if "/" in text else exposure_s
+    entry["files"] = frames.files[0] if len(frames.files) == 1 else frames.files
+    numbers = {key: getattr(frames.settings, key) for key in _NUMBERS}
+    return entry | {key: value for key, value in numbers.items() if value is not None}
 
 
 def read_protocol(path: str | PathLike[str]) -> Protocol:
-    """Read a protocol. It is not checked that its frames exist.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not YAML, or is not a valid protocol; with the line.
-    """
+    """Read a protocol. It is not checked that its frames exist."""
     file = Path(path)
     data = read_yaml(file, "a protocol")
     version = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
@@ -210,13 +185,7 @@ def _frames(file: Path, number: int, entry: Any, line: int | None) -> ProtocolFr
 
 
 def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:
-    """Return the files that match a path or pattern relative to the protocol at `path`, without hidden files.
-
-    Raises
-    ------
-    FileError
-        If a pattern matches none; with the line.
-    """
+    """Return the files that match a path or pattern relative to the protocol at `path`, without hidden files."""
     literal = path.parent / pattern
     if not _WILDCARDS & set(pattern) or os.path.isfile(literal):
         return [literal]
@@ -231,13 +200,7 @@ def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:
 
 
 def stated_bits(file: Path, data: Mapping[Any, Any]) -> int | None:
-    """Return the bit depth that a protocol states, or None.
-
-    Raises
-    ------
-    FileError
-        If it is invalid; with the line.
-    """
+    """Return the bit depth that a protocol states, or None."""
     bits = data.get("bits")
     if bits is not None and (isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 16):
         raise FileError(file, "bits", line_of(data, "bits"), value=bits, expected="a whole number from 1 to 16")
@@ -245,13 +208,7 @@ def stated_bits(file: Path, data: Mapping[Any, Any]) -> int | None:
 
 
 def stated_cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
-    """Return the colour filter array that a protocol states, or None.
-
-    Raises
-    ------
-    FileError
-        If it is invalid; with the line.
-    """
+    """Return the colour filter array that a protocol states, or None."""
     if data.get("cfa") is None:
         return None
     try:

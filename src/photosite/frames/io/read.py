@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photosite.errors import FileError, PhotositeWarning
 from photosite.files.hdf5 import SIGNATURE as HDF5_SIGNATURE
+from photosite.files.small import reading
 from photosite.frames.io import camera_raw, fits, hdf5, png
 from photosite.frames.io.camera_raw import read_camera_raw, read_camera_raw_header
 from photosite.frames.io.dng import DNG_VERSION, read_dng, read_dng_header
@@ -29,6 +30,7 @@ SUFFIXES = frozenset({".dng", ".tif", ".tiff", ".png"}) | hdf5.SUFFIXES | fits.S
 
 FORMATS = "DNG, camera raw, TIFF, PNG, HDF5 or FITS"
 
+_SIGNATURES: dict[Format, bytes] = {"png": png.SIGNATURE, "hdf5": HDF5_SIGNATURE, "fits": fits.SIGNATURE}
 _TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _CAMERA_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"\0MRM", b"FOVb")
 
@@ -95,13 +97,7 @@ def read_raw(
 def read_frame(
     path: Path, bits: int | None = None, cfa: Cfa | None = None, location: FrameLocation | None = None
 ) -> tuple[RawFrame, tuple[str, ...]]:
-    """Read one raw frame, as `read_raw` does, and return the notes for warnings with it.
-
-    Raises
-    ------
-    FileError
-        As `read_raw`.
-    """
+    """Read one raw frame, as `read_raw` does, and return the notes for warnings with it."""
     kind = detect_format(path)
     if kind == "camera raw":
         return read_camera_raw(path, bits, cfa)
@@ -118,24 +114,12 @@ def read_frame(
 
 
 def read_pixels(path: Path, location: FrameLocation) -> NDArray[np.uint16]:
-    """Read the (rows, cols) digital numbers of one frame of a file of several, without its header.
-
-    Raises
-    ------
-    FileError
-        If they cannot be read.
-    """
+    """Read the (rows, cols) digital numbers of one frame of a file of several, without its header."""
     return _pixels(path, detect_format(path), location)
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """Read the headers of all frames in a file, without pixels.
-
-    Raises
-    ------
-    FileError
-        If the file is missing, truncated or of another format.
-    """
+    """Read the headers of all frames in a file, without pixels."""
     return _headers(path, detect_format(path))
 
 
@@ -147,11 +131,8 @@ def _headers(path: Path, kind: Format) -> tuple[FrameHeader, ...]:
             return fits.read_fits_headers(path)
         case "tiff":
             return read_tiff_headers(path)
-        case "dng":
-            return (read_dng_header(path),)
-        case "png":
-            return (png.read_png_header(path),)
-    return (read_camera_raw_header(path),)
+    read = {"dng": read_dng_header, "png": png.read_png_header, "camera raw": read_camera_raw_header}
+    return (read[kind](path),)
 
 
 def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> NDArray[np.uint16]:
@@ -167,31 +148,17 @@ def _pixels(path: Path, kind: Format, location: FrameLocation | None) -> NDArray
 
 
 def detect_format(path: Path) -> Format:
-    """Return the format of a file.
-
-    Raises
-    ------
-    FileError
-        If the file is missing, empty, a folder, or in no supported format.
-    """
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except FileNotFoundError:
-        raise FileError(path, "there is no such file") from None
-    except IsADirectoryError:
-        raise FileError(path, "the path is a folder", hint="read_raw reads one frame, open_frames a folder") from None
-    except OSError as error:
-        raise FileError(path, f"the file cannot be read: {error.strerror or error}") from None
+    """Return the format of a file."""
+    if path.is_dir():
+        raise FileError(path, "the path is a folder", hint="read_raw reads one frame, open_frames a folder")
+    with reading(path), path.open("rb") as file:
+        head = file.read(16)
     if not head:
         raise FileError(path, "the file is empty")
     suffix = path.suffix.lower()
-    if head.startswith(png.SIGNATURE):
-        return "png"
-    if head.startswith(HDF5_SIGNATURE):
-        return "hdf5"
-    if head.startswith(fits.SIGNATURE):
-        return "fits"
+    for kind, signature in _SIGNATURES.items():
+        if head.startswith(signature):
+            return kind
     if head.startswith(_CAMERA_MAGIC) or head[4:11] == b"ftypcrx" or head[6:14] == b"HEAPCCDR":
         return "camera raw"
     if head.startswith(_TIFF_MAGIC):
@@ -200,7 +167,7 @@ def detect_format(path: Path) -> Format:
         return "dng" if DNG_VERSION in read_directories(path)[0].tags else "tiff"
     if head.startswith(b"\xff\xd8\xff"):
         raise FileError(path, "the file is a JPEG, a developed picture", hint=f"A raw frame is {FORMATS}")
-    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, png.SIGNATURE, HDF5_SIGNATURE, fits.SIGNATURE)):
+    if any(magic.startswith(head) for magic in (*_TIFF_MAGIC, *_SIGNATURES.values())):
         raise FileError(path, f"the file is truncated: {len(head)} bytes")
     if suffix in camera_raw.SUFFIXES:
         return "camera raw"

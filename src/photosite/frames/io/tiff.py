@@ -6,13 +6,13 @@ import logging
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError
+from photosite.errors import FileError, message_of
+from photosite.files.small import reading
 from photosite.frames.io.description import describe_frame, parse_description
 from photosite.frames.io.frame_header import FrameHeader, FrameLocation
 from photosite.frames.io.tiff_directory import Directory, read_directories, read_directory
@@ -46,11 +46,6 @@ def read_tiff_headers(path: Path) -> tuple[FrameHeader, ...]:
     """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
 
     A page without its own exposure time or metadata takes those of the first page.
-
-    Raises
-    ------
-    FileError
-        If the file is truncated, or its pixels are not one number of 8 or 16 bits.
     """
     pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
     if not pages:
@@ -72,14 +67,14 @@ def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHead
         return own
     exposure_s, metadata = exposure_of(page), camera_settings(page)
     if first is None:
-        return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=MappingProxyType(metadata))
+        return FrameHeader(rows, cols, stored_bits, exposure_s=exposure_s, metadata=metadata)
     return replace(
         first,
         rows=rows,
         cols=cols,
         stored_bits=stored_bits,
         exposure_s=exposure_s or first.exposure_s,
-        metadata=MappingProxyType({**first.metadata, **metadata}),
+        metadata={**first.metadata, **metadata},
     )
 
 
@@ -110,14 +105,7 @@ def exposure_of(page: Directory) -> float | None:
 
 
 def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
-    """Return rows, columns and stored bits of a page, checked before any pixel is decoded.
-
-    Raises
-    ------
-    FileError
-        If the page is in color, inverted, or its pixels are not unsigned integers of 8 or 16 bits; or if its size
-        and its image data do not fit together.
-    """
+    """Return rows, columns and stored bits of a page, checked before any pixel is decoded."""
     _check_whole_numbers(path, page)
     rows, cols = page.number(LENGTH), page.number(WIDTH)
     bits = page.number(BITS) or 1
@@ -163,13 +151,7 @@ def _segments(page: Directory, rows: int, cols: int) -> int:
 
 
 def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> NDArray[np.uint16]:
-    """Read the (rows, cols) values of a TIFF file's page; without a location, of the first page.
-
-    Raises
-    ------
-    FileError
-        If they cannot be decoded.
-    """
+    """Read the (rows, cols) values of a TIFF file's page; without a location, of the first page."""
     page = read_directories(path)[0] if location is None else read_directory(path, int(location.part))
     rows, cols, bits = checked_size(path, page)
     if page.number(COMPRESSION) in (None, 1) and page.number(STRIP_OFFSETS) and page.number(FILL_ORDER) in (None, 1):
@@ -182,8 +164,7 @@ def read_tiff_pixels(path: Path, location: FrameLocation | None = None) -> NDArr
             file.filehandle.seek(page.offset)
             pixels = tifffile.TiffPage(file, 0).asarray()
     except Exception as error:  # the decoders' own exceptions, which depend on the compression
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(path, f"cannot be decoded ({reason[:200]})", hint="Save it uncompressed") from None
+        raise FileError(path, f"cannot be decoded ({message_of(error)})", hint="Save it uncompressed") from None
     if pixels.shape != (rows, cols):
         raise FileError(path, f"is damaged: it decodes to {pixels.shape} pixels, its tags state {rows} x {cols}")
     return np.ascontiguousarray(pixels, dtype=np.uint16)
@@ -195,15 +176,12 @@ def _stored_pixels(path: Path, page: Directory, shape: tuple[int, int], bits: in
     stored = np.empty(shape, dtype=f"{page.order}u{bits // 8}")
     wanted, done = stored.nbytes, 0
     buffer = stored.view(np.uint8).reshape(-1)
-    try:
-        with path.open("rb", buffering=0) as file:
-            for offset, count in strips:
-                end = min(done + int(count), wanted)
-                file.seek(offset)
-                while done < end and (got := file.readinto(buffer[done:end].data)):
-                    done += got
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    with reading(path), path.open("rb", buffering=0) as file:
+        for offset, count in strips:
+            end = min(done + int(count), wanted)
+            file.seek(offset)
+            while done < end and (got := file.readinto(buffer[done:end].data)):
+                done += got
     if done < wanted:
         raise FileError(path, f"is truncated: {done} bytes of image data, {wanted} expected")
     return stored.astype(np.uint16, copy=False)

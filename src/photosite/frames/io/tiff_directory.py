@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from photosite.errors import FileError
+from photosite.files.small import reading
 
 SUB_IFDS, EXIF_IFD = 330, 34665
 
@@ -36,16 +39,20 @@ class Directory:
         Byte order of the file, "<" or ">".
     tags
         Values by tag number: a tuple of numbers (rationals as floats, NaN for x/0), or bytes.
+    places
+        Positions of the values in the file, in bytes.
     children
         Sub-directories by the tag that points to them.
-    offset
-        Position of the directory in the file, in bytes.
+    offset, pointer
+        Positions in the file, in bytes, of the directory and of the number that points to it.
     """
 
     order: str = "<"
     tags: dict[int, tuple[float, ...] | bytes] = field(default_factory=dict)
+    places: dict[int, int] = field(default_factory=dict)
     children: dict[int, list[Directory]] = field(default_factory=dict)
     offset: int = 0
+    pointer: int = 0
 
     def numbers(self, tag: int) -> tuple[Any, ...] | None:
         """Return a tag's values, or None."""
@@ -73,7 +80,7 @@ class Directory:
 
 
 def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
-    """Read the file's chain of directories, each with its children.
+    """Read the chain of directories, each with its children.
 
     Parameters
     ----------
@@ -81,33 +88,21 @@ def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
         A TIFF file, or one with the same structure (DNG, NEF, CR2, ARW, ...).
     strict
         Whether a value or image data beyond the end of the file is an error. Files of camera makers break rules.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not TIFF, or is truncated.
     """
-    try:
-        with path.open("rb") as file:
-            reader = _Reader(path, file, strict)
-            return reader.linked(reader.first) or reader.fail("has no image")
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    with _reader(path, strict) as reader:
+        return reader.linked(reader.first, reader.first_pointer) or reader.fail("has no image")
 
 
 def read_directory(path: Path, offset: int) -> Directory:
-    """Read the one directory at a position that `read_directories` found.
+    """Read the one directory at a position that `read_directories` found."""
+    with _reader(path, True) as reader:
+        return reader.directory(offset)[0]
 
-    Raises
-    ------
-    FileError
-        As `read_directories`.
-    """
-    try:
-        with path.open("rb") as file:
-            return _Reader(path, file, True).directory(offset)[0]
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+
+@contextmanager
+def _reader(path: Path, strict: bool) -> Iterator[_Reader]:
+    with reading(path), path.open("rb") as file:
+        yield _Reader(path, file, strict)
 
 
 class _Reader:
@@ -121,7 +116,8 @@ class _Reader:
         if version not in (42, 43):
             self.fail("is not a TIFF file")
         self.big = version == 43
-        self.first = self.numbers_at(8, "Q")[0] if self.big else self.numbers_at(4, "I")[0]
+        self.first_pointer = 8 if self.big else 4
+        (self.first,) = self.numbers_at(self.first_pointer, "Q" if self.big else "I")
 
     def fail(self, what: str) -> Any:
         raise FileError(self.path, what)
@@ -136,17 +132,19 @@ class _Reader:
         code = f"{self.order}{codes}"
         return struct.unpack(code, self.bytes_at(offset, struct.calcsize(code)))
 
-    def linked(self, offset: int) -> list[Directory]:
+    def linked(self, offset: int, pointer: int) -> list[Directory]:
         directories = []
         while offset:
             if offset in self.seen:
                 self.fail("is damaged: its directories form a loop")
             self.seen.add(offset)
-            directory, offset = self.directory(offset)
+            directory, offset, next_pointer = self.directory(offset)
+            directory.pointer, pointer = pointer, next_pointer
             directories.append(directory)
         return directories
 
-    def directory(self, offset: int) -> tuple[Directory, int]:
+    def directory(self, offset: int) -> tuple[Directory, int, int]:
+        """Return a directory, the offset of the next one, and the position of that offset."""
         count_code, entry_bytes, link_code = ("Q", 20, "Q") if self.big else ("H", 12, "I")
         (count,) = self.numbers_at(offset, count_code)
         start = offset + struct.calcsize(f"<{count_code}")
@@ -157,10 +155,12 @@ class _Reader:
             self.entry(directory, at)
         for tag in (SUB_IFDS, EXIF_IFD):
             offsets = directory.tags.pop(tag, ())
-            directory.children[tag] = [child for at in offsets for child in self.linked(int(at))]
+            pointers = range(directory.places.get(tag, 0), self.size, 8 if self.big else 4)
+            linked = (self.linked(int(at), pointer) for at, pointer in zip(offsets, pointers, strict=False))
+            directory.children[tag] = [child for chain in linked for child in chain]
         if self.strict:
             self.check_image_data(directory)
-        return directory, int(link)
+        return directory, int(link), end
 
     def entry(self, directory: Directory, at: int) -> None:
         tag, kind, count = self.numbers_at(at, "HHQ" if self.big else "HHI")
@@ -176,6 +176,7 @@ class _Reader:
             return
         if length > _LARGEST_VALUE:
             return
+        directory.places[tag] = where
         if codes == "s":
             directory.tags[tag] = self.bytes_at(where, length)
             return

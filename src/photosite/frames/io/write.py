@@ -24,21 +24,7 @@ _WRITERS = {
 
 
 def write_raw(frame: RawFrame, path: str | PathLike[str]) -> None:
-    """Write a raw frame; an existing file is replaced only when the new one is complete.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-    path
-        A name with the suffix .dng, .tif, .tiff, .png, .h5 or .hdf5.
-
-    Raises
-    ------
-    InputError
-        If the suffix is another, or the format cannot hold the frame.
-    FileError
-        If the file cannot be written.
+    """Write a raw frame in the format of the suffix, as `RawFrame.save`.
 
     Examples
     --------
