@@ -155,8 +155,8 @@ def read_protocol(path: str | PathLike[str]) -> Protocol:
     return Protocol(
         tuple(_frames(file, number, entry, line_of(frames, number)) for number, entry in enumerate(frames)),
         name=optional_text(file, data, "name"),
-        bits=stated_bits(file, data),
-        cfa=stated_cfa(file, data),
+        bits=_bits(file, data),
+        cfa=_cfa(file, data),
         black_level_dn=None if black is None else float(black),
         sensor=optional_text(file, data, "sensor"),
     )
@@ -199,16 +199,14 @@ def matching_files(path: Path, pattern: str, line: int | None) -> list[Path]:
     return found
 
 
-def stated_bits(file: Path, data: Mapping[Any, Any]) -> int | None:
-    """Return the bit depth that a protocol states, or None."""
+def _bits(file: Path, data: Mapping[Any, Any]) -> int | None:
     bits = data.get("bits")
     if bits is not None and (isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 16):
         raise FileError(file, "bits", line_of(data, "bits"), value=bits, expected="a whole number from 1 to 16")
     return None if bits is None else int(bits)
 
 
-def stated_cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
-    """Return the colour filter array that a protocol states, or None."""
+def _cfa(file: Path, data: Mapping[Any, Any]) -> Cfa | None:
     if data.get("cfa") is None:
         return None
     try:
