@@ -133,7 +133,7 @@ def test_one_exposure_with_several_photon_counts_is_valid():
     calibration = calibrate(frame_set(frames))
     assert calibration.quantum_efficiency_percent.value is not None
     assert calibration.prnu_percent.value is not None
-    assert "one exposure only" in calibration.dark_voltage_mv_per_s.reason
+    assert "one exposure time only" in calibration.dark_voltage_mv_per_s.reason
 
 
 def test_copies_are_left_out_and_named(clean):

@@ -102,7 +102,7 @@ def test_partial_clipping_gives_full_scale():
     curve = levels(RISING, [20.0, 40.0, 60.0, 55.0], white_share=[0, 0, 0, 0.2])
     found = find_saturation(curve, white=470)
     assert found.level_dn.value == 470.0
-    assert "20 % of the brightest flats" in found.level_method
+    assert "20 % of the values in the brightest flat fields" in found.level_method
 
 
 def test_gain_is_the_weighted_slope_through_the_origin():

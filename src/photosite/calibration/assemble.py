@@ -184,7 +184,7 @@ def _analysis_warnings(reduction: Reduction, dark: DarkResult, light: LightResul
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
         of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""
-        warnings.append(f"no flat reached saturation{of_channel}; all unclipped levels were taken as linear")
+        warnings.append(f"no flat field reached saturation{of_channel}; all unclipped levels were taken as linear")
     for name, channel in zip(names, channels, strict=True):
         if channel.used.sum() < 3:
             warnings.append(

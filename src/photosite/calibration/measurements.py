@@ -72,7 +72,7 @@ class Measurements:
     dsnu1288_filtered: Parts | Missing = NO_LIGHT
     prnu1288: Parts | Missing = NO_LIGHT
     prnu1288_unfiltered: Parts | Missing = NO_LIGHT
-    saturation_method: str = "fully clipped flats"
+    saturation_method: str = "fully clipped flat fields"
     dark_method: str = ""
     linearity: tuple[Linearity | Missing, ...] = ()
     dark_slope_third: float = 0.0

@@ -33,12 +33,9 @@ class NoiseShape:
 
     Parameters
     ----------
-    excess_kurtosis
-        Of the values of all pixels about their own means: the sum of the next two.
-    within_pixels
-        Contribution of non-normal noise of single pixels.
-    between_pixels
-        Contribution of different noise in different pixels: 3 var(variance) / mean(variance)^2.
+    excess_kurtosis, within_pixels, between_pixels
+        Of the values of all pixels about their own means, and its two contributions: non-normal noise of single pixels,
+        and different noise in different pixels, 3 var(variance) / mean(variance)^2.
     tukey_lambda
         Shape parameter of the Tukey lambda distribution that fits the values best. Smaller means heavier tails; 0 is
         the logistic distribution. A shape above 0 has a largest deviation (`tukey_reach`), which values may exceed,

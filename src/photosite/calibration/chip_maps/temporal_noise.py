@@ -57,8 +57,8 @@ class TemporalNoise:
         "fixed rows", "fixed columns": periods in the mean frame. "temporal rows", "temporal columns": periods whose
         phase changes from frame to frame. Rows are horizontal bands.
     residual_dn, residual_count
-        (bins,) histogram of all values about their pixels' means, without shifts of frames, rows and columns: middle of
-        each bin, and count.
+        (bins,) middle and count of the histogram of all values about their pixels' means, without shifts of frames,
+        rows and columns.
     traces
         Values of the blinking pixels whose levels are farthest apart relative to their noise.
     """

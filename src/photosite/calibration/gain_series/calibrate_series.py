@@ -122,11 +122,10 @@ def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source
     noise_step = step_in_read_noise(noise) if noise is not None and gain_step is not None else None
     found = None if gain_step is None else find_switch(gain_step, noise_step)
     if gain_step is None:
-        warnings.append(
-            f"{len(known)} gain settings: the search for a conversion-gain switch needs at least {FEWEST_SETTINGS}"
-        )
-    warnings += _irregular(rest, settings, found)
+        needed = f"the search for a conversion-gain switch needs at least {FEWEST_SETTINGS}"
+        warnings.append(f"{len(known)} gain settings: {needed}")
     splits = [slice(0, len(known))] if found is None else [slice(0, found.split), slice(found.split, len(known))]
+    warnings += [text for part in splits for text in _irregular(rest[part], settings[part])]
     modes = tuple(_mode(settings[part], noise[part] if noise is not None else None) for part in splits)
     return GainSeries(
         tuple(_at_analog_gain(step, steps[0].setting, scale, base) for step in steps),
@@ -191,20 +190,16 @@ def _switch(found: Switch, settings: Array, gain_step: StepTest, modes: Sequence
     )
 
 
-def _irregular(rest: Array, settings: Array, found: Switch | None) -> list[str]:
-    """Return warnings about settings whose gain deviates from the nominal value by a tenth or more."""
-    split = len(rest) if found is None else found.split
-    notes = []
-    for part in (slice(0, split), slice(split, len(rest))):
-        if len(rest[part]) < 3:
-            continue
-        off = np.exp(rest[part] - np.median(rest[part])) - 1.0
-        notes += [
-            f"gain setting {setting:g}: its system gain deviates by {100 * share:+.0f} % from the trend of the others"
-            for setting, share in zip(settings[part], off, strict=True)
-            if abs(share) > 0.1
-        ]
-    return notes
+def _irregular(rest: Array, settings: Array) -> list[str]:
+    """Return warnings about settings whose gain deviates from that of the others by a tenth or more."""
+    if len(rest) < 3:
+        return []
+    off = np.exp(rest - np.median(rest)) - 1.0
+    return [
+        f"gain setting {setting:g}: its system gain deviates by {100 * share:+.0f} % from the trend of the others"
+        for setting, share in zip(settings, off, strict=True)
+        if abs(share) > 0.1
+    ]
 
 
 def _unity(settings: Array, rest: Array, variance: Array, splits: Sequence[slice], scale: SettingScale) -> Estimate:
@@ -221,10 +216,8 @@ def _unity(settings: Array, rest: Array, variance: Array, splits: Sequence[slice
         places.append((place, float(settings[part].min()), float(settings[part].max())))
     (first, _, below), (last, above, _) = places[0], places[-1]
     if len(places) == 2 and first.value > below and last.value < above:
-        reason = (
-            f"the gain passes 1 DN per electron where the conversion gain switches, between {below:g} and {above:g}"
-        )
-        return Estimate(reason=reason, method=method)
+        place_text = f"where the conversion gain switches, between {below:g} and {above:g}"
+        return Estimate(reason=f"the gain passes 1 DN per electron {place_text}", method=method)
     place, low, high = min(places, key=lambda entry: max(entry[1] - entry[0].value, entry[0].value - entry[2]))
     if not low <= place.value <= high:
         method += f"; extrapolated from the settings {low:g} to {high:g}"
@@ -240,13 +233,10 @@ def _at_analog_gain(step: GainStep, lowest: float, scale: SettingScale, base: Se
     gain = base.readout.analog_gain
     source = f"at gain setting {step.setting:g}: nominally {factor:.4g} times that of the lowest setting"
     analog = Measured(gain.value * factor, gain.standard_uncertainty * factor, source, assumed=True)
+    scaled = {name: replace(own, **_scaled(own, 1.0 / factor)) for name, own in step.calibration.channels.items()}
+    whole = _scaled(step.calibration, 1.0 / factor)
     own_base = base.with_(analog_gain=analog)
-    scaled = {
-        channel: replace(parameters, **_scaled(parameters, 1.0 / factor))
-        for channel, parameters in step.calibration.channels.items()
-    }
-    own_values = _scaled(step.calibration, 1.0 / factor)
-    return GainStep(step.setting, replace(step.calibration, base=own_base, channels=scaled, **own_values))
+    return GainStep(step.setting, replace(step.calibration, base=own_base, channels=scaled, **whole))
 
 
 def _scaled(parameters: Parameters, factor: float) -> dict[str, Any]:

@@ -90,14 +90,13 @@ class GainSeries:
         The settings, ascending, each with its `Calibration`.
     scale
         Scale of the settings: "proportional" (ISO, plain gain), "decibels" or "tenths of a decibel".
-    switch
-        The conversion-gain switch; None if none was found.
-    modes
-        One or two groups of settings with one conversion gain, with the two parts of the read noise.
+    switch, modes
+        The conversion-gain switch, None if none was found; one or two groups of settings with one conversion gain, with
+        the two parts of the read noise.
     unity_gain
         Setting at which the system gain is 1 DN per electron.
-    warnings
-        Warnings for the user.
+    warnings, source
+        Warnings for the user; what was opened.
     """
 
     steps: tuple[GainStep, ...]

@@ -79,7 +79,7 @@ class StepTest:
     Parameters
     ----------
     p_value
-        Probability of a step as significant as the best one if there is none, over all positions (Bonferroni).
+        Probability, without any step, of one as significant as the best, over all positions (Bonferroni).
     split
         Index of the first setting above the best step.
     step, step_uncertainty, deviance

@@ -46,14 +46,10 @@ class Channel:
 
     Parameters
     ----------
-    index
-        Index of the channel in `channel_names`.
-    dark
-        Its dark signal and dark variance against exposure time.
-    levels, saturation
-        Its light levels, dark subtracted, and where it saturates.
-    used
-        (levels,) whether a level lies in the linear range.
+    index, dark
+        Index of the channel in `channel_names`, and its dark signal and dark variance against exposure time.
+    levels, saturation, used
+        Its light levels, dark subtracted; where it saturates; (levels,) whether a level lies in the linear range.
     gain
         System gain of this channel alone, DN/e-.
     curvature

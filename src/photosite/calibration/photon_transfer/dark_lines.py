@@ -77,7 +77,7 @@ class DarkLine:
     def line(self) -> tuple[Value, Value]:
         """Intercept, and slope per second."""
         if self.fit is None:
-            reason = f"darks at one exposure only, {self.exposure_s[0]:g} s; a slope needs two or more"
+            reason = f"dark frames at one exposure time only, {self.exposure_s[0]:g} s; a slope needs two or more"
             return Missing(reason), Missing(reason)
         if not self.points:
             intercept, slope = self.fit.uncertain
@@ -182,7 +182,7 @@ class DarkLines:
 def temporal_variances(exposure_s: Array, levels: Sequence[Level]) -> tuple[Array, Array]:
     """Return (m,) temporal variance of each dark level and its uncertainty, DN^2.
 
-    A single frame shows no noise and is given that of the repeated darks of the nearest exposure.
+    A single frame shows no noise and is given that of the repeated dark frames of the nearest exposure.
     """
     variance = np.array([level.variance for level in levels])
     uncertainty = np.array([level.variance_uncertainty for level in levels])

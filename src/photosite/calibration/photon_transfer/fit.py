@@ -23,16 +23,12 @@ class Fit:
 
     Parameters
     ----------
-    parameters, covariance
-        (p,) and (p, p).
-    estimator
-        (p, m): parameters = estimator @ y, with the final weights.
+    parameters, covariance, estimator
+        (p,), (p, p) and (p, m): parameters = estimator @ y, with the final weights.
     extra_variance
         Variance added to every point to explain the scatter about the line.
-    chi_square
-        Sum of squared residuals over the points' variances, before any was added.
-    degrees_of_freedom
-        Points less parameters.
+    chi_square, degrees_of_freedom
+        Sum of squared residuals over the points' variances, before any was added; points less parameters.
     """
 
     parameters: Array

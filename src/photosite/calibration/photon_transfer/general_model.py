@@ -40,10 +40,9 @@ class GeneralModel:
     snr, snr_uncertainty
         (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the noise is unknown, the level is
         clipped, or the curve does not rise.
-    threshold
-        Amount of light at which that ratio is 1.
-    saturation
-        Amount of light at which it is largest; its uncertainty spans the neighbouring levels.
+    threshold, saturation
+        Amounts of light at which that ratio is 1, and largest; the uncertainty of the latter spans the neighbouring
+        levels.
     dynamic_range_db
         20 log10 (saturation / threshold).
 

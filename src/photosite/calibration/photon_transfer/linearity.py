@@ -105,7 +105,7 @@ def channel_linearity(channel: Channel) -> Linearity | Missing:
     """
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None or saturation.index is None:
-        return Missing("linearity is defined from 5 to 95 % of saturation, and no flat reached saturation")
+        return Missing("linearity is defined from 5 to 95 % of saturation, and no flat field reached saturation")
     below = slice(0, saturation.index + 1)
     covariance = levels.signal_covariance[below, below]
     return linearity(levels.x[below], levels.signal[below], covariance, saturation.signal, levels.abscissa)

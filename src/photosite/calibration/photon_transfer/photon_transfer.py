@@ -23,7 +23,9 @@ LINEAR_SHARE = 0.7
 FALLEN_SHARE = 0.8
 """A brighter level with a shot variance below this share of the largest shows that the maximum is passed."""
 
-NOT_REACHED = Missing("no flat reached saturation; take flats up to the level where they stop getting brighter")
+NOT_REACHED = Missing(
+    "no flat field reached saturation; take flat fields up to the level where they stop getting brighter"
+)
 
 STILL_SHARE = 0.02
 """A level with a shot variance below this share of the largest is fully clipped."""
@@ -195,20 +197,19 @@ def _between_neighbours(levels: LightLevels, peak: int) -> Uncertain:
 
 
 def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
-    """Return the digital number of fully clipped pixels: the brightest flats without noise, or the full scale."""
+    """Return the digital number of fully clipped pixels: the brightest flat fields without noise, or the full scale."""
     last = len(levels.x) - 1
     shot = levels.shot[levels.repeated]
     still = levels.repeated[last] and levels.shot[last] < STILL_SHARE * shot.max()
     if still or levels.white_share[last] > 1.0 - CLIPPED_SHARE:
         value = Uncertain.of(float(levels.mean[last]), float(np.sqrt(levels.mean_variance[last])))
-        return value, "mean of the brightest flats, all pixels clipped"
+        return value, "mean of the brightest flat fields, all pixels clipped"
     share = float(levels.white_share.max())
     if share > CLIPPED_SHARE:
-        value = Uncertain.of(float(white))
-        return value, f"full scale of the converter, the value of {100 * share:.3g} % of the brightest flats' numbers"
-    return Missing(
-        "no flat is clipped; take flats up to the level where they stop getting brighter"
-    ), "fully clipped flats"
+        method = f"full scale of the converter: {100 * share:.3g} % of the values in the brightest flat fields"
+        return Uncertain.of(float(white)), method
+    reason = "no flat field is clipped; take flat fields up to the level where they stop getting brighter"
+    return Missing(reason), "fully clipped flat fields"
 
 
 def linear_levels(levels: LightLevels, saturation: Saturation) -> NDArray[np.bool_]:
@@ -233,7 +234,7 @@ class GainFit(Fit):
 
     @property
     def uncertain(self) -> tuple[Uncertain, ...]:
-        """The gain, correlated with the other results from the darks."""
+        """The gain, correlated with the other results from the dark frames."""
         own = max(float(self.covariance[0, 0]) - self.dark.standard_uncertainty**2, 0.0)
         source = Source.student(self.freedom) if math.isfinite(self.freedom) else None
         return (Uncertain.of(float(self.parameters[0]), math.sqrt(own), source) + self.dark,)
@@ -278,7 +279,7 @@ def gain_value(fit: GainFit | None) -> Value:
     if gain < 2.0 * uncertainty:
         return Missing(
             f"the temporal variance does not rise with the signal (slope {gain:.3g} ± {uncertainty:.3g} DN); "
-            f"photon transfer needs brighter flats or more frames"
+            f"photon transfer needs brighter flat fields or more frames"
         )
     return fit.uncertain[0]
 

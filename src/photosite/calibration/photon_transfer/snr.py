@@ -18,16 +18,13 @@ class SnrCurve:
 
     Parameters
     ----------
-    x, snr, snr_uncertainty
-        (points,) amount of light; signal over temporal noise, a ratio; its standard uncertainty from sampling.
-    used
-        (points,) whether the level is in the linear range.
+    x, snr, snr_uncertainty, used
+        (points,) amount of light; signal over temporal noise, a ratio; its standard uncertainty from sampling; whether
+        the level is in the linear range.
     photons
         Whether `x` is in photons per pixel; else it is the signal in electrons.
-    response_dn
-        DN per unit of `x`.
-    gain_dn_per_e
-        System gain.
+    response_dn, gain_dn_per_e
+        DN per unit of `x`, and system gain.
     dark_variance_dn2
         Dark temporal variance at exposure zero, quantisation included.
 

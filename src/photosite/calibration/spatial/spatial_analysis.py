@@ -199,13 +199,8 @@ def _normal_below(x: Array, sigma: float) -> Array:
 def histogram(planes: Sequence[Plane], centres: Sequence[float], grain: float | None = None) -> Histogram:
     """Return the histogram of the deviations of one map from its mean, or of several maps together.
 
-    Parameters
-    ----------
-    planes, centres
-        (rows, cols) each, and the mean of each.
-    grain
-        Step of the values: 1 / n for the mean of n frames. Bins are then whole numbers of steps wide, as the standard
-        requires, so that each bin holds the same number of possible values. None for continuous values.
+    `grain` is the step of the values: 1 / n for the mean of n frames. Bins are then whole numbers of steps wide, as the
+    standard requires, so that each bin holds the same number of possible values. None for continuous values.
 
     Examples
     --------
@@ -267,14 +262,10 @@ class OutlierPixels:
 
     Parameters
     ----------
-    row, col
-        (m,) positions on the sensor, sorted by decreasing deviation.
-    deviation
-        (m,) deviation from the mean, in the unit of the map.
-    threshold
-        Deviation beyond which pixels are listed.
-    rule
-        How the threshold was chosen.
+    row, col, deviation
+        (m,) positions on the sensor, and deviations from the mean in the unit of the map, the largest first.
+    threshold, rule
+        Deviation beyond which pixels are listed, and how it was chosen.
     """
 
     row: NDArray[np.intp]
@@ -349,10 +340,8 @@ class OutlierThresholds:
 
     Parameters
     ----------
-    dark_dn
-        For the mean dark frame, DN.
-    light_percent
-        For the high-pass filtered mean flat field, percent of the mean signal.
+    dark_dn, light_percent
+        For the mean dark frame, DN, and for the high-pass filtered mean flat field, percent of the mean signal.
     """
 
     dark_dn: float | None = None
@@ -416,14 +405,11 @@ class MeanPlanes:
 
     Parameters
     ----------
-    planes, origins
-        (rows, cols) each, in DN, and the sensor row and column of each plane's first value.
-    tile
-        Rows and columns between neighbouring values of a plane.
-    frames, exposure_s
-        Number of averaged frames, and their exposure time.
-    noise
-        Temporal variance that remains in the mean, DN^2.
+    planes, origins, tile
+        (rows, cols) each, in DN; sensor row and column of each plane's first value; rows and columns between
+        neighbouring values.
+    frames, exposure_s, noise
+        Number of averaged frames, their exposure time, and the temporal variance that remains in the mean, DN^2.
     """
 
     planes: Sequence[Array]
@@ -446,14 +432,11 @@ class MeanPlanes:
         planes = [plane[:rows, :cols] for plane in planes]
         return cls(planes, origins, (tile_rows, tile_cols), frames, exposure_s, noise)
 
-    def places(self, site: int, border: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def places(self, site: int, border: int) -> Places:
         """Return the sensor rows and columns of a plane, without a border."""
-        rows, cols = self.planes[site].shape
+        rows, cols = (np.arange(border, size - border) for size in self.planes[site].shape)
         row, col = self.origins[site]
-        return (
-            row + self.tile[0] * np.arange(border, rows - border),
-            col + self.tile[1] * np.arange(border, cols - border),
-        )
+        return row + self.tile[0] * rows, col + self.tile[1] * cols
 
 
 def spatial_analysis(
@@ -461,17 +444,7 @@ def spatial_analysis(
 ) -> SpatialAnalysis | Missing:
     """Analyse a channel's pattern in its mean dark frame and its mean frame near half saturation.
 
-    Parameters
-    ----------
-    dark, light
-        Mean frames; the dark signal is not yet subtracted from `light`.
-    thresholds
-        Thresholds for outlier pixels.
-
-    Returns
-    -------
-    SpatialAnalysis or Missing
-        Missing if the planes are too small for the high-pass filter.
+    The dark signal is not yet subtracted from `light`. Missing if the planes are too small for the high-pass filter.
     """
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:

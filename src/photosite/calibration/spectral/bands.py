@@ -271,10 +271,8 @@ class SpectralFrames:
         The sensor that supplies gain, pixel size and fill factor, or None.
     region
         Evenly lit part of the frame; None for the whole frame.
-    scale_uncertainty_percent
-        Relative standard uncertainty common to all readings.
-    exposure_uncertainty_percent
-        Relative standard uncertainty of each exposure time, common to bands of one exposure time.
+    scale_uncertainty_percent, exposure_uncertainty_percent
+        Relative standard uncertainty common to all readings, and common to bands of one exposure time.
     source
         Where the measurement was read from.
     """
@@ -302,13 +300,10 @@ class SpectralFrames:
         for band in bands:
             if not self.darks.get(band.exposure_s):
                 known = ", ".join(f"{exposure_s:g}" for exposure_s in sorted(self.darks))
-                raise InputError(
-                    "darks",
-                    where=band.name,
-                    value=f"dark frames at {known or 'no'} s",
-                    expected=f"dark frames at the band's exposure time, {band.exposure_s:g} s",
-                    hint="Take dark frames with the same exposure time and the light blocked",
-                )
+                expected = f"dark frames at the band's exposure time, {band.exposure_s:g} s"
+                hint = "Take dark frames with the same exposure time and the light blocked"
+                value = f"dark frames at {known or 'no'} s"
+                raise InputError("darks", where=band.name, value=value, expected=expected, hint=hint)
         object.__setattr__(self, "bands", bands)
 
     @property

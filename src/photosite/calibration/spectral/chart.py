@@ -84,12 +84,7 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
         The camera's sensor, whose gain and pixel were used to compute electrons and photons. Its quantum efficiencies
         are ignored.
     seed, draws
-        For sampling the posterior; see `smooth_positive_estimate`.
-
-    Returns
-    -------
-    SpectralCalibration
-        Posterior means. `interval_95` is the shortest 95 % interval at each wavelength.
+        For sampling the posterior; see `smooth_positive_estimate`. Results are its means and shortest 95 % intervals.
 
     Raises
     ------
@@ -113,14 +108,12 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
     warnings = []
     for number, name in enumerate(names):
         keep = views.usable[:, number]
-        if keep.sum() < 3:
-            raise CalibrationError(
-                "usable patches",
-                where=f"{views.source}: channel {name}",
-                value=int(keep.sum()),
-                expected="at least 3",
-                hint="Use shorter exposure times, so that fewer patches saturate",
+        if (count := int(keep.sum())) < 3:
+            where, hint = (
+                f"{views.source}: channel {name}",
+                "Use shorter exposure times, so that fewer patches saturate",
             )
+            raise CalibrationError("usable patches", where=where, value=count, expected="at least 3", hint=hint)
         if left := int((~keep).sum()):
             warnings.append(f"channel {name}: {left} of {keep.size} patches not used: saturated")
         read, light = views.electrons[keep, number], views.light[keep]

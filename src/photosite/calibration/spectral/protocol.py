@@ -159,17 +159,12 @@ def read_spectral_protocol(file: Path, model: type[_Model]) -> tuple[_Model, Any
 
 
 def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
-    """Open a spectral measurement, without reading pixels.
+    """Open the measurement of a spectral protocol, without reading pixels.
 
     Parameters
     ----------
     path
         Spectral protocol (YAML); the module docstring shows its content.
-
-    Returns
-    -------
-    SpectralFrames
-        All files exist and have the same format.
 
     Raises
     ------

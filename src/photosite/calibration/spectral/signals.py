@@ -37,10 +37,9 @@ class SpectralSignals:
         dark frames that bands share.
     reasons
         Why a channel cannot use a band, by channel and band; empty if it can.
-    flicker
-        Relative standard deviation of the light between frames; 0 if not distinguishable from a steady light.
-    sha256
-        Digest of each frame's digital numbers, sorted.
+    flicker, sha256
+        Relative standard deviation of the light between frames, 0 if not distinguishable from a steady light; digest of
+        each frame's digital numbers, sorted.
     """
 
     signal_dn: NDArray[np.float64]
