@@ -106,9 +106,8 @@ class _Band(FrameEntry):
     def _check(self) -> Self:
         if (self.irradiance_w_m2 is None) == (self.photocurrent_a is None):
             raise InputError("the reading", expected="exactly one of irradiance_w_m2 and photocurrent_a")
-        if (self.centre_nm is None) != (self.bandwidth_nm is None) or (self.centre_nm is None) == (
-            self.passband is None
-        ):
+        light = {name for name in ("centre_nm", "bandwidth_nm", "passband") if getattr(self, name) is not None}
+        if light not in ({"centre_nm", "bandwidth_nm"}, {"passband"}):
             raise InputError("the band", expected="'centre_nm' and 'bandwidth_nm', or a 'passband' (CSV file)")
         return self
 
