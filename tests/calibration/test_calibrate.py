@@ -170,7 +170,7 @@ def test_few_frames_are_held_at_a_time(mono, calibration, monkeypatch, thread_sa
 
 
 def test_without_saturation_all_levels_are_linear(virtual):
-    sensor = virtual.sensor(5)
+    sensor = virtual.sensor(5, rows=64, cols=80)
     calibration = calibrate(virtual.frame_set(sensor, 5, top=0.6))
     found = calibration.linear_range["M"]
     assert found.levels == found.levels_measured
@@ -185,7 +185,7 @@ def test_without_saturation_all_levels_are_linear(virtual):
 @pytest.fixture(scope="module")
 def green_saturates(virtual):
     """Frames of a Bayer sensor of which R and B stay below saturation."""
-    return virtual.frame_set(virtual.sensor(5, cfa="rggb"), 5)
+    return virtual.frame_set(virtual.sensor(5, cfa="rggb", rows=80, cols=96), 5)
 
 
 def test_the_method_names_the_channels_of_a_partial_mean(green_saturates):
@@ -228,7 +228,7 @@ def test_darks_alone_give_the_dark_parameters(virtual, mono):
 
 def test_single_flats_give_slopes_but_no_gain(virtual):
     """One flat per exposure shows the response, but not its noise."""
-    sensor = virtual.sensor(8)
+    sensor = virtual.sensor(8, rows=48, cols=64)
     frames = virtual.frame_set(sensor, 8, repeats=4)
     groups = tuple(replace(g, frames=g.frames[:1]) if g.kind == "light" else g for g in frames.groups)
     calibration = calibrate(replace(frames, groups=groups))
@@ -240,7 +240,7 @@ def test_single_flats_give_slopes_but_no_gain(virtual):
 
 
 def test_some_single_flats_take_their_noise_from_the_photon_transfer(virtual):
-    sensor = virtual.sensor(9)
+    sensor = virtual.sensor(9, rows=64, cols=80)
     frames = virtual.frame_set(sensor, 9)
     groups = tuple(
         replace(g, frames=g.frames[:1]) if g.kind == "light" and k % 2 else g for k, g in enumerate(frames.groups)
@@ -273,7 +273,7 @@ def test_a_negative_spread_enters_the_sensor_file_as_zero_with_a_note(virtual):
 
 def test_hidden_read_noise_is_reported_with_its_limit(virtual):
     """Quantisation hides a read noise of 0.2 DN (EMVA 1288's 0.24 DN^2), and the result has a warning."""
-    base = virtual.sensor(4)
+    base = virtual.sensor(4, rows=64, cols=80)
     sensor = base.with_(read_noise_mv=0.2 * base.mv_per_dn)
     calibration = calibrate(virtual.frame_set(sensor, 4))
     true_e = sensor.electrons(sensor.noise.read_noise_mv.value)

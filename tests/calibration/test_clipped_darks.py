@@ -6,11 +6,9 @@ in 250. Seeds are fixed.
 """
 
 import numpy as np
-import pytest
 
 import photosite as ps
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.clipped_blacks.clipped_darks import are_clipped
 from photosite.frames.frame_set import frame_set_from_arrays
 from photosite.studies.closed_loop.study import compared_parameters
 from photosite.studies.protocol import paper_d200_protocol
@@ -31,13 +29,12 @@ PARAMETERS = (
 )
 
 
-@pytest.fixture(scope="module")
-def pulls(virtual):
-    """Pulls of twelve sensors by parameter; the black level is between 0 and 1.5 standard deviations of the dark."""
+def test_the_truth_is_found(virtual):
+    """The black level is between 0 and 1.5 standard deviations of the dark."""
     found = {name: [] for name in PARAMETERS}
     for seed in range(12):
         cfa = "rggb" if seed % 2 else "mono"
-        base = virtual.sensor(seed, cfa=cfa, rows=80, cols=96)
+        base = virtual.sensor(seed, cfa=cfa, rows=64, cols=80)
         # Normal noise, as in the model: a few electrons of dark signal would have the skew of a Poisson distribution.
         base = base.with_(
             read_noise_mv=max(base.noise.read_noise_mv.value, 6.0 * base.mv_per_dn * base.system_gain_dn_per_e)
@@ -56,14 +53,11 @@ def pulls(virtual):
         assert "censored maximum likelihood" in calibration.read_noise_dn.method
         assert any("the darks are clipped at 0" in warning for warning in calibration.warnings)
         assert "clipped" in calibration.dcnu_percent.reason
-    return {name: np.array(values) for name, values in found.items()}
-
-
-@pytest.mark.parametrize("name", PARAMETERS)
-def test_the_truth_is_found(pulls, name):
-    print(name, pulls[name].round(1))
-    assert np.abs(pulls[name]).max() < 3.5
-    assert 0.4 < np.sqrt(np.mean(pulls[name] ** 2)) < 1.6
+    for name, values in found.items():
+        pulls = np.array(values)
+        print(name, pulls.round(1))
+        assert np.abs(pulls).max() < 3.5, name
+        assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.6, name
 
 
 def test_table_1_of_a_d200_without_a_pedestal():
@@ -102,4 +96,3 @@ def test_darks_on_a_pedestal_need_no_censored_fit(virtual):
     calibration = calibrate(frames)
     assert "censored" not in calibration.read_noise_dn.method
     assert not any("clipped" in warning for warning in calibration.warnings)
-    assert not are_clipped([])

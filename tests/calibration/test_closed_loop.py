@@ -31,7 +31,7 @@ def outcomes(virtual):
         known = cfa == "mono"
         for index in range(count):
             seed = index + (0 if known else 1000)
-            sensor = virtual.sensor(seed, cfa=cfa, limited_by=("converter", "well")[index % 2])
+            sensor = virtual.sensor(seed, cfa=cfa, rows=80, cols=96, limited_by=("converter", "well")[index % 2])
             top = 1.15 + 0.15 * ((0.618 * index) % 1)
             calibration = calibrate(virtual.frame_set(sensor, seed, photons_known=known, top=top))
             calibrations.append((sensor, calibration))

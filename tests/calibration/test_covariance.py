@@ -12,7 +12,7 @@ from photosite.values.measured import Measured
 @pytest.fixture(scope="module")
 def calibration(virtual):
     """The voltage swing is known to 1 %, the largest uncertainty, which all voltages share."""
-    sensor = virtual.sensor(3, limited_by="well")
+    sensor = virtual.sensor(3, rows=64, cols=80, limited_by="well")
     swing = sensor.pixel.voltage_swing_v.value
     known = sensor.with_(voltage_swing_v=Measured(swing, 0.01 * swing))
     return calibrate(virtual.frame_set(sensor, 3), known)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
-from photosite.calibration.checks.frame_screening import BLOCKS, SIDE, SampleGrid, find_outlier_frames
+from photosite.calibration.checks.frame_screening import BLOCKS, SIDE, find_outlier_frames, sample_grid
 from photosite.calibration.reduction import checkpoint, frame_reader
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
@@ -79,7 +79,15 @@ BREAK = {
 
 
 @pytest.mark.parametrize(
-    ("group", "kind"), [*((STACK, kind) for kind in BREAK), (DARKS, "lit"), (DARKS, "half black"), (DARKS, "black")]
+    ("group", "kind"),
+    [
+        (STACK, "half black"),
+        (STACK, "last rows black"),
+        (STACK, "white"),
+        (STACK, "lit"),
+        (DARKS, "lit"),
+        (DARKS, "black"),
+    ],
 )
 def test_one_broken_frame_of_many_is_left_out(kind: str, group: tuple[str, float]) -> None:
     frames, others = Chip(1).frames(), Chip(1).frames()
@@ -134,36 +142,37 @@ def samples(rng: np.random.Generator, electrons: float, frames: int, lamp: float
     return list(np.clip(np.rint(dn), 0, 4095).astype(np.uint16))
 
 
-@pytest.mark.parametrize("lamp", [0.0, 0.02, 0.05])
-@pytest.mark.parametrize("n", [2, 3, 5, 16])
+@pytest.mark.parametrize("lamp", [0.0, 0.05])
+@pytest.mark.parametrize("n", [2, 3, 16])
 def test_no_false_alarm_from_dark_to_saturation(n: int, lamp: float) -> None:
     rng = np.random.default_rng([n, int(100 * lamp)])
-    for electrons in (0.0, 3.0, 100.0, 2000.0, 6000.0, 7600.0, 8200.0, 9500.0, 20000.0):
+    for electrons in (0.0, 3.0, 100.0, 2000.0, 7600.0, 8200.0, 20000.0):
         for _ in range(4):
-            assert find_outlier_frames(samples(rng, electrons, n, lamp), 60.0) == [], electrons
+            assert find_outlier_frames(samples(rng, electrons, n, lamp), 60.0) == {}, electrons
 
 
 def test_no_false_alarm_on_small_frames_and_with_row_noise() -> None:
     rng = np.random.default_rng(5)
     for shape in ((8, 8), (1, 40), (5, 7), (64, 64)):
-        for _ in range(100):
+        for _ in range(40):
             rows = rng.normal(0.0, 5.0, (6, shape[0], 1)) if shape[0] == SIDE else 0.0
             stack = np.rint(rng.normal(500.0, 5.0, (6, *shape)) + rows).astype(np.uint16)
-            assert find_outlier_frames(list(stack), 60.0) == []
-            assert find_outlier_frames(list(stack), None) == []
+            assert find_outlier_frames(list(stack), 60.0) == {}
+            assert find_outlier_frames(list(stack), None) == {}
 
 
 def test_the_grid_samples_all_phases_of_a_mosaic_and_all_pixels_of_small_frames() -> None:
-    grid = SampleGrid.of((3000, 4000), 10)
-    assert len(grid.rows) == len(grid.cols) == SIDE
-    assert np.all(np.diff(grid.rows) > 0)
-    assert np.all(grid.rows % 2 == np.arange(SIDE) % 2)
-    assert SampleGrid.of((65, 7), 10).rows.max() < 65
-    assert SampleGrid.of((65, 7), 10).cols.tolist() == list(range(7))
-    assert len(SampleGrid.of((3000, 4000), 30_000).rows) < SIDE
+    rows, cols = (index.ravel() for index in sample_grid((3000, 4000), 10))
+    assert len(rows) == len(cols) == SIDE
+    assert np.all(np.diff(rows) > 0)
+    assert np.all(rows % 2 == np.arange(SIDE) % 2)
+    rows, cols = sample_grid((65, 7), 10)
+    assert rows.max() < 65
+    assert cols.ravel().tolist() == list(range(7))
+    assert len(sample_grid((3000, 4000), 30_000)[0]) < SIDE
 
 
-@pytest.mark.parametrize("fails_at", [12, 17, 34])
+@pytest.mark.parametrize("fails_at", [12, 34])
 def test_an_interrupted_run_rejects_the_same_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int
 ) -> None:

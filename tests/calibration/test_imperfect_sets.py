@@ -1,7 +1,7 @@
 """Sets like the published ones: a descriptor with PNG frames, of sensors that deviate from the model.
 
 The first is simulated with 12 bits: response curved by 2 % at saturation, light that falls off by 3 % to the corners, a
-sinusoidal pattern in the dark, 200 outlier pixels. The truth is known, and intervals must contain it. The second is an
+sinusoidal pattern in the dark, 100 outlier pixels. The truth is known, and intervals must contain it. The second is an
 8-bit camera with black level clamping, and exposure times in microseconds where a descriptor has nanoseconds.
 """
 
@@ -16,7 +16,7 @@ from photosite.frames.io.png import write_png
 from photosite.frames.open import open_frames
 from photosite.frames.raw_frame import RawFrame
 
-ROWS, COLS = 160, 200
+ROWS, COLS = 112, 144
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Imperfect:
     read_e: float = 9.0
     dsnu_e: float = 5.0
     sine_e: float = 4.0
-    outliers: int = 200
+    outliers: int = 100
     outlier_e: float = 120.0
     prnu: float = 0.008
     fall_off: float = 0.03
@@ -146,17 +146,17 @@ def simulated(tmp_path_factory):
     return outcomes
 
 
-@pytest.mark.parametrize("name", sorted(truth(Imperfect(0))))
-def test_the_truth_lies_inside_the_intervals(simulated, name):
+def test_the_truth_lies_inside_the_intervals(simulated):
     """Of 33 intervals of 95 %, one or two would miss on average; with these seeds none does."""
     for chip, calibration in simulated:
-        entry = getattr(calibration, name)
-        assert entry.value is not None, entry.reason
-        low, high = entry.interval_95
-        # The bounds of the largest variance assume a straight response; half of the curvature shifts it.
-        moved = 0.5 * abs(chip.bend) * entry.value if name == "saturation_capacity_photons" else 1e-9
-        assert low - moved <= truth(chip)[name] <= high + moved, (chip.bend, entry)
-        assert entry.standard_uncertainty < 0.06 * entry.value
+        for name, true in truth(chip).items():
+            entry = getattr(calibration, name)
+            assert entry.value is not None, entry.reason
+            low, high = entry.interval_95
+            # The bounds of the largest variance assume a straight response; half of the curvature shifts it.
+            moved = 0.5 * abs(chip.bend) * entry.value if name == "saturation_capacity_photons" else 1e-9
+            assert low - moved <= true <= high + moved, (name, chip.bend, entry)
+            assert entry.standard_uncertainty < 0.06 * entry.value, name
 
 
 def test_only_a_curved_response_gives_a_warning(simulated):
@@ -183,7 +183,7 @@ def test_exposure_times_in_microseconds_give_no_dark_current(tmp_path):
         7, bits=8, gain=0.02, black_dn=12.0, read_e=40.0, dsnu_e=20.0, sine_e=10.0, outlier_e=500.0, bend=0.0,
         dark_e_per_s=0.0, clamp_e_per_s=600.0,
     )  # fmt: skip
-    path = write_set(tmp_path / "frames", chip, levels=24, longest_s=0.018, ns_per_s=1e6)
+    path = write_set(tmp_path / "frames", chip, levels=12, longest_s=0.018, ns_per_s=1e6)
     calibration = calibrate(open_frames(path))
     for name in ("dark_current_e_per_s", "dark_current_from_variance_e_per_s", "dcnu_percent"):
         entry = getattr(calibration, name)

@@ -1,9 +1,7 @@
-"""From dark frames and flat fields to the parameters of the sensor: one pipeline of named stages."""
+"""From dark frames and flat fields to the sensor's parameters: one pipeline of named stages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 
@@ -31,29 +29,27 @@ def calibrate(
     progress: Progress | None = None,
     checkpoint: str | PathLike[str] | None = None,
 ) -> Calibration:
-    """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
+    """Estimate a sensor's parameters, with standard uncertainties, from dark frames and flat fields.
 
-    Every group of frames is reduced to exact integer sums, in memory that does not grow with the number of frames.
-    Mean frames of the linear range are kept up to a fixed size for the per-pixel slopes; those beyond it are read
-    again. The methods are those of EMVA 1288 R4.0 and, for read noise, DSNU, PRNU and dark voltage, of Farrell, Okincha
-    and Parmar, Proc. SPIE 6817 (2008); each estimate names its own.
+    Each group of frames is reduced to exact integer sums, in memory that does not grow with the number of frames. The
+    methods are those of EMVA 1288 R4.0 and, for read noise, DSNU, PRNU and dark voltage, of Farrell, Okincha and
+    Parmar, Proc. SPIE 6817 (2008); each estimate names its own.
 
     Parameters
     ----------
     frames
-        The measurement: dark frames, at least two of them at one exposure, and flat frames at two or more levels.
+        The measurement: dark frames, at least two of them at one exposure, and flat fields at two or more levels.
     sensor
         The sensor as known before the measurement, for millivolts and for `Calibration.sensor`; default
         `frames.sensor`.
     outliers
         Thresholds for the deviating pixels listed in `Calibration.spatial`.
     maps
-        Also measure the chip: `Calibration.chip` and `Calibration.temporal` (`photosite.calibration.chip_maps.chip`).
-        All frames are read once more, and the darks for the read noise twice. Darks clipped at 0 give no maps:
-        `Calibration.no_maps_reason` and a warning then give the reason.
+        Also measure `Calibration.chip` and `Calibration.temporal`. All frames are read once more, and the dark frames
+        for the read noise twice. Dark frames clipped at 0 give no maps: `Calibration.no_maps_reason` and a warning.
     progress
         Called with (frames read, frames to read) after each frame. The second number grows where frames must be read
-        again. The count starts again for the maps.
+        again, and the count starts again for the maps.
     checkpoint
         Folder for intermediate sums, three times the size of a frame per exposure. An interrupted run resumes from it
         with bit-identical results when it is called again with the same frames. The files are removed at the end.
@@ -66,9 +62,8 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        If the frames cannot support a calibration, for example: several gain settings, one exposure only, no repeated
-        darks, blacks clipped too far, light frames darker than dark ones, flats that contradict the stated light,
-        another bit depth than stated.
+        If the frames cannot support a calibration, for example: several gain settings, one exposure time, no repeated
+        dark frames, black levels clipped too far, flat fields that contradict the stated light or bit depth.
     FileError
         If a frame cannot be read or has another size, or the checkpoint folder holds other files.
     InputError
@@ -90,29 +85,24 @@ def calibrate(
     (True, 'the photons per pixel are not known; give them in a descriptor or a protocol')
     """
     sensor = check_frame_set(frames, sensor)
-    with _checkpoint(checkpoint, frames) as sums:
-        with FrameReader(frames, progress, sums) as reader:
-            reduction = reduce_frames(reader)
-            check_levels(reduction)
-            dark = measure_dark_frames(reduction, reader)
-            light = measure_light_frames(reduction, dark)
-            check_channels(reduction, light.channels)
-            patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-        calibration = assemble(reduction, dark, light, patterns, sensor)
-        return _with_maps(frames, calibration, progress) if maps else calibration
-
-
-@contextmanager
-def _checkpoint(folder: str | PathLike[str] | None, frames: FrameSet) -> Iterator[Checkpoint | None]:
-    """Open the checkpoint folder, if any, and remove its files after a successful calibration."""
-    checkpoint = None if folder is None else Checkpoint(folder, frames)
-    yield checkpoint
-    if checkpoint is not None:
-        checkpoint.remove()
+    saved = None if checkpoint is None else Checkpoint(checkpoint, frames)
+    with FrameReader(frames, progress, saved) as reader:
+        reduction = reduce_frames(reader)
+        check_levels(reduction)
+        dark = measure_dark_frames(reduction, reader)
+        light = measure_light_frames(reduction, dark)
+        check_channels(reduction, light.channels)
+        patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
+    calibration = assemble(reduction, dark, light, patterns, sensor)
+    if maps:
+        calibration = _with_maps(frames, calibration, progress)
+    if saved is not None:
+        saved.remove()
+    return calibration
 
 
 def _with_maps(frames: FrameSet, calibration: Calibration, progress: Progress | None) -> Calibration:
-    """Return the calibration with the chip's maps, or with the reason why there are none."""
+    """Return the calibration with the chip's maps, or with the reason why they are missing."""
     from photosite.calibration.chip_maps.chip import ClippedChipError, measure_chip
 
     try:

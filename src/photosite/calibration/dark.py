@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.calibration.checks.result_screening import screen_dark_slope, screen_variance_slope
 from photosite.calibration.clipped_blacks.clipped_darks import (
@@ -13,7 +14,6 @@ from photosite.calibration.clipped_blacks.clipped_darks import (
     NO_PIXEL_SLOPES,
     ClippedDarks,
     DarkEstimates,
-    are_clipped,
     correct_clipped_darks,
 )
 from photosite.calibration.measurements import Measurements, mean_for_sensor
@@ -24,52 +24,59 @@ from photosite.calibration.reduction.reduce import Reduction, dark_slope_coeffic
 from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
 from photosite.calibration.spatial.parts import Parts, channel_parts
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance, mean_frame_noise, slope_noise
+from photosite.calibration.spatial.spatial_analysis import MeanPlanes
+from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.map_statistics import Moments, label_moments
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
 
+PartsPair = tuple[Parts | Missing, Parts | Missing]
+"""Row, column and pixel parts of a channel: plain and high-passed."""
+
+
+@dataclass(frozen=True)
+class GroupMean:
+    """The (rows, cols) mean frame of a group, with the temporal variance left in it per channel."""
+
+    statistics: GroupStatistics
+    mean: NDArray[np.float64]
+    tile: NDArray[np.int64]
+    noise: Sequence[TemporalParts]
+
+    @classmethod
+    def of(cls, reader: FrameReader, statistics: GroupStatistics, mean: MeanFrame, scatter: float) -> GroupMean:
+        """Read some frames of the group again for the sums of their rows and columns (`mean_frame_parts`)."""
+        return cls(statistics, mean.mean(), mean.labels, mean_frame_parts(reader, statistics, scatter))
+
+    def parts(self, channel: int) -> PartsPair:
+        """Return the parts of a channel."""
+        mean, tile, noise = self.mean, self.tile, self.noise[channel]
+        plain, filtered = (channel_parts(mean, tile, channel, noise, filtered=high_pass) for high_pass in (False, True))
+        return plain, filtered
+
+    def planes(self, channel: int) -> MeanPlanes:
+        """Return the planes of a channel."""
+        exposure_s = self.statistics.group.exposure_s
+        return MeanPlanes.of(self.mean, self.tile, channel, self.statistics.frames, exposure_s, self.noise[channel])
+
 
 @dataclass(frozen=True)
 class DarkResult:
-    """What the dark frames show.
+    """What the dark frames show, per channel where not stated otherwise."""
 
-    Parameters
-    ----------
-    groups
-        Statistics of the dark groups, corrected for clipping at 0.
-    reference
-        Index of the group for read noise and DSNU.
-    lines
-        Per channel, dark signal and dark variance against exposure.
-    scatter
-        Relative scatter of the noise between combinations of frames, beyond sampling (`DarkLine.scatter`).
-    noise
-        Per channel, the temporal variance left in the mean frame of the reference group.
-    slopes
-        Per channel, mean and spread of the per-pixel dark slopes; None with one dark exposure.
-    parts
-        Per channel, row, column and pixel parts of the mean reference dark: plain and high-passed.
-    clipped
-        Fit of the censored likelihood; None where no darks are clipped at 0.
-    channels, together
-        Dark measurements per channel, and of all pixels together.
-    """
-
-    groups: tuple[GroupStatistics, ...]
-    reference: int
-    lines: tuple[DarkLines, ...]
-    scatter: float
-    noise: Sequence[TemporalParts]
-    slopes: tuple[SlopeSpread, ...] | None
-    parts: tuple[tuple[Parts | Missing, Parts | Missing], ...]
-    clipped: ClippedDarks | None
+    groups: tuple[GroupStatistics, ...]  # all dark groups, corrected for clipping at 0
+    lines: tuple[DarkLines, ...]  # dark signal and dark variance against exposure
+    scatter: float  # relative scatter of the noise between combinations of frames (`DarkLine.scatter`)
+    mean: GroupMean  # of the reference group
+    slopes: tuple[SlopeSpread, ...] | None  # of the per-pixel dark slopes; None with one dark exposure
+    clipped: ClippedDarks | None  # censored fit; None where no dark frames are clipped at 0
     channels: tuple[Measurements, ...]
-    together: Measurements
+    together: Measurements  # of all pixels together
 
     @property
     def reference_exposure_s(self) -> float:
         """Exposure time of the reference group, seconds."""
-        return self.groups[self.reference].group.exposure_s
+        return self.mean.statistics.group.exposure_s
 
 
 def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult:
@@ -78,43 +85,40 @@ def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult
     Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
     at 0, for its zeros.
     """
-    as_read, reference = reduction.darks, reduction.reference
-    clipped = correct_clipped_darks(reader, as_read, reference) if are_clipped(as_read) else None
-    groups = as_read if clipped is None else clipped.groups
-    lines = tuple(_lines(groups, k) for k in range(len(reduction.names)))
-    pooled = _lines(groups, None)
+    clipped = correct_clipped_darks(reduction, reader)
+    groups = reduction.darks if clipped is None else clipped.groups
+    lines = tuple(dark_lines(groups, k) for k in range(len(reduction.names)))
+    pooled = dark_lines(groups, None)
     scatter = pooled.variance.scatter
-    noise = mean_frame_parts(reader, as_read[reference], scatter)
+    mean = GroupMean.of(reader, reduction.reference_group, reduction.reference_mean, scatter)
     slopes = _slope_spreads(reduction, scatter)
     if clipped is not None and slopes is not None:
         slopes = tuple(_clipped_slope(slopes[k], lines[k], clipped.scale(k)) for k in range(len(slopes)))
 
-    mean, tile = reduction.reference_mean.mean(), reduction.reference_mean.labels
-    parts = []
-    for k in range(len(lines)):
-        plain, filtered = (channel_parts(mean, tile, k, noise[k], filtered=high_pass) for high_pass in (False, True))
-        parts.append((plain, filtered) if clipped is None else clipped.parts(k, plain, filtered))
-    entry, exposure_s = groups[reference], groups[reference].group.exposure_s
+    reference = groups[reduction.reference]
+    exposure_s = reference.group.exposure_s
     channels = []
-    for k, moments in enumerate(label_moments(mean, tile)):
+    for k, moments in enumerate(label_moments(mean.mean, mean.tile)):
+        level = reference.levels[k]
+        plain, filtered = mean.parts(k) if clipped is None else clipped.parts(k, *mean.parts(k))
         measured = replace(
-            measure_dark_level(lines[k], entry.levels[k], entry.label),
-            dsnu_variance=_dsnu_variance(moments, entry.levels[k], scatter, parts[k][0]),
-            dsnu1288=parts[k][0],
-            dsnu1288_filtered=parts[k][1],
+            measure_dark_level(lines[k], level, reference.label),
+            dsnu_variance=_dsnu_variance(moments, level, scatter, plain),
+            dsnu1288=plain,
+            dsnu1288_filtered=filtered,
         )
         if slopes is not None:
             measured = replace(measured, dark_slope_variance=slopes[k].variance, dark_slope_third=slopes[k].third)
         if clipped is not None:
             measured = _with_censored_fit(measured, clipped.estimates[k], measured.dark_slope_variance, exposure_s)
         channels.append(measured)
-    together = measure_dark_level(pooled, pooled_level(entry.levels), entry.label)
+    together = measure_dark_level(pooled, pooled_level(reference.levels), reference.label)
     if clipped is not None:
-        spread = NO_PIXEL_SLOPES if slopes is None else _mean_variance(slopes)
+        spread: Value = NO_PIXEL_SLOPES
+        if slopes is not None:
+            spread = weighted_mean([entry.variance for entry in slopes], [float(entry.pixels) for entry in slopes])
         together = _with_censored_fit(together, clipped.together(), spread, exposure_s)
-    return DarkResult(
-        tuple(groups), reference, lines, scatter, noise, slopes, tuple(parts), clipped, tuple(channels), together
-    )
+    return DarkResult(tuple(groups), lines, scatter, mean, slopes, clipped, tuple(channels), together)
 
 
 def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measurements:
@@ -135,7 +139,7 @@ def measure_dark_level(lines: DarkLines, level: Level, label: str) -> Measuremen
     )
 
 
-def _lines(groups: Sequence[GroupStatistics], channel: int | None) -> DarkLines:
+def dark_lines(groups: Sequence[GroupStatistics], channel: int | None) -> DarkLines:
     """Return the dark lines of one channel, or of all pixels together (None)."""
     levels = [pooled_level(entry.levels) if channel is None else entry.levels[channel] for entry in groups]
     return DarkLines.of([entry.group.exposure_s for entry in groups], levels)
@@ -150,25 +154,19 @@ def _slope_spreads(reduction: Reduction, scatter: float) -> tuple[SlopeSpread, .
     for k in range(len(reduction.names)):
         levels = [entry.levels[k] for entry in reduction.darks]
         frames = np.array([level.frames for level in levels])
-        variances = temporal_variances(exposure, levels)
-        noise.append(slope_noise(coefficients, frames, *variances, scatter))
+        noise.append(slope_noise(coefficients, frames, *temporal_variances(exposure, levels), scatter))
     return reduction.dark_slopes.spreads(noise)
 
 
 def _clipped_slope(spread: SlopeSpread, lines: DarkLines, scale: float) -> SlopeSpread:
-    """Return the dark slopes of a clipped channel.
+    """Return the dark slopes of a clipped channel, with the mean of the corrected levels.
 
-    The mean is that of the corrected levels. The spread does not contain the clipped half, so its uncertainty is as
-    large as the spread itself.
+    The spread does not contain the clipped half, so its uncertainty is as large as the spread itself.
     """
     _, slope = lines.mean.line
     mean = spread.mean if isinstance(slope, Missing) else slope.value
     variance = spread.variance * scale
     return replace(spread, mean=mean, variance=variance + Uncertain.of(0.0, abs(variance.value)))
-
-
-def _mean_variance(spreads: Sequence[SlopeSpread]) -> Uncertain:
-    return weighted_mean([entry.variance for entry in spreads], [float(entry.pixels) for entry in spreads])
 
 
 def _dsnu_variance(moments: Moments, level: Level, scatter: float, parts: Parts | Missing) -> Uncertain:
@@ -182,7 +180,7 @@ def _dsnu_variance(moments: Moments, level: Level, scatter: float, parts: Parts 
 def _with_censored_fit(
     measured: Measurements, estimates: DarkEstimates, slope_variance: Value, exposure_s: float
 ) -> Measurements:
-    """Return the measurements with the censored fit of the reference darks; per-pixel dark slopes are unknown."""
+    """Return the measurements with the censored fit of the reference group; per-pixel dark slopes are unknown."""
     black, dsnu, read = estimates
     slope = measured.dark_slope
     return replace(

@@ -1,8 +1,7 @@
 """Stage "spatial": the fixed pattern, from mean frames of the linear range.
 
-The linear range is known once all light levels have been read. Keeping the mean frame of each until then would take
-memory that grows with their number. So mean frames are kept up to a fixed size, and the others that lie in the linear
-range are read again.
+The linear range is known once all light levels have been read. To limit memory, mean frames are kept up to a fixed size
+until then, and the others that lie in the linear range are read again.
 """
 
 from __future__ import annotations
@@ -11,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photosite.calibration.dark import DarkResult
+from photosite.calibration.dark import DarkResult, GroupMean, PartsPair
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import NO_LIGHT
 from photosite.calibration.photon_transfer.channel import Channel
@@ -21,8 +19,7 @@ from photosite.calibration.photon_transfer.dark_lines import same_exposure
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.calibration.spatial.line_noise import TemporalParts, mean_frame_parts
-from photosite.calibration.spatial.parts import Parts, channel_parts
+from photosite.calibration.spatial.parts import Parts
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -56,21 +53,11 @@ class FixedPattern:
 
 @dataclass(frozen=True)
 class SlopePlan:
-    """How a channel's map of slopes is made.
+    """How a channel's map of slopes is made."""
 
-    Parameters
-    ----------
-    coefficients
-        Weight of each light group's mean frame, by the index of the group.
-    noise
-        Variance of the slopes from temporal noise.
-    seconds_per_unit
-        Exposure time per unit of the light levels' axis.
-    """
-
-    coefficients: dict[int, float]
-    noise: Uncertain
-    seconds_per_unit: float
+    coefficients: dict[int, float]  # weight of each light group's mean frame, by the index of the group
+    noise: Uncertain  # variance of the slopes from temporal noise
+    seconds_per_unit: float  # exposure time per unit of the light levels' axis
 
 
 def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePlan | Missing:
@@ -101,37 +88,6 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
     )
 
 
-@dataclass(frozen=True)
-class _MeanFrame:
-    """The mean frame of a group, with the temporal variance left in it per channel."""
-
-    statistics: GroupStatistics
-    mean: NDArray[np.float64]
-    tile: NDArray[np.int64]
-    noise: Sequence[TemporalParts]
-
-    def parts(self, channel: int) -> tuple[Parts | Missing, Parts | Missing]:
-        """Return a channel's row, column and pixel parts, plain and high-passed."""
-        plain, filtered = (
-            channel_parts(self.mean, self.tile, channel, self.noise[channel], filtered=filtered)
-            for filtered in (False, True)
-        )
-        return plain, filtered
-
-    def planes(self, channel: int) -> MeanPlanes:
-        """Return a channel's planes."""
-        group = self.statistics
-        return MeanPlanes.of(self.mean, self.tile, channel, group.frames, group.group.exposure_s, self.noise[channel])
-
-
-@dataclass(frozen=True)
-class _DarkPattern:
-    """The dark frames that belong to a channel's half-saturated flats."""
-
-    parts: tuple[Parts | Missing, Parts | Missing]
-    planes: MeanPlanes
-
-
 def measure_fixed_pattern(
     reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, outliers: OutlierThresholds | None
 ) -> tuple[FixedPattern, ...]:
@@ -141,35 +97,36 @@ def measure_fixed_pattern(
     patterns = _dark_patterns(reduction, dark, half, reader)
     if not channels:
         return tuple(
-            FixedPattern(NO_LIGHT, *entry.parts, NO_LIGHT, NO_LIGHT, spatial_analysis(entry.planes, NO_LIGHT, outliers))
-            for entry in patterns
+            FixedPattern(NO_LIGHT, *parts, NO_LIGHT, NO_LIGHT, spatial_analysis(planes, NO_LIGHT, outliers))
+            for parts, planes in patterns
         )
     plans = [plan_slopes(channel, lights) for channel in channels]
-    groups = [i for i in range(len(lights)) if i in half or any(_in_plan(plan, i) for plan in plans)]
+    coefficients = [{} if isinstance(plan, Missing) else plan.coefficients for plan in plans]
+    groups = [i for i in range(len(lights)) if i in half or any(i in weights for weights in coefficients)]
     reader.expect(sum(len(lights[i].group) for i in groups if not reader.kept(lights[i].group)))
     slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
-    prnu: dict[int, tuple[Parts | Missing, Parts | Missing]] = {}
+    prnu: dict[int, PartsPair] = {}
     spatial: dict[int, SpatialAnalysis | Missing] = {}
     for i in groups:
         mean = reader.mean(lights[i].group)
-        slopes.add(mean, [plan.coefficients.get(i, 0.0) if isinstance(plan, SlopePlan) else 0.0 for plan in plans])
+        slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
-        flat = _MeanFrame(lights[i], mean.mean(), reader.tile, mean_frame_parts(reader, lights[i], dark.scatter))
+        flat = GroupMean.of(reader, lights[i], mean, dark.scatter)
         for k in (k for k, group in enumerate(half) if group == i):
+            dark_parts, dark_planes = patterns[k]
             plain, filtered = (
-                _light_less_dark(part, dark_part, channels[k], i)
-                for part, dark_part in zip(flat.parts(k), patterns[k].parts, strict=True)
+                _light_less_dark(*pair, channels[k], i) for pair in zip(flat.parts(k), dark_parts, strict=True)
             )
-            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(patterns[k].planes, flat.planes(k), outliers)
-    spreads = slopes.spreads([plan.noise if isinstance(plan, SlopePlan) else Uncertain(0.0) for plan in plans])
+            prnu[k], spatial[k] = (filtered, plain), spatial_analysis(dark_planes, flat.planes(k), outliers)
+    spreads = slopes.spreads([Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in plans])
     result = []
     for k, group in enumerate(half):
+        dark_parts, dark_planes = patterns[k]
         if isinstance(group, Missing):
-            prnu[k], spatial[k] = (group, group), spatial_analysis(patterns[k].planes, group, outliers)
-        dark_slope = None if dark.slopes is None else dark.slopes[k]
-        response = _response_variance(plans[k], spreads[k], dark_slope)
-        result.append(FixedPattern(response, *patterns[k].parts, *prnu[k], spatial[k]))
+            prnu[k], spatial[k] = (group, group), spatial_analysis(dark_planes, group, outliers)
+        response = _response_variance(plans[k], spreads[k], None if dark.slopes is None else dark.slopes[k])
+        result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k]))
     return tuple(result)
 
 
@@ -184,47 +141,36 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
         return Missing(
             "no light level with two frames lies between 30 and 70 % of saturation; take a stack at 50 %, better of 50"
         )
-    candidates = np.flatnonzero(near)
-    best = min(candidates, key=lambda i: (-lights[int(levels.group[i])].frames, abs(share[i] - 0.5)))
+    best = min(np.flatnonzero(near), key=lambda i: (-lights[int(levels.group[i])].frames, abs(share[i] - 0.5)))
     return int(levels.group[best])
-
-
-def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], reference: int) -> int:
-    """Return the dark group of the same exposure with the most frames, else the reference."""
-    same = [
-        i
-        for i, entry in enumerate(darks)
-        if entry.frames > 1 and same_exposure(entry.group.exposure_s, light.group.exposure_s)
-    ]
-    return max(same, key=lambda i: darks[i].frames) if same else reference
 
 
 def _dark_patterns(
     reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
-) -> list[_DarkPattern]:
+) -> list[tuple[PartsPair, MeanPlanes]]:
     """Return per channel the dark pattern at the exposure of the half-saturated flats, else that of the reference."""
     reference, darks = reduction.reference, reduction.darks
-    if dark.clipped is None and half:
-        of_channel = [
-            reference if isinstance(i, Missing) else _matching_dark(reduction.lights[i], darks, reference) for i in half
-        ]
-    else:
-        of_channel = [reference] * len(reduction.names)
-    mean = reduction.reference_mean
-    frames = {reference: _MeanFrame(darks[reference], mean.mean(), mean.labels, dark.noise)}
+    of_channel = [reference] * len(reduction.names)
+    if dark.clipped is None:
+        for k, light in enumerate(half):
+            if not isinstance(light, Missing):
+                of_channel[k] = _matching_dark(reduction.lights[light], darks, reference)
+    means = {reference: dark.mean}
     again = sorted(set(of_channel) - {reference})
     reader.expect(sum(len(darks[i].group) for i in again))
     for i in again:
-        mean = reader.mean(darks[i].group)
-        frames[i] = _MeanFrame(darks[i], mean.mean(), mean.labels, mean_frame_parts(reader, darks[i], dark.scatter))
+        means[i] = GroupMean.of(reader, darks[i], reader.mean(darks[i].group), dark.scatter)
+    corrected = [(entry.dsnu1288, entry.dsnu1288_filtered) for entry in dark.channels]
     return [
-        _DarkPattern(dark.parts[k] if i == reference else frames[i].parts(k), frames[i].planes(k))
-        for k, i in enumerate(of_channel)
+        (corrected[k] if i == reference else means[i].parts(k), means[i].planes(k)) for k, i in enumerate(of_channel)
     ]
 
 
-def _in_plan(plan: SlopePlan | Missing, group: int) -> bool:
-    return isinstance(plan, SlopePlan) and group in plan.coefficients
+def _matching_dark(light: GroupStatistics, darks: Sequence[GroupStatistics], reference: int) -> int:
+    """Return the dark group of the same exposure with the most frames, else the reference."""
+    exposure_s = light.group.exposure_s
+    same = [i for i, e in enumerate(darks) if e.frames > 1 and same_exposure(e.group.exposure_s, exposure_s)]
+    return max(same, key=lambda i: darks[i].frames, default=reference)
 
 
 def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: SlopeSpread | None) -> Value:

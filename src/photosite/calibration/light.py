@@ -14,17 +14,7 @@ from photosite.values.uncertain import Source, Value
 
 @dataclass(frozen=True)
 class LightResult:
-    """What the light frames show.
-
-    Parameters
-    ----------
-    channels
-        The channels; empty without light frames.
-    gain_fit
-        Photon transfer of all channels together; None where no level can be used.
-    gain
-        System gain of all channels together, DN/e-.
-    """
+    """The channels, empty without light frames; photon transfer and system gain (DN/e-) of all of them together."""
 
     channels: tuple[Channel, ...]
     gain_fit: GainFit | None
@@ -35,9 +25,8 @@ def measure_light_frames(reduction: Reduction, dark: DarkResult) -> LightResult:
     """Analyse the light levels of each channel, and fit the system gain to all of them."""
     if not reduction.lights:
         return LightResult((), None, NO_LIGHT)
-    shared = Source()
-    white = (1 << reduction.frames.bits) - 1
-    channels = tuple(Channel.of(k, reduction.lights, dark.lines[k], white, shared) for k in range(len(reduction.names)))
+    shared, white = Source(), (1 << reduction.frames.bits) - 1
+    channels = tuple(Channel.of(k, reduction.lights, lines, white, shared) for k, lines in enumerate(dark.lines))
     fit = fit_gain([channel.levels for channel in channels], [channel.used for channel in channels])
     gain = gain_with_curvature(gain_value(fit), [channel.curvature for channel in channels])
     return LightResult(channels, fit, gain)

@@ -4,78 +4,49 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from photosite.calibration.photon_transfer.channel import NO_PHOTONS, Channel
 from photosite.calibration.photon_transfer.linearity import Linearity
 from photosite.calibration.spatial.parts import Parts, pool_parts
 from photosite.calibration.spatial.pixel_slopes import of_one_sample
-from photosite.values.uncertain import Missing, Uncertain, Value, weighted_mean
+from photosite.values.uncertain import Missing, Uncertain, Value, derive, weighted_mean
 
 NO_LIGHT = Missing("no light frames")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measurements:
-    """What the frames show of one channel, or of all channels together. Variances may be negative.
+    """What the frames show of one channel, or of all channels together.
 
-    Parameters
-    ----------
-    pixels
-        Number of pixels.
-    read_variance, dsnu_variance
-        Temporal variance of the reference darks, without quantisation and dark shot noise; spatial variance of their
-        mean, without temporal noise; DN^2.
-    black_level, dark_slope, dark_slope_variance
-        Intercept (DN) and slope (DN/s) of the mean dark signal; variance over pixels of the slope, DN^2/s^2.
-    dark_slope_third
-        Third central moment over pixels of the dark slope, DN^3/s^3.
-    dark_variance, dark_variance_slope
-        Dark temporal variance at exposure zero, quantisation included, DN^2; its slope against exposure, DN^2/s.
-    response_variance
-        Relative variance over pixels of the per-pixel response: PRNU squared.
-    gain
-        System gain, DN/e-.
-    saturation_dn, saturation_photons
-        Digital number of clipped pixels; photons at the largest temporal variance.
-    responsivity, saturation_responsivity
-        DN/photon; of the channel that `saturation_photons` belongs to.
-    dsnu1288, dsnu1288_filtered, prnu1288, prnu1288_unfiltered
-        Spatial variances of EMVA 1288: DN^2, plain and high-passed; relative, high-passed and plain.
-    read_method, saturation_method
-        How read noise and saturation were measured.
-    dark_method
-        How read noise, DSNU and black level were measured on darks clipped at 0; "" where none are.
-    linearity
-        Linearity of the channel, or of each channel.
-    from_channels
-        For all channels together: by the name of a measurement, the channels that it comes from if not all.
+    Values are in DN and seconds. Variances are without temporal noise where they are spatial, and may be negative.
     """
 
     pixels: int
-    read_variance: Value
-    black_level: Value
-    dark_slope: Value
-    dark_slope_variance: Value
-    dark_variance: Value
-    dark_variance_slope: Value
+    read_variance: Value  # temporal, of the reference dark frames, without quantisation and dark shot noise
+    black_level: Value  # intercept of the mean dark signal
+    dark_slope: Value  # slope of the mean dark signal against exposure
+    dark_slope_variance: Value  # over pixels
+    dark_variance: Value  # temporal, at exposure zero, quantisation included
+    dark_variance_slope: Value  # against exposure
     read_method: str
-    dsnu_variance: Value = NO_LIGHT
-    response_variance: Value = NO_LIGHT
-    gain: Value = NO_LIGHT
-    saturation_dn: Value = NO_LIGHT
-    saturation_photons: Value = NO_LIGHT
-    responsivity: Value = NO_LIGHT
-    saturation_responsivity: Value = NO_LIGHT
-    dsnu1288: Parts | Missing = NO_LIGHT
-    dsnu1288_filtered: Parts | Missing = NO_LIGHT
-    prnu1288: Parts | Missing = NO_LIGHT
-    prnu1288_unfiltered: Parts | Missing = NO_LIGHT
+    dsnu_variance: Value = NO_LIGHT  # of the mean reference dark frame
+    response_variance: Value = NO_LIGHT  # relative, of the per-pixel response: PRNU squared
+    gain: Value = NO_LIGHT  # DN/e-
+    saturation_dn: Value = NO_LIGHT  # digital number of clipped pixels
+    saturation_photons: Value = NO_LIGHT  # at the largest temporal variance
+    responsivity: Value = NO_LIGHT  # DN/photon
+    saturation_responsivity: Value = NO_LIGHT  # of the channel that `saturation_photons` belongs to
+    dsnu1288: Parts | Missing = NO_LIGHT  # spatial variances of EMVA 1288, DN^2; plain,
+    dsnu1288_filtered: Parts | Missing = NO_LIGHT  # and high-passed
+    prnu1288: Parts | Missing = NO_LIGHT  # relative; high-passed,
+    prnu1288_unfiltered: Parts | Missing = NO_LIGHT  # and plain
     saturation_method: str = "fully clipped flat fields"
-    dark_method: str = ""
-    linearity: tuple[Linearity | Missing, ...] = ()
-    dark_slope_third: float = 0.0
+    dark_method: str = ""  # of read noise, DSNU and black level, where dark frames are clipped at 0
+    linearity: tuple[Linearity | Missing, ...] = ()  # of the channel, or of each channel
+    dark_slope_third: float = 0.0  # third central moment over pixels of the dark slope
+    # For all channels together: by the name of a measurement, the channels that it comes from if not all.
     from_channels: Mapping[str, str] = field(default_factory=dict)
 
     def method(self, text: str, *names: str) -> str:
@@ -99,18 +70,15 @@ class Measurements:
     def without_dark_shot_noise(self, exposure_s: float) -> Measurements:
         """Return the measurements with the shot noise of the dark current, K (dark slope) t, taken off the read noise.
 
-        A sensor file holds read noise and dark current, and a simulation adds both. Without gain or dark slope, the
+        A sensor file holds read noise and dark current, and a simulation adds both. Without one of the three, the
         measurements are returned unchanged.
         """
-        if isinstance(self.gain, Missing) or isinstance(self.dark_slope, Missing):
+        inputs = self.read_variance, self.gain, self.dark_slope
+        left = derive(lambda read, gain, slope: read - gain * slope * exposure_s, *inputs)
+        if isinstance(left, Missing):
             return self
-        if isinstance(self.read_variance, Missing):
-            return self
-        return replace(
-            self,
-            read_variance=self.read_variance - self.gain * self.dark_slope * exposure_s,
-            read_method=f"{self.read_method}, shot noise of the dark current subtracted",
-        )
+        method = f"{self.read_method}, shot noise of the dark current subtracted"
+        return replace(self, read_variance=left, read_method=method)
 
     def for_sensor(self) -> Measurements:
         """Return the measurements for the sensor model, of which the chip's pixels are a sample.
@@ -143,63 +111,54 @@ def mean_for_sensor(mean: Value, variance: Value, pixels: int) -> Value:
 
 
 _MEANS_OVER_CHANNELS = (
-    "dsnu_variance",
-    "dark_slope_variance",
-    "response_variance",
-    "saturation_dn",
-    "responsivity",
-    "dsnu1288",
-    "dsnu1288_filtered",
-    "prnu1288",
-    "prnu1288_unfiltered",
+    *("dsnu_variance", "dark_slope_variance", "response_variance", "saturation_dn", "responsivity"),
+    *("dsnu1288", "dsnu1288_filtered", "prnu1288", "prnu1288_unfiltered"),
 )
 
 
 def pool_channels(
-    names: Sequence[str], channels: Sequence[Measurements], dark: Measurements, gain: Value
+    names: Sequence[str], channels: Sequence[Measurements], dark: Measurements, gain: Value, exposure_s: float
 ) -> Measurements:
-    """Return all channels as one, weighted by their pixels.
+    """Return all channels as one, weighted by their pixels, with a gain fitted to all of them.
 
     A channel that lacks a measurement is left out of its mean, and `from_channels` names the others. A measurement that
     no channel has is missing for the reason of the channel with the most measurements. Black level, dark slope, read
-    variance and dark variance come from `dark`, all pixels together, because channels share the drift of the black
-    level.
+    variance (at `exposure_s`) and dark variance come from `dark`, all pixels together, because channels share the drift
+    of the black level.
     """
-    fullest = max(channels, key=_count_measured)
-    changed: dict[str, object] = {"gain": gain, "pixels": sum(entry.pixels for entry in channels)}
+    if len(channels) == 1:
+        return replace(channels[0], gain=gain)
+    fullest = max(channels, key=lambda m: sum(isinstance(value, Uncertain | Parts) for value in vars(m).values()))
+    pixels = sum(entry.pixels for entry in channels)
+    changed: dict[str, Any] = {"gain": gain, "pixels": pixels}
     notes: dict[str, str] = {}
+    by_name = dict(zip(names, channels, strict=True))
     for name in _MEANS_OVER_CHANNELS:
-        known = {
-            channel: entry
-            for channel, entry in zip(names, channels, strict=True)
-            if not isinstance(getattr(entry, name), Missing)
-        }
-        changed[name] = _mean_over([*known.values()], name) if known else getattr(fullest, name)
-        if 0 < len(known) < len(names):
-            others = ", ".join(channel for channel in names if channel not in known)
-            notes[name] = f"channel{'s' * (len(known) > 1)} {', '.join(known)} only, not {others}"
-    first_name, first = min(zip(names, channels, strict=True), key=lambda pair: _photons_at_saturation(pair[1]))
+        known = {k: m for k, m in by_name.items() if not isinstance(getattr(m, name), Missing)}
+        lacking = [channel for channel in names if channel not in known]
+        values, weights = [getattr(m, name) for m in known.values()], [float(m.pixels) for m in known.values()]
+        if not known:
+            changed[name] = getattr(fullest, name)
+        else:
+            changed[name] = (pool_parts if isinstance(values[0], Parts) else weighted_mean)(values, weights)
+            if lacking:
+                notes[name] = f"channel{'s' * (len(known) > 1)} {', '.join(known)} only, not {', '.join(lacking)}"
+    first_to_saturate = min(by_name, key=lambda channel: _photons_at_saturation(by_name[channel]))
+    first = by_name[first_to_saturate]
     if isinstance(first.saturation_photons, Uncertain):
-        notes["saturation_photons"] = f"channel {first_name}, the first to saturate"
+        notes["saturation_photons"] = f"channel {first_to_saturate}, the first to saturate"
     else:
         first = fullest
-    changed["saturation_photons"] = first.saturation_photons
-    changed["saturation_responsivity"] = first.saturation_responsivity
     saturated = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), fullest)
-    changed["saturation_method"] = saturated.saturation_method
-    changed["dark_slope_third"] = sum(m.pixels * m.dark_slope_third for m in channels) / sum(m.pixels for m in channels)
-    changed["linearity"] = tuple(found for entry in channels for found in entry.linearity)
-    return replace(dark, from_channels=notes, **changed)  # type: ignore[arg-type]
-
-
-def _mean_over(channels: Sequence[Measurements], name: str) -> Uncertain | Parts:
-    values = [getattr(entry, name) for entry in channels]
-    weights = [float(entry.pixels) for entry in channels]
-    return pool_parts(values, weights) if isinstance(values[0], Parts) else weighted_mean(values, weights)
-
-
-def _count_measured(m: Measurements) -> int:
-    return sum(isinstance(getattr(m, entry.name), Uncertain | Parts) for entry in fields(m))
+    changed |= {
+        "saturation_photons": first.saturation_photons,
+        "saturation_responsivity": first.saturation_responsivity,
+        "saturation_method": saturated.saturation_method,
+        "dark_slope_third": sum(entry.pixels * entry.dark_slope_third for entry in channels) / pixels,
+        "linearity": tuple(found for entry in channels for found in entry.linearity),
+    }
+    pooled = replace(dark, from_channels=notes, **changed).without_dark_shot_noise(exposure_s)
+    return replace(pooled.for_sensor(), responsivity=pooled.responsivity)  # each channel's is already for the sensor
 
 
 def _photons_at_saturation(m: Measurements) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 from photosite.calibration.measurements import Measurements
 from photosite.calibration.parameters import Parameters
@@ -11,11 +11,7 @@ from photosite.calibration.photon_transfer.linearity import linearity_estimates
 from photosite.calibration.spatial.parts import Parts
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
-from photosite.values.standard_deviation import (
-    standard_deviation,
-    standard_deviation_interval_95,
-    upper_limit_95,
-)
+from photosite.values.standard_deviation import standard_deviation, standard_deviation_interval_95, upper_limit_95
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
 
 COARSEST_STEP = 0.10
@@ -31,15 +27,14 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
     """Return all parameters with their uncertainties, in every unit that is known."""
     per_e = derive(lambda k: 1.0 / k, m.gain)
     gain_method = "slope through the origin of temporal variance against signal (EMVA 1288 R4.0, photon transfer)"
+    volts = derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn)
     return Parameters(
         **_noise_and_pattern(m, mv_per_dn, per_e),
         **_emva(m, per_e),
         **_emva_pattern(m, per_e),
         **linearity_estimates(m.linearity),
         system_gain_dn_per_e=Estimate.of(m.gain, gain_method),
-        conversion_gain_uv_per_e=Estimate.of(
-            derive(lambda k, mv: k * mv * 1e3, m.gain, mv_per_dn), "system gain times volts per digital number"
-        ),
+        conversion_gain_uv_per_e=Estimate.of(volts, "system gain times volts per digital number"),
         saturation_dn=Estimate.of(m.saturation_dn, m.method(m.saturation_method, "saturation_dn")),
     )
 
@@ -47,8 +42,7 @@ def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
 def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
     """Return the estimate of a standard deviation, multiplied by a scale."""
     if isinstance(variance, Missing) or isinstance(scale, Missing):
-        missing = variance if isinstance(variance, Missing) else scale
-        return Estimate.of(missing, method)
+        return Estimate.of(variance if isinstance(variance, Missing) else scale, method)
     limit = upper_limit_95(variance)
     return Estimate.of(
         standard_deviation(variance) * scale,
@@ -61,28 +55,23 @@ def _deviation(variance: Value, scale: Value, method: str) -> Estimate:
 def _noise_and_pattern(m: Measurements, mv: Value, per_e: Value) -> dict[str, Estimate]:
     scales = {"dn": Uncertain(1.0), "e": per_e, "mv": mv}
     read = "; ".join((m.read_method, m.dark_method or "mean over pixels of the temporal variance less 1/12 DN²"))
-    dsnu = m.method(
-        m.dark_method or "spread over pixels of the mean repeated dark less temporal variance / n", "dsnu_variance"
-    )
-    prnu = m.method(
-        "relative spread of per-pixel slopes against exposure in the linear range, less their noise",
-        "response_variance",
-    )
-    dcnu = m.method(
-        "spread of per-pixel dark slopes, less their noise, relative to the mean slope", "dark_slope_variance"
-    )
+    dsnu = m.dark_method or "spread over pixels of the mean repeated dark less temporal variance / n"
+    dsnu = m.method(dsnu, "dsnu_variance")
+    prnu = "relative spread of per-pixel slopes against exposure in the linear range, less their noise"
+    dcnu = "spread of per-pixel dark slopes, less their noise, relative to the mean slope"
     slope = "slope of the mean dark level against exposure"
+    noise_slope = "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)"
+    from_variance = derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e)
     return {
         **{f"read_noise_{unit}": _read_noise(m, scale, read) for unit, scale in scales.items()},
         **{f"dsnu_{unit}": _deviation(m.dsnu_variance, scale, dsnu) for unit, scale in scales.items()},
-        "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), prnu),
+        "prnu_percent": _deviation(m.response_variance, Uncertain(100.0), m.method(prnu, "response_variance")),
         "dark_voltage_mv_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, mv), slope),
         "dark_current_e_per_s": Estimate.of(derive(lambda a, b: a * b, m.dark_slope, per_e), slope),
-        "dark_current_from_variance_e_per_s": Estimate.of(
-            derive(lambda a, b: a * b * b, m.dark_variance_slope, per_e),
-            "slope of the dark temporal variance against exposure / K² (EMVA 1288 R4.0, dark current)",
+        "dark_current_from_variance_e_per_s": Estimate.of(from_variance, noise_slope),
+        "dcnu_percent": _deviation(
+            m.dark_slope_variance, _percent_of_dark(m.dark_slope), m.method(dcnu, "dark_slope_variance")
         ),
-        "dcnu_percent": _deviation(m.dark_slope_variance, _percent_of_dark(m.dark_slope), dcnu),
         "black_level_dn": Estimate.of(m.black_level, m.dark_method or "mean dark level at exposure zero"),
     }
 
@@ -125,35 +114,26 @@ def _clipping_note(m: Measurements) -> str:
     return ", corrected for clipping" if m.dark_method else ""
 
 
-@dataclass(frozen=True)
-class _Capacity:
-    """Saturation in electrons and in photons, the method of each, and the measurement that both are based on."""
+def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tuple[Value, str], str]:
+    """Return saturation in electrons and in photons, each with its method, and the measurement that both are based on.
 
-    electrons: Value
-    photons: Value
-    method: str
-    photons_method: str
-    measurement: str
-
-
-def _capacity(m: Measurements) -> _Capacity:
-    """Return saturation by EMVA's variance maximum where the exposures locate it, else from clipped pixels."""
-    efficiency = derive(lambda r, k: r / k, m.saturation_responsivity, m.gain)
+    It is EMVA's variance maximum where the exposures locate it, else that of clipped pixels.
+    """
     peak = m.saturation_photons
     known = isinstance(peak, Uncertain) and isinstance(efficiency, Uncertain)
     fine = isinstance(peak, Uncertain) and peak.standard_uncertainty <= COARSEST_STEP * peak.value
     if known and (fine or isinstance(m.saturation_dn, Missing)):
         text = "photons at the largest temporal variance (EMVA 1288 R4.0, photon transfer)"
         electrons = derive(lambda q, photons: q * photons, efficiency, peak)
-        return _Capacity(electrons, peak, f"quantum efficiency times {text}", text, "saturation_photons")
+        return (electrons, f"quantum efficiency times {text}"), (peak, text), "saturation_photons"
     electrons = derive(lambda top, black, k: (top - black) / k, m.saturation_dn, m.black_level, m.gain)
     text = f"(saturation less black level) / system gain; saturation: {m.saturation_method}"
     if not known:
-        return _Capacity(electrons, peak, text, text, "saturation_dn")
+        return (electrons, text), (peak, text), "saturation_dn"
     photons = derive(lambda e, q: e / q, electrons, efficiency)
     coarse = "the exposures are too far apart for EMVA's largest variance"
     by_efficiency = f"saturation in electrons / quantum efficiency; {coarse}"
-    return _Capacity(electrons, photons, f"{text}; {coarse}", by_efficiency, "saturation_dn")
+    return (electrons, f"{text}; {coarse}"), (photons, by_efficiency), "saturation_dn"
 
 
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
@@ -164,43 +144,38 @@ def _threshold_e(dark_variance: Value, gain: Value) -> Value:
 
 
 def _emva(m: Measurements, per_e: Value) -> dict[str, Estimate]:
-    efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
     threshold_e = _threshold_e(m.dark_variance, m.gain)
-    threshold = derive(lambda e, q: e / q, threshold_e, efficiency)
-    saturation = _capacity(m)
-    capacity, measurement = saturation.electrons, saturation.measurement
-    range_db = derive(lambda top, low: (top / low).decibel(20.0), capacity, threshold_e)
-    entries: dict[str, tuple[Value, str, str]] = {
+    efficiency = derive(lambda r, k: r / k, m.responsivity, m.gain)
+    electrons, photons, measurement = _capacity(m, derive(lambda r, k: r / k, m.saturation_responsivity, m.gain))
+    range_db = derive(lambda top, low: (top / low).decibel(20.0), electrons[0], threshold_e)
+    by_response = {
         "responsivity_dn_per_photon": (
             m.responsivity,
             "slope through the origin of signal against photons (EMVA 1288 R4.0, photon transfer)",
-            "responsivity",
         ),
         "quantum_efficiency_percent": (
             derive(lambda q: q * 100.0, efficiency),
             "responsivity / system gain (EMVA 1288 R4.0, photon transfer)",
-            "responsivity",
         ),
         "sensitivity_threshold_photons": (
-            threshold,
+            derive(lambda e, q: e / q, threshold_e, efficiency),
             "photons at SNR 1: (sqrt(dark variance / K² + 1/4) + 1/2) / QE (EMVA 1288 R4.0)",
-            "responsivity",
-        ),
-        "saturation_capacity_e": (capacity, saturation.method, measurement),
-        "saturation_capacity_photons": (saturation.photons, saturation.photons_method, measurement),
-        "snr_max_db": (
-            derive(lambda e: e.decibel(10.0), capacity),
-            "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
-            measurement,
-        ),
-        "dynamic_range_db": (
-            range_db,
-            "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)",
-            measurement,
         ),
     }
-    estimates = {name: Estimate.of(value, m.method(text, source)) for name, (value, text, source) in entries.items()}
-    return {**estimates, "temporal_dark_noise_e": _temporal_dark_noise(m, per_e)}
+    by_saturation = {
+        "saturation_capacity_e": electrons,
+        "saturation_capacity_photons": photons,
+        "snr_max_db": (
+            derive(lambda e: e.decibel(10.0), electrons[0]),
+            "20 log10 sqrt(saturation capacity) (EMVA 1288 R4.0)",
+        ),
+        "dynamic_range_db": (range_db, "20 log10(saturation capacity / sensitivity threshold) (EMVA 1288 R4.0)"),
+    }
+    return {
+        **{name: Estimate.of(value, m.method(text, "responsivity")) for name, (value, text) in by_response.items()},
+        **{name: Estimate.of(value, m.method(text, measurement)) for name, (value, text) in by_saturation.items()},
+        "temporal_dark_noise_e": _temporal_dark_noise(m, per_e),
+    }
 
 
 def _emva_pattern(m: Measurements, per_e: Value) -> dict[str, Estimate]:

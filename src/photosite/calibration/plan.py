@@ -8,21 +8,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photosite.calibration.dark import measure_dark_level
+from photosite.calibration.dark import dark_lines, measure_dark_level
 from photosite.calibration.fixed_pattern import plan_slopes
 from photosite.calibration.measurements import NO_LIGHT, Measurements, pool_channels
 from photosite.calibration.parameter_estimates import estimate_parameters
 from photosite.calibration.parameters import Parameters
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.dark_lines import DarkLines
-from photosite.calibration.photon_transfer.photon_transfer import (
-    fit_gain,
-    gain_value,
-)
+from photosite.calibration.photon_transfer.photon_transfer import fit_gain, gain_value
 from photosite.calibration.reduction.groups import (
     CLIPPED_DARK_SHARE,
     GroupStatistics,
     Level,
+    label_tile,
     pooled_level,
     reference_dark,
 )
@@ -98,34 +96,43 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     >>> round(100 * found.read_noise_dn.standard_uncertainty / found.read_noise_dn.value, 2)  # 1 / sqrt(2 * 49 * 10^4)
     0.1
     """
-    names = channel_names(sensor.array.cfa)
-    tile = np.array([[names.index(name) for name in row] for row in sensor.array.cfa])
+    tile = label_tile(sensor.array.cfa)
     pixels = label_pixels((sensor.array.rows, sensor.array.cols), tile).tolist()
-    in_order = sorted(groups, key=lambda group: group.exposure_s)
-    darks, lights = (
-        [_statistics(sensor, group, pixels) for group in in_order if group.kind == kind] for kind in ("dark", "light")
-    )
+    statistics = [
+        GroupStatistics(
+            FrameGroup(group.kind, group.exposure_s, (), group.photons_per_pixel),
+            tuple(_level(sensor, group, k, count) for k, count in enumerate(pixels)),
+        )
+        for group in sorted(groups, key=lambda group: group.exposure_s)
+    ]
+    darks, lights = ([entry for entry in statistics if entry.group.kind == kind] for kind in ("dark", "light"))
     if not any(entry.frames > 1 for entry in darks):
         hint = "Plan several dark frames at one exposure time: they show the read noise"
         raise InputError("groups", expected="a plan with at least two dark frames at one exposure", hint=hint)
-    _check_darks(darks)
-    exposures = [entry.group.exposure_s for entry in darks]
+    for entry in darks:
+        low = max(level.low_fraction for level in entry.levels)
+        if low > CLIPPED_DARK_SHARE:
+            raise InputError(
+                f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
+                hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",
+            )
     reference = darks[reference_dark(darks)]
-    lines = [DarkLines.of(exposures, [entry.levels[k] for entry in darks]) for k in range(len(names))]
-    white = int(sensor.white_level_dn)
-    channels = [Channel.of(k, lights, lines[k], white) for k in range(len(names))] if lights else []
-    gain = gain_value(fit_gain([c.levels for c in channels], [c.used for c in channels])) if lights else NO_LIGHT
-    measured = [
-        _measured(sensor, lines[k], darks, reference, channels[k] if channels else None, lights, k)
-        for k in range(len(names))
-    ]
-    together = _together(names, measured, darks, reference, exposures, gain)
+    lines = [dark_lines(darks, k) for k in range(len(pixels))]
+    channels, gain = [], NO_LIGHT
+    if lights:
+        channels = [Channel.of(k, lights, line, int(sensor.white_level_dn)) for k, line in enumerate(lines)]
+        gain = gain_value(fit_gain([channel.levels for channel in channels], [channel.used for channel in channels]))
+    measured = []
+    for k, line in enumerate(lines):
+        m, slopes = _dark_measurements(sensor, line, darks, reference, k)
+        if channels:
+            response_variance = _response_variance(sensor, channels[k], lights, slopes)
+            m = m.with_channel(channels[k], channels[k].responsivity(), response_variance=response_variance)
+        measured.append(m.without_dark_shot_noise(reference.group.exposure_s).for_sensor())
+    dark = measure_dark_level(dark_lines(darks, None), pooled_level(reference.levels), reference.label)
+    names = channel_names(sensor.array.cfa)
+    together = pool_channels(names, measured, dark, gain, reference.group.exposure_s)
     return estimate_parameters(together, Uncertain(sensor.mv_per_dn))
-
-
-def _statistics(sensor: Sensor, group: PlannedGroup, pixels: Sequence[int]) -> GroupStatistics:
-    levels = tuple(_level(sensor, group, k, count) for k, count in enumerate(pixels))
-    return GroupStatistics(FrameGroup(group.kind, group.exposure_s, (), group.photons_per_pixel), levels)
 
 
 def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Level:
@@ -165,25 +172,10 @@ def _level(sensor: Sensor, group: PlannedGroup, channel: int, pixels: int) -> Le
     ).with_rounding()
 
 
-def _check_darks(darks: Sequence[GroupStatistics]) -> None:
-    for entry in darks:
-        low = max(level.low_fraction for level in entry.levels)
-        if low > CLIPPED_DARK_SHARE:
-            raise InputError(
-                f"with this black level {100 * low:.3g} % of the pixels of the {entry.label} would be clipped at 0 DN",
-                hint="Use a black level (pedestal) of at least five standard deviations of the dark frames",
-            )
-
-
-def _measured(
-    sensor: Sensor,
-    lines: DarkLines,
-    darks: Sequence[GroupStatistics],
-    reference: GroupStatistics,
-    channel: Channel | None,
-    lights: Sequence[GroupStatistics],
-    index: int,
-) -> Measurements:
+def _dark_measurements(
+    sensor: Sensor, lines: DarkLines, darks: Sequence[GroupStatistics], reference: GroupStatistics, index: int
+) -> tuple[Measurements, SlopeSpread | None]:
+    """Return the expected dark measurements of a channel, and its dark slopes; None with one dark exposure."""
     level = reference.levels[index]
     spread = Uncertain.of_variance(level.spatial_variance, level.spatial_variance * math.sqrt(2.0 / level.pixels))
     measured = replace(
@@ -196,12 +188,7 @@ def _measured(
         linearity=(NOT_PREDICTED,),
     )
     slopes = _dark_slopes(sensor, darks, index)
-    if slopes is not None:
-        measured = replace(measured, dark_slope_variance=slopes.variance)
-    if channel is not None:
-        response_variance = _response_variance(sensor, channel, lights, slopes)
-        measured = measured.with_channel(channel, channel.responsivity(), response_variance=response_variance)
-    return measured.without_dark_shot_noise(reference.group.exposure_s).for_sensor()
+    return measured if slopes is None else replace(measured, dark_slope_variance=slopes.variance), slopes
 
 
 def _dark_slopes(sensor: Sensor, darks: Sequence[GroupStatistics], index: int) -> SlopeSpread | None:
@@ -242,19 +229,3 @@ def _response_variance(
     sampled = Uncertain.of_variance(total, total * math.sqrt(2.0 / pixels))
     rate = 0.0 if dark is None else dark.mean
     return relative_response_variance(SlopeSpread(pixels, slope + rate * seconds, sampled - plan.noise), dark, seconds)
-
-
-def _together(
-    names: Sequence[str],
-    measured: Sequence[Measurements],
-    darks: Sequence[GroupStatistics],
-    reference: GroupStatistics,
-    exposures: Sequence[float],
-    gain: Value,
-) -> Measurements:
-    if len(names) == 1:
-        return replace(measured[0], gain=gain)
-    pooled_lines = DarkLines.of(exposures, [pooled_level(entry.levels) for entry in darks])
-    dark = measure_dark_level(pooled_lines, pooled_level(reference.levels), reference.label)
-    pooled = pool_channels(names, measured, dark, gain).without_dark_shot_noise(reference.group.exposure_s)
-    return replace(pooled.for_sensor(), responsivity=pooled.responsivity)

@@ -36,32 +36,24 @@ class Calibration(Parameters):
         "response" and "photon_transfer", where they could be measured.
     linear_range
         Per channel, the linear range.
-    snr
-        Per channel, the signal-to-noise ratio against the amount of light, or the reason why it is missing.
-    linearity, spatial
-        Per channel, the deviations from a straight line; spectrograms, profiles and histograms; or the reasons why
-        they are missing.
+    snr, linearity, spatial, general
+        Per channel, the signal-to-noise ratio against the amount of light; the deviations from a straight line;
+        spectrograms, profiles and histograms; the results of the general model; or the reasons why they are missing.
     model
         "linear" where the photons are known, EMVA 1288 R4.0 Linear; else "general", R4.0 General, against exposure.
-    general
-        Per channel, the results of the general model, or the reason why they are missing.
-    chip, temporal
-        Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested.
-    no_maps_reason
-        Why `chip` and `temporal` are None where maps were requested.
+    chip, temporal, no_maps_reason
+        Maps and defects of the chip; temporal noise by rows, columns and tail. None unless maps were requested, and
+        where they are missing for the reason given.
     gain_setting, temperature_c
         The operating point, where metadata or protocol give it: the camera's gain setting, and the lowest and highest
         temperature of the sensor in degrees Celsius.
-    base
-        The sensor as known before the measurement; None if unknown.
-    electrical_scale
-        Its electrical scale (voltage swing in V, analog gain) with uncertainties, which all values in volts share.
+    base, electrical_scale
+        The sensor as known before the measurement, None if unknown; its voltage swing in V and analog gain with
+        uncertainties, which all values in volts share.
     warnings
         Limitations of the result.
-    rejected
-        Frames left out, each with the reason.
-    frames_used
-        The frames that the result is based on.
+    rejected, frames_used
+        Frames left out, each with the reason; the frames that the result is based on.
     source
         The folder or file that was opened.
     """
@@ -103,9 +95,7 @@ class Calibration(Parameters):
 
     @cached_property
     def frame_digests(self) -> tuple[str, ...]:
-        """One SHA-256 per frame of `frames_used`, of its digital numbers (little-endian uint16, row by row).
-
-        They are computed on first access, from the frames, which must still exist.
+        """One SHA-256 per frame of `frames_used` (`frames_sha256`), computed from the frames on first access.
 
         Raises
         ------
@@ -138,7 +128,7 @@ class Calibration(Parameters):
         Raises
         ------
         CalibrationError
-            As `sensor`.
+            If `base` is None.
         FileError
             If a file cannot be written.
         """
@@ -147,12 +137,7 @@ class Calibration(Parameters):
         save_measured_sensor(self, path)
 
     def report(self, path: str | PathLike[str]) -> None:
-        """Write the report, one self-contained file with all results, fits and frames left out.
-
-        Parameters
-        ----------
-        path
-            A PDF for the suffix .pdf, otherwise an HTML page.
+        """Write the report with all results, fits and frames left out: a PDF for the suffix .pdf, else an HTML page.
 
         Raises
         ------
@@ -173,12 +158,13 @@ class Calibration(Parameters):
             (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel, candidates for
             the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and `temporal`.
         """
+
+        def of(parameters: Parameters) -> dict[str, Any]:
+            return {name: entry.to_dict() for name, entry in parameters.estimates().items()}
+
         entries: dict[str, Any] = {
-            "parameters": {name: entry.to_dict() for name, entry in self.estimates().items()},
-            "channels": {
-                channel: {name: entry.to_dict() for name, entry in parameters.estimates().items()}
-                for channel, parameters in self.channels.items()
-            },
+            "parameters": of(self),
+            "channels": {channel: of(parameters) for channel, parameters in self.channels.items()},
             "model": self.model,
             "general": {channel: found.to_dict() for channel, found in self.general.items()},
             "linear_range": {channel: asdict(found) for channel, found in self.linear_range.items()},

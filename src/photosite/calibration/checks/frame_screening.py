@@ -19,7 +19,6 @@ frame's height or width, a white frame among flats near saturation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +39,9 @@ LEVEL_NOISE, BLOCK_NOISE, MEAN_NOISE = 6.0, 3.0, 6.0
 """Tolerated deviation of a frame and of a block, in units of a pixel's temporal noise (black level drift, row noise);
 and of a block, in units of the noise of its mean."""
 
-NOISIER = 3.0
-"""Tolerated noise in units of the noise of the other frames."""
-
-NOISE_SHARE = 0.1
-"""Tolerated noise as a share of the signal: near saturation, clipped frames have less noise than others."""
+NOISIER, NOISE_SHARE = 3.0, 0.1
+"""Tolerated noise, in units of that of the other frames, and as a share of the signal: near saturation, clipped frames
+have less noise than others."""
 
 LEVEL_SCATTER, BLOCK_SCATTER, MOST = 6.0, 4.0, 2.0
 """Scatter of the group that the limits follow, as multiples, and the largest limit."""
@@ -56,80 +53,46 @@ _NORMAL = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
 
 
-@dataclass(frozen=True)
-class SampleGrid:
-    """The sampled pixels, the same in all frames of a group.
+def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of the sampled pixels, (n, 1) rows and (1, m) columns, for a number of frames.
 
-    Parameters
-    ----------
-    rows, cols
-        Their indices along each side; odd and even ones, so that all CFA sites are sampled.
+    There are odd and even ones, so that all CFA sites are sampled.
+
+    Examples
+    --------
+    >>> rows, cols = sample_grid((3000, 4000), 10)
+    >>> rows.shape, rows[:4, 0].tolist()
+    ((64, 1), [0, 47, 92, 141])
     """
-
-    rows: NDArray[np.int64]
-    cols: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, shape: tuple[int, int], frames: int) -> SampleGrid:
-        """Return the grid for frames of a shape, and a number of frames."""
-        most = SIDE if frames <= MANY else FEWER
-        return cls(_indices(shape[0], most), _indices(shape[1], most))
-
-    def sample(self, dn: NDArray[np.unsignedinteger]) -> NDArray[np.uint16]:
-        """Return the (rows, cols) sampled pixels of a frame."""
-        pixels: NDArray[np.uint16] = dn[np.ix_(self.rows, self.cols)].astype(np.uint16)
-        return pixels
-
-
-def _indices(length: int, most: int) -> NDArray[np.int64]:
-    if length <= most:
-        return np.arange(length)
+    most = SIDE if frames <= MANY else FEWER
     index = np.arange(most)
-    indices: NDArray[np.int64] = np.minimum(2 * (index * length // (2 * most)) + index % 2, length - 1)
-    return indices
+    rows, cols = (
+        np.arange(length) if length <= most else np.minimum(2 * (index * length // (2 * most)) + index % 2, length - 1)
+        for length in shape
+    )
+    return rows[:, None], cols[None, :]
 
 
-@dataclass(frozen=True)
-class OutlierFrame:
-    """A frame that differs from the others of its group.
+def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) -> dict[int, str]:
+    """Return the outlier frames of a group: how each differs, by its index among the samples.
 
-    Parameters
-    ----------
-    index
-        Its index among the samples.
-    reason
-        How it differs.
-    """
-
-    index: int
-    reason: str
-
-
-def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | None) -> list[OutlierFrame]:
-    """Return the outlier frames of a group: more than half of them where there is no majority.
-
-    Of two different frames, both are outliers.
-
-    Parameters
-    ----------
-    samples
-        `SampleGrid.sample` of each frame.
-    dark_dn
-        Level without light, DN; None if unknown, which takes the whole level as dark.
+    More than half of the frames are outliers where there is no majority: of two different frames, both. `samples` holds
+    the sampled pixels of each frame (`sample_grid`); `dark_dn` is the level without light, None if unknown, which takes
+    the whole level as dark.
 
     Examples
     --------
     >>> rng = np.random.default_rng(1)
     >>> frames = [np.uint16(rng.normal(500.0, 10.0, (64, 64))) for _ in range(5)]
     >>> find_outlier_frames(frames, 64.0)
-    []
+    {}
     >>> frames[3][30:] = 0
-    >>> [(entry.index, entry.reason) for entry in find_outlier_frames(frames, 64.0)]
-    [(3, 'its mean is 234 DN, that of the others 499.4 DN')]
+    >>> find_outlier_frames(frames, 64.0)
+    {3: 'its mean is 234 DN, that of the others 499.4 DN'}
     """
     n = len(samples)
     if n < 2 or samples[0].size < LEAST_PIXELS:
-        return []
+        return {}
     stack = np.stack(samples)
     pattern = np.median(stack, axis=0)
     off = np.array([_block_means(sample - pattern) for sample in stack])
@@ -152,20 +115,19 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
 
     level_limit = _limit(LEVEL_SCATTER * _NORMAL * float(np.median(level_score)), n)
     block_limit = _limit(BLOCK_SCATTER * float(np.median(block_score)), n)
-    found = []
+    found = {}
     for i in range(n):
         if level_score[i] > level_limit:
             others = float(np.median(np.delete(means, i)))
-            reason = f"its mean is {means[i]:.4g} DN, that of the others {others:.4g} DN"
+            found[i] = f"its mean is {means[i]:.4g} DN, that of the others {others:.4g} DN"
         elif block_score[i] > block_limit:
             worst = float(rest[i].ravel()[np.abs(rest[i]).argmax()])
-            reason = f"a part is {abs(worst):.4g} DN {'above' if worst > 0 else 'below'} the pattern of the others"
+            found[i] = f"a part is {abs(worst):.4g} DN {'above' if worst > 0 else 'below'} the pattern of the others"
         elif noise_score[i] > 1.0:
             others = float(np.median(np.delete(spread, i)))
-            reason = f"its pixels deviate by {spread[i]:.3g} DN from the others' pattern, the others by {others:.3g} DN"
-        else:
-            continue
-        found.append(OutlierFrame(i, reason))
+            found[i] = (
+                f"its pixels deviate by {spread[i]:.3g} DN from the others' pattern, the others by {others:.3g} DN"
+            )
     return found
 
 
@@ -192,8 +154,7 @@ def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (block rows, block columns) means."""
     rows, cols = (_block_starts(length) for length in values.shape)
     sums = np.add.reduceat(np.add.reduceat(values, rows, axis=0), cols, axis=1)
-    means: NDArray[np.float64] = sums / _block_sizes(values.shape)
-    return means
+    return np.asarray(sums / _block_sizes(values.shape))
 
 
 def _spread(deviation: NDArray[np.float64], blocks: NDArray[np.float64]) -> float:
@@ -208,16 +169,8 @@ def top_value_shares(
 ) -> tuple[tuple[float, float], ...]:
     """Return per label the highest number, and the share of pixels at it if it may be a smaller converter's full scale.
 
-    The share is 0 where the number is not 2^k - 1 with k from 6 to `bits` - 1.
-
-    Parameters
-    ----------
-    samples
-        `SampleGrid.sample` of each frame.
-    labels
-        (rows, cols) the label of each pixel of a sample.
-    bits
-        Bit depth of the frames.
+    The share is 0 where the number is not 2^k - 1 with k from 6 to `bits` - 1. `labels` are those of the pixels of a
+    sample, (rows, cols).
     """
     stack = np.stack(samples)
     result = []

@@ -13,22 +13,15 @@ from photosite.values.cfa import tile_text
 
 
 def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
-    """Raise an error where a frame set cannot support a calibration; return the sensor that took it, if known.
-
-    Parameters
-    ----------
-    frames
-        The frame set.
-    sensor
-        The sensor; default `frames.sensor`.
+    """Raise an error where a frame set cannot support a calibration; return its sensor (default `frames.sensor`).
 
     Raises
     ------
     InputError
         If `frames` is not a FrameSet, or the sensor has another bit depth or CFA.
     CalibrationError
-        If there are several gain settings, no repeated darks, one exposure only, equal photons at all light levels, or
-        an exposure time that is not above zero.
+        If there are several gain settings, no repeated dark frames, one exposure only, equal photons at all light
+        levels, or an exposure time that is not above zero.
     """
     if not isinstance(frames, FrameSet):
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
@@ -36,20 +29,20 @@ def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
         raise InputError("frames", value=frames, expected="a FrameSet", hint=hint)
     sensor = sensor if sensor is not None else frames.sensor
     if sensor is not None:
-        _check_sensor(frames, sensor)
+        for field, value, needed in (
+            ("bits", sensor.readout.bits, frames.bits),
+            ("cfa", tile_text(sensor.array.cfa), tile_text(frames.cfa)),
+        ):
+            if value != needed:
+                raise InputError(
+                    field,
+                    where=f"sensor '{sensor.name}'",
+                    value=value,
+                    expected=f"{needed}, as in the frames",
+                    hint="Calibrate with the sensor that took the frames",
+                )
     _check_groups(frames)
     return sensor
-
-
-def _check_sensor(frames: FrameSet, sensor: Sensor) -> None:
-    hint = "Calibrate with the sensor that took the frames"
-    where = f"sensor '{sensor.name}'"
-    if sensor.readout.bits != frames.bits:
-        expected = f"{frames.bits}, as in the frames"
-        raise InputError("bits", where=where, value=sensor.readout.bits, expected=expected, hint=hint)
-    if sensor.array.cfa != frames.cfa:
-        expected = f"{tile_text(frames.cfa)}, as in the frames"
-        raise InputError("cfa", where=where, value=tile_text(sensor.array.cfa), expected=expected, hint=hint)
 
 
 def _check_groups(frames: FrameSet) -> None:

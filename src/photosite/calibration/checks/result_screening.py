@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,16 +28,8 @@ class Implausible(Missing):
 def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_variance: bool = False) -> Value:
     """Return the slope of the dark level or variance against exposure, or why it cannot be a dark current.
 
-    A dark current is not negative, and exposure times too short for any charge are in a wrong unit.
-
-    Parameters
-    ----------
-    slope
-        Fitted slope, DN/s or DN^2/s.
-    exposure_s
-        (m,) dark exposure times, seconds.
-    of_variance
-        Whether the slope is that of the temporal variance.
+    A dark current is not negative, and exposure times too short for any charge are in a wrong unit. The slope is in
+    DN/s, or in DN^2/s `of_variance`; `exposure_s` holds the dark exposure times.
     """
     if isinstance(slope, Missing):
         return slope
@@ -58,12 +49,7 @@ def screen_dark_slope(slope: Value, exposure_s: NDArray[np.float64], *, of_varia
 
 
 def too_short_for_dark_current(exposure_s: NDArray[np.float64]) -> Implausible | None:
-    """Return why darks of these exposure times show no dark current; None if they can.
-
-    Parameters
-    ----------
-    exposure_s
-        (m,) two dark exposure times or more, seconds.
+    """Return why dark frames of these exposure times show no dark current; None if they can.
 
     Examples
     --------
@@ -88,8 +74,8 @@ def too_short_for_dark_current(exposure_s: NDArray[np.float64]) -> Implausible |
 def screen_variance_slope(slope: Value, of_mean: Value) -> Value:
     """Return the slope of the dark variance, or why it is withheld where that of the level is implausible.
 
-    A camera with black level clamping shows its dark current in the variance only (EMVA 1288 R4.0, dark current); the
-    variance then grows beyond chance. Otherwise it is no more credible than the level.
+    With black level clamping the dark current shows in the variance only (EMVA 1288 R4.0, dark current), which then
+    grows beyond chance. Otherwise it is no more credible than the level.
     """
     if isinstance(slope, Missing) or not isinstance(of_mean, Implausible):
         return slope
@@ -111,12 +97,3 @@ def screen_responsivity(responsivity: Value, gain: Value) -> Value:
         f"pixel are too few by a factor of {efficiency.value:.2g} or more (another pixel area, exposure time or "
         f"wavelength, or irradiance in another unit)"
     )
-
-
-def implausible_warnings(results: Mapping[str, Value]) -> list[str]:
-    """Return a warning for each implausible result, by its name."""
-    return [
-        f"{name} is implausible and was withheld: {value.reason}"
-        for name, value in results.items()
-        if isinstance(value, Implausible)
-    ]

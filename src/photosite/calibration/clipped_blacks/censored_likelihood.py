@@ -26,8 +26,7 @@ from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
 
 LEAST_READ_NOISE = 0.5
-"""DN. Below it a rounded normal differs too much from a normal of variance + 1/12 (by exp(-2 pi^2 s^2), 0.7 % here),
-and clipping and rounding together hide the noise."""
+"""DN. Below it a rounded normal differs too much from a normal of variance + 1/12 (by exp(-2 pi^2 s^2), 0.7 % here)."""
 
 MOST_UNCERTAIN = 0.25
 """Relative uncertainty of the read noise, or of the total spread, above which the result is withheld."""
@@ -59,30 +58,19 @@ _NO_SPREAD = 1e-4
 class ClippedCounts:
     """Exact sufficient statistics of one channel's dark frames under the model.
 
-    A pixel is described by its number of zeros and its sum: a sum, and a sum of squares, is the same with or without
-    zeros, and the squares do not depend on the pixel's mean. Pixels with the same two numbers form a cell.
-
-    Parameters
-    ----------
-    frames
-        Number of frames, n.
-    zeros, total
-        (cells,) number of zeros among a pixel's n numbers, and their sum.
-    pixels
-        (cells,) number of pixels.
-    squares
-        Sum of the squares of all numbers.
+    A pixel is described by its number of zeros and its sum; the squares do not depend on the pixel's mean. Pixels with
+    the same two numbers form a cell.
     """
 
     frames: int
-    zeros: NDArray[np.int64]
-    total: NDArray[np.int64]
-    pixels: NDArray[np.int64]
-    squares: int
+    zeros: NDArray[np.int64]  # (cells,) number of zeros among a pixel's numbers
+    total: NDArray[np.int64]  # (cells,) their sum
+    pixels: NDArray[np.int64]  # (cells,) number of pixels
+    squares: int  # sum of the squares of all numbers
 
     @classmethod
     def of(cls, zeros: NDArray[np.integer], total: NDArray[np.integer], frames: int, squares: int) -> ClippedCounts:
-        """Return the statistics of the two maps, (pixels,) each, and the sum of all squares.
+        """Return the statistics of two maps, (pixels,) each, and the sum of all squares.
 
         Examples
         --------
@@ -122,35 +110,19 @@ def count_clipped(
 
 @dataclass(frozen=True)
 class CensoredDark:
-    """Censored fit of one channel.
-
-    Parameters
-    ----------
-    pixels, frames
-        Numbers of pixels and frames.
-    zero_share
-        Share of the numbers that are 0.
-    black_level, dsnu_variance, read_variance
-        Mean of the dark signal, DN (may be negative); variance over pixels of their means, and variance of a pixel's
-        numbers about its mean without rounding, DN^2.
-    covariance
-        (3, 3) covariance of these, in this order: the inverse of the information, widened by `misfit` where chance does
-        not explain it, plus the error from rounding (`ROUNDING_ERROR`).
-    misfit
-        Chi square per degree of freedom of the pixels' numbers of zeros, against the model.
-    misfit_is_chance
-        Whether chance explains the misfit.
-    """
+    """Censored fit of one channel; variances in DN^2."""
 
     pixels: int
     frames: int
-    zero_share: float
-    black_level: float
-    dsnu_variance: float
-    read_variance: float
+    zero_share: float  # share of the numbers that are 0
+    black_level: float  # mean of the dark signal, DN; may be negative
+    dsnu_variance: float  # over pixels of their means
+    read_variance: float  # of a pixel's numbers about its mean, without rounding
+    # (3, 3) of these in this order: the inverse of the information, widened by `misfit` where chance does not explain
+    # it, plus the error from rounding (`ROUNDING_ERROR`).
     covariance: NDArray[np.float64]
-    misfit: float
-    misfit_is_chance: bool
+    misfit: float  # chi square per degree of freedom of the pixels' numbers of zeros against the model
+    misfit_is_chance: bool  # whether chance explains it
 
 
 def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -171,8 +143,8 @@ def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[fl
         log_p = log_ndtr(z)
         return z, log_p, np.exp(-0.5 * z * z - 0.5 * math.log(2.0 * math.pi) - log_p)
 
-    m = (s / v + mu / a) / (n1 / v + 1.0 / a)
     curvature = n1 / v + 1.0 / a
+    m = (s / v + mu / a) / curvature
     for _ in range(_NEWTON_STEPS):
         z, _, hazard = censored(m)
         slope = -n0 * hazard / r - (n1 * m - s) / v - (m - mu) / a
@@ -214,11 +186,12 @@ def _information(counts: ClippedCounts, theta: NDArray[np.float64]) -> NDArray[n
     total = theta[1] + theta[2]
     # Half of the DSNU variance at most, so that it stays above zero.
     steps = np.array([1e-3 * math.sqrt(total), min(1e-3 * total, 0.5 * theta[1]), 1e-3 * theta[2]])
-    columns = [
-        (_expectations(counts, theta - step)[1] - _expectations(counts, theta + step)[1]) / (2.0 * step.max())
-        for step in np.diag(steps)
-    ]
-    matrix = np.column_stack(columns)
+    matrix = np.column_stack(
+        [
+            (_expectations(counts, theta - step)[1] - _expectations(counts, theta + step)[1]) / (2.0 * step.max())
+            for step in np.diag(steps)
+        ]
+    )
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
@@ -264,12 +237,7 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     """Estimate black level, DSNU and read noise of darks clipped at zero, by maximum likelihood.
 
     Where the likelihood grows towards zero DSNU, the result is one Newton step from there: the variance may be
-    negative, as everywhere in a calibration.
-
-    Returns
-    -------
-    CensoredDark or Missing
-        Missing where too little is above zero.
+    negative, as everywhere in a calibration. The result is missing where too little is above zero.
 
     Examples
     --------
@@ -280,43 +248,39 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
     >>> round(dark.dsnu_variance**0.5, 1), round(dark.read_variance**0.5, 1)
     (2.3, 2.2)
     """
-    share = counts.zero_share
+    zeros = f"{100 * counts.zero_share:.3g} % of the numbers are 0"
     positive = int(counts.pixels[counts.total > 0].sum())
     if positive < LEAST_PIXELS:
-        return Missing(
-            f"{_percent(share)} of the numbers are 0, and only {positive} pixels are ever above 0; too little is left"
-        )
+        return Missing(f"{zeros}, and only {positive} pixels are ever above 0; too little is left")
     theta = _maximum(counts)
     if theta is None:
-        return Missing(f"{_percent(share)} of the numbers are 0, and no noise with a fixed pattern explains the rest")
+        return Missing(f"{zeros}, and no noise with a fixed pattern explains the rest")
     try:
         covariance = np.asarray(np.linalg.inv(_information(counts, theta)), np.float64)
     except np.linalg.LinAlgError:
         covariance = np.full((3, 3), -1.0)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
-        return Missing(f"{_percent(share)} of the numbers are 0; the rest does not separate read noise from DSNU")
+        return Missing(f"{zeros}; the rest does not separate read noise from DSNU")
     theta = theta + covariance @ _expectations(counts, theta)[1]
     mu, a, b = (float(value) for value in theta)
     total = a + b
     of_total = math.sqrt(covariance[1, 1] + covariance[2, 2] + 2.0 * covariance[1, 2])
     if not (b > 0.0 and total > 0.0):
-        return Missing(f"{_percent(share)} of the numbers are 0; the rest shows no read noise")
+        return Missing(f"{zeros}; the rest shows no read noise")
     if b < LEAST_READ_NOISE**2:
         return Missing(
-            f"{_percent(share)} of the numbers are 0 and the read noise is near {math.sqrt(b):.2g} DN, below "
-            f"{LEAST_READ_NOISE:g}: rounding and clipping together hide it"
+            f"{zeros} and the read noise is near {math.sqrt(b):.2g} DN, below {LEAST_READ_NOISE:g}: rounding and "
+            f"clipping together hide it"
         )
     uncertain = max(math.sqrt(covariance[2, 2]) / (2.0 * b), of_total / (2.0 * total))
     if uncertain > MOST_UNCERTAIN:
-        return Missing(
-            f"{_percent(share)} of the numbers are 0; the noise of the rest is known to ±{100 * uncertain:.0f} % only"
-        )
+        return Missing(f"{zeros}; the noise of the rest is known to ±{100 * uncertain:.0f} % only")
     misfit, by_chance = _misfit(counts, mu, max(a, 0.0), b)
     rounding = ROUNDING_ERROR / (2880.0 * (b + QUANTISATION_DN2) ** 2) * np.array([0.5 * math.sqrt(b), b, b])
     return CensoredDark(
         pixels=int(counts.pixels.sum()),
         frames=counts.frames,
-        zero_share=share,
+        zero_share=counts.zero_share,
         black_level=mu,
         dsnu_variance=a,
         read_variance=b,
@@ -324,10 +288,6 @@ def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
         misfit=misfit,
         misfit_is_chance=by_chance,
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
 
 
 def _misfit(counts: ClippedCounts, mu: float, a: float, b: float) -> tuple[float, bool]:

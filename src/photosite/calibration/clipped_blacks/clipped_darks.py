@@ -1,8 +1,4 @@
-"""Dark groups clipped at 0: fit of the reference group, and correction of all levels.
-
-`censored_likelihood.py` holds the likelihood, `clipping_correction.py` the correction of levels. Here both are applied
-to frames, and the row and column parts of the clipped mean frame are rescaled.
-"""
+"""Dark groups clipped at 0: fit of the reference group, correction of all levels, and of row and column parts."""
 
 from __future__ import annotations
 
@@ -15,9 +11,9 @@ from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDar
 from photosite.calibration.clipped_blacks.clipping_correction import correct_clipping, moment_slopes
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import CLIPPED_DARK_SHARE, GroupStatistics
+from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.parts import Parts
 from photosite.errors import CalibrationError
-from photosite.values.cfa import channel_names
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean
 
 NO_PIXEL_SLOPES = Missing(
@@ -33,28 +29,13 @@ DarkEstimates = tuple[Uncertain, Uncertain, Uncertain]
 The black level's uncertainty does not include DSNU^2 / pixels, like that of a mean dark level."""
 
 
-def are_clipped(darks: Sequence[GroupStatistics]) -> bool:
-    """Return whether any dark level is clipped at 0 beyond `CLIPPED_DARK_SHARE`."""
-    return any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels)
-
-
 @dataclass(frozen=True)
 class ClippedDarks:
-    """Dark groups corrected for clipping at 0.
-
-    Parameters
-    ----------
-    groups
-        The corrected dark groups.
-    censored
-        Per channel, the censored fit of the reference group.
-    estimates
-        Per channel, its estimates with their covariance.
-    """
+    """Dark groups corrected for clipping at 0."""
 
     groups: tuple[GroupStatistics, ...]
-    censored: tuple[CensoredDark, ...]
-    estimates: tuple[DarkEstimates, ...]
+    censored: tuple[CensoredDark, ...]  # fit of the reference group, per channel
+    estimates: tuple[DarkEstimates, ...]  # its estimates with their covariance, per channel
 
     def together(self) -> DarkEstimates:
         """Return the estimates of all channels together, weighted by their pixels."""
@@ -76,9 +57,9 @@ class ClippedDarks:
         A row's offset shifts the mean of its clipped pixels as a common shift does. The total is the DSNU of the
         censored fit. The high-pass takes the same share of the pixel part with and without clipping.
         """
-        _, dsnu, _ = self.estimates[channel]
         if isinstance(plain, Missing):
             return plain, filtered
+        _, dsnu, _ = self.estimates[channel]
         scale = self.scale(channel)
         row, column = plain.row * scale, plain.column * scale
         pixel = dsnu - row - column
@@ -110,28 +91,42 @@ class ClippedDarks:
         return text
 
 
-def correct_clipped_darks(reader: FrameReader, darks: Sequence[GroupStatistics], reference: int) -> ClippedDarks:
-    """Read the reference group again for its zeros, fit it, and correct the levels of all groups."""
-    names = channel_names(reader.frames.cfa)
-    of_group = {id(source) for source in darks[reference].group.frames}
-    sources = [entry.source for entry in reader.used_frames if id(entry.source) in of_group]
-    counts = count_clipped((source.read() for source in sources), (reader.frames.rows, reader.frames.cols), reader.tile)
+def correct_clipped_darks(reduction: Reduction, reader: FrameReader) -> ClippedDarks | None:
+    """Read the reference group again for its zeros, fit it, and correct all dark levels; None where none is clipped.
+
+    Raises
+    ------
+    CalibrationError
+        If too little of a level is above 0.
+    """
+    darks, reference = reduction.darks, reduction.reference_group
+    if not any(level.low_fraction > CLIPPED_DARK_SHARE for entry in darks for level in entry.levels):
+        return None
+    of_group = {id(source) for source in reference.group.frames}
+    sources = [entry.source for entry in reduction.used if id(entry.source) in of_group]
+    shape = reduction.frames.rows, reduction.frames.cols
+    counts = count_clipped((source.read() for source in sources), shape, reader.tile)
     censored = []
-    for name, channel in zip(names, counts, strict=True):
+    for name, channel in zip(reduction.names, counts, strict=True):
         found = fit_censored(channel)
         if isinstance(found, Missing):
-            raise _error(reader, darks[reference], name, found)
+            raise _error(reduction, reference, name, found)
         censored.append(found)
     groups = []
     for entry in darks:
         levels = []
-        for name, level, dark in zip(names, entry.levels, censored, strict=True):
+        for name, level, dark in zip(reduction.names, entry.levels, censored, strict=True):
             corrected = correct_clipping(level, dark)
             if isinstance(corrected, Missing):
-                raise _error(reader, entry, name, corrected)
+                raise _error(reduction, entry, name, corrected)
             levels.append(corrected)
         groups.append(replace(entry, levels=tuple(levels)))
     return ClippedDarks(tuple(groups), tuple(censored), tuple(_estimates(dark) for dark in censored))
+
+
+def _error(reduction: Reduction, group: GroupStatistics, name: str, why: Missing) -> CalibrationError:
+    hint = "Raise the camera's black level (pedestal) and take the darks again"
+    return reduction.error(f"the darks are clipped at 0 DN: {why.reason}", hint, group, name)
 
 
 def _estimates(dark: CensoredDark) -> DarkEstimates:
@@ -140,12 +135,3 @@ def _estimates(dark: CensoredDark) -> DarkEstimates:
     values = np.array([dark.black_level, dark.dsnu_variance, dark.read_variance])
     black, dsnu, read = correlated(values, covariance)
     return black, dsnu, read
-
-
-def _error(reader: FrameReader, group: GroupStatistics, name: str, why: Missing) -> CalibrationError:
-    of_channel = f", channel {name}" if len(reader.frames.cfa) * len(reader.frames.cfa[0]) > 1 else ""
-    return CalibrationError(
-        f"the darks are clipped at 0 DN: {why.reason}",
-        where=f"{reader.frames.source}: {group.label}{of_channel}",
-        hint="Raise the camera's black level (pedestal) and take the darks again",
-    )

@@ -20,11 +20,8 @@ from photosite.calibration.reduction.groups import Level
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing
 
-_REACH = 8.0
-"""Half-width of the integrals in standard deviations."""
-
-_POINTS = 97
-"""Points of the integral over the fixed pattern."""
+_REACH, _POINTS = 8.0, 97
+"""Half-width of the integrals in standard deviations, and points of the one over the fixed pattern."""
 
 _MOST = 1 << 16
 """Upper limit of the digital numbers."""
@@ -32,20 +29,10 @@ _MOST = 1 << 16
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Central moments of a clipped and rounded normal, by the true mean of the pixel.
+    """Central moments of a clipped and rounded normal, (points,) each, by the true mean of the pixel."""
 
-    Parameters
-    ----------
-    share
-        (points,) share of the pixels at each true mean; the sum is 1.
-    offset
-        (points,) true mean less that of the level.
-    mean, variance, third, fourth
-        (points,) mean and central moments of the numbers.
-    """
-
-    share: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    share: NDArray[np.float64]  # of the pixels at each true mean; the sum is 1
+    offset: NDArray[np.float64]  # true mean less that of the level
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
     third: NDArray[np.float64]
@@ -64,14 +51,9 @@ class _Pixels:
         # E[y^k] is the sum over y of P(Y >= y) (y^k - (y - 1)^k).
         raw = [at_least @ (y**k - (y - 1.0) ** k) for k in (1, 2, 3, 4)]
         m = raw[0]
-        return cls(
-            share / share.sum(),
-            offset,
-            m,
-            raw[1] - m**2,
-            raw[2] - 3.0 * m * raw[1] + 2.0 * m**3,
-            raw[3] - 4.0 * m * raw[2] + 6.0 * m**2 * raw[1] - 3.0 * m**4,
-        )
+        third = raw[2] - 3.0 * m * raw[1] + 2.0 * m**3
+        fourth = raw[3] - 4.0 * m * raw[2] + 6.0 * m**2 * raw[1] - 3.0 * m**4
+        return cls(share / share.sum(), offset, m, raw[1] - m**2, third, fourth)
 
 
 def _moments(mu: float, dsnu_variance: float, read_variance: float) -> NDArray[np.float64]:
@@ -96,21 +78,12 @@ def moment_slopes(theta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
-    """Return a dark level corrected for clipping.
+    """Return a dark level corrected for clipping, or the reason why no noise fits it.
 
-    Parameters
-    ----------
-    level
-        The clipped level.
-    model
-        Censored fit of the same channel: start of the search and, for a level of one frame, its noise and DSNU.
-
-    Returns
-    -------
-    Level or Missing
-        Its own uncertainties come from temporal noise, and from the part of the chip's effect (its pixels are a sample
-        of the model's) that differs from that on the reference level. The common part is in `shared_mean` and
-        `shared_variance`. Missing where no noise fits the level.
+    Its own uncertainties come from temporal noise, and from the part of the chip's effect (its pixels are a sample of
+    the model's) that differs from that on the reference level. The common part is in `shared_mean` and
+    `shared_variance`. The model is the censored fit of the same channel: the start of the search and, for a level of
+    one frame, its noise and DSNU.
 
     Examples
     --------
@@ -128,13 +101,12 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     observed = np.array([level.mean, level.variance, level.spatial_variance - level.variance / level.frames])
     free = np.array([0, 1, 2]) if level.repeated else np.array([0])
     scale = math.sqrt(abs(start[1]) + start[2])
-    units = np.array([scale, scale**2, math.nan])
 
     def theta_of(x: NDArray[np.float64]) -> NDArray[np.float64]:
         theta = start.copy()
         theta[0] += scale * x[0]
         if level.repeated:
-            theta[1] += units[1] * x[1]
+            theta[1] += scale**2 * x[1]
             theta[2] *= math.exp(min(x[2], 50.0))
         return theta
 
@@ -144,9 +116,8 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
 
     found = root(residual, np.zeros(len(free)), tol=1e-10)
     if not found.success and float(np.abs(found.fun).max()) > 1e-6:
-        return Missing(
-            f"{100 * level.low_fraction:.3g} % of the numbers are 0, and no level and noise explain the rest"
-        )
+        zeros = f"{100 * level.low_fraction:.3g} % of the numbers are 0"
+        return Missing(f"{zeros}, and no level and noise explain the rest")
     return _restored(level, theta_of(found.x), start, free)
 
 
@@ -161,10 +132,8 @@ def _influence(
 
     The pixel's own offset is not an error of the level.
     """
-    mean = float(pixels.share @ pixels.mean)
-    variance = float(pixels.share @ pixels.variance)
-    excess = (pixels.mean - mean) ** 2
-    change = np.array([pixels.mean - mean, pixels.variance - variance, excess - pixels.share @ excess])
+    moments = pixels.mean, pixels.variance, (pixels.mean - float(pixels.share @ pixels.mean)) ** 2
+    change = np.array([moment - pixels.share @ moment for moment in moments])
     influence = back @ change[free]
     return influence[0] - pixels.offset, influence[-1]
 
@@ -182,16 +151,11 @@ def _restored(level: Level, theta: NDArray[np.float64], first: NDArray[np.float6
         along = float((pixels.share * here) @ other) / size if here.size == other.size and size > 0.0 else 0.0
         shared.append(along / math.sqrt(level.pixels))
         own.append(max(float(pixels.share @ here**2) - along**2, 0.0) / level.pixels)
-    numbers = float(theta[2]) + QUANTISATION_DN2
-    restored = replace(
-        level,
-        mean=float(theta[0]),
-        mean_variance=float(temporal[0, 0]) + own[0],
-        shared_mean=shared[0],
-        low_fraction=0.0,
-    )
+    mean, mean_variance = float(theta[0]), float(temporal[0, 0]) + own[0]
+    restored = replace(level, mean=mean, mean_variance=mean_variance, shared_mean=shared[0], low_fraction=0.0)
     if not level.repeated:
         return restored
+    numbers = float(theta[2]) + QUANTISATION_DN2
     return replace(
         restored,
         variance=numbers,

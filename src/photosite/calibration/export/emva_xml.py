@@ -5,8 +5,6 @@ units are those of the reference implementation (github.com/EMVA1288/emva1288, `
 number or "None" for every value and ignores other elements. Uncertainties are in such elements: `standard_uncertainty`,
 `interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` contains every
 parameter of the calibration, and `photosite_R` and so on those of the colour channels.
-
-The file does not contain curves, histograms, the covariance between figures, warnings, and rejected frames.
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from xml.etree import ElementTree
 from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.result import Calibration
 from photosite.files.atomic import atomic_path
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Value, derive
 
@@ -30,7 +29,6 @@ EMVA_XML_LOSS = (
 )
 
 _UNFILTERED = "without the high-pass filter, as in the reference implementation"
-_QUANTISATION = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def _in_dn(parameter_e: str) -> Callable[[_Results], Value]:
 def _dark_noise_dn(r: _Results) -> Value:
     """Return the temporal dark noise including rounding, as measured in the frames."""
     noise = derive(lambda s, k: s * k, r["temporal_dark_noise_e"], r["system_gain_dn_per_e"])
-    return derive(lambda s: (s * s + _QUANTISATION).sqrt(), noise)
+    return derive(lambda s: (s * s + QUANTISATION_DN2).sqrt(), noise)
 
 
 def _range(r: _Results) -> Value:
@@ -150,17 +148,10 @@ FIGURES: dict[str, tuple[_Figure, ...]] = {
 
 
 def write_emva_results(calibration: Calibration, path: str | PathLike[str]) -> None:
-    """Write a calibration as EMVA 1288 results XML.
+    """Write a calibration as EMVA 1288 results XML. The pixel area is that of its base sensor.
 
     PRNU1288 and its parts are those without the high-pass filter, as in the reference implementation. The standard's
     own values, with the filter, are in the section `photosite`.
-
-    Parameters
-    ----------
-    calibration
-        Result of `calibrate`. The pixel area is that of its base sensor.
-    path
-        File to write.
 
     Raises
     ------
@@ -192,7 +183,7 @@ def emva_results(calibration: Calibration) -> bytes:
                 note = _UNFILTERED if "unfiltered" in figure.source else ""
             else:
                 entry, note = Estimate.of(figure.source(results), "derived from the other figures"), ""
-            _add(section, figure.name, (name, figure.short, figure.symbol, figure.unit), entry, note)
+            _add(section, figure.name, (figure.short, figure.symbol, figure.unit), entry, note)
     _add_parameters(ElementTree.SubElement(root, "photosite"), calibration)
     for channel, parameters in calibration.channels.items():
         _add_parameters(ElementTree.SubElement(root, f"photosite_{channel}"), parameters)
@@ -204,14 +195,12 @@ def emva_results(calibration: Calibration) -> bytes:
 def _add_parameters(section: ElementTree.Element, parameters: Parameters) -> None:
     for name, entry in parameters.estimates().items():
         shown = PARAMETER_LABELS[name]
-        _add(section, name, (section.tag, shown.label, "", shown.unit), entry)
+        _add(section, name, (shown.label, "", shown.unit), entry)
 
 
-def _add(
-    section: ElementTree.Element, name: str, head: tuple[str, str, str, str], entry: Estimate, note: str = ""
-) -> None:
-    figure = ElementTree.SubElement(section, name)
-    parts: dict[str, str | None] = dict(zip(("section", "short", "symbol", "unit"), head, strict=True))
+def _add(section: ElementTree.Element, name: str, head: tuple[str, str, str], entry: Estimate, note: str = "") -> None:
+    short, symbol, unit = head
+    parts = {"section": section.tag, "short": short, "symbol": symbol, "unit": unit}
     parts["value"] = str(None) if entry.value is None else repr(float(entry.value))
     if entry.value is not None and entry.standard_uncertainty is not None:
         parts["standard_uncertainty"] = repr(float(entry.standard_uncertainty))
@@ -219,7 +208,8 @@ def _add(
     if entry.upper_limit_95 is not None:
         parts["upper_limit_95"] = repr(float(entry.upper_limit_95))
     parts["method"] = "; ".join(text for text in (entry.method, note) if text)
-    parts["reason"] = entry.reason if entry.value is None else None
+    parts["reason"] = (entry.reason or "") if entry.value is None else ""
+    figure = ElementTree.SubElement(section, name)
     for tag, text in parts.items():
         if text:
             ElementTree.SubElement(figure, tag).text = text

@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
 
 
+_MEASURED_FIELDS = (
+    *("read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s", "dcnu_percent"),
+    *("black_level_dn", "conversion_gain_uv_per_e"),
+)
+"""Fields of a sensor file that have the names of measured parameters."""
+
+
 def measured_sensor(calibration: Calibration) -> Sensor:
     """Return the base sensor with the measured values in place of the assumed ones.
 
@@ -40,17 +47,13 @@ def measured_sensor(calibration: Calibration) -> Sensor:
     source = f"measured from {calibration.frame_count} frames"
     changes: dict[str, Measured] = {}
     uncertain: dict[str, Value] = dict(calibration.electrical_scale)
-    for field, estimate in (
-        ("read_noise_mv", calibration.read_noise_mv),
-        ("dsnu_mv", calibration.dsnu_mv),
-        ("prnu_percent", calibration.prnu_percent),
-        ("dark_voltage_mv_per_s", calibration.dark_voltage_mv_per_s),
-        ("dcnu_percent", calibration.dcnu_percent),
-        ("black_level_dn", calibration.black_level_dn),
-        ("conversion_gain_uv_per_e", calibration.conversion_gain_uv_per_e),
-    ):
+    for field in _MEASURED_FIELDS:
+        estimate: Estimate = getattr(calibration, field)
         if estimate.value is not None:
-            changes[field] = _not_negative(estimate, source)
+            changes[field] = estimate.measured(source)
+            if estimate.value < 0.0:
+                note = f"{source}; the estimate is {estimate.value:.3g}, not distinguishable from 0"
+                changes[field] = Measured(0.0, changes[field].standard_uncertainty, note)
             uncertain[field] = estimate.uncertain
     well = well_capacity(calibration)
     if well.value is not None:
@@ -70,27 +73,11 @@ def measured_sensor(calibration: Calibration) -> Sensor:
 
 
 def save_measured_sensor(calibration: Calibration, path: str | PathLike[str]) -> None:
-    """Write a calibration's sensor file, and before it the maps of the chip, if any.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration has no base sensor.
-    FileError
-        If a file cannot be written.
-    """
+    """Write a calibration's sensor file, and before it the maps of the chip, if any. Raises as `Calibration.save`."""
     sensor = measured_sensor(calibration)
     if calibration.chip is not None:
         sensor = sensor.with_(maps=calibration.chip.save(maps_path(path)))
     sensor.save(path)
-
-
-def _not_negative(estimate: Estimate, source: str) -> Measured:
-    measured = estimate.measured(source)
-    if measured.value >= 0.0:
-        return measured
-    note = f"{source}; the estimate is {measured.value:.3g}, not distinguishable from 0"
-    return Measured(0.0, measured.standard_uncertainty, note)
 
 
 def well_capacity(calibration: Calibration) -> Estimate:
@@ -100,18 +87,11 @@ def well_capacity(calibration: Calibration) -> Estimate:
     measurement of a well that is known to be larger. The saturation capacity of EMVA 1288 is a different parameter, at
     the largest variance.
     """
-    capacity = derive(
-        lambda top, black, gain: (top - black) / gain,
-        calibration.saturation_dn.uncertain,
-        calibration.black_level_dn.uncertain,
-        calibration.system_gain_dn_per_e.uncertain,
-    )
+    inputs = calibration.saturation_dn, calibration.black_level_dn, calibration.system_gain_dn_per_e
+    capacity = derive(lambda top, black, gain: (top - black) / gain, *(entry.uncertain for entry in inputs))
     base, method = calibration.base, f"(saturation less black level) / system gain{_at_least(calibration)}"
-    if (
-        isinstance(capacity, Uncertain)
-        and _converter_is_the_limit(calibration)
-        and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
-    ):
+    larger = isinstance(capacity, Uncertain) and (base is None or base.pixel.well_capacity_e.value >= capacity.value)
+    if isinstance(capacity, Uncertain) and larger and _converter_is_the_limit(calibration):
         why = f"the converter saturates before the well; the well holds at least {capacity.value:.4g} electrons"
         return Estimate(reason=why, method=method)
     return Estimate.of(capacity, method)

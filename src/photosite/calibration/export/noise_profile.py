@@ -17,46 +17,28 @@ def calibration_noise_profile(calibration: Calibration, gain_setting: float | No
     1/12) / (white - black)^2: the noise of a short exposure. Negative estimates count with their sign. The profile does
     not include the shot noise of the dark current, which depends on the exposure time.
 
-    Parameters
-    ----------
-    calibration
-        Result of `calibrate`.
-    gain_setting
-        The camera's gain setting.
-
     Raises
     ------
     CalibrationError
         If gain, black level, read noise or DSNU could not be estimated.
     """
-    black = _needed(calibration, "black_level_dn")
-    gain = _needed(calibration, "system_gain_dn_per_e")
+    black, gain = (_needed(calibration, name) for name in ("black_level_dn", "system_gain_dn_per_e"))
     white = float((1 << calibration.bits) - 1)
     span = white - black.value
     slope = gain.value / span
     u_span = black.standard_uncertainty / span
+    u_slope = slope * ((gain.standard_uncertainty / gain.value) ** 2 + u_span**2) ** 0.5
     channels: dict[str, Parameters] = dict(calibration.channels) or {"M": calibration}
     offsets = []
     for parameters in channels.values():
         squares = [_square(_needed(parameters, name)) for name in ("read_noise_dn", "dsnu_dn")]
-        total = Measured(
-            sum(s.value for s in squares) + QUANTISATION_DN2,
-            sum(s.standard_uncertainty**2 for s in squares) ** 0.5,
-        )
-        relative = 2 * abs(total.value) * u_span
-        uncertainty = (total.standard_uncertainty**2 + relative**2) ** 0.5
-        offsets.append(Measured(total.value / span**2, uncertainty / span**2))
-    u_slope = slope * ((gain.standard_uncertainty / gain.value) ** 2 + u_span**2) ** 0.5
+        total = sum(s.value for s in squares) + QUANTISATION_DN2
+        u_total = sum(s.standard_uncertainty**2 for s in squares) ** 0.5
+        uncertainty = (u_total**2 + (2 * abs(total) * u_span) ** 2) ** 0.5
+        offsets.append(Measured(total / span**2, uncertainty / span**2))
+    slopes = (Measured(slope, u_slope),) * len(channels)
     name = "" if calibration.base is None else calibration.base.name
-    return NoiseProfile(
-        tuple(channels),
-        (Measured(slope, u_slope),) * len(channels),
-        tuple(offsets),
-        gain_setting,
-        black.value,
-        white,
-        name,
-    )
+    return NoiseProfile(tuple(channels), slopes, tuple(offsets), gain_setting, black.value, white, name)
 
 
 def _needed(parameters: Parameters, name: str) -> Measured:

@@ -8,7 +8,6 @@ import time
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,49 +23,24 @@ SAVE_EVERY_S = 20.0
 """Seconds of work that an interruption may lose; a finished group is saved at once."""
 
 
-@dataclass(frozen=True)
-class GroupProgress:
-    """How far the first pass over a group got.
+@dataclass
+class FirstPass:
+    """How far the first pass over a group got."""
 
-    Parameters
-    ----------
-    read
-        Number of frames read, in the order of the group.
-    used
-        Indices of those that are not repeats.
-    digests
-        Digest of the sampled rows of each used frame.
-    rejected
-        Reasons for the others.
-    screened
-        Whether all frames were read, and outlier frames left out.
-    tops
-        `top_value_shares` of the channels, once screened.
-    samples
-        (used, rows, cols) `SampleGrid.sample` of each used frame, until screened.
-    """
-
-    read: int
-    used: tuple[int, ...]
-    digests: tuple[str, ...]
-    rejected: tuple[str, ...]
-    screened: bool
-    tops: tuple[tuple[float, float], ...]
-    samples: NDArray[np.uint16] = field(compare=False, repr=False)
+    read: int = 0  # number of frames read, in the order of the group
+    used: list[int] = field(default_factory=list)  # indices of those that are not repeats
+    digests: list[str] = field(default_factory=list)  # of the sampled rows of each used frame
+    rejected: list[str] = field(default_factory=list)  # reasons for the others
+    screened: bool = False  # whether all frames were read, and outlier frames left out
+    tops: tuple[tuple[float, float], ...] = ()  # `top_value_shares` of the channels, once screened
+    samples: list[NDArray[np.uint16]] = field(default_factory=list)  # `sample_grid` of each used frame, until screened
 
 
 class Checkpoint:
     """A folder with one file of exact sums per group of a frame set.
 
     A run that resumes from it gives bit-identical results. The files are bound to the frames by their names, their size
-    and the totals of the first and the last frame summed.
-
-    Parameters
-    ----------
-    folder
-        Created if it does not exist.
-    frames
-        The frame set.
+    and the totals of the first and the last frame summed. The folder is created if it does not exist.
 
     Raises
     ------
@@ -91,7 +65,7 @@ class Checkpoint:
         """Return whether the sums should be saved again."""
         return time.monotonic() - self._saved_s > SAVE_EVERY_S
 
-    def save(self, group: FrameGroup, sums: FrameSums, progress: GroupProgress) -> None:
+    def save(self, group: FrameGroup, sums: FrameSums, progress: FirstPass) -> None:
         """Save a group's sums, completely or not at all."""
         import h5py
 
@@ -101,22 +75,39 @@ class Checkpoint:
             file.attrs["progress"] = json.dumps(note)
             for name, array in sums.state().items():
                 file.create_dataset(name, data=array)
-            file.create_dataset("samples", data=progress.samples)
+            file.create_dataset("samples", data=np.array(progress.samples, np.uint16))
         self._saved_s = time.monotonic()
 
-    def load(self, group: FrameGroup, sums: FrameSums) -> GroupProgress | None:
-        """Restore a group's sums; return None if none were saved."""
+    def load(self, group: FrameGroup, sums: FrameSums | None = None) -> FirstPass | None:
+        """Return how far a group got, None if nothing was saved; restore its sums, if given."""
         path = self._files[id(group)]
-        if (found := self._progress(group)) is None:
+        if not path.exists():
             return None
         try:
             import h5py
 
             with h5py.File(path, "r") as file:
-                sums.restore({name: np.asarray(file[name]) for name in file})
+                note = json.loads(file.attrs["progress"])
+                same = note.pop("version") == _VERSION and note.pop("group") == self._identity(group)
+                if same and sums is not None:
+                    sums.restore({name: np.asarray(file[name]) for name in file})
+                if same:
+                    tops, samples = tuple((a, b) for a, b in note["tops"]), list(np.asarray(file["samples"]))
+                    found = FirstPass(**note | {"tops": tops, "samples": samples})
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise _damaged(path, error) from None
-        totals = sums.frame_totals()
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it") from None
+        if not same:
+            raise FileError(
+                path,
+                f"the file belongs to other frames than {group_label(group)} of {self._frames.source}",
+                hint="Remove the folder, or use another one for the checkpoint",
+            )
+        if sums is not None:
+            self._check_unchanged(group, sums.frame_totals(), found)
+        return found
+
+    def _check_unchanged(self, group: FrameGroup, totals: list[int], found: FirstPass) -> None:
         for place in sorted({0, len(found.used) - 1}) if found.used else ():
             source = group.frames[found.used[place]]
             if int(source.read().sum(dtype=np.uint64)) != totals[place]:
@@ -125,36 +116,6 @@ class Checkpoint:
                     "the frame has changed since its sums were saved",
                     hint=f"Remove the folder {self.folder} and start again",
                 )
-        return found
-
-    def frames_read(self, group: FrameGroup) -> int:
-        """Return the number of frames of a group that need not be read again."""
-        found = self._progress(group)
-        return found.read if found else 0
-
-    def _progress(self, group: FrameGroup) -> GroupProgress | None:
-        path = self._files[id(group)]
-        if not path.exists():
-            return None
-        try:
-            import h5py
-
-            with h5py.File(path, "r") as file:
-                note: dict[str, Any] = json.loads(file.attrs["progress"])
-                same = note["version"] == _VERSION and note["group"] == self._identity(group)
-                found = GroupProgress(
-                    int(note["read"]), tuple(note["used"]), tuple(note["digests"]), tuple(note["rejected"]),
-                    bool(note["screened"]), tuple((a, b) for a, b in note["tops"]), np.asarray(file["samples"]),
-                )  # fmt: skip
-        except (OSError, KeyError, ValueError, TypeError) as error:
-            raise _damaged(path, error) from None
-        if not same:
-            raise FileError(
-                path,
-                f"the file belongs to other frames than {group_label(group)} of {self._frames.source}",
-                hint="Remove the folder, or use another one for the checkpoint",
-            )
-        return found
 
     def remove(self) -> None:
         """Remove the files, and the folder if it is then empty."""
@@ -168,8 +129,3 @@ class Checkpoint:
         what = [frames.rows, frames.cols, frames.bits, frames.cfa, group.kind, group.exposure_s]
         what += [source.name for source in group.frames]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()
-
-
-def _damaged(path: Path, error: Exception) -> FileError:
-    reason = " ".join(str(error).split()) or type(error).__name__
-    return FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.quantisation import rounding_uncertainty
 from photosite.engine.frame_sums import LabelTotals
-from photosite.frames.frame_set import FrameGroup, FrameSet
-from photosite.values.cfa import channel_names
+from photosite.frames.frame_set import FrameGroup
+from photosite.values.cfa import Cfa, channel_names
 from photosite.values.uncertain import Source, Uncertain
 
 CLIPPED_SHARE = 0.001
@@ -48,49 +48,26 @@ def clipping_bias(fraction: float) -> float:
 class Level:
     """One channel of one group: mean and variances in DN and DN^2, with their uncertainties.
 
-    Parameters
-    ----------
-    pixels, frames
-        Numbers of pixels and frames.
-    mean
-        Mean digital number.
-    mean_variance
-        Sampling variance of the mean, from temporal noise only.
-    variance
-        Temporal variance of a pixel, quantisation included, shifts of whole frames excluded; NaN for one frame.
-    variance_uncertainty
-        Its standard uncertainty, from the spread of the per-pixel variances, so valid for any noise distribution.
-    spatial_variance
-        Variance over pixels of the mean frame, temporal noise included.
-    low_fraction, high_fraction
-        Shares of the digital numbers at 0 and at full scale.
-    frame_shift
-        Standard deviation of the shifts of whole frames; negative where its variance came out negative.
-    shared_mean, shared_variance
-        Standard uncertainties shared by all clipped dark levels of the channel; 0 without clipping. They cancel in a
-        difference of two dark levels, but not in a difference with a light level.
-    rounding_mean, rounding_variance
-        Standard uncertainties of mean and variance from rounding (`reduction/quantisation.py`), not included in the
-        others: levels with the same mean share them.
-    sources
-        Shares of `variance_uncertainty`, squared, by independent source. Results computed from this level are
-        correlated through them.
+    Uncertainties that levels share are kept apart and not included in the others. Those from clipping (`shared_*`) are
+    common to all clipped dark levels of the channel: they cancel in a difference of two dark levels, but not in a
+    difference with a light level. Those from rounding (`rounding_*`) are common to levels with the same mean.
     """
 
     pixels: int
     frames: int
     mean: float
-    mean_variance: float
-    variance: float
-    variance_uncertainty: float
-    spatial_variance: float
-    low_fraction: float
-    high_fraction: float
-    frame_shift: float
+    mean_variance: float  # sampling variance of the mean, from temporal noise only
+    variance: float  # temporal, quantisation included, shifts of whole frames excluded; NaN for one frame
+    variance_uncertainty: float  # from the spread of the per-pixel variances, so valid for any distribution
+    spatial_variance: float  # over pixels of the mean frame, temporal noise included
+    low_fraction: float  # share of the digital numbers at 0
+    high_fraction: float  # share at full scale
+    frame_shift: float  # standard deviation of the shifts of whole frames; negative where its variance is
     shared_mean: float = 0.0
     shared_variance: float = 0.0
     rounding_mean: float = 0.0
     rounding_variance: float = 0.0
+    # Squared shares of `variance_uncertainty` by source: results computed from this level are correlated through them.
     sources: Mapping[Source, float] = field(default_factory=lambda: {Source(): 1.0}, repr=False, compare=False)
 
     @classmethod
@@ -103,7 +80,7 @@ class Level:
             uncertainty = math.sqrt(totals.variance_spread / totals.pixels)
             shift_variance = totals.frame_mean_variance - variance / totals.pixels
             shift = math.copysign(math.sqrt(abs(shift_variance)), shift_variance)
-        level = cls(
+        return cls(
             pixels=totals.pixels,
             frames=totals.frames,
             mean=totals.mean,
@@ -114,8 +91,7 @@ class Level:
             low_fraction=totals.low / samples,
             high_fraction=totals.high / samples,
             frame_shift=shift,
-        )
-        return level.with_rounding()
+        ).with_rounding()
 
     def with_rounding(self) -> Level:
         """Return the level with the uncertainties from rounding."""
@@ -149,12 +125,8 @@ class Level:
 
         For steady frames the variance of the frame means is variance / pixels, and the quotient of the two estimates
         follows Fisher's F distribution with n - 1 and (n - 1)(P - 1) degrees of freedom (two-way analysis of variance,
-        n frames by P pixels). Row noise counts as a shift here, because it scatters the frame means.
-
-        Parameters
-        ----------
-        false_alarms
-            Share of steady levels for which the answer may be True.
+        n frames by P pixels). `false_alarms` is the share of steady levels for which the answer may be True. Row noise
+        counts as a shift here, because it scatters the frame means.
         """
         from scipy.stats import f
 
@@ -169,18 +141,18 @@ class Level:
 def pooled_level(levels: Sequence[Level]) -> Level:
     """Return all channels of a group as one level: means over pixels, spreads within the channels."""
     pixels = sum(level.pixels for level in levels)
-    share = [level.pixels / pixels for level in levels]
+    shares = [(level.pixels / pixels, level) for level in levels]
 
     def mean(name: str, power: int = 1) -> float:
-        return float(sum(s**power * getattr(level, name) for s, level in zip(share, levels, strict=True)))
+        return float(sum(share**power * getattr(level, name) for share, level in shares))
 
     def independent(name: str) -> float:
-        return math.hypot(*(s * getattr(level, name) for s, level in zip(share, levels, strict=True)))
+        return math.hypot(*(share * getattr(level, name) for share, level in shares))
 
     whole = independent("variance_uncertainty")
     sources = {
-        source: part * (s * level.variance_uncertainty / whole) ** 2
-        for s, level in zip(share, levels, strict=True)
+        source: part * (share * level.variance_uncertainty / whole) ** 2
+        for share, level in shares
         for source, part in level.sources.items()
         if whole > 0.0
     }
@@ -225,16 +197,15 @@ def group_label(group: FrameGroup) -> str:
 def reference_dark(darks: Sequence[GroupStatistics] | Sequence[FrameGroup]) -> int:
     """Return the index of the dark group for read noise and DSNU: most frames, then shortest exposure."""
 
-    def rank(index: int) -> tuple[int, float]:
-        entry = darks[index]
+    def rank(entry: GroupStatistics | FrameGroup) -> tuple[int, float]:
         if isinstance(entry, GroupStatistics):
             return -entry.frames, entry.group.exposure_s
         return -len(entry), entry.exposure_s
 
-    return min(range(len(darks)), key=rank)
+    return min(range(len(darks)), key=lambda index: rank(darks[index]))
 
 
-def label_tile(frames: FrameSet) -> NDArray[np.int64]:
+def label_tile(cfa: Cfa) -> NDArray[np.int64]:
     """Return the CFA's tile as integers, in the order of `channel_names`."""
-    names = channel_names(frames.cfa)
-    return np.array([[names.index(name) for name in row] for row in frames.cfa], dtype=np.int64)
+    names = channel_names(cfa)
+    return np.array([[names.index(name) for name in row] for row in cfa], dtype=np.int64)

@@ -17,15 +17,7 @@ from photosite.frames.frame_set import FrameSource
 
 @dataclass(frozen=True)
 class UsedFrame:
-    """A frame that was used.
-
-    Parameters
-    ----------
-    source
-        Where it is read from.
-    total
-        The sum of its digital numbers when it was used.
-    """
+    """A frame that was used: where it is read from, and the sum of its digital numbers when it was used."""
 
     source: FrameSource
     total: int
@@ -39,13 +31,12 @@ class UsedFrame:
 def frames_sha256(used: Sequence[UsedFrame]) -> tuple[str, ...]:
     """Return one SHA-256 per frame, of its digital numbers as little-endian uint16, row by row.
 
-    Hashing takes several times as long as calibrating; therefore it is done on request only. A frame with another total
-    than before has changed.
+    Hashing takes several times as long as calibrating; therefore it is done on request only.
 
     Raises
     ------
     FileError
-        If a frame is missing, or has changed since it was used.
+        If a frame is missing, or has another total than when it was used.
 
     Examples
     --------

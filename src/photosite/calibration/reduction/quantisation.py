@@ -34,10 +34,7 @@ def rounding_error(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the change of the mean, DN, and of the variance beyond 1/12, DN^2, by rounding.
 
-    Parameters
-    ----------
-    mean, sd
-        Mean and standard deviation of the normal numbers before rounding, DN; broadcast together.
+    `mean` and `sd` are those of the normal numbers before rounding, DN; they are broadcast together.
 
     Examples
     --------
@@ -81,15 +78,9 @@ def remaining_share(spatial_variance: float) -> float:
 def rounding_uncertainty(variance: float, uncertainty: float, spatial_variance: float) -> tuple[float, float]:
     """Return standard uncertainties of a level's mean, DN, and temporal variance, DN^2, from rounding.
 
-    It is the largest effect over all noises and phases that explain the variance, divided by sqrt(2), as for a sine at
-    any phase. The position of the mean is not used.
-
-    Parameters
-    ----------
-    variance, uncertainty
-        Measured temporal variance, 1/12 included, DN^2, and its standard uncertainty.
-    spatial_variance
-        Variance of the pixels' means, without temporal noise, DN^2.
+    It is the largest effect over all noises and phases that explain the measured variance (1/12 included) within its
+    uncertainty, divided by sqrt(2), as for a sine at any phase. `spatial_variance` is that of the pixels' means,
+    without temporal noise.
 
     Examples
     --------

@@ -13,49 +13,47 @@ from photosite.calibration.reduction.groups import GroupStatistics, Level, refer
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
 from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.values.cfa import channel_names
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """A frame set reduced to statistics.
-
-    Parameters
-    ----------
-    frames
-        The frame set.
-    darks, lights
-        Statistics of the dark and the light groups, in the order of the set.
-    reference
-        Index of the dark group for read noise and DSNU: most frames, then shortest exposure.
-    reference_mean
-        Its mean frame.
-    dark_slopes
-        Map of per-pixel dark slopes, DN/s; None with one dark exposure.
-    top_shares
-        Per light group and channel: the highest digital number, and the share of pixels that read it
-        (`top_value_shares`).
-    rejected
-        Frames left out, each with the reason.
-    used
-        Frames used.
-    """
+    """A frame set reduced to statistics."""
 
     frames: FrameSet
     darks: tuple[GroupStatistics, ...]
     lights: tuple[GroupStatistics, ...]
-    reference: int
+    reference: int  # index of the dark group for read noise and DSNU (`reference_dark`)
     reference_mean: MeanFrame
-    dark_slopes: PixelSlopes | None
-    top_shares: tuple[tuple[tuple[float, float], ...], ...]
-    rejected: tuple[str, ...]
+    dark_slopes: PixelSlopes | None  # map of per-pixel dark slopes, DN/s; None with one dark exposure
+    top_shares: tuple[tuple[tuple[float, float], ...], ...]  # `top_value_shares` per light group and channel
+    rejected: tuple[str, ...]  # frames left out, each with the reason
     used: tuple[UsedFrame, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the channels."""
-        return tuple(channel_names(self.frames.cfa))
+        return channel_names(self.frames.cfa)
+
+    @property
+    def reference_group(self) -> GroupStatistics:
+        """The dark group for read noise and DSNU."""
+        return self.darks[self.reference]
+
+    def of_channel(self, name: str, text: str = ", channel {}") -> str:
+        """Return the channel's name in a text, "" for a monochrome chip."""
+        return text.format(name) if len(self.names) > 1 else ""
+
+    def error(
+        self, what: str, hint: str | None = None, group: GroupStatistics | None = None, channel: str = ""
+    ) -> CalibrationError:
+        """Return an error about these frames, or about one of the groups and a channel of it."""
+        where = self.frames.source
+        if group is not None:
+            where += f": {group.label}" + (self.of_channel(channel) if channel else "")
+        return CalibrationError(what, where=where, hint=hint)
 
 
 def reduce_frames(reader: FrameReader) -> Reduction:
@@ -88,17 +86,9 @@ def reduce_frames(reader: FrameReader) -> Reduction:
         lights.append(statistics)
         if not all(level.clipped for level in statistics.levels):
             reader.keep(group, sums)
-    return Reduction(
-        frames=reader.frames,
-        darks=tuple(darks),
-        lights=tuple(lights),
-        reference=reference,
-        reference_mean=mean,
-        dark_slopes=slopes,
-        top_shares=tuple(reader.tops[id(entry.group)] for entry in lights),
-        rejected=tuple(reader.rejected),
-        used=tuple(reader.used_frames),
-    )
+    top_shares = tuple(reader.tops[id(entry.group)] for entry in lights)
+    rejected, used = tuple(reader.rejected), tuple(reader.used_frames)
+    return Reduction(reader.frames, tuple(darks), tuple(lights), reference, mean, slopes, top_shares, rejected, used)
 
 
 def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] | None:
