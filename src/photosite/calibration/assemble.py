@@ -68,6 +68,9 @@ def assemble(
         cfa=frames.cfa,
         base=sensor,
         electrical_scale=scale,
+        chip=None,
+        temporal=None,
+        no_maps_reason=None,
         gain_setting=frames.gain_settings[0],
         temperature_c=(min(temperatures), max(temperatures)) if temperatures else None,
     )

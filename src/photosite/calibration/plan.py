@@ -118,7 +118,8 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
             )
     reference = darks[reference_dark(darks)]
     lines = [dark_lines(darks, k) for k in range(len(pixels))]
-    channels, gain = [], NO_LIGHT
+    channels: list[Channel] = []
+    gain: Value = NO_LIGHT
     if lights:
         channels = [Channel.of(k, lights, line, int(sensor.white_level_dn)) for k, line in enumerate(lines)]
         gain = gain_value(fit_gain([channel.levels for channel in channels], [channel.used for channel in channels]))

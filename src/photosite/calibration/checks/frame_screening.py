@@ -57,12 +57,6 @@ def sample_grid(shape: tuple[int, int], frames: int) -> tuple[NDArray[np.int64],
     """Return the indices of the sampled pixels, (n, 1) rows and (1, m) columns, for a number of frames.
 
     There are odd and even ones, so that all CFA sites are sampled.
-
-    Examples
-    --------
-    >>> rows, cols = sample_grid((3000, 4000), 10)
-    >>> rows.shape, rows[:4, 0].tolist()
-    ((64, 1), [0, 47, 92, 141])
     """
     most = SIDE if frames <= MANY else FEWER
     index = np.arange(most)

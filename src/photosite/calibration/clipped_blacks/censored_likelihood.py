@@ -70,13 +70,7 @@ class ClippedCounts:
 
     @classmethod
     def of(cls, zeros: NDArray[np.integer], total: NDArray[np.integer], frames: int, squares: int) -> ClippedCounts:
-        """Return the statistics of two maps, (pixels,) each, and the sum of all squares.
-
-        Examples
-        --------
-        >>> ClippedCounts.of(np.array([1, 1, 0]), np.array([3, 3, 5]), 2, 9 + 9 + 13).pixels.tolist()
-        [1, 2]
-        """
+        """Return the statistics of two maps, (pixels,) each, and the sum of all squares."""
         base = int(total.max(initial=0)) + 1
         cells, pixels = np.unique(zeros.astype(np.int64) * base + total.astype(np.int64), return_counts=True)
         return cls(frames, cells // base, cells % base, pixels, squares)
@@ -118,11 +112,16 @@ class CensoredDark:
     black_level: float  # mean of the dark signal, DN; may be negative
     dsnu_variance: float  # over pixels of their means
     read_variance: float  # of a pixel's numbers about its mean, without rounding
-    # (3, 3) of these in this order: the inverse of the information, widened by `misfit` where chance does not explain
+    # (3, 3) of `theta`: the inverse of the information, widened by `misfit` where chance does not explain
     # it, plus the error from rounding (`ROUNDING_ERROR`).
     covariance: NDArray[np.float64]
     misfit: float  # chi square per degree of freedom of the pixels' numbers of zeros against the model
     misfit_is_chance: bool  # whether chance explains it
+
+    @property
+    def theta(self) -> NDArray[np.float64]:
+        """(3,) black level, DSNU variance and read variance."""
+        return np.array([self.black_level, self.dsnu_variance, self.read_variance])
 
 
 def _expectations(counts: ClippedCounts, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from photosite.calibration.clipped_blacks.censored_likelihood import CensoredDark, count_clipped, fit_censored
 from photosite.calibration.clipped_blacks.clipping_correction import correct_clipping, moment_slopes
 from photosite.calibration.reduction.frame_reader import FrameReader
@@ -45,8 +43,8 @@ class ClippedDarks:
 
     def scale(self, channel: int) -> float:
         """Return the factor that undoes the clipping of the variance of shifts common to all pixels."""
-        dark = self.censored[channel]
-        theta = np.array([dark.black_level, max(dark.dsnu_variance, 0.0), dark.read_variance])
+        theta = self.censored[channel].theta
+        theta[1] = max(theta[1], 0.0)
         return 1.0 / float(moment_slopes(theta)[0, 0]) ** 2
 
     def parts(
@@ -132,6 +130,5 @@ def _error(reduction: Reduction, group: GroupStatistics, name: str, why: Missing
 def _estimates(dark: CensoredDark) -> DarkEstimates:
     covariance = dark.covariance.copy()
     covariance[0, 0] -= max(dark.dsnu_variance, 0.0) / dark.pixels
-    values = np.array([dark.black_level, dark.dsnu_variance, dark.read_variance])
-    black, dsnu, read = correlated(values, covariance)
+    black, dsnu, read = correlated(dark.theta, covariance)
     return black, dsnu, read

@@ -97,7 +97,7 @@ def correct_clipping(level: Level, model: CensoredDark) -> Level | Missing:
     """
     if level.low_fraction == 0.0:
         return level
-    start = np.array([model.black_level, model.dsnu_variance, model.read_variance])
+    start = model.theta
     observed = np.array([level.mean, level.variance, level.spatial_variance - level.variance / level.frames])
     free = np.array([0, 1, 2]) if level.repeated else np.array([0])
     scale = math.sqrt(abs(start[1]) + start[2])

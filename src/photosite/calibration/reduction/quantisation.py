@@ -35,12 +35,6 @@ def rounding_error(
     """Return the change of the mean, DN, and of the variance beyond 1/12, DN^2, by rounding.
 
     `mean` and `sd` are those of the normal numbers before rounding, DN; they are broadcast together.
-
-    Examples
-    --------
-    >>> of_mean, of_variance = rounding_error(6.0, 0.35)
-    >>> round(float(of_mean), 4), round(float(of_variance), 4)
-    (0.0, -0.0527)
     """
     m, s = np.broadcast_arrays(np.asarray(mean, np.float64), np.asarray(sd, np.float64))
     shift, square, slope = np.zeros(m.shape), np.zeros(m.shape), np.zeros(m.shape)
