@@ -148,7 +148,7 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
 def _dark_patterns(
     reduction: Reduction, dark: DarkResult, half: Sequence[int | Missing], reader: FrameReader
 ) -> list[tuple[PartsPair, MeanPlanes]]:
-    """Return per channel the dark pattern at the exposure of the half-saturated flats, else that of the reference."""
+    """Return per channel the dark pattern at the exposure of its half-saturated flat fields, else of the reference."""
     reference, darks = reduction.reference, reduction.darks
     of_channel = [reference] * len(reduction.names)
     if dark.clipped is None:

@@ -84,7 +84,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     Raises
     ------
     InputError
-        If no dark exposure has two frames, or the darks would clip at 0.
+        If no dark exposure has two frames, or dark frames would clip at 0.
 
     Examples
     --------

@@ -13,7 +13,7 @@ Where the frames of a group scatter by themselves (a flickering lamp), the limit
 scatter of the levels by the median absolute deviation, four times the median of the blocks' scores. With steady frames
 and normal noise a score near 1 occurs once in 10^8 blocks; under a lamp that scatters by 5 % from frame to frame, in
 less than one of 10 000 frames. Not detected: a lamp off by less than 20 %, a defect smaller than a sixteenth of the
-frame's height or width, a white frame among flats near saturation.
+frame's height or width, a white frame among flat fields near saturation.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ AT_THE_TOP = 0.98
 """Share of a light level's pixels at the full scale of a smaller converter that shows that converter's bit depth."""
 
 LEAK_SHARE = 0.3
-"""Share of the flats' slope above which the darks' slope is as likely a light leak as dark current."""
+"""Share of the flat fields' slope above which the dark frames' slope is as likely a light leak as dark current."""
 
 _FACTORS = {1e3: "a thousand", 1e6: "a million", 1e9: "a thousand million", 60.0: "sixty", 3600.0: "3600"}
 
@@ -118,7 +118,7 @@ def _check_lights(reduction: Reduction) -> None:
 
 
 def _check_full_scale(reduction: Reduction) -> None:
-    """Check that flats do not end at the full scale of a smaller converter than stated.
+    """Check that flat fields do not end at the full scale of a smaller converter than stated.
 
     Pixels clipped by a converter all read the same number; pixels clipped by a well spread around any number. Some
     pixels may respond less.
@@ -137,9 +137,9 @@ def _check_full_scale(reduction: Reduction) -> None:
 
 
 def _check_unlit(reduction: Reduction, brightest_dn: float) -> None:
-    """Check that no dark group is far brighter than all darks of longer exposure.
+    """Check that no dark group is far brighter than all dark frames of longer exposure.
 
-    `brightest_dn` is the largest signal of the flats above dark.
+    `brightest_dn` is the largest signal of the flat fields above dark.
     """
     order = sorted(reduction.darks, key=lambda entry: entry.group.exposure_s)
     for index, entry in enumerate(order[:-1]):
@@ -246,9 +246,9 @@ def _fast_shutter(frames: FrameSet) -> Iterator[str]:
 
 
 def _light_leak(darks: Sequence[GroupStatistics], channels: Sequence[Channel]) -> Iterator[str]:
-    """Warn where the dark signal grows with time nearly as the flats do: a light leak looks like dark current.
+    """Warn where the dark signal grows with time nearly as the flat fields do: a light leak looks like dark current.
 
-    The darks' slope is compared with the smallest signal per second in the linear range of the flats.
+    The slope is compared with the smallest signal per second in the linear range of the flat fields.
     """
     for channel in channels:
         _, slope = channel.dark.mean.line

@@ -233,7 +233,7 @@ def _maximum(counts: ClippedCounts) -> NDArray[np.float64] | None:
 
 
 def fit_censored(counts: ClippedCounts) -> CensoredDark | Missing:
-    """Estimate black level, DSNU and read noise of darks clipped at zero, by maximum likelihood.
+    """Estimate black level, DSNU and read noise of dark frames clipped at zero, by maximum likelihood.
 
     Where the likelihood grows towards zero DSNU, the result is one Newton step from there: the variance may be
     negative, as everywhere in a calibration. The result is missing where too little is above zero.
