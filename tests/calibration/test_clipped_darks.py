@@ -34,7 +34,7 @@ def test_the_truth_is_found(virtual):
     found = {name: [] for name in PARAMETERS}
     for seed in range(12):
         cfa = "rggb" if seed % 2 else "mono"
-        base = virtual.sensor(seed, cfa=cfa, rows=64, cols=80)
+        base = virtual.sensor(seed, cfa=cfa, rows=72, cols=80)
         # Normal noise, as in the model: a few electrons of dark signal would have the skew of a Poisson distribution.
         base = base.with_(
             read_noise_mv=max(base.noise.read_noise_mv.value, 6.0 * base.mv_per_dn * base.system_gain_dn_per_e)
