@@ -12,7 +12,7 @@ GAIN, READ_E, DARK_E_PER_S = 0.8, 5.0, 300.0
 def frames_of(seed, *, clamped=False):
     """Darks of 0.1 to 1 s and flats; black level clamping subtracts the mean of the dark charge."""
     rng = np.random.default_rng(seed)
-    shape = (60, 80)
+    shape = (48, 64)
 
     def frame(electrons, off_e=0.0):
         charge = rng.poisson(electrons, shape) - off_e + rng.normal(0.0, READ_E, shape)
