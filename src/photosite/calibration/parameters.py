@@ -93,12 +93,6 @@ def parameter_label(name: str) -> Label:
     ------
     InputError
         If the name is unknown.
-
-    Examples
-    --------
-    >>> shown = parameter_label("read_noise_mv")
-    >>> shown.label, shown.unit
-    ('Read noise', 'mV')
     """
     if name not in PARAMETER_LABELS:
         raise InputError("parameter", value=name, expected="a known name", hint=did_you_mean(name, PARAMETER_LABELS))

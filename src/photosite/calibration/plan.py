@@ -46,23 +46,13 @@ _FAR = 4.0
 
 @dataclass(frozen=True)
 class PlannedGroup:
-    """Frames to be taken with one setting.
-
-    Parameters
-    ----------
-    kind, exposure_s, frames
-        Dark or light, exposure time in seconds, number of frames.
-    electrons
-        Mean electrons from light in a pixel of each channel, in the order of `channel_names`.
-    photons_per_pixel
-        Mean photons per pixel, where the light is metered.
-    """
+    """Frames to be taken with one setting."""
 
     kind: Kind
     exposure_s: float
-    frames: int
-    electrons: tuple[float, ...]
-    photons_per_pixel: float | None = None
+    frames: int  # number of frames
+    electrons: tuple[float, ...]  # mean from light in a pixel of each channel, in the order of `channel_names`
+    photons_per_pixel: float | None = None  # mean, where the light is metered
 
 
 def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
@@ -72,14 +62,7 @@ def predict(sensor: Sensor, groups: Sequence[PlannedGroup]) -> Parameters:
     `calibrate`. The sampling error of a variance over n frames of P pixels is (2 v^2 / (n - 1) + k4 / n) / P, with k4
     the fourth cumulant of a Poisson count, plus the effect of the pixels' different sensitivities. Row, column and
     high-passed parts are not predicted, nor is the scatter of a real laboratory (drifting lamp, uneven converter
-    steps).
-
-    Parameters
-    ----------
-    sensor
-        Assumed sensor: noise, gain and fixed pattern as in its file.
-    groups
-        The frames to be taken, with at least two dark frames at one exposure.
+    steps). The sensor's noise, gain and fixed pattern are those of its file.
 
     Raises
     ------
