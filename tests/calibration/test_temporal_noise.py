@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photosite.calibration.chip_maps.residuals import BINS, read_residuals
-from photosite.calibration.chip_maps.temporal_noise import measure_temporal_noise
+from photosite.calibration.chip_maps.temporal_noise import BINS, measure_temporal_noise, read_residuals
 from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.engine.frame_sums import FrameSums
 from photosite.frames.frame_set import FrameGroup, FrameSource

@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 from photosite.calibration.checks.result_screening import too_short_for_dark_current
 from photosite.calibration.chip_maps import defects, telegraph_noise
 from photosite.calibration.chip_maps.pixel_noise import NoiseSpread, moderated, noise_spread
-from photosite.calibration.chip_maps.residuals import StackResiduals, read_residuals
 from photosite.calibration.chip_maps.response_map import ResponseMap, light_groups_in_range, read_response_map
-from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace, measure_temporal_noise
+from photosite.calibration.chip_maps.temporal_noise import (
+    StackResiduals,
+    TemporalNoise,
+    Trace,
+    measure_temporal_noise,
+    read_residuals,
+)
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level, reference_dark
 from photosite.calibration.reduction.reduce import dark_slope_coefficients, read_group
