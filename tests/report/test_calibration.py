@@ -17,7 +17,6 @@ from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.frames.frame_set import FrameSource
-from photosite.report.calibration import write_calibration_report
 from photosite.report.tables import correlation_table
 
 
@@ -25,7 +24,7 @@ from photosite.report.tables import correlation_table
 def loop_report(loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of the virtual D200, with all figures."""
     path = tmp_path_factory.mktemp("report") / "loop.html"
-    write_calibration_report(loop.calibration, path)
+    loop.calibration.report(path)
     return path
 
 
@@ -36,7 +35,7 @@ def reported(request: pytest.FixtureRequest, read_page, tmp_path_factory: pytest
         calibration, path = request.getfixturevalue("loop").calibration, request.getfixturevalue("loop_report")
     else:
         calibration, path = request.getfixturevalue("darks_only"), tmp_path_factory.mktemp("report") / "darks.html"
-        write_calibration_report(calibration, path)
+        calibration.report(path)
     return calibration, read_page(path.read_text(encoding="utf-8"))
 
 
@@ -57,6 +56,8 @@ def test_page_is_self_contained(page) -> None:
     assert all(source.startswith("data:image/") for source in page.values("src"))
     assert "srcset" not in {name for _, attributes in page.elements for name in attributes}
     for drawing in page.images("image/svg+xml"):
+        assert b"dc:date" not in drawing
+        assert b"<text" not in drawing, "text must be outlines, independent of installed fonts"
         root = ElementTree.fromstring(drawing)
         for element in root.iter():
             for name, value in element.attrib.items():
@@ -95,7 +96,7 @@ def test_every_parameter_appears_once_with_value_or_reason(reported) -> None:
 def test_numbers_shown_are_those_estimated(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     entry = replace(loop.calibration.read_noise_mv, value=0.51987, standard_uncertainty=0.0031, interval_95=None)
-    write_calibration_report(replace(without_figures(loop.calibration), read_noise_mv=entry), path)
+    replace(without_figures(loop.calibration), read_noise_mv=entry).report(path)
     row = next(r for r in read_page(path.read_text(encoding="utf-8")).rows if r[::2][:2] == ["Read noise", "mV"])
     assert row[1] == "0.5199 ± 0.0031"
     assert row[3].split() == ["0.5138", "to", "0.5259"]
@@ -106,7 +107,7 @@ def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -
     nasty = tuple(f'warning <{n}> & "so" on' for n in range(30))
     rejected = ("a<b>.tif repeats c.tif",)
     calibration = replace(without_figures(loop.calibration), warnings=nasty, rejected=rejected, source="<i>here</i>")
-    write_calibration_report(calibration, path)
+    calibration.report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     for text in nasty:
         assert text[1:] in page.text
@@ -118,17 +119,10 @@ def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -
         assert digest in page.text
 
 
-def test_simulated_frames_are_marked(loop, read_page, tmp_path: Path) -> None:
-    for virtual in (True, False):
-        path = tmp_path / f"{virtual}.html"
-        write_calibration_report(without_figures(loop.calibration), path, virtual_camera=virtual)
-        assert ("simulated by a virtual camera" in read_page(path.read_text(encoding="utf-8")).text) is virtual
-
-
 def test_bytes_do_not_depend_on_the_users_settings(loop, loop_report, tmp_path: Path) -> None:
     with matplotlib.rc_context({"font.size": 23.0, "svg.hashsalt": None, "axes.grid": False, "svg.fonttype": "none"}):
         before = dict(matplotlib.rcParams)
-        write_calibration_report(loop.calibration, tmp_path / "again.html")
+        loop.calibration.report(tmp_path / "again.html")
         assert dict(matplotlib.rcParams) == before, "the user's settings must not change"
     content = loop_report.read_bytes()
     assert content == (tmp_path / "again.html").read_bytes()
@@ -138,7 +132,7 @@ def test_bytes_do_not_depend_on_the_users_settings(loop, loop_report, tmp_path: 
 
 def test_dark_frames_alone_have_no_empty_figures(darks_only, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_calibration_report(darks_only, path)
+    darks_only.report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     figures = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     bands = "points and fitted lines with 95 % bands"
@@ -151,7 +145,7 @@ def test_curve_of_one_point_has_no_figure(darks_only, read_page, tmp_path: Path)
     found = darks_only.curves["M"]["dark_signal"]
     single = replace(found, **{name: getattr(found, name)[:1] for name in ("x", "y", "y_uncertainty", "used")})
     path = tmp_path / "report.html"
-    write_calibration_report(replace(darks_only, curves={"M": {"dark_signal": single}}), path)
+    replace(darks_only, curves={"M": {"dark_signal": single}}).report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     assert page.values("src") == []
     assert "Not shown: Dark frames at only one exposure time" in page.text
@@ -193,7 +187,7 @@ def test_sections_follow_the_data_sheet(loop_report, read_page) -> None:
 
 def test_each_frame_is_listed_with_its_digest(loop, read_page, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_calibration_report(without_figures(loop.calibration), path)
+    without_figures(loop.calibration).report(path)
     rows = {tuple(row) for row in read_page(path.read_text(encoding="utf-8")).rows if len(row) == 2}
     for frame in loop.calibration.frames_used[::7]:
         digest = hashlib.sha256(np.ascontiguousarray(frame.source.read(), "<u2").data).hexdigest()
@@ -206,7 +200,7 @@ def test_missing_frames_are_reported(darks_only, read_page, tmp_path: Path) -> N
 
     frame = replace(darks_only.frames_used[0], source=FrameSource("dark-7.tif", gone))
     path = tmp_path / "report.html"
-    write_calibration_report(replace(darks_only, frames_used=(frame,)), path)
+    replace(darks_only, frames_used=(frame,)).report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     assert "No digests of the frames: dark-7.tif: is not there any more." in page.text
 

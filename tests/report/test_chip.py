@@ -10,11 +10,9 @@ import pytest
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
 from photosite.frames.frame_set import frame_set_from_arrays
-from photosite.report.calibration import calibration_page
-from photosite.report.chip import defect_blocks, temporal_blocks
-from photosite.report.html import render_page
-from photosite.report.page import Details, Images, Paragraph, Table
-from photosite.report.plots import outlier_pixel_blocks
+from photosite.report.chip import defect_blocks, outlier_pixel_blocks, temporal_blocks
+from photosite.report.page import Details, Images, Page, Paragraph, Section, Table
+from photosite.report.write import render_page
 from photosite.sensor.measured_chip import no_defects
 
 HOT, DEAD = (7, 11), (20, 3)
@@ -38,7 +36,7 @@ def calibration() -> Calibration:
     return calibrate(frame_set_from_arrays(frames, bits=12), maps=True)
 
 
-def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Calibration) -> None:
+def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Calibration, read_page) -> None:
     blocks = defect_blocks(calibration)
     counts = {row[0].split(":")[0]: int(row[1]) for row in blocks[0].rows}
     assert counts["Hot"] == 1
@@ -47,6 +45,8 @@ def test_planted_defects_are_counted_and_listed_where_they_are(calibration: Cali
     assert lists["Hot"].rows[0][:2] == (str(HOT[0]), str(HOT[1]))
     assert lists["Dead"].rows[0][:2] == (str(DEAD[0]), str(DEAD[1]))
     assert sum(isinstance(block, Images) for block in blocks) == 1
+    page = read_page(render_page(Page("Chip", "", (Section("Defects", blocks),))))
+    assert "Dead: response below half of the channel's" in page.text
 
 
 def test_outlier_pixels_of_the_mean_frames_are_listed_with_their_rule(calibration: Calibration) -> None:
@@ -73,8 +73,3 @@ def test_chip_without_defects_or_maps(calibration: Calibration) -> None:
     assert defect_blocks(unmeasured) == ()
     (reason,) = temporal_blocks(unmeasured)
     assert "calibrate with maps" in reason.text
-
-
-def test_page_of_a_chip_is_well_formed(calibration: Calibration, read_page) -> None:
-    page = read_page(render_page(calibration_page(calibration)))
-    assert "Dead: response below half of the channel's" in page.text

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from photosite.errors import FileError
-from photosite.report.html import render_page
 from photosite.report.page import (
     Column,
     Details,
@@ -23,7 +22,7 @@ from photosite.report.page import (
     Table,
     Terms,
 )
-from photosite.report.write import write_report
+from photosite.report.write import render_page, write_report
 
 NASTY = "<script>alert('x')</script> & \"both\" 'quotes' {{ page }} é ⁻¹"
 

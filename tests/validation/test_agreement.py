@@ -1,5 +1,7 @@
 """The two chi-squares by themselves, on patches small enough for their corrections to matter."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ PATCHES = [Region(str(i), i, i + 1, 0, 12) for i in range(5000)]
 ALL = np.ones((5000, 1), dtype=bool)
 
 
+@lru_cache
 def patches(seed, level=1000.0, noise=20.0):
     """5000 patches of 12 pixels."""
     rng = np.random.default_rng(seed)
@@ -29,7 +32,7 @@ def test_squared_differences_of_means_average_to_one(noise):
 
 def test_squared_differences_grow_with_the_difference():
     # d^2 / (2 s^2 / n) on top of 1: 20 DN is 2.45 standard errors of the difference.
-    test = chi_square_of_means(patches(3, 1020.0), patches(4), ALL)
+    test = chi_square_of_means(patches(3, 1020.0), patches(1), ALL)
     assert test.statistic / 5000 == pytest.approx(1 + 20**2 / (2 * 20**2 / 12), rel=0.07)
     assert test.p_value < 1e-12
 
@@ -43,17 +46,18 @@ def test_a_tolerance_takes_its_share_off():
 
 
 def test_noise_free_patches_agree_in_noise():
-    assert chi_square_of_noise(patches(7, noise=0.0), patches(8, noise=0.0), ALL).statistic == 0.0
+    assert chi_square_of_noise(patches(5, 1030.0, 0.0), patches(6, 1000.0, 0.0), ALL).statistic == 0.0
 
 
 def test_noise_within_its_tolerance_agrees():
-    quiet, loud = patches(9), patches(10, noise=24.0)
+    quiet, loud = patches(1), patches(10, noise=24.0)
     sharp = chi_square_of_noise(loud, quiet, ALL)
     lenient = chi_square_of_noise(loud, quiet, ALL, 0.2)
     assert sharp.p_value < 1e-12
     assert lenient.p_value > 0.5
 
 
+@lru_cache
 def stack(seed, frames, temporal=6.0, pattern=4.0):
     """A chip of its own for each seed: 1500 patches of 100 pixels, fixed pattern and noise from frame to frame."""
     rng = np.random.default_rng(seed)
@@ -63,8 +67,7 @@ def stack(seed, frames, temporal=6.0, pattern=4.0):
     return patch_statistics([RawFrame(np.rint(fixed + dn).astype(np.uint16), 12) for dn in noise], regions)
 
 
-@pytest.mark.parametrize("pattern", [0.0, 4.0, 12.0])
-@pytest.mark.parametrize("frames", [1, 3, 5])
+@pytest.mark.parametrize(("frames", "pattern"), [(1, 4.0), (3, 0.0), (3, 12.0), (5, 4.0)])
 def test_noise_test_has_the_stated_false_alarm_rate_for_any_number_of_frames(frames, pattern):
     from scipy.stats import kstest
 

@@ -51,7 +51,12 @@ def as_if_independent(fit):
 
 
 @pytest.mark.parametrize(
-    ("patch_scatter", "noise"), [(0.01, 0.0003), (0.0, 0.003), (0.005, 0.005)], ids=["light", "noise", "both"]
+    ("patch_scatter", "noise"),
+    [
+        pytest.param(0.01, 0.0003, id="light"),
+        pytest.param(0.0, 0.003, id="noise", marks=pytest.mark.slow),
+        pytest.param(0.005, 0.005, id="both", marks=pytest.mark.slow),
+    ],
 )
 def test_the_interval_holds_the_truth_95_times_in_100(patch_scatter, noise):
     # 400 charts: a share of 0.95 is found to 0.011. The bounds are 3 of that below and above (false alarms 0.3 %), and

@@ -5,8 +5,7 @@ import pytest
 
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
-from photosite.validation.repeats import check_repeats
-from photosite.validation.validate import validate
+from photosite.validation.validate import check_repeats, validate
 from photosite.values.region import Region
 
 

@@ -47,11 +47,12 @@ def shoot(seed, mean=None, *, light=1.0, read_e=12.0, dsnu_e=15.0, prnu=0.011, c
     return RawFrame(dn, bits=12, cfa=NAMED[cfa], black_level_dn=BLACK_DN, **more)
 
 
-def test_two_chips_of_one_kind_agree_at_the_stated_level():
-    # 200 pairs at level 0.05: at most 10 +- 3.1 false alarms; 23 and more come by chance once in 10 000.
-    # And the means' p-values must be those of a true chi-square, evenly spread (Kolmogorov-Smirnov at 0.001).
-    results = [validate(shoot(2 * i), shoot(2 * i + 1)) for i in range(200)]
-    assert sum(not result.agrees for result in results) <= 22
+@pytest.mark.parametrize(("pairs", "most_alarms"), [(50, 8), pytest.param(200, 22, marks=pytest.mark.slow)])
+def test_two_chips_of_one_kind_agree_at_the_stated_level(pairs, most_alarms):
+    # At level 0.05, 9 of 50 pairs disagree by chance once in 500, 23 of 200 once in 10 000. And the p-values must be
+    # those of a true chi-square, uniform (Kolmogorov-Smirnov at 0.001).
+    results = [validate(shoot(2 * i), shoot(2 * i + 1)) for i in range(pairs)]
+    assert sum(not result.agrees for result in results) <= most_alarms
     assert kstest([result.means.p_value for result in results], "uniform").pvalue > 1e-3
     assert kstest([result.noise.p_value for result in results], "uniform").pvalue > 1e-3
 
@@ -81,7 +82,7 @@ WRONG = {
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_wrong_camera_does_not_agree(wrong):
-    for seed in range(100, 110):
+    for seed in range(100, 103):
         result = validate(WRONG[wrong](seed), shoot(seed + 1000))
         assert not result.agrees, seed
         assert any("differ" in line for line in result.reasons)
@@ -109,7 +110,7 @@ def test_a_wrong_noise_is_separate_from_a_wrong_mean():
 
 
 def test_a_tolerance_lets_small_differences_pass_and_no_larger_ones():
-    for seed in range(20):
+    for seed in range(5):
         assert validate(shoot(seed, light=1.03), shoot(seed + 500), tolerance_percent=3).agrees
         assert not validate(shoot(seed, light=1.06), shoot(seed + 500), tolerance_percent=3).agrees
 
@@ -188,8 +189,15 @@ def test_some_patches_of_the_chart_will_do():
     assert result.color.names == MACBETH_NAMES[12:18]
     two = validate(shoot(12), shoot(13), regions=regions[:2])
     assert two.color is None
-    assert any(note.startswith("no colour differences") for note in two.notes)
-    assert two.regression_by_channel["R"] is None
+    assert two.regression is not None
+    assert two.regression.points == 6
+    assert two.regression_by_channel == {"R": None, "G": None, "B": None}
+    assert two.notes == (
+        "no regression of channel R: it needs three different patches",
+        "no regression of channel G: it needs three different patches",
+        "no regression of channel B: it needs three different patches",
+        "no colour differences: rgb must be four patches or more, got '2 patches'",
+    )
 
 
 def test_the_dictionary_is_strict_json():

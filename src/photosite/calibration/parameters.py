@@ -41,7 +41,7 @@ class Parameters:
     dark_voltage_mv_per_s: Annotated[Estimate, Label("Dark voltage", "mV/s", _DARK)]
     dark_current_e_per_s: Annotated[Estimate, Label("Dark current", "e⁻/s", _DARK)]
     dark_current_from_variance_e_per_s: Annotated[Estimate, Label("Dark current from variance", "e⁻/s", _DARK)]
-    dcnu_percent: Annotated[Estimate, Label("Dark current non-uniformity", "%", _DARK)]
+    dcnu_percent: Annotated[Estimate, Label("Dark current nonuniformity", "%", _DARK)]
     black_level_dn: Annotated[Estimate, Label("Black level", "DN", _DARK)]
     system_gain_dn_per_e: Annotated[Estimate, Label("System gain K", "DN/e⁻", _GAIN)]
     conversion_gain_uv_per_e: Annotated[Estimate, Label("Conversion gain", "µV/e⁻", _GAIN)]

@@ -144,9 +144,10 @@ class Calibration(Parameters):
         FileError
             If the file cannot be written.
         """
-        from photosite.report.calibration import write_calibration_report
+        from photosite.report.calibration import calibration_page
+        from photosite.report.write import write_report
 
-        write_calibration_report(self, path)
+        write_report(calibration_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `photosite calibrate --json` prints.

@@ -136,7 +136,7 @@ def command(
 
 def _frames(paths: Sequence[Path], bits: int | None, cfa: str | None) -> list[RawFrame]:
     """Return the frames of files and folders; identical frames are an error that names their files."""
-    from photosite.validation.repeats import check_repeats
+    from photosite.validation.validate import check_repeats
 
     files = [file for path in paths for file in _files(path)]
     frames = _read(files, bits, cfa)
@@ -174,9 +174,10 @@ def _validate_measured(
     say_if_compiling()
     result = _validated(frames, test, camera)
     if camera["report"] is not None:
-        from photosite.report.validation import write_validation_report
+        from photosite.report.validation import validation_page
+        from photosite.report.write import write_report
 
-        write_validation_report(result, camera["report"])
+        write_report(validation_page(result), camera["report"])
         say(f"wrote {camera['report']}")
     before = _defaults_used(ctx)
     content = result.to_dict()

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-from os import PathLike
 
 from photosite.calibration.result import Calibration
 from photosite.errors import FileError
 from photosite.report.data_sheet import data_sheet_blocks
 from photosite.report.page import (
     Block,
-    Column,
     Details,
     Listing,
     Notice,
@@ -20,12 +18,12 @@ from photosite.report.page import (
     Subheading,
     Table,
     Terms,
+    columns,
     sentence,
 )
 from photosite.report.paper import paper_blocks
 from photosite.report.plots import plot_sections
 from photosite.report.tables import channel_table, correlation_table, parameter_tables
-from photosite.report.write import write_report
 
 FOOTER = (
     "Values are estimate ± standard uncertainty (GUM). The 95 % intervals follow the distribution of each estimate and "
@@ -37,49 +35,23 @@ _SHOWN_WARNINGS = 12
 _DIGESTS = "SHA-256 of a frame's digital numbers as little-endian 16-bit integers, row by row."
 
 
-def write_calibration_report(
-    calibration: Calibration, path: str | PathLike[str], *, virtual_camera: bool = False
-) -> None:
-    """Write the report of a calibration as a single file.
-
-    Parameters
-    ----------
-    calibration
-        Result of `calibrate`.
-    path
-        File to write: PDF if the suffix is .pdf, else HTML.
-    virtual_camera
-        Whether the frames were simulated; the page then states it.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written. An existing file is then unchanged.
-    """
-    write_report(calibration_page(calibration, virtual_camera=virtual_camera), path)
-
-
-def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) -> Page:
-    """Return the report of a calibration as a page.
-
-    Parameters
-    ----------
-    calibration, virtual_camera
-        As for `write_calibration_report`.
-    """
+def calibration_page(calibration: Calibration) -> Page:
+    """Return the report of a calibration as a page."""
     name = "an image sensor" if calibration.base is None else calibration.base.name
-    together = correlation_table(calibration)
-    correlations: tuple[Block, ...] = () if together is None else (together,)
+    correlations = correlation_table(calibration)
     channels: tuple[Block, ...] = (channel_table(calibration.channels),) if calibration.channels else ()
     sections = (
-        Section("Data sheet", (*_virtual(virtual_camera), *data_sheet_blocks(calibration))),
+        Section("Data sheet", data_sheet_blocks(calibration)),
         Section("Warnings and rejected frames", (*rejected_blocks(calibration), *warning_blocks(calibration))),
         *plot_sections(calibration),
         Section("2008 paper", paper_blocks(calibration)),
-        Section("All parameters", (*parameter_tables(calibration), *correlations)),
+        Section("All parameters", (*parameter_tables(calibration), *([correlations] if correlations else []))),
         Section("Channels", channels),
         Section("Provenance", provenance_blocks(calibration)),
-        Section("How to read this report", reading_blocks()),
+        Section(
+            "How to read this report",
+            (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS)),
+        ),
     )
     lead = (
         f"Parameters of the sensor, estimated from {calibration.frame_count} dark frames and flat fields. Terms are "
@@ -91,10 +63,8 @@ def calibration_page(calibration: Calibration, *, virtual_camera: bool = False) 
 def warning_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the warnings as notices; all but the first twelve are folded."""
     notices = [Notice(sentence(text), warning=True) for text in calibration.warnings]
-    if len(notices) <= _SHOWN_WARNINGS:
-        return tuple(notices)
-    rest = tuple(notices[_SHOWN_WARNINGS:])
-    return (*notices[:_SHOWN_WARNINGS], Details(f"{len(rest)} more warnings", rest))
+    shown, rest = notices[:_SHOWN_WARNINGS], notices[_SHOWN_WARNINGS:]
+    return (*shown, Details(f"{len(rest)} more warnings", tuple(rest))) if rest else tuple(shown)
 
 
 def rejected_blocks(calibration: Calibration) -> tuple[Block, ...]:
@@ -116,8 +86,7 @@ def provenance_blocks(calibration: Calibration) -> tuple[Block, ...]:
     except FileError as error:
         reason = Notice(f"No digests of the frames: {error}.", warning=True)
         return opened, reason, Details(title, (Listing(tuple(names), code=True),))
-    rows = tuple(zip(names, digests, strict=True))
-    table = Table(_DIGESTS, (Column("Frame"), Column("SHA-256")), rows)
+    table = Table(_DIGESTS, columns("Frame", "SHA-256"), tuple(zip(names, digests, strict=True)))
     return opened, Details(f"{title}, with their digests", (table,))
 
 
@@ -129,10 +98,6 @@ def _without_folder(names: list[str]) -> tuple[str, list[str]]:
     except ValueError:  # relative and absolute paths, or two drives
         return "", names
     return (folder, [os.path.relpath(name, folder) for name in names]) if folder.strip(os.sep) else ("", names)
-
-
-def _virtual(virtual_camera: bool) -> tuple[Block, ...]:
-    return (Notice("These frames were simulated by a virtual camera."),) if virtual_camera else ()
 
 
 _READING = (
@@ -188,8 +153,3 @@ _TERMS = (
         "Deviation of the response from a straight line. Gain and responsivity are fitted within the linear range.",
     ),
 )
-
-
-def reading_blocks() -> tuple[Block, ...]:
-    """Return the notation and the glossary."""
-    return (*(Paragraph(text) for text in _READING), Subheading("Glossary"), Terms(_TERMS))

@@ -1,18 +1,34 @@
-"""The chip in a calibration's report: temporal noise in the dark, and defects."""
+"""The chip in a calibration's report: noise in the dark, nonuniformity, and defects."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 
 from photosite.calibration.chip_maps.noise_shape import NORMAL_SHAPE
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
 from photosite.calibration.result import Calibration
+from photosite.calibration.spatial.spatial_analysis import FramePattern, SpatialAnalysis
 from photosite.report.figures.chip import defect_map_figure, noise_histogram_figure, telegraph_figure
+from photosite.report.figures.fixed_pattern import histogram_figure, profiles_figure, spectrogram_figure
 from photosite.report.numbers import format_number, format_time, format_uncertain
-from photosite.report.page import Block, Column, Details, Paragraph, Table, figure_block, reason_block
+from photosite.report.page import (
+    Block,
+    Details,
+    Images,
+    Paragraph,
+    Subheading,
+    Table,
+    columns,
+    figure_block,
+    first_reason,
+    missing_channel_blocks,
+    numeric,
+    reason_block,
+)
 from photosite.report.tables import format_estimate, interval_text
-from photosite.sensor.measured_chip import DefectKind, Defects
-from photosite.values.estimate import Estimate
+from photosite.sensor.measured_chip import DefectKind
+from photosite.values.uncertain import Missing
 
 _LISTED = 200
 """Largest number of pixels in a list."""
@@ -45,6 +61,8 @@ _DEFECTS = {
     DefectKind.NOISY: ("Noisy: noise far above the channel's", "DN"),
 }
 
+_FRAMES = {"dark": "the mean dark frame", "light": "the mean flat field near half saturation, minus dark"}
+
 
 def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return temporal noise in the dark by pixel, row, column and frame, its distribution, and periodic bands."""
@@ -52,13 +70,14 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
     if noise is None:
         why = calibration.no_maps_reason
         return (reason_block(_NO_MAPS if why is None else f"the chip was not mapped: {why}"),)
-    parts = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
-    tail = {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}
-    columns = (Column("Quantity"), Column("Value", numeric=True), Column("Unit"), Column("95 % interval"))
-    rows = tuple(_row(label, unit, entry) for (label, unit), entry in (parts | tail).items())
+    entries = {_NOISE[name]: getattr(noise, name) for name in _NOISE}
+    entries |= {_TAIL[entry.name]: getattr(noise.shape, entry.name) for entry in fields(noise.shape)}
+    rows = tuple(
+        (label, format_estimate(entry), unit, interval_text(entry)) for (label, unit), entry in entries.items()
+    )
     stack = f"{noise.frames} dark frames of {format_time(noise.exposure_s)}"
     return (
-        Table(f"Temporal noise in {stack}", columns, rows),
+        Table(f"Temporal noise in {stack}", columns("Quantity", numeric("Value"), "Unit", "95 % interval"), rows),
         figure_block(
             noise_histogram_figure(noise),
             "Logarithmic histogram of the deviations from the pixels' means, with the normal distribution",
@@ -67,24 +86,11 @@ def temporal_blocks(calibration: Calibration) -> tuple[Block, ...]:
             "tails. A Tukey lambda distribution is drawn if its shape differs significantly from normal; with a "
             "shape above 0 it has a largest deviation.",
         ),
-        *_bands(noise),
+        _bands(noise),
     )
 
 
-def _row(label: str, unit: str, entry: Estimate) -> tuple[str, ...]:
-    return label, format_estimate(entry), unit, interval_text(entry)
-
-
-def _bands(noise: TemporalNoise) -> tuple[Block, ...]:
-    found = [(name, band) for name, bands in noise.bands.items() for band in bands]
-    if not found:
-        return (Paragraph("No periodic bands were found in rows or columns, neither fixed nor temporal."),)
-    columns = (
-        Column("Kind"),
-        Column("Period (pixels)", numeric=True),
-        Column("Amplitude (DN)", numeric=True),
-        Column("False-alarm probability", numeric=True),
-    )
+def _bands(noise: TemporalNoise) -> Block:
     rows = tuple(
         (
             name,
@@ -92,9 +98,82 @@ def _bands(noise: TemporalNoise) -> tuple[Block, ...]:
             format_uncertain(band.amplitude_dn, band.standard_uncertainty_dn),
             format_number(band.false_alarm_probability, 2),
         )
-        for name, band in found
+        for name, bands in noise.bands.items()
+        for band in bands
     )
-    return (Table("Periodic bands, ± standard uncertainty; rows are horizontal bands", columns, rows),)
+    if not rows:
+        return Paragraph("No periodic bands were found in rows or columns, neither fixed nor temporal.")
+    numbers = map(numeric, ("Period (pixels)", "Amplitude (DN)", "False-alarm probability"))
+    return Table("Periodic bands, ± standard uncertainty; rows are horizontal bands", columns("Kind", *numbers), rows)
+
+
+def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return spectrograms, profiles and histograms of the mean frames, in the dark and in the light.
+
+    References
+    ----------
+    EMVA 1288 R4.0 Linear, 8.6 to 8.8.
+    """
+    found = _analyses(calibration)
+    if not found:
+        return (_not_analysed(calibration),)
+    light = {channel: analysis.light for channel, analysis in found.items()}
+    blocks: list[Block] = [Subheading("Spectrograms"), *_of_kinds(found, _spectrogram)]
+    if not _patterns(found, "light"):
+        reasons = [entry.reason for entry in light.values() if isinstance(entry, Missing)]
+        blocks.append(reason_block(f"the pattern in the light; {reasons[0] if reasons else 'no channel has one'}"))
+    blocks += [*missing_channel_blocks(light, "pattern in the light"), Subheading("Profiles")]
+    for channel, analysis in found.items():
+        of_channel = f", channel {channel}" if len(found) > 1 else ""
+        blocks.append(
+            figure_block(
+                profiles_figure(analysis),
+                f"Horizontal and vertical profiles of the mean frames{of_channel}",
+                f"Profiles of the mean frames{of_channel}. Left: mean, extremes and middle row along the columns. "
+                "Right: the same along the rows. Uneven light bends the profiles; a defective line gives a spike.",
+            )
+        )
+    return (*blocks, Subheading("Histograms"), *_of_kinds(found, _histogram))
+
+
+def _analyses(calibration: Calibration) -> dict[str, SpatialAnalysis]:
+    return {channel: found for channel, found in calibration.spatial.items() if isinstance(found, SpatialAnalysis)}
+
+
+def _not_analysed(calibration: Calibration) -> Paragraph:
+    return first_reason(calibration.spatial, "the patterns of these frames were not analysed")
+
+
+def _patterns(found: Mapping[str, SpatialAnalysis], kind: str) -> dict[str, FramePattern]:
+    """Return the pattern of one kind of frame, by channel."""
+    patterns = {channel: getattr(analysis, kind) for channel, analysis in found.items()}
+    return {channel: pattern for channel, pattern in patterns.items() if isinstance(pattern, FramePattern)}
+
+
+def _of_kinds(
+    found: Mapping[str, SpatialAnalysis], draw: Callable[[str, Mapping[str, FramePattern]], Images]
+) -> list[Images]:
+    """Draw the patterns of dark frames and of flat fields, of which there are any."""
+    return [draw(frame, patterns) for kind, frame in _FRAMES.items() if (patterns := _patterns(found, kind))]
+
+
+def _spectrogram(frame: str, patterns: Mapping[str, FramePattern]) -> Images:
+    return figure_block(
+        spectrogram_figure(patterns),
+        f"Horizontal and vertical spectrogram of {frame}",
+        f"Spectrograms of {frame}. A regular pattern gives a peak at its frequency, uneven light a rise at "
+        "the left, and independent pixels a flat spectrum. The excess over the remaining temporal noise is due to "
+        "the sensor.",
+    )
+
+
+def _histogram(frame: str, patterns: Mapping[str, FramePattern]) -> Images:
+    return figure_block(
+        histogram_figure(patterns),
+        f"Logarithmic and accumulated histogram of {frame}",
+        f"Histograms of {frame}. Left: pixels by deviation from the mean. Right: percentage of pixels with at "
+        "least that deviation. Dashed: the normal distribution of the same standard deviation.",
+    )
 
 
 def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
@@ -102,25 +181,24 @@ def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
     if (chip := calibration.chip) is None:
         return ()
     defects = chip.defects
-    columns = (Column("Kind"), Column("Pixels", numeric=True), Column("Percentage (%)", numeric=True))
-    pixels = chip.offset_dn.size
+    by_kind = {kind: defects.of(kind) for kind in DefectKind}
     rows = tuple(
-        (_DEFECTS[kind][0], str(count), format_number(100.0 * count / pixels, 3))
-        for kind in DefectKind
-        for count in [len(defects.of(kind))]
+        (_DEFECTS[kind][0], str(len(found)), format_number(100.0 * len(found) / chip.offset_dn.size, 3))
+        for kind, found in by_kind.items()
     )
-    blocks: list[Block] = [Table("Defective pixels by kind; a pixel may have several kinds", columns, rows)]
+    titles = columns("Kind", numeric("Pixels"), numeric("Percentage (%)"))
+    counts = Table("Defective pixels by kind; a pixel may have several kinds", titles, rows)
     if not len(defects):
-        return (*blocks, Paragraph("No pixel is defective."))
-    blocks.append(
+        return counts, Paragraph("No pixel is defective.")
+    figures = [
         figure_block(
             defect_map_figure(defects, chip.offset_dn.shape),
             "Map of the chip with a marker for each defective pixel, by kind",
             "Positions of the defective pixels, row 0 at the top. Markers are much larger than pixels.",
         )
-    )
+    ]
     if calibration.temporal is not None and calibration.temporal.traces:
-        blocks.append(
+        figures.append(
             figure_block(
                 telegraph_figure(calibration.temporal.traces[:_TRACES]),
                 "Values of blinking pixels frame by frame, with their two levels and histograms",
@@ -128,27 +206,58 @@ def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
                 "two levels.",
             )
         )
-    blocks += [_list(defects.of(kind), kind) for kind in DefectKind if len(defects.of(kind))]
-    return tuple(blocks)
+    lists = []
+    for kind, found in by_kind.items():
+        if not len(found):
+            continue
+        label, unit = _DEFECTS[kind]
+        some = f"the first {_LISTED} of {len(found)}" if len(found) > _LISTED else str(len(found))
+        order = abs(found.deviation).argsort(kind="stable")[::-1]
+        pixels = [
+            (str(row), str(col), format_number(float(value), 4), format_number(float(deviation), 3))
+            for row, col, value, deviation in zip(
+                *(values[order[:_LISTED]] for values in (found.row, found.col, found.value, found.deviation)),
+                strict=True,
+            )
+        ]
+        lists.append(_pixel_list(f"{label}: {some}", pixels, f"Value ({unit})", "Deviation (standard deviations)"))
+    return (counts, *figures, *lists)
 
 
-def _list(defects: Defects, kind: DefectKind) -> Details:
-    label, unit = _DEFECTS[kind]
-    order = abs(defects.deviation).argsort(kind="stable")[::-1][:_LISTED]
-    columns = (
-        Column("Row", numeric=True),
-        Column("Column", numeric=True),
-        Column(f"Value ({unit})", numeric=True),
-        Column("Deviation (standard deviations)", numeric=True),
-    )
+def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
+    """Return the outlier pixels of the histograms, candidates for a defect list, with the rule that found them."""
+    found = _analyses(calibration)
+    if not found:
+        return (_not_analysed(calibration),)
+    patterns = [(channel, pattern) for kind in _FRAMES for channel, pattern in _patterns(found, kind).items()]
+    titles = columns("Frame", "Channel", numeric("Pixels"), numeric("Listed beyond"), "Unit", "Rule")
     rows = tuple(
-        (
-            str(defects.row[i]),
-            str(defects.col[i]),
-            format_number(float(defects.value[i]), 4),
-            format_number(float(defects.deviation[i]), 3),
-        )
-        for i in order
+        (p.kind, channel, str(len(p.outliers.row)), format_number(p.outliers.threshold, 4), p.unit, p.outliers.rule)
+        for channel, p in patterns
     )
-    some = f"the first {_LISTED} of {len(defects)}" if len(defects) > _LISTED else str(len(defects))
-    return Details(f"{label}: {some}", (Table("Positions counted from 0, sorted by deviation", columns, rows),))
+    return (
+        Paragraph(
+            "Pixels that deviate from the mean of their map by more than a threshold. They are candidates for a defect "
+            "list; the application decides what counts as a defect."
+        ),
+        Table("Candidates for a defect list", titles, rows),
+        *(_outlier_list(channel, pattern) for channel, pattern in patterns if len(pattern.outliers.row)),
+    )
+
+
+def _outlier_list(channel: str, pattern: FramePattern) -> Details:
+    found = pattern.outliers
+    count = len(found.row)
+    some = f"the {_LISTED} farthest of {count} pixels" if count > _LISTED else f"{count} pixel{'s' * (count != 1)}"
+    where = f"channel {channel}, " if channel != "M" else ""
+    pixels = [
+        (str(row), str(col), format_number(float(deviation), 4))
+        for row, col, deviation in zip(found.row[:_LISTED], found.col[:_LISTED], found.deviation[:_LISTED], strict=True)
+    ]
+    title = f"Outlier pixels of {_FRAMES[pattern.kind]}: {where}{some}"
+    return _pixel_list(title, pixels, f"Deviation ({pattern.unit})")
+
+
+def _pixel_list(title: str, pixels: Sequence[tuple[str, ...]], *quantities: str) -> Details:
+    titles = tuple(map(numeric, ("Row", "Column", *quantities)))
+    return Details(title, (Table("Positions counted from 0, sorted by deviation", titles, tuple(pixels)),))

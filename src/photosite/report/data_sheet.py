@@ -12,10 +12,9 @@ from photosite.calibration.parameters import PARAMETER_LABELS, parameter_label
 from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_number, format_time
-from photosite.report.page import Block, Column, Heading, Table
+from photosite.report.page import Block, Heading, Table, columns, numeric
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.cfa import tile_text
-from photosite.values.estimate import Estimate
 
 _MODELS = {
     "linear": "EMVA 1288 R4.0 Linear, photon transfer",
@@ -23,7 +22,7 @@ _MODELS = {
     "no photons follow R4.0 Linear",
 }
 
-_PAIRS = (Column("Property"), Column("Value"))
+_PAIRS = columns("Property", "Value")
 
 SHEET: dict[str, dict[str, str]] = {
     "Sensitivity": {
@@ -78,16 +77,11 @@ SHEET: dict[str, dict[str, str]] = {
 def data_sheet_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return tables of the sensor, the operating point, the light and the standard's parameters.
 
-    Parameters
-    ----------
-    calibration
-        Result of `calibrate`.
-
     References
     ----------
     EMVA 1288 R4.0 Linear, summary sheet of an operating point.
     """
-    return _sensor_table(calibration), _operating_table(calibration), figures_table(calibration)
+    return _sensor_table(calibration), _operating_table(calibration), _parameter_table(calibration)
 
 
 def _sensor_table(calibration: Calibration) -> Table:
@@ -101,17 +95,12 @@ def _sensor_table(calibration: Calibration) -> Table:
     ]
     if base is not None:
         pixel = base.pixel
+        size = f"{pixel.width_um.value:g} × {pixel.height_um.value:g} µm"
         rows += [
-            (
-                "Pixel",
-                f"{pixel.width_um.value:g} × {pixel.height_um.value:g} µm, fill factor {pixel.fill_factor.value:g}",
-            ),
+            ("Pixel", f"{size}, fill factor {pixel.fill_factor.value:g}"),
             ("From the sensor file", "pixel, voltage swing, analog gain and spectral response"),
         ]
-    rows += [
-        ("Frames used", str(calibration.frame_count)),
-        ("Frames rejected", str(len(calibration.rejected))),
-    ]
+    rows += [("Frames used", str(calibration.frame_count)), ("Frames rejected", str(len(calibration.rejected)))]
     return Table("Sensor and measurement", _PAIRS, tuple(rows))
 
 
@@ -124,19 +113,20 @@ def _operating_table(calibration: Calibration) -> Table:
     ]
     if (dark := _first(calibration, "dark_signal")) is not None:
         rows.append(("Dark frames", _exposures(dark.x)))
-    response = _first(calibration, "response")
-    if response is None:
+    if (response := _first(calibration, "response")) is None:
         rows.append(("Light", "none; all frames are dark frames"))
-        return Table("Operating point and light", _PAIRS, tuple(rows))
-    photons = response.x_label.startswith("photons")
-    levels = f"{len(response.x)} level{'s' * (len(response.x) != 1)}"
-    if photons:
-        ends = " to ".join(format_number(float(x), 4) for x in (response.x.min(), response.x.max()))
-        rows.append(("Light", f"{levels}, {ends} photons per pixel, as stated by the measurement"))
     else:
-        rows.append(("Light", f"{levels} from {_exposures(response.x)}; the photons are unknown"))
-    rows.append(("Wavelength", "not stated by frames or protocol"))
-    rows.append(("Model", _MODELS[calibration.model]))
+        light = f"{len(response.x)} level{'s' * (len(response.x) != 1)}"
+        if response.x_label.startswith("photons"):
+            ends = " to ".join(format_number(float(x), 4) for x in (response.x.min(), response.x.max()))
+            light += f", {ends} photons per pixel, as stated by the measurement"
+        else:
+            light += f" from {_exposures(response.x)}; the photons are unknown"
+        rows += [
+            ("Light", light),
+            ("Wavelength", "not stated by frames or protocol"),
+            ("Model", _MODELS[calibration.model]),
+        ]
     return Table("Operating point and light", _PAIRS, tuple(rows))
 
 
@@ -151,43 +141,33 @@ def _first(calibration: Calibration, kind: str) -> Curve | None:
 
 def _exposures(exposure_s: NDArray[np.float64]) -> str:
     shortest, longest = (format_time(float(t)) for t in (exposure_s.min(), exposure_s.max()))
-    return (
-        f"one exposure time, {shortest}"
-        if len(exposure_s) == 1
-        else f"{len(exposure_s)} exposure times, {shortest} to {longest}"
-    )
+    count = len(exposure_s)
+    return f"one exposure time, {shortest}" if count == 1 else f"{count} exposure times, {shortest} to {longest}"
 
 
-def figures_table(calibration: Calibration) -> Table:
-    """Return the estimated parameters of the standard under its headings, with 95 % intervals.
-
-    The report's table of all parameters lists the missing ones with the reasons.
-    """
-    estimates = calibration.estimates()
+def _parameter_table(calibration: Calibration) -> Table:
+    """Return the estimated parameters of the standard; the table of all parameters says why others are missing."""
     listed = {name for names in SHEET.values() for name in names}
+    others = {
+        name: "" for name, shown in PARAMETER_LABELS.items() if shown.topic.startswith("EMVA") and name not in listed
+    }
     rows: list[tuple[str, ...] | Heading] = []
-    for heading, names in SHEET.items():
-        found = {name: estimates[name] for name in names if estimates[name].value is not None}
-        rows += [Heading(heading)] if found else []
-        rows += [_row(calibration, name, names[name], entry) for name, entry in found.items()]
-    further = [
-        name
-        for name, shown in PARAMETER_LABELS.items()
-        if shown.topic.startswith("EMVA") and name not in listed and estimates[name].value is not None
-    ]
-    rows += [Heading("Other parameters of the standard")] if further else []
-    rows += [_row(calibration, name, "", estimates[name]) for name in further]
-    columns = ("Parameter", "Symbol", "Value", "Unit", "95 % interval", "In other units")
-    titles = tuple(Column(title, numeric=title == "Value") for title in columns)
+    for heading, names in (SHEET | {"Other parameters of the standard": others}).items():
+        found = [_row(calibration, name, symbol) for name, symbol in names.items()]
+        if any(found):
+            rows += [Heading(heading), *filter(None, found)]
+    titles = columns("Parameter", "Symbol", numeric("Value"), "Unit", "95 % interval", "In other units")
     together = ", all channels combined" if calibration.channels else ""
     return Table(f"Parameters of EMVA 1288 R4.0{together}, ± standard uncertainty", titles, tuple(rows))
 
 
-def _row(calibration: Calibration, name: str, symbol: str, entry: Estimate) -> tuple[str, ...]:
-    shown = parameter_label(name)
-    others = _OTHER_UNITS.get(name)
-    text = "" if others is None or entry.value is None else others(calibration, entry.value)
-    return shown.label, symbol, format_estimate(entry), shown.unit, interval_text(entry), text
+def _row(calibration: Calibration, name: str, symbol: str) -> tuple[str, ...] | None:
+    """Return a parameter with its interval; None if it was not estimated."""
+    shown, entry = parameter_label(name), getattr(calibration, name)
+    if entry.value is None:
+        return None
+    others = _OTHER_UNITS[name](calibration, entry.value) if name in _OTHER_UNITS else ""
+    return shown.label, symbol, format_estimate(entry), shown.unit, interval_text(entry), others
 
 
 def _levels(calibration: Calibration, decibel: float) -> str:

@@ -13,19 +13,7 @@ _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def format_number(value: float, significant: int = 4) -> str:
-    r"""Format a number with some significant digits.
-
-    Parameters
-    ----------
-    value
-        Any finite number.
-    significant
-        Number of significant digits.
-
-    Raises
-    ------
-    InputError
-        If the number is not finite.
+    r"""Format a number with some significant digits; raise `InputError` if it is not finite.
 
     Examples
     --------
@@ -43,10 +31,7 @@ def format_number(value: float, significant: int = 4) -> str:
 def format_uncertain(value: float, standard_uncertainty: float) -> str:
     r"""Format a value with its standard uncertainty, rounded to two significant digits of the uncertainty.
 
-    Parameters
-    ----------
-    value, standard_uncertainty
-        In the same unit, finite. For an uncertainty of 0, only the value is shown, with six digits.
+    An exact value, of uncertainty 0, is shown alone, with six digits.
 
     Raises
     ------
@@ -70,13 +55,7 @@ def format_uncertain(value: float, standard_uncertainty: float) -> str:
         whole, point, rest = format_number(value, 6).partition(".")
         return whole + point + rest if "×" in rest else f"{whole}.{rest}".rstrip("0").rstrip(".")
     _finite(value)
-    digits = 1 - _exponent(standard_uncertainty, 2)
-    largest = _exponent(max(abs(value), standard_uncertainty), 2)
-    if largest < -3 or largest > 7:
-        scale = 10.0**largest
-        pair = _pair(value / scale, standard_uncertainty / scale, digits + largest)
-        return f"({pair}){_power(largest)}"
-    return _pair(value, standard_uncertainty, digits)
+    return _pair(value, " ± ", standard_uncertainty, standard_uncertainty)
 
 
 def format_interval(lower: float, upper: float, standard_uncertainty: float) -> str:
@@ -91,13 +70,7 @@ def format_interval(lower: float, upper: float, standard_uncertainty: float) -> 
     """
     if standard_uncertainty == 0:
         return "exact"
-    digits = 1 - _exponent(standard_uncertainty, 2)
-    largest = _exponent(max(abs(lower), abs(upper)), 2)
-    if largest < -3 or largest > 7:
-        scale = 10.0**largest
-        ends = f"{_fixed(lower / scale, digits + largest)} to {_fixed(upper / scale, digits + largest)}"
-        return f"({ends}){_power(largest)}"
-    return f"{_fixed(lower, digits)} to {_fixed(upper, digits)}"
+    return _pair(lower, " to ", upper, standard_uncertainty)
 
 
 def format_time(seconds: float) -> str:
@@ -124,8 +97,14 @@ def _exponent(value: float, significant: int) -> int:
     return int(f"{value:.{significant - 1}e}".split("e")[1])
 
 
-def _pair(value: float, uncertainty: float, digits: int) -> str:
-    return f"{_fixed(value, digits)} ± {_fixed(uncertainty, digits)}"
+def _pair(first: float, between: str, second: float, uncertainty: float) -> str:
+    """Format two numbers to the second digit of the uncertainty, with a common power of ten if it is large or small."""
+    digits = 1 - _exponent(uncertainty, 2)
+    largest = _exponent(max(abs(first), abs(second)), 2)
+    if -3 <= largest <= 7:
+        return f"{_fixed(first, digits)}{between}{_fixed(second, digits)}"
+    scale, digits = 10.0**largest, digits + largest
+    return f"({_fixed(first / scale, digits)}{between}{_fixed(second / scale, digits)}){_power(largest)}"
 
 
 def _fixed(value: float, digits: int) -> str:

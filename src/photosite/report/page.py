@@ -60,10 +60,20 @@ class Listing:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table."""
+    """A column of a table; numbers are aligned at the right."""
 
     title: str
     numeric: bool = False
+
+
+def numeric(title: str) -> Column:
+    """Return a column of numbers."""
+    return Column(title, numeric=True)
+
+
+def columns(*titles: str | Column) -> tuple[Column, ...]:
+    """Return the columns of a table, of which plain titles are columns of text."""
+    return tuple(Column(title) if isinstance(title, str) else title for title in titles)
 
 
 @dataclass(frozen=True)
@@ -75,22 +85,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
-
-    Parameters
-    ----------
-    caption
-        Caption.
-    columns
-        Columns.
-    rows
-        Each row has one text per column, or is a `Heading`.
-
-    Raises
-    ------
-    ValueError
-        If the number of texts in a row differs from the number of columns.
-    """
+    """A table. Each row has one text per column, or is a `Heading`; `ValueError` for a row of another length."""
 
     caption: str
     columns: tuple[Column, ...]
@@ -99,26 +94,15 @@ class Table:
 
     def __post_init__(self) -> None:
         for row in self.rows:
-            if isinstance(row, Heading):
-                continue
-            if len(row) != len(self.columns):
+            if not isinstance(row, Heading) and len(row) != len(self.columns):
                 raise ValueError(f"table '{self.caption}': expected {len(self.columns)} texts in a row, got {row}")
 
 
 @dataclass(frozen=True)
 class Image:
-    """An image: SVG of a figure, or PNG or JPEG of a picture.
+    """An image with its media type: "image/svg+xml" for a figure, "image/png" or "image/jpeg" for a picture.
 
-    Parameters
-    ----------
-    content
-        Bytes of the image.
-    media_type
-        "image/svg+xml", "image/png" or "image/jpeg".
-    alternative
-        Alternative text.
-    title
-        Title, shown above images side by side.
+    The alternative text describes it to screen readers; the title is shown above images side by side.
     """
 
     content: bytes
@@ -175,19 +159,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A page.
-
-    Parameters
-    ----------
-    title
-        Title.
-    lead
-        One or two sentences below the title.
-    sections
-        Sections, in order. Empty ones are omitted.
-    footer
-        Last line.
-    """
+    """A page: title, one or two sentences below it, sections (empty ones are omitted), and a last line."""
 
     title: str
     lead: str
@@ -218,8 +190,13 @@ def reason_block(reason: str) -> Paragraph:
     return Paragraph(f"Not shown: {sentence(reason)}")
 
 
+def first_reason(found: Mapping[str, object], otherwise: str) -> Paragraph:
+    """Return the paragraph for a figure that all channels lack: the first channel's reason, or another one."""
+    return reason_block(next((entry.reason for entry in found.values() if isinstance(entry, Missing)), otherwise))
+
+
 def missing_channel_blocks(found: Mapping[str, object], what: str) -> tuple[Paragraph, ...]:
-    """Return paragraphs that list the channels missing from a figure, with the reasons.
+    """Return paragraphs that list the channels missing from a figure, with the reasons; none if all are missing.
 
     Parameters
     ----------
@@ -227,11 +204,6 @@ def missing_channel_blocks(found: Mapping[str, object], what: str) -> tuple[Para
         The content of the figure by channel, or `Missing`.
     what
         Name of the content.
-
-    Returns
-    -------
-    tuple of Paragraph
-        Empty if all channels are missing.
 
     Examples
     --------
@@ -244,15 +216,9 @@ def missing_channel_blocks(found: Mapping[str, object], what: str) -> tuple[Para
             reasons.setdefault(entry.reason, []).append(channel)
     if len(found) == sum(map(len, reasons.values())):
         return ()
-    return tuple(
-        Paragraph(sentence(f"channel{'s' * (len(names) > 1)} {_listed(names)} {_have(names)} no {what}: {reason}"))
-        for reason, names in reasons.items()
-    )
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _have(names: list[str]) -> str:
-    return "has" if len(names) == 1 else "have"
+    paragraphs = []
+    for reason, names in reasons.items():
+        *others, last = names
+        subject = f"channels {', '.join(others)} and {last} have" if others else f"channel {last} has"
+        paragraphs.append(Paragraph(sentence(f"{subject} no {what}: {reason}")))
+    return tuple(paragraphs)

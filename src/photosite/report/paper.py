@@ -9,15 +9,12 @@ from photosite.calibration.export.measured_sensor import well_capacity
 from photosite.calibration.result import Calibration
 from photosite.report.figures.sensor import noise_budget_figure, spectral_sensitivity_figure
 from photosite.report.numbers import format_number, format_uncertain
-from photosite.report.page import Block, Column, Paragraph, Table, figure_block
+from photosite.report.page import Block, Paragraph, Table, columns, figure_block, numeric
 from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.measured import Measured
-
-PAPER_SENSOR = "nikon-d200"
-"""Preset with the values of the paper's Table 1."""
 
 
 @dataclass(frozen=True)
@@ -65,36 +62,23 @@ depend on the conversion gain.
 
 
 def paper_blocks(calibration: Calibration) -> tuple[Block, ...]:
-    """Return Table 1, the measured noise budget and the spectral response of the base sensor.
-
-    Parameters
-    ----------
-    calibration
-        Result of `calibrate`. Without a base sensor, the millivolts and figures are missing.
-    """
-    blocks: list[Block] = [
-        Paragraph(
-            "The parameters in the form of Table 1 of Farrell, Okincha and Parmar, “Sensor calibration and "
-            "simulation”, Proc. SPIE 6817 (2008), as needed to simulate the sensor. The last column is the camera of "
-            "the paper, for comparison. DSNU and PRNU are standard deviations over all pixels, without the high-pass "
-            "filter of EMVA 1288."
-        ),
-        table_1(calibration),
-    ]
-    if calibration.base is None:
-        return (
-            *blocks,
-            Paragraph(
-                "Noise budget and spectral response are not shown: they need voltage swing and quantum efficiency, "
-                "from a sensor file given for the calibration."
-            ),
-        )
-    return (*blocks, *_figures(calibration, calibration.base))
+    """Return Table 1, the measured noise budget and the spectral response of the base sensor, if there is one."""
+    form = Paragraph(
+        "The parameters in the form of Table 1 of Farrell, Okincha and Parmar, “Sensor calibration and simulation”, "
+        "Proc. SPIE 6817 (2008), as needed to simulate the sensor. The last column is the camera of the paper, for "
+        "comparison. DSNU and PRNU are standard deviations over all pixels, without the high-pass filter of EMVA 1288."
+    )
+    no_base = Paragraph(
+        "Noise budget and spectral response are not shown: they need voltage swing and quantum efficiency, from a "
+        "sensor file given for the calibration."
+    )
+    figures = (no_base,) if calibration.base is None else _figures(calibration, calibration.base)
+    return form, table_1(calibration), *figures
 
 
 def table_1(calibration: Calibration) -> Table:
     """Return Table 1 of the paper with the measured values."""
-    paper, base = load_sensor(PAPER_SENSOR), calibration.base
+    paper, base = load_sensor("nikon-d200"), calibration.base
     estimates = calibration.estimates() | {"well_capacity_e": well_capacity(calibration)}
     rows = []
     for line in _TABLE_1:
@@ -109,16 +93,9 @@ def table_1(calibration: Calibration) -> Table:
         if entry is not None and line.parameter == "well_capacity_e":
             interval = interval or entry.reason or ""
         rows.append((line.label, line.unit, measured, interval, *known, _known(line.known(paper))))
-    beforehand = () if base is None else (Column("Sensor file", numeric=True),)
-    columns = (
-        Column("Parameter"),
-        Column("Unit"),
-        Column("Measured", numeric=True),
-        Column("95 % interval"),
-        *beforehand,
-        Column("Nikon D200, 2008 paper", numeric=True),
-    )
-    return Table("Table 1 of the 2008 paper, ± standard uncertainty", columns, tuple(rows))
+    sides = ["Nikon D200, 2008 paper"] if base is None else ["Sensor file", "Nikon D200, 2008 paper"]
+    titles = columns("Parameter", "Unit", numeric("Measured"), "95 % interval", *map(numeric, sides))
+    return Table("Table 1 of the 2008 paper, ± standard uncertainty", titles, tuple(rows))
 
 
 def _inverse(entry: Estimate) -> Estimate:
@@ -140,26 +117,21 @@ def _known(value: Measured | float | None) -> str:
 
 
 def _figures(calibration: Calibration, base: Sensor) -> tuple[Block, ...]:
-    blocks: list[Block] = []
     needed = ("read_noise_mv", "dsnu_mv", "prnu_percent")
+    budget: Block
     if lacking := [name for name in needed if not (getattr(calibration, name).value or 0.0) > 0.0]:
         reason = getattr(calibration, lacking[0]).reason or "its variance is not above zero"
-        blocks.append(Paragraph(f"The noise budget is not shown, because {lacking[0]} is missing: {reason}."))
+        budget = Paragraph(f"The noise budget is not shown, because {lacking[0]} is missing: {reason}.")
     else:
-        blocks.append(
-            figure_block(
-                noise_budget_figure(calibration.sensor),
-                "Signal-to-noise ratio against signal, total and by cause",
-                "Signal-to-noise ratio of one frame of a uniform surface, from the measured read noise, DSNU and "
-                "PRNU (Farrell, Okincha and Parmar 2008, Figure 6). Each line except the total shows one noise "
-                "source alone.",
-            )
+        budget = figure_block(
+            noise_budget_figure(calibration.sensor),
+            "Signal-to-noise ratio against signal, total and by cause",
+            "Signal-to-noise ratio of one frame of a uniform surface, from the measured read noise, DSNU and PRNU "
+            "(Farrell, Okincha and Parmar 2008, Figure 6). Each line except the total shows one noise source alone.",
         )
-    blocks.append(
-        figure_block(
-            spectral_sensitivity_figure(base),
-            "Quantum efficiency against wavelength",
-            "Quantum efficiency from the sensor file; dark frames and flat fields of one light do not measure it.",
-        )
+    sensitivity = figure_block(
+        spectral_sensitivity_figure(base),
+        "Quantum efficiency against wavelength",
+        "Quantum efficiency from the sensor file; dark frames and flat fields of one light do not measure it.",
     )
-    return tuple(blocks)
+    return budget, sensitivity

@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from fpdf import FPDF
@@ -35,25 +36,17 @@ from photosite.report.page import (
     Terms,
 )
 
-_TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5
-"""Sizes of letters, in points."""
-
-_LINE = 1.35
-"""Line height, in font sizes."""
+_TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5  # sizes of letters, in points
+_LINE = 1.35  # line height, in font sizes
+_MM_PER_POINT = 25.4 / 72.0
 
 _INK, _QUIET, _ACCENT, _ALARM = (31, 35, 40), (89, 99, 110), (0, 114, 178), (213, 94, 0)
 _TINT, _ALARM_TINT, _RULE = (246, 248, 250), (255, 246, 240), (216, 222, 228)
 
-_DRAWING_MM = 124.0
-"""Width of a figure; two fit on a page."""
-
-_GAP = 4.0
-"""Gap between images side by side, in mm."""
-
-_MM_PER_POINT = 25.4 / 72.0
-
-_PADDING = 3.4
-"""Horizontal padding of a cell, both sides together, in mm."""
+# Widths in mm.
+_DRAWING_MM = 124.0  # of a figure; two fit on a page
+_GAP = 4.0  # between images side by side
+_PADDING = 3.4  # horizontal padding of a cell, both sides together
 
 _CODES, _HEX = ("SHA-256",), 64 * "0"
 """Columns of codes, and the width of one."""
@@ -64,11 +57,6 @@ _NARROW, _WIDE = 14.0, 62.0
 
 def pdf_bytes(page: Page) -> bytes:
     """Return the page as a PDF; equal pages give equal bytes.
-
-    Parameters
-    ----------
-    page
-        The page.
 
     Examples
     --------
@@ -92,12 +80,9 @@ class _Document(FPDF):
         self.set_creation_date(datetime(1970, 1, 1, tzinfo=UTC))
         logging.getLogger("fontTools").setLevel(logging.ERROR)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-        for family, style, name in (
-            ("text", "", "DejaVuSans"),
-            ("text", "B", "DejaVuSans-Bold"),
-            ("code", "", "DejaVuSansMono"),
-        ):
-            self.add_font(family, style, fonts / f"{name}.ttf")
+        self.add_font("text", "", fonts / "DejaVuSans.ttf")
+        self.add_font("text", "B", fonts / "DejaVuSans-Bold.ttf")
+        self.add_font("code", "", fonts / "DejaVuSansMono.ttf")
         self._page = page
         self.set_title(page.title)
         self.set_lang("en")
@@ -182,8 +167,11 @@ class _Document(FPDF):
         """Write a paragraph over the whole width."""
         self.ln(above)
         self._look(size, style, color, code=code)
-        self.multi_cell(0, _LINE * size * _MM_PER_POINT, text, align="L", new_x="LMARGIN", new_y="NEXT")
+        self._paragraph(size, text)
         self.ln(below)
+
+    def _paragraph(self, size: float, text: str, **look: Any) -> None:
+        self.multi_cell(0, _LINE * size * _MM_PER_POINT, text, align="L", new_x="LMARGIN", new_y="NEXT", **look)
 
     def _notice(self, text: str, warning: bool) -> None:
         self._room(14)
@@ -191,18 +179,7 @@ class _Document(FPDF):
         self.set_fill_color(*(_ALARM_TINT if warning else _TINT))
         self.set_draw_color(*(_ALARM if warning else _ACCENT))
         self.set_line_width(0.9)
-        line = _LINE * _TEXT * _MM_PER_POINT
-        self.multi_cell(
-            0,
-            line,
-            text,
-            border="L",
-            fill=True,
-            align="L",
-            padding=Padding(1.2, 2, 1.2, 3),
-            new_x="LMARGIN",
-            new_y="NEXT",
-        )
+        self._paragraph(_TEXT, text, border="L", fill=True, padding=Padding(1.2, 2, 1.2, 3))
         self.set_line_width(0.2)
         self.set_fill_color(0)
         self.ln(1.6)
@@ -281,7 +258,7 @@ class _Document(FPDF):
             *names, digest = row
             name = "  ".join(names)
             if self.get_string_width(name) + self.get_string_width(digest) + 4 > self.epw:
-                self.multi_cell(0, line, name, align="L", new_x="LMARGIN", new_y="NEXT")
+                self._paragraph(_TINY, name)
                 name = ""
             left = self.epw - self.get_string_width(_HEX)
             self.cell(left, line, name)
@@ -291,18 +268,15 @@ class _Document(FPDF):
     def _widths(self, table: Table) -> list[float]:
         """Return the column widths: the requested ones, or a minimum plus a share of the remaining width."""
         rows = [row for row in table.rows if not isinstance(row, Heading)]
-        texts = [[column.title, *cells] for column, cells in zip(table.columns, _columns(table, rows), strict=True)]
+        texts = list(zip([column.title for column in table.columns], *rows, strict=True))
         self._look(_SMALL, "B")  # bold is the widest style
-        wanted = [max(self.get_string_width(text) for text in column) + _PADDING for column in texts]
+        wanted = [self._widest(column) for column in texts]
         if sum(wanted) <= self.epw:
             return wanted
-        words = [
-            max(self.get_string_width(word) for text in column for word in _words(text)) + _PADDING for column in texts
-        ]
-        least = [min(width, max(_NARROW, min(word, _WIDE))) for width, word in zip(wanted, words, strict=True)]
+        words = [self._widest([word for text in column for word in re.split(r"[ \n-]", text)]) for column in texts]
         least = [
-            width if column.numeric else floor
-            for width, floor, column in zip(wanted, least, table.columns, strict=True)
+            width if column.numeric else min(width, max(_NARROW, min(word, _WIDE)))
+            for width, word, column in zip(wanted, words, table.columns, strict=True)
         ]
         spare = self.epw - sum(least)
         asked = [width - floor for width, floor in zip(wanted, least, strict=True)]
@@ -312,13 +286,8 @@ class _Document(FPDF):
         weights = [min(ask, self.epw) for ask in asked]
         return [floor + spare * weight / sum(weights) for floor, weight in zip(least, weights, strict=True)]
 
-
-def _columns(table: Table, rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    return [tuple(row[index] for row in rows) for index in range(len(table.columns))]
-
-
-def _words(text: str) -> list[str]:
-    return re.split(r"[ \n-]", text) or [""]
+    def _widest(self, texts: Sequence[str]) -> float:
+        return max(map(self.get_string_width, texts)) + _PADDING
 
 
 def _height_over_width(image: Image) -> float:

@@ -11,23 +11,11 @@ from PIL import Image
 WIDEST = 900
 """Largest width of a picture on a page, in pixels."""
 
-JPEG_QUALITY = 88
-
 
 def shrink(picture: NDArray[np.float32], widest: int = WIDEST) -> NDArray[np.float32]:
-    """Reduce a picture by an integer factor, averaging squares of pixels.
+    """Reduce a picture, (rows, cols, 3), by the smallest integer factor to at most `widest` columns.
 
-    Parameters
-    ----------
-    picture
-        (rows, cols, 3).
-    widest
-        Largest number of columns.
-
-    Returns
-    -------
-    numpy.ndarray
-        (rows // n, cols // n, 3); incomplete squares at the right and bottom are dropped.
+    Squares of pixels are averaged; incomplete squares at the right and bottom are dropped.
 
     Examples
     --------
@@ -46,16 +34,9 @@ def enlarge(picture: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
 
 
 def magnified(picture: NDArray[np.float32], reference: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
-    """Return the difference from a reference, multiplied by a factor, around middle gray.
+    """Return the difference from a reference (a picture or a colour), multiplied by a factor, around middle gray.
 
-    Parameters
-    ----------
-    picture
-        (rows, cols, 3).
-    reference
-        Another picture, or a colour; anything that broadcasts.
-    factor
-        Magnification. The result is clipped to the display's range.
+    The result is clipped to the display's range.
 
     Examples
     --------
@@ -69,5 +50,5 @@ def jpeg_bytes(picture: NDArray[np.float32]) -> bytes:
     """Return a picture (rows, cols, 3) in display sRGB as JPEG."""
     stream = io.BytesIO()
     whole = np.rint(np.clip(picture, 0.0, 1.0) * 255.0).astype(np.uint8)
-    Image.fromarray(whole).save(stream, format="JPEG", quality=JPEG_QUALITY, subsampling=0)
+    Image.fromarray(whole).save(stream, format="JPEG", quality=88, subsampling=0)
     return stream.getvalue()

@@ -10,7 +10,7 @@ import io
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib
 import matplotlib.style
@@ -20,7 +20,7 @@ from matplotlib.transforms import Bbox
 
 # Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 GRAY = "#6B6B6B"
 
 LineStyle = Literal["-", "--", "-.", ":"]
@@ -38,7 +38,7 @@ _OTHERS: tuple[tuple[str, str, LineStyle], ...] = (
     (BLACK, "*", ":"),
 )
 
-WIDTH_IN, HEIGHT_IN = 7.0, 4.5
+WIDTH_IN = 7.0
 
 STRIP_IN = 0.26
 """Height of the strip for a line of text below a figure."""
@@ -87,21 +87,23 @@ def styled() -> Iterator[None]:
         yield
 
 
-def new_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> tuple[Figure, Axes]:
-    """Return a figure with one pair of axes."""
-    figure = Figure(figsize=(width_in, height_in))
+def new_figure(height_in: float = 4.5) -> tuple[Figure, Axes]:
+    """Return a figure of the usual width with one pair of axes."""
+    figure = Figure(figsize=(WIDTH_IN, height_in))
     return figure, figure.add_subplot()
+
+
+def two_panels(height_in: float = 5.4, upper_share: float = 1.0) -> tuple[Figure, Axes, Axes]:
+    """Return a figure with two panels above each other, the upper one `upper_share` times as high, and one abscissa."""
+    figure = Figure(figsize=(WIDTH_IN, height_in))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(upper_share, 1.0))
+    return figure, upper, lower
 
 
 def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]:
     """Return colour, marker and line style of a colour channel.
 
-    Parameters
-    ----------
-    channel
-        Name of the channel. R, G and B look the same in every figure.
-    position
-        Position among the channels, which selects the style of other names.
+    R, G and B look the same in every figure; the position among the channels selects the style of other names.
 
     Examples
     --------
@@ -114,27 +116,23 @@ def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]
 
 
 def svg_bytes(figure: Figure, below: str | None = None) -> bytes:
-    """Return the figure as SVG, with text as outlines; equal figures give equal bytes.
+    """Return the figure as SVG, with text as outlines and an optional small line of text in a strip below.
 
-    Parameters
-    ----------
-    figure
-        The figure; it is not changed.
-    below
-        Small line of text in a strip below the figure.
+    The figure is not changed. Equal figures give equal bytes.
     """
-    stream = io.BytesIO()
-    with styled(), _strip(figure, below) as area:
-        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(stream, format="svg", metadata=metadata, bbox_inches=area)
-    return stream.getvalue()
+    metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    return _saved(figure, below, format="svg", metadata=metadata)
 
 
 def png_bytes(figure: Figure, dots_per_inch: float = 150.0, below: str | None = None) -> bytes:
-    """Return the figure as PNG; `below` as in `svg_bytes`."""
+    """Return the figure as PNG, as `svg_bytes` does."""
+    return _saved(figure, below, format="png", dpi=dots_per_inch, metadata={"Software": None})
+
+
+def _saved(figure: Figure, below: str | None, **how: Any) -> bytes:
     stream = io.BytesIO()
     with styled(), _strip(figure, below) as area:
-        figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None}, bbox_inches=area)
+        figure.savefig(stream, bbox_inches=area, **how)
     return stream.getvalue()
 
 

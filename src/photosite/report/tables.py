@@ -10,50 +10,33 @@ from photosite.calibration.parameters import PARAMETER_LABELS, Parameters, param
 from photosite.calibration.photon_transfer.curves import LinearRange
 from photosite.calibration.result import Calibration
 from photosite.report.numbers import format_interval, format_number, format_time, format_uncertain
-from photosite.report.page import Column, Heading, Table
+from photosite.report.page import Heading, Table, columns, numeric
 from photosite.values.estimate import Estimate
 
 
 def parameter_tables(parameters: Parameters) -> tuple[Table, ...]:
-    """Return a table of the estimated parameters by topic, and one of the missing parameters with the reasons.
-
-    Parameters
-    ----------
-    parameters
-        A calibration, or one of its channels.
-
-    Returns
-    -------
-    tuple of Table
-        One or two tables. Each parameter is in exactly one.
-    """
+    """Return a table of the estimated parameters by topic, and one of the missing parameters with the reasons."""
     estimates = parameters.estimates()
     found = {name: entry for name, entry in estimates.items() if entry.value is not None}
     missing = {name: entry for name, entry in estimates.items() if entry.value is None}
     tables = []
     if found:
-        columns = ("Parameter", "Value", "Unit", "95 % interval", "Method")
-        titles = tuple(Column(title, numeric=title == "Value") for title in columns)
+        titles = columns("Parameter", numeric("Value"), "Unit", "95 % interval", "Method")
         tables.append(Table("Estimated, with standard uncertainties", titles, _by_topic(found)))
     if missing:
-        rows = tuple((*_label_and_unit(name), entry.reason or "") for name, entry in missing.items())
-        tables.append(Table("Not estimated", (Column("Parameter"), Column("Unit"), Column("Reason")), rows))
+        reasons = tuple((*_label_and_unit(name), entry.reason or "") for name, entry in missing.items())
+        tables.append(Table("Not estimated", columns("Parameter", "Unit", "Reason"), reasons))
     return tuple(tables)
 
 
 def _by_topic(estimates: Mapping[str, Estimate]) -> tuple[tuple[str, ...] | Heading, ...]:
-    rows: list[tuple[str, ...] | Heading] = []
-    for topic in dict.fromkeys(parameter_label(name).topic for name in estimates):
-        rows.append(Heading(topic))
-        rows.extend(
-            _estimate_row(name, entry) for name, entry in estimates.items() if parameter_label(name).topic == topic
-        )
-    return tuple(rows)
-
-
-def _estimate_row(name: str, entry: Estimate) -> tuple[str, ...]:
-    label, unit = _label_and_unit(name)
-    return label, format_estimate(entry), unit, interval_text(entry), entry.method
+    topics: dict[str, list[tuple[str, ...] | Heading]] = {}
+    for name, entry in estimates.items():
+        topic = parameter_label(name).topic
+        label, unit = _label_and_unit(name)
+        row = (label, format_estimate(entry), unit, interval_text(entry), entry.method)
+        topics.setdefault(topic, [Heading(topic)]).append(row)
+    return tuple(row for rows in topics.values() for row in rows)
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
@@ -92,31 +75,19 @@ def interval_text(entry: Estimate) -> str:
 
 
 def channel_table(channels: Mapping[str, Parameters]) -> Table:
-    """Return a table with a column per colour channel, and a row per parameter that at least one channel has.
-
-    Parameters
-    ----------
-    channels
-        Parameters by channel, at least one.
-    """
+    """Return a table with a column per colour channel, and a row per parameter that at least one channel has."""
     estimates = {channel: parameters.estimates() for channel, parameters in channels.items()}
     rows = tuple(
         (*_label_and_unit(name), *(format_estimate(estimates[channel][name]) for channel in channels))
         for name in PARAMETER_LABELS
         if any(estimates[channel][name].value is not None for channel in channels)
     )
-    columns = (Column("Parameter"), Column("Unit"), *(Column(channel, numeric=True) for channel in channels))
-    return Table("By colour channel, with standard uncertainties", columns, rows)
+    titles = columns("Parameter", "Unit", *map(numeric, channels))
+    return Table("By colour channel, with standard uncertainties", titles, rows)
 
 
 def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
-    """Return a table of the channels' linear ranges.
-
-    Parameters
-    ----------
-    ranges
-        Linear range by channel.
-    """
+    """Return a table of the channels' linear ranges."""
     rows = []
     for channel, found in ranges.items():
         if found.abscissa == "exposure_s":
@@ -125,14 +96,8 @@ def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:
             ends = f"{format_number(found.lowest, 4)} to {format_number(found.highest, 4)} photons per pixel"
         levels = f"{found.levels} of {found.levels_measured}"
         rows.append((channel, ends, format_number(found.highest_dn, 4), levels, found.rule))
-    columns = (
-        Column("Channel"),
-        Column("Range"),
-        Column("Brightest mean (DN)", numeric=True),
-        Column("Light levels", numeric=True),
-        Column("Rule"),
-    )
-    return Table("Linear range", columns, tuple(rows))
+    titles = columns("Channel", "Range", numeric("Brightest mean (DN)"), numeric("Light levels"), "Rule")
+    return Table("Linear range", titles, tuple(rows))
 
 
 _CORRELATED = {
@@ -148,13 +113,7 @@ _CORRELATED = {
 
 
 def correlation_table(calibration: Calibration) -> Table | None:
-    """Return a table of the correlations between the main parameters; None with fewer than two of them.
-
-    Parameters
-    ----------
-    calibration
-        The calibration.
-    """
+    """Return a table of the correlations between the main parameters; None with fewer than two of them."""
     estimates = calibration.estimates()
     names = [name for name in _CORRELATED if (estimates[name].standard_uncertainty or 0.0) > 0.0]
     if len(names) < 2:
@@ -170,6 +129,5 @@ def correlation_table(calibration: Calibration) -> Table | None:
         for i, name in enumerate(names)
         if i > 0
     )
-    columns = (Column("Correlation with"), *(Column(_CORRELATED[name], numeric=True) for name in names[:-1]))
-    title = "Correlation of the errors: parameters with a common cause, such as the system gain, err together"
-    return Table(title, columns, rows)
+    caption = "Correlation of the errors: parameters with a common cause, such as the system gain, err together"
+    return Table(caption, columns("Correlation with", *(numeric(_CORRELATED[name]) for name in names[:-1])), rows)

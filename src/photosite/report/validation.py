@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from photosite.report.figures.validation import color_difference_figure, patch_m
 from photosite.report.numbers import format_number, format_uncertain
 from photosite.report.page import (
     Block,
-    Column,
     Details,
     Heading,
     Image,
@@ -25,13 +23,13 @@ from photosite.report.page import (
     Paragraph,
     Section,
     Table,
+    columns,
     figure_block,
+    numeric,
     sentence,
 )
 from photosite.report.pictures import WIDEST, jpeg_bytes, shrink
-from photosite.report.write import write_report
 from photosite.validation.agreement import ChiSquare
-from photosite.validation.chart_pictures import chart_pictures
 from photosite.validation.fill_factor import FillFactorFit
 from photosite.validation.frame_validation import FrameValidation
 from photosite.validation.regression import Estimate, Regression
@@ -46,32 +44,8 @@ _FOOTER = (
 _Picture = NDArray[np.float32]
 
 
-def write_validation_report(result: FrameValidation, path: str | PathLike[str]) -> None:
-    """Write the report of a validation as a single file.
-
-    Parameters
-    ----------
-    result
-        Result of `validate_frames`.
-    path
-        File to write: PDF if the suffix is .pdf, else HTML.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
-    write_report(validation_page(result), path)
-
-
 def validation_page(result: FrameValidation) -> Page:
-    """Return the report of a validation as a page.
-
-    Parameters
-    ----------
-    result
-        As for `write_validation_report`.
-    """
+    """Return the report of a validation as a page."""
     frames, simulated = result.frames
     lead = (
         f"{_counted(frames).capitalize()} of a ColorChecker against {_counted(simulated)} that the simulator made from "
@@ -103,16 +77,10 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
     if found.temporal_noise is not None:
         named.append(("Temporal noise", found.temporal_noise))
     share = found.level / len(named)
-    columns = (
-        Column("Test"),
-        Column("Chi-square", numeric=True),
-        Column("Degrees of freedom", numeric=True),
-        Column("p-value", numeric=True),
-        Column("Result"),
-    )
+    titles = columns("Test", numeric("Chi-square"), numeric("Degrees of freedom"), numeric("p-value"), "Result")
     rows = tuple(_test_row(name, test, share) for name, test in named)
     caption = f"Tests; “differ” means p below {share:.3g}"
-    blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, columns, rows)]
+    blocks: list[Block] = [Notice(verdict, warning=not result.agrees), Table(caption, titles, rows)]
     if result.fit_summary is not None:
         blocks.append(Paragraph(sentence(result.fit_summary)))
     if not result.agrees or found.tolerance_percent:  # otherwise they repeat the table
@@ -124,14 +92,9 @@ def _verdict_blocks(result: FrameValidation) -> tuple[Block, ...]:
 
 
 def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
+    p_value = test.p_text.removeprefix("p ").removeprefix("= ")
     result = "agree" if test.p_value >= share else "differ"
-    return (
-        name,
-        f"{test.statistic:.1f}",
-        str(test.degrees_of_freedom),
-        test.p_text.removeprefix("p ").removeprefix("= "),
-        result,
-    )
+    return name, f"{test.statistic:.1f}", str(test.degrees_of_freedom), p_value, result
 
 
 def _conditions_blocks(result: FrameValidation) -> tuple[Block, ...]:
@@ -149,31 +112,32 @@ def _conditions_blocks(result: FrameValidation) -> tuple[Block, ...]:
         rows.append(("Exposure time", f"{format_exposure(conditions.exposure_s)} s{stated}"))
     if conditions.lens_text is not None:
         rows.append(("Lens", conditions.lens_text))
-    if result.fitted == "fill_factor" and result.fit is not None:
-        rows.append(("Fill factor", f"{result.fit.value:.4g} (fitted)"))
-    else:
-        rows.append(("Fill factor", f"{conditions.sensor.pixel.fill_factor.value:.4g}"))
-    rows.append(("Distance to the chart", f"{conditions.distance_m:g} m"))
-    rows.append(("Corners of the patch area", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners)))
+    fill_factor = f"{conditions.sensor.pixel.fill_factor.value:.4g}"
+    if result.fit is not None and result.fitted == "fill_factor":
+        fill_factor = f"{result.fit.value:.4g} (fitted)"
+    rows += [
+        ("Fill factor", fill_factor),
+        ("Distance to the chart", f"{conditions.distance_m:g} m"),
+        ("Corners of the patch area", "; ".join(f"row {r:.0f}, column {c:.0f}" for r, c in result.corners)),
+    ]
     limits = Paragraph(
         "The simulated chart is flat, matte and evenly lit, on black, with the ColorChecker's published reflectances. "
         "The tests treat these values as exact."
     )
-    return (Table("Camera, scene and light", (Column("Property"), Column("Value")), tuple(rows)), limits)
+    return Table("Camera, scene and light", columns("Property", "Value"), tuple(rows)), limits
 
 
 def _picture_blocks(result: FrameValidation) -> tuple[Block, ...]:
-    pictures = chart_pictures(result)
-    factor = -(-pictures.measured.shape[1] // WIDEST)
-    measured, simulated = shrink(pictures.measured), shrink(pictures.simulated)
-    outlined = _outlined(measured, result, pictures.origin, factor)
+    measured, simulated, origin = result.pictures()
+    factor = -(-measured.shape[1] // WIDEST)
+    outlined = _outlined(shrink(measured), result, origin, factor)
     caption = (
         "The chart, developed with bilinear demosaicing and the same colour matrix and exposure for both. The outlines "
         "in the measured picture mark the compared regions; check that they lie within the patches."
     )
     images = (
         Image(jpeg_bytes(outlined), "image/jpeg", "Measured chart with the outlines of its patches", "Measured"),
-        Image(jpeg_bytes(simulated), "image/jpeg", "Simulated chart", "Simulated"),
+        Image(jpeg_bytes(shrink(simulated)), "image/jpeg", "Simulated chart", "Simulated"),
     )
     return (Images(images, caption),)
 
@@ -226,44 +190,31 @@ def _color_blocks(result: FrameValidation) -> tuple[Block, ...]:
 def _number_blocks(result: FrameValidation) -> tuple[Block, ...]:
     found = result.validation
     lines = [("all", found.regression), *found.regression_by_channel.items()]
-    columns = (
-        Column("Channel"),
-        Column("Points", numeric=True),
-        Column("Ratio", numeric=True),
-        Column("Slope", numeric=True),
-        Column("Intercept (DN)", numeric=True),
-    )
+    titles = columns("Channel", *map(numeric, ("Points", "Ratio", "Slope", "Intercept (DN)")))
     rows = tuple(_line_row(name, line) for name, line in lines if line is not None)
     caption = (
         "Regression of measured on simulated means. Ratio: slope of a line through the origin. Slope and intercept: "
         "free line. In brackets: 95 % intervals from the scatter of the patches"
     )
-    blocks: list[Block] = [Table(caption, columns, rows)]
-    if result.fit is not None:
-        blocks.append(_fit_table(result.fit))
-    return (*blocks, Details("Every patch and channel", (_patch_table(result),)))
+    fit = () if result.fit is None else (_fit_table(result.fit),)
+    return Table(caption, titles, rows), *fit, Details("Every patch and channel", (_patch_table(result),))
 
 
 def _fit_table(fit: FillFactorFit) -> Table:
     """Return the fitted fill factor, from all channels and from each channel."""
-    columns = (Column("Channels"), Column("Fill factor ± standard error", numeric=True))
-    by_channel = ((name, format_uncertain(found.value, found.standard_error)) for name, found in fit.by_channel.items())
+    fits = {"all": fit, **fit.by_channel}
+    rows = tuple((name, format_uncertain(found.value, found.standard_error)) for name, found in fits.items())
     caption = (
         "The fit as a fill factor, which absorbs every common scale of the patches, such as the light level. Channels "
         "that differ by more than their errors indicate other differences. Scatter of the patches beyond noise: "
         f"{100 * fit.patch_scatter:.2g} %"
     )
-    return Table(caption, columns, (("all", format_uncertain(fit.value, fit.standard_error)), *by_channel))
+    return Table(caption, columns("Channels", numeric("Fill factor ± standard error")), rows)
 
 
 def _line_row(name: str, line: Regression) -> tuple[str, ...]:
-    return (
-        name,
-        str(line.points),
-        _interval(line.slope_through_origin, 4),
-        _interval(line.slope, 4),
-        _interval(line.intercept, 2),
-    )
+    slopes = (_interval(line.slope_through_origin, 4), _interval(line.slope, 4))
+    return name, str(line.points), *slopes, _interval(line.intercept, 2)
 
 
 def _interval(found: Estimate, digits: int) -> str:
@@ -280,12 +231,8 @@ def _patch_table(result: FrameValidation) -> Table:
     ]
     if seen.temporal_snr_db is not None and made.temporal_snr_db is not None:
         sides.append(("temporal SNR (dB)", seen.temporal_snr_db, made.temporal_snr_db))
-    columns = (
-        Column("Channel"),
-        *(Column(f"{what}, {side}", numeric=True) for what, _, _ in sides for side in ("measured", "simulated")),
-        Column("Difference of means (%)", numeric=True),
-        Column("Used"),
-    )
+    pairs = (numeric(f"{what}, {side}") for what, _, _ in sides for side in ("measured", "simulated"))
+    titles = columns("Channel", *pairs, numeric("Difference of means (%)"), "Used")
     rows: list[tuple[str, ...] | Heading] = []
     difference = found.relative_difference
     for patch, name in enumerate(seen.names):
@@ -300,7 +247,7 @@ def _patch_table(result: FrameValidation) -> Table:
                     "yes" if found.used[patch, k] else "no, saturated",
                 )
             )
-    return Table("Patch means and signal-to-noise ratios, on the raw mosaic", columns, tuple(rows))
+    return Table("Patch means and signal-to-noise ratios, on the raw mosaic", titles, tuple(rows))
 
 
 def _shown(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Write a page to a file, as HTML or PDF."""
+"""Write a page as HTML or PDF, one file that loads nothing and runs no scripts."""
 
 from __future__ import annotations
 
@@ -6,19 +6,11 @@ from os import PathLike
 from pathlib import Path
 
 from photosite.files.atomic import atomic_path
-from photosite.report.html import render_page
 from photosite.report.page import Page
 
 
 def write_report(page: Page, path: str | PathLike[str]) -> None:
-    """Write a page to a single, self-contained file.
-
-    Parameters
-    ----------
-    page
-        The page.
-    path
-        File to write: PDF if the suffix is .pdf, else HTML.
+    """Write a page to a file: PDF if the suffix is .pdf, else HTML.
 
     Raises
     ------
@@ -33,3 +25,26 @@ def write_report(page: Page, path: str | PathLike[str]) -> None:
         content = render_page(page).encode("utf-8")
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
+
+
+def render_page(page: Page) -> str:
+    """Return the page as an HTML document that contains its style sheet and images; equal pages give equal text.
+
+    Examples
+    --------
+    >>> from photosite.report.page import Paragraph, Section
+    >>> page = Page("Chip <1>", "A & B.", [Section("Result", (Paragraph("1 < 2"),))])
+    >>> "<h1>Chip &lt;1&gt;</h1>" in render_page(page)
+    True
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("photosite.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    sections = [section for section in page.sections if section.blocks]
+    return environment.get_template("page.html").render(page=page, sections=sections)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +12,15 @@ from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
 
 Selection = NDArray[np.bool_]
+RelativeDifference = np.ma.MaskedArray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
 class ChiSquare:
     """A sum of squared standardised differences.
 
-    Parameters
-    ----------
-    statistic
-        The sum.
-    degrees_of_freedom
-        The number of differences less the number of fitted parameters; the expected sum for two equal cameras.
-    p_value
-        The probability of a sum this large or larger for two equal cameras.
+    The degrees of freedom, the number of differences less that of fitted parameters, are the expected sum for two equal
+    cameras; the p-value is the probability of a sum this large or larger.
     """
 
     statistic: float
@@ -62,10 +58,6 @@ def chi_square_of_means(
     fitted
         Number of parameters of the simulation that were fitted to these means; each takes a degree of freedom.
 
-    Returns
-    -------
-    ChiSquare
-
     Raises
     ------
     InputError
@@ -83,7 +75,7 @@ def chi_square_of_means(
         raise InputError("patches hold too few pixels to compare", hint="Widen the regions to 4 pixels of each channel")
     difference = np.abs(measured.mean_dn[used] - simulated.mean_dn[used])
     beyond = np.maximum(difference - tolerance * np.abs(simulated.mean_dn[used]), 0.0)
-    return _sum_of(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom, fitted)
+    return chi_square(beyond**2 / (error_m + error_s) * (freedom - 2) / freedom, fitted)
 
 
 def chi_square_of_noise(
@@ -91,21 +83,7 @@ def chi_square_of_noise(
 ) -> ChiSquare:
     """Test whether the variances over the pixels of a frame differ by more than their standard errors.
 
-    Parameters
-    ----------
-    measured, simulated, used
-        As for `chi_square_of_means`.
-    tolerance
-        Relative tolerance of standard deviations.
-
-    Returns
-    -------
-    ChiSquare
-
-    Raises
-    ------
-    InputError
-        If patches have too few pixels for a standard error of their noise.
+    Parameters and errors are those of `chi_square_of_means`, with the relative tolerance of standard deviations.
 
     Notes
     -----
@@ -113,53 +91,39 @@ def chi_square_of_noise(
     assumed. The fixed patterns are assumed to differ, as for the means. A patch without noise in both frames counts as
     equal.
     """
-    return _of_variances(
-        (measured.spatial_noise_dn[used], measured.spatial_variance_error_dn2[used]),
-        (simulated.spatial_noise_dn[used], simulated.spatial_variance_error_dn2[used]),
-        tolerance,
-    )
+    return _of_variances(spatial_noise(measured), spatial_noise(simulated), used, tolerance)
 
 
 def chi_square_of_temporal_noise(
     measured: PatchStatistics, simulated: PatchStatistics, used: Selection, tolerance: float = 0.0
 ) -> ChiSquare | None:
-    """Test whether the variances of pixels from frame to frame differ by more than their standard errors.
+    """Test the noise from frame to frame, as `chi_square_of_noise`; None unless both have at least two frames.
 
-    Unlike the noise over pixels, this noise does not contain unevenness of the light.
-
-    Parameters
-    ----------
-    measured, simulated, used, tolerance
-        As for `chi_square_of_noise`.
-
-    Returns
-    -------
-    ChiSquare or None
-        None unless both have at least two frames.
-
-    Raises
-    ------
-    InputError
-        As `chi_square_of_noise`.
-
-    Notes
-    -----
-    The standard errors come from the scatter of the pixels' variances; no distribution is assumed.
+    This noise does not contain unevenness of the light. The standard errors come from the scatter of the pixels'
+    variances; no distribution is assumed.
     """
-    sides = []
-    for found in (measured, simulated):
-        if found.temporal_noise_dn is None or found.temporal_variance_error_dn2 is None:
-            return None
-        sides.append((found.temporal_noise_dn[used], found.temporal_variance_error_dn2[used]))
-    return _of_variances(sides[0], sides[1], tolerance)
+    seen, made = temporal_noise(measured), temporal_noise(simulated)
+    return None if seen is None or made is None else _of_variances(seen, made, used, tolerance)
 
 
-_NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Standard deviations and the standard errors of their squares."""
+NoiseWithError = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Standard deviations and the standard errors of their squares, (patches, channels)."""
 
 
-def _of_variances(measured: _NoiseWithError, simulated: _NoiseWithError, tolerance: float) -> ChiSquare:
-    (noise_m, error_m), (noise_s, error_s) = measured, simulated
+def spatial_noise(found: PatchStatistics) -> NoiseWithError:
+    """Return the noise over pixels."""
+    return found.spatial_noise_dn, found.spatial_variance_error_dn2
+
+
+def temporal_noise(found: PatchStatistics) -> NoiseWithError | None:
+    """Return the noise from frame to frame; None for a single frame."""
+    if found.temporal_noise_dn is None or found.temporal_variance_error_dn2 is None:
+        return None
+    return found.temporal_noise_dn, found.temporal_variance_error_dn2
+
+
+def _of_variances(measured: NoiseWithError, simulated: NoiseWithError, used: Selection, tolerance: float) -> ChiSquare:
+    (noise_m, error_m), (noise_s, error_s) = ([values[used] for values in side] for side in (measured, simulated))
     error = np.hypot(error_m, error_s)
     allowed = ((1.0 + tolerance) ** 2 - 1.0) * noise_s**2
     beyond = np.maximum(np.abs(noise_m**2 - noise_s**2) - allowed, 0.0)
@@ -167,31 +131,44 @@ def _of_variances(measured: _NoiseWithError, simulated: _NoiseWithError, toleran
         raise InputError("patches hold too few pixels to compare their noise", hint="Widen the regions")
     squares = np.zeros_like(beyond)
     np.divide(beyond, error, out=squares, where=error > 0)
-    return _sum_of(squares**2)
+    return chi_square(squares**2)
+
+
+def largest(difference: RelativeDifference, used: Selection) -> tuple[int, int] | None:
+    """Return the patch and channel of the largest used difference; None where all are masked."""
+    size = np.ma.abs(np.ma.array(difference, mask=~used | np.ma.getmaskarray(difference)))
+    if not size.count():
+        return None
+    patch, channel = np.unravel_index(int(size.argmax()), size.shape)
+    return int(patch), int(channel)
+
+
+def relative_difference(measured: NDArray[np.float64], simulated: NDArray[np.float64]) -> RelativeDifference:
+    """Return (measured - simulated) / simulated, masked where simulated is not above 0."""
+    base = np.ma.masked_less_equal(simulated, 0.0)
+    return (measured - base) / base
+
+
+def dict_or_none(value: Any) -> dict[str, Any] | None:
+    """Return the fields of a dataclass by name, for JSON."""
+    return None if value is None else asdict(value)
 
 
 def check_verdict_settings(level: float, tolerance_percent: float) -> None:
-    """Check the false-alarm rate and the tolerance of a verdict.
-
-    Raises
-    ------
-    InputError
-        If `level` is not between 0 and 1, or `tolerance_percent` is negative or not finite.
-    """
+    """Raise `InputError` for an invalid false-alarm rate or tolerance."""
     if not 0 < level < 1:
         raise InputError("level", value=level, expected="a false-alarm rate between 0 and 1")
     if not (np.isfinite(tolerance_percent) and tolerance_percent >= 0):
         raise InputError("tolerance_percent", value=tolerance_percent, expected="0 or more")
 
 
-def _sum_of(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
+def chi_square(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
+    """Return the sum of squared standardised differences, less the number of fitted parameters in freedom."""
     from scipy.stats import chi2
 
     total, freedom = float(squares.sum()), int(squares.size) - fitted
     if freedom < 1:
         raise InputError(
-            "patches",
-            value=squares.size,
-            expected=f"more patch means than the {fitted} fitted parameters",
+            "patches", value=squares.size, expected=f"more patch means than the {fitted} fitted parameters"
         )
     return ChiSquare(total, freedom, float(chi2.sf(total, freedom)))

@@ -39,14 +39,7 @@ def check_chart(chart: str) -> None:
 
 
 def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
-    """Return tristimulus values of a chart's patches under D65, with Y = 1 for the perfect white.
-
-    Parameters
-    ----------
-    chart
-        "macbeth".
-    names
-        Names of the patches, in the order of the result.
+    """Return tristimulus values of some of a chart's patches under D65, with Y = 1 for the perfect white.
 
     Returns
     -------
@@ -70,13 +63,8 @@ def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
 
     check_chart(chart)
     if unknown := [name for name in names if name not in MACBETH_NAMES]:
-        raise InputError(
-            "names",
-            where=f"chart '{chart}'",
-            value=unknown[0],
-            expected="names of its patches",
-            hint=did_you_mean(unknown[0], MACBETH_NAMES),
-        )
+        where, hint = f"chart '{chart}'", did_you_mean(unknown[0], MACBETH_NAMES)
+        raise InputError("names", where=where, value=unknown[0], expected="names of its patches", hint=hint)
     grid = np.arange(380.0, 781.0, 5.0)
     light = photons_from_energy(illuminant("D65", grid), grid)
     chosen = macbeth_reflectance(grid)[[MACBETH_NAMES.index(name) for name in names]]

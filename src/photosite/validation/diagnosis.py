@@ -22,14 +22,9 @@ _SMALL = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The ratio of measured to simulated patches by channel.
+    """The ratio of measured to simulated patches by channel, of the sums over the patches.
 
-    Parameters
-    ----------
-    ratio
-        Measured over simulated by channel, of the sums over the patches.
-    scatter
-        Relative root-mean-square deviation of a patch's ratio from that of its channel.
+    The scatter is the relative root-mean-square deviation of a patch's ratio from that of its channel.
     """
 
     ratio: Mapping[str, float]
@@ -37,15 +32,7 @@ class Scale:
 
 
 def scale_of(measured: PatchStatistics, simulated: PatchStatistics, used: Selection) -> Scale | None:
-    """Return the ratio of each channel and the scatter of patches; None where no patch is above black.
-
-    Parameters
-    ----------
-    measured, simulated
-        Statistics of the same patches and channels.
-    used
-        (patches, channels).
-    """
+    """Return the ratio of each channel and the scatter of patches; None where no patch is above black."""
     lit = used & (simulated.mean_dn > 0)
     ratio: dict[str, float] = {}
     away: list[NDArray[np.float64]] = []
@@ -87,11 +74,6 @@ def diagnose(
         another CFA.
     fitted
         The fitted parameter. It absorbs every common scale of the patches, so common scales are not named.
-
-    Returns
-    -------
-    tuple of str
-        Empty where the patch means agree.
     """
     if validation.means.p_value >= validation.level / len(validation.tests):
         return ()
@@ -99,9 +81,7 @@ def diagnose(
     if found is None:
         return ("the measured patches are not above black: check the black level and the light",)
     better = _better(validation, others, found.scatter)
-    if better is not None:
-        return (better,)
-    return _of_scale(found, fitted)
+    return _of_scale(found, fitted) if better is None else (better,)
 
 
 def _better(validation: Validation, others: Mapping[str, PatchStatistics], scatter: float) -> str | None:
@@ -128,22 +108,21 @@ def _of_scale(found: Scale, fitted: str | None) -> tuple[str, ...]:
     apart = float(ratios.max() / ratios.min() - 1.0)
     listed = ", ".join(f"{channel} {ratio:.4f}" for channel, ratio in found.ratio.items())
     about = f"the scatter of patches is {100 * found.scatter:.3g} %"
-    lines = [f"measured over simulated is {listed}; {about}"]
     if found.scatter > max(_SMALL, apart):
-        lines.append(
+        cause = (
             "patches do not share a common ratio: check the chart, its corners, evenness of the light, stray light, "
             "and the spectra of lamp and quantum efficiency"
         )
     elif apart > _SMALL:
-        lines.append("the channels have different ratios: check the lamp's spectrum and the quantum efficiencies")
+        cause = "the channels have different ratios: check the lamp's spectrum and the quantum efficiencies"
     elif fitted is not None:
-        lines.append(
+        cause = (
             f"the common scale is fitted ({fitted.replace('_', ' ')}) and the rest is small: check corners, uneven and "
             "stray light, and spectra"
         )
     else:
-        lines.append(
+        cause = (
             f"all channels share the ratio {middle:.4f}: check light level, exposure time, f-number, fill factor and "
             "the scale of the quantum efficiencies"
         )
-    return tuple(lines)
+    return f"measured over simulated is {listed}; {about}", cause

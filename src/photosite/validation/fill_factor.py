@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from photosite.calibration.photon_transfer.fit import Fit, fit_linear
 from photosite.errors import InputError
 from photosite.metrics.patches import PatchStatistics
-from photosite.validation.agreement import ChiSquare, Selection, chi_square_of_means
+from photosite.validation.agreement import ChiSquare, RelativeDifference, Selection, chi_square_of_means
 
 FEWEST_PATCHES = 3
 """Fewer patches give no usable standard error."""
-
-_Masked = np.ma.MaskedArray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +68,8 @@ class FillFactorFit:
     names: tuple[str, ...]
     channels: tuple[str, ...]
     used: Selection
-    residuals: _Masked
-    residual_noise: _Masked
+    residuals: RelativeDifference
+    residual_noise: RelativeDifference
     patch_scatter: float
     by_channel: Mapping[str, ChannelFillFactor]
     chi_square: ChiSquare
@@ -107,10 +105,6 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     fill_factor
         Fill factor of the simulation, above 0 and at most 1.
 
-    Returns
-    -------
-    FillFactorFit
-
     Raises
     ------
     InputError
@@ -119,23 +113,11 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
 
     Notes
     -----
-    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way without a standard error. This
-    function differs in three points.
-
-    *Weights are relative.* Most differences of real patches are proportional to their signal: uneven light,
-    reflectances that differ from the table. Least squares of the means would depend on the few brightest patches. The
-    ratio of a patch has the variance of its noise plus one variance common to all patches, estimated from their scatter
-    (Mandel and Paule).
-
-    *Patches are the unit.* The three channels of a patch see the same light, so 72 points are not independent; treating
-    them as such would make the standard error too small by up to the square root of 3. The channels of a patch are
-    averaged first, weighted by noise. The standard error comes from the scatter of 24 patches, with Student's t of 23
-    degrees of freedom (G. Knapp and J. Hartung, Stat. Med. 22 (2003) 2693). `tests/validation/test_fill_factor.py`
-    measures the coverage of the interval.
-
-    *Limits.* Errors common to all patches are not covered (see `FillFactorFit.value`). Correlated errors of
-    neighbouring patches, such as a lamp at one side, make the standard error too large if the average light over the
-    chart was measured, and too small if the light was measured at one place.
+    Farrell, Okincha and Parmar (2008), section 3, fit the fill factor in this way without a standard error. Here the
+    channels of a patch, which see the same light, are averaged first, weighted by noise. The ratio of a patch has the
+    variance of its noise plus one variance common to all patches, estimated from their scatter (Mandel and Paule). The
+    standard error comes from the scatter of the patches, with Student's t (G. Knapp and J. Hartung, Stat. Med. 22
+    (2003) 2693). docs/fill-factor.md gives the reasons, the measured coverage and the limits.
 
     Noise of the simulated means biases a ratio by its relative variance, 1e-4 for a mean known to 1 %.
 
@@ -160,20 +142,29 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
     used = ~(measured.saturated | simulated.saturated) & (simulated.mean_dn > 0)
     lit = np.flatnonzero(used.any(axis=1))
     if lit.size < FEWEST_PATCHES:
-        raise InputError(
-            "usable patches",
-            value=lit.size,
-            expected=f"{FEWEST_PATCHES} or more, above black and not saturated",
-            hint="Change the exposure time",
-        )
+        expected = f"{FEWEST_PATCHES} or more, above black and not saturated"
+        raise InputError("usable patches", value=lit.size, expected=expected, hint="Change the exposure time")
     overall = float(measured.mean_dn[used].sum() / simulated.mean_dn[used].sum())
     if not overall > 0:
-        raise InputError(
-            "the measured patches are not above black on average", hint="Check the black level and the light"
-        )
-    ratio, variance = _ratios(measured, simulated, used, overall)
-    fit = _mean(*_by_patch(ratio[lit], variance[lit], used[lit]))
+        hint = "Check the black level and the light"
+        raise InputError("the measured patches are not above black on average", hint=hint)
+    # Measured over simulated and its variance from noise, (patches, channels) each; 1 where not used.
+    signal = np.where(used, simulated.mean_dn, 1.0)
+    noise = np.hypot(measured.standard_error_dn, overall * simulated.standard_error_dn)
+    ratio, variance = np.where(used, measured.mean_dn / signal, 1.0), np.where(used, (noise / signal) ** 2, 1.0)
+    weight = np.where(used[lit], 1.0 / variance[lit], 0.0)
+    of_patches = (weight * ratio[lit]).sum(axis=1) / weight.sum(axis=1)
+    fit = _mean(of_patches, 1.0 / weight.sum(axis=1))
     scale, error = _scale(fit)
+    by_channel = {}
+    for k, name in enumerate(measured.channels):
+        which = used[:, k]
+        if np.count_nonzero(which) >= FEWEST_PATCHES:
+            of_channel = _scale(_mean(ratio[which, k], variance[which, k]))
+            by_channel[name] = ChannelFillFactor(*(fill_factor * found for found in of_channel))
+    fitted = replace(
+        simulated, mean_dn=scale * simulated.mean_dn, standard_error_dn=scale * simulated.standard_error_dn
+    )
     value, standard_error = fill_factor * scale, fill_factor * error
     reach = float(stdtrit(fit.degrees_of_freedom, 0.975)) * standard_error
     return FillFactorFit(
@@ -188,8 +179,8 @@ def fit_fill_factor(measured: PatchStatistics, simulated: PatchStatistics, fill_
         residuals=np.ma.array(ratio / scale - 1.0, mask=~used),
         residual_noise=np.ma.array(np.sqrt(variance) / scale, mask=~used),
         patch_scatter=math.sqrt(fit.extra_variance) / scale,
-        by_channel=_by_channel(ratio, variance, used, measured.channels, fill_factor),
-        chi_square=chi_square_of_means(measured, _scaled(simulated, scale), used, fitted=1),
+        by_channel=by_channel,
+        chi_square=chi_square_of_means(measured, fitted, used, fitted=1),
     )
 
 
@@ -205,23 +196,6 @@ def _check(measured: PatchStatistics, simulated: PatchStatistics, fill_factor: f
             )
 
 
-def _ratios(
-    measured: PatchStatistics, simulated: PatchStatistics, used: Selection, overall: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return measured over simulated and its variance from noise, (patches, channels) each; 1 where not used."""
-    signal = np.where(used, simulated.mean_dn, 1.0)
-    noise = np.hypot(measured.standard_error_dn, overall * simulated.standard_error_dn)
-    return np.where(used, measured.mean_dn / signal, 1.0), np.where(used, (noise / signal) ** 2, 1.0)
-
-
-def _by_patch(
-    ratio: NDArray[np.float64], variance: NDArray[np.float64], used: Selection
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the noise-weighted mean over channels and its variance, (patches,) each."""
-    weight = np.where(used, 1.0 / variance, 0.0)
-    return (weight * ratio).sum(axis=1) / weight.sum(axis=1), 1.0 / weight.sum(axis=1)
-
-
 def _mean(ratio: NDArray[np.float64], variance: NDArray[np.float64]) -> Fit:
     return fit_linear(np.ones((ratio.size, 1)), ratio, np.diag(variance))
 
@@ -231,25 +205,3 @@ def _scale(fit: Fit) -> tuple[float, float]:
     # The extra variance is chosen so that the weighted squares average to 1.
     mean_square = 1.0 if fit.extra_variance > 0.0 else fit.chi_square / fit.degrees_of_freedom
     return float(fit.parameters[0]), math.sqrt(float(fit.covariance[0, 0]) * mean_square)
-
-
-def _by_channel(
-    ratio: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    used: Selection,
-    channels: tuple[str, ...],
-    fill_factor: float,
-) -> dict[str, ChannelFillFactor]:
-    """Return the fit of each channel that has enough patches."""
-    found = {}
-    for k, name in enumerate(channels):
-        which = used[:, k]
-        if np.count_nonzero(which) >= FEWEST_PATCHES:
-            scale, error = _scale(_mean(ratio[which, k], variance[which, k]))
-            found[name] = ChannelFillFactor(fill_factor * scale, fill_factor * error)
-    return found
-
-
-def _scaled(found: PatchStatistics, scale: float) -> PatchStatistics:
-    """Return the statistics of a camera whose fill factor is larger by `scale`."""
-    return replace(found, mean_dn=scale * found.mean_dn, standard_error_dn=scale * found.standard_error_dn)

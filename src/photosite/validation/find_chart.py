@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ _CORRELATION = 0.5
 
 _ROWS, _COLS = 4, 6
 _EXAMPLE_CORNERS = ((412, 388), (420, 3391), (2201, 3377), (2188, 405))
+_PASS_CORNERS: Any = {"hint": "Pass {corners}", "arguments": {"corners": _EXAMPLE_CORNERS}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +64,6 @@ def find_chart(frame: RawFrame) -> Corners:
     their brightness. The frame must show one chart, in focus and not mirrored, tilted by less than about 40 degrees,
     with borders between its patches, over at least a third of the longer side. Check the outline in the report; corners
     set by hand are more reliable.
-
-    Parameters
-    ----------
-    frame
-        A frame of the chart.
 
     Returns
     -------
@@ -90,7 +87,7 @@ def find_chart(frame: RawFrame) -> Corners:
     picture, scale = _picture(frame)
     best: dict[tuple[int, int], int] = {}
     middles: NDArray[np.float64] = np.empty((0, 2))
-    steepness = _steepness(picture)
+    steepness = np.max([ndimage.gaussian_gradient_magnitude(plane, 1.0) for plane in picture], axis=0)
     for share in _EVEN_SHARES:
         blobs = _blobs(steepness < np.quantile(steepness, share))
         for found in _grids(blobs):
@@ -101,11 +98,8 @@ def find_chart(frame: RawFrame) -> Corners:
         if len(best) == _ROWS * _COLS:
             break
     if len(best) < _FEWEST:
-        raise InputError(
-            f"no ColorChecker found: {len(best)} of its 24 patches were found and {_FEWEST} are needed",
-            hint="Pass {corners}",
-            arguments={"corners": _EXAMPLE_CORNERS},
-        )
+        what = f"no ColorChecker found: {len(best)} of its 24 patches were found and {_FEWEST} are needed"
+        raise InputError(what, **_PASS_CORNERS)
     return _oriented(frame, best, middles * scale)
 
 
@@ -114,13 +108,7 @@ def _picture(frame: RawFrame) -> tuple[NDArray[np.float64], float]:
     tile = (len(frame.cfa), len(frame.cfa[0]))
     rows, cols = frame.shape[0] // tile[0], frame.shape[1] // tile[1]
     if tile[0] != tile[1] or min(rows, cols) < 1:
-        raise InputError(
-            "cfa",
-            value=tile,
-            expected="a square tile for chart detection",
-            hint="Pass {corners}",
-            arguments={"corners": _EXAMPLE_CORNERS},
-        )
+        raise InputError("cfa", value=tile, expected="a square tile for chart detection", **_PASS_CORNERS)
     factor = max(1, round(max(rows, cols) / _LONG_SIDE))
     planes = []
     for channel in frame.channels:
@@ -130,11 +118,6 @@ def _picture(frame: RawFrame) -> tuple[NDArray[np.float64], float]:
         planes.append(small.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3)))
     # The square root makes shot noise uniform. Values below black are noise only.
     return np.sqrt(np.maximum(np.stack(planes), 0.0)), float(factor * tile[0])
-
-
-def _steepness(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest gradient of all channels, (rows, cols)."""
-    return np.asarray(np.max([ndimage.gaussian_gradient_magnitude(plane, 1.0) for plane in picture], axis=0))
 
 
 def _blobs(even: NDArray[np.bool_]) -> _Blobs:
@@ -211,11 +194,8 @@ def _window(places: dict[tuple[int, int], int]) -> dict[tuple[int, int], int]:
         rows, cols = {r for r, _ in grid}, {c for _, c in grid}
         for r0 in range(min(rows) - _ROWS + 1, max(rows) + 1):
             for c0 in range(min(cols) - _COLS + 1, max(cols) + 1):
-                inside = {
-                    (r - r0, c - c0): blob
-                    for (r, c), blob in grid.items()
-                    if r0 <= r < r0 + _ROWS and c0 <= c < c0 + _COLS
-                }
+                shifted = {(r - r0, c - c0): blob for (r, c), blob in grid.items()}
+                inside = {(r, c): blob for (r, c), blob in shifted.items() if 0 <= r < _ROWS and 0 <= c < _COLS}
                 if len(inside) > len(best):
                     best = inside
     return best
@@ -237,9 +217,6 @@ def _oriented(frame: RawFrame, places: dict[tuple[int, int], int], middle_px: ND
         found.append((float(np.corrcoef(brightness, wanted)[0, 1]), corners))
     correlation, corners = max(found)
     if not correlation > _CORRELATION:
-        raise InputError(
-            f"the brightness of the grid found is not that of a ColorChecker (correlation {correlation:.2f})",
-            hint="Pass {corners}",
-            arguments={"corners": _EXAMPLE_CORNERS},
-        )
+        what = f"the brightness of the grid found is not that of a ColorChecker (correlation {correlation:.2f})"
+        raise InputError(what, **_PASS_CORNERS)
     return corners

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
+from photosite.develop.pair import develop_pair
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics
@@ -23,9 +25,8 @@ from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.diagnosis import corner_orders, diagnose
 from photosite.validation.fill_factor import FillFactorFit, fit_fill_factor
 from photosite.validation.lamp import Lamp
-from photosite.validation.repeats import check_repeats
 from photosite.validation.result import Validation
-from photosite.validation.validate import compare_patches
+from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
@@ -40,6 +41,9 @@ INNER = 0.6
 MOST_SIMULATED = 10
 """Largest number of frames that are simulated."""
 
+_MARGIN = 0.06
+"""Margin around the chart in pictures, as a fraction of its longer side."""
+
 _START_CD_M2 = 40.0
 """Mean luminance of the first simulation where the light level is fitted; the fit is a ratio to it."""
 
@@ -52,10 +56,8 @@ class CaptureConditions:
     ----------
     sensor
         The sensor. The simulation uses the size of the frames. The frames are read with the sensor's CFA.
-    optics
-        The lens.
-    lamp
-        The light on the chart.
+    optics, lamp
+        The lens, and the light on the chart.
     exposure_s
         Exposure time; None uses that of the frames.
     luminance_cd_m2
@@ -133,14 +135,34 @@ class FrameValidation:
         """The fitted value with its standard error and 95 % interval, as text; None without a fit."""
         if self.fit is None:
             return None
-        scale = 1.0 if self.fitted == "fill_factor" else (self.conditions.luminance_cd_m2 or 0.0) / self.fit.value
+        what, unit, scale = "fill factor", "", 1.0
+        if self.fitted == "light":
+            what, unit = "mean luminance of the patches", " cd/m2"
+            scale = (self.conditions.luminance_cd_m2 or 0.0) / self.fit.value
         low, high = (scale * end for end in self.fit.interval_95)
-        luminance = ("mean luminance of the patches", " cd/m2")
-        what, unit = ("fill factor", "") if self.fitted == "fill_factor" else luminance
         error = scale * self.fit.standard_error
         places = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 6  # the error to two digits
         value, known, low_end, high_end = (f"{x:.{places}f}" for x in (scale * self.fit.value, error, low, high))
         return f"fitted: {what} {value} ± {known}{unit} (95 % interval {low_end} to {high_end})"
+
+    def pictures(self) -> tuple[NDArray[np.float32], NDArray[np.float32], tuple[int, int]]:
+        """Return the chart as measured and as simulated, developed with the same colour matrix and exposure.
+
+        Returns
+        -------
+        tuple
+            Two pictures, (rows, cols, 3) in display sRGB, and the (row, col) of their first pixel in the frames.
+        """
+        points = np.asarray(self.corners)
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = _MARGIN * float((high - low).max())
+        tile = (len(self.measured.cfa), len(self.measured.cfa[0]))
+        # The pictures start at a tile of the colour filter array.
+        top, left = (max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis]) for axis in (0, 1))
+        bottom, right = (min(self.measured.shape[axis], math.ceil(high[axis] + margin)) for axis in (0, 1))
+        frames = (replace(frame, dn=frame.dn[top:bottom, left:right]) for frame in (self.measured, self.simulated))
+        color = self.validation.color
+        return *develop_pair(*frames, None if color is None else color.matrix), (top, left)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and strings for JSON."""
@@ -196,10 +218,6 @@ def validate_frames(
     seed
         Seed of the simulation's noise and, unless the sensor file has maps, of its fixed pattern.
 
-    Returns
-    -------
-    FrameValidation
-
     Raises
     ------
     InputError
@@ -229,36 +247,54 @@ def validate_frames(
     check_repeats(measured)
     first = measured[0]
     check_corners(corners, first.shape)
-    conditions = _completed(conditions, first, fit)
+    exposure_s, luminance_cd_m2 = _level(conditions, first, fit)
     sensor, notes = _simulated_sensor(conditions.sensor, first, seed)
     stack = [replace(frame, cfa=sensor.array.cfa) for frame in measured]
-    chart = _chart(conditions)
+    lamp, distance_m = conditions.lamp, conditions.distance_m
+    chart = macbeth(lamp.light, luminance_cd_m2, wavelength_nm=lamp.wavelength_nm, distance_m=distance_m)
     patches = seen_patches(chart, corners, INNER)
     seen = patch_statistics(stack, patches)
     camera = Camera(conditions.optics, sensor)
-    scene = _scene(chart, corners, camera)
+    pixel_aspect = sensor.pixel.height_um.value / sensor.pixel.width_um.value
+    scene = in_perspective(chart, corners, (sensor.array.rows, sensor.array.cols), pixel_aspect=pixel_aspect)
+    mean_e = camera.mean_electrons(scene, exposure_s)
     count = min(len(stack), MOST_SIMULATED)
-    shots, made, found, conditions = _simulated(camera, scene, conditions, fit, seen, patches, count, seed)
+
+    def shoot(scale: float) -> tuple[list[RawFrame], PatchStatistics]:
+        scaled = mean_e * np.float32(scale)
+        shots = [camera.expose(scaled, exposure_s, seed=seed, frame=number) for number in range(count)]
+        return shots, patch_statistics(shots, patches)
+
+    shots, made = shoot(1.0)
+    found = None
+    if fit is not None:
+        fill_factor = sensor.pixel.fill_factor.value
+        found = fit_fill_factor(seen, made, fill_factor)
+        scale = found.value / fill_factor
+        # The same noise at the fitted level, so that the fit takes exactly one degree of freedom.
+        shots, made = shoot(scale)
+        luminance_cd_m2 *= scale if fit == "light" else 1.0
     validation = compare_patches(
         seen,
         made,
         chart_xyz_d65("macbeth", seen.names),
         level=level,
         tolerance_percent=tolerance_percent,
-        exposures_s=(first.exposure_s, conditions.exposure_s),
+        exposures_s=(first.exposure_s, exposure_s),
         fitted=0 if found is None else 1,
     )
+    diagnosis: tuple[str, ...] = ()
+    if not validation.agrees:
+        diagnosis = diagnose(validation, _other_assumptions(stack, chart, corners, patches), fit)
     return FrameValidation(
         validation=validation,
-        conditions=conditions,
+        conditions=replace(conditions, exposure_s=exposure_s, luminance_cd_m2=luminance_cd_m2),
         corners=corners,
         patches=patches,
         fitted=fit,
         fit=found,
         contradictions=_contradictions(first, sensor, found if fit == "fill_factor" else None),
-        diagnosis=()
-        if validation.agrees
-        else diagnose(validation, _other_assumptions(stack, chart, corners, patches), fit),
+        diagnosis=diagnosis,
         measured=stack[0],
         simulated=shots[0],
         frames=(len(stack), count),
@@ -266,24 +302,21 @@ def validate_frames(
     )
 
 
-def _completed(conditions: CaptureConditions, frame: RawFrame, fit: Fitted | None) -> CaptureConditions:
-    """Return the conditions, with a missing exposure time from the frame and a missing luminance from the lamp."""
+def _level(conditions: CaptureConditions, frame: RawFrame, fit: Fitted | None) -> tuple[float, float]:
+    """Return exposure time and luminance, where missing those of the frame and of the lamp."""
     exposure_s = conditions.exposure_s if conditions.exposure_s is not None else frame.exposure_s
     if exposure_s is None:
-        raise InputError(
-            "the exposure time of the frames is unknown", hint="Pass {exposure_s}", arguments={"exposure_s": 0.01}
-        )
-    luminance = (
-        conditions.luminance_cd_m2 if conditions.luminance_cd_m2 is not None else conditions.lamp.chart_luminance_cd_m2
-    )
+        what = "the exposure time of the frames is unknown"
+        raise InputError(what, hint="Pass {exposure_s}", arguments={"exposure_s": 0.01})
+    lamp, luminance = conditions.lamp, conditions.luminance_cd_m2
+    luminance = luminance if luminance is not None else lamp.chart_luminance_cd_m2
     if luminance is None and fit != "light":
         raise InputError(
-            f"the light level is unknown: '{conditions.lamp.name}' has a spectrum only",
+            f"the light level is unknown: '{lamp.name}' has a spectrum only",
             hint="Pass {luminance_cd_m2} (mean of the patches) or {fit}, or use a lamp file with absolute values",
             arguments={"luminance_cd_m2": 40.0, "fit": "light"},
         )
-    luminance = _START_CD_M2 if luminance is None else luminance
-    return replace(conditions, exposure_s=check_exposure(exposure_s), luminance_cd_m2=luminance)
+    return check_exposure(exposure_s), _START_CD_M2 if luminance is None else luminance
 
 
 def _simulated_sensor(sensor: Sensor, frame: RawFrame, seed: int) -> tuple[Sensor, list[str]]:
@@ -311,53 +344,6 @@ def _simulated_sensor(sensor: Sensor, frame: RawFrame, seed: int) -> tuple[Senso
             "subtracted from its own frames"
         )
     return sensor, notes
-
-
-def _chart(conditions: CaptureConditions) -> Scene:
-    lamp = conditions.lamp
-    level = conditions.luminance_cd_m2
-    if level is None:
-        raise InputError("luminance_cd_m2", value=None, expected="given")
-    return macbeth(lamp.light, level, wavelength_nm=lamp.wavelength_nm, distance_m=conditions.distance_m)
-
-
-def _scene(chart: Scene, corners: Corners, camera: Camera) -> Scene:
-    array, pixel = camera.sensor.array, camera.sensor.pixel
-    aspect = pixel.height_um.value / pixel.width_um.value
-    return in_perspective(chart, corners, (array.rows, array.cols), pixel_aspect=aspect)
-
-
-def _simulated(
-    camera: Camera,
-    scene: Scene,
-    conditions: CaptureConditions,
-    fit: Fitted | None,
-    seen: PatchStatistics,
-    patches: Sequence[Quadrilateral],
-    count: int,
-    seed: int,
-) -> tuple[list[RawFrame], PatchStatistics, FillFactorFit | None, CaptureConditions]:
-    """Return simulated frames, their patches, the fit and the conditions after the fit."""
-    if conditions.exposure_s is None:
-        raise InputError("exposure_s", value=None, expected="given")
-    rate = camera.mean_electrons(scene, conditions.exposure_s)
-
-    def shoot(scale: float) -> tuple[list[RawFrame], PatchStatistics]:
-        mean = rate * np.float32(scale)
-        shots = [camera.expose(mean, conditions.exposure_s or 0.0, seed=seed, frame=number) for number in range(count)]
-        return shots, patch_statistics(shots, patches)
-
-    shots, made = shoot(1.0)
-    if fit is None:
-        return shots, made, None, conditions
-    fill_factor = camera.sensor.pixel.fill_factor.value
-    found = fit_fill_factor(seen, made, fill_factor)
-    scale = found.value / fill_factor
-    # The same noise at the fitted level, so that the fit takes exactly one degree of freedom.
-    shots, made = shoot(scale)
-    if fit == "light":
-        conditions = replace(conditions, luminance_cd_m2=(conditions.luminance_cd_m2 or 0.0) * scale)
-    return shots, made, found, conditions
 
 
 def _contradictions(frame: RawFrame, sensor: Sensor, fill_factor: FillFactorFit | None) -> tuple[str, ...]:
@@ -405,14 +391,8 @@ def _other_assumptions(
 
 
 def _in_order(found: PatchStatistics, channels: tuple[str, ...]) -> PatchStatistics:
-    """Return the statistics with channels in another order."""
+    """Return the statistics of a single frame with channels in another order."""
     order = [found.channels.index(name) for name in channels]
-    arrays = (
-        "pixels",
-        "mean_dn",
-        "standard_error_dn",
-        "spatial_noise_dn",
-        "spatial_variance_error_dn2",
-        "saturated_share",
-    )
-    return replace(found, channels=channels, **{name: getattr(found, name)[:, order] for name in arrays})
+    names = ("pixels", "mean_dn", "standard_error_dn", "spatial_noise_dn", "spatial_variance_error_dn2")
+    arrays = {name: getattr(found, name)[:, order] for name in (*names, "saturated_share")}
+    return replace(found, channels=channels, **arrays)

@@ -81,20 +81,7 @@ class Lamp:
 
 
 def load_lamp(name_or_path: str | PathLike[str]) -> Lamp:
-    """Return a lamp from the name of an illuminant or from a file.
-
-    Parameters
-    ----------
-    name_or_path
-        A name that ends in .csv, or that of an existing file, is a file.
-
-    Raises
-    ------
-    InputError
-        If the illuminant is unknown.
-    FileError
-        As for `read_lamp`.
-    """
+    """Return a lamp from a file (`read_lamp`) if the name ends in .csv or is that of one, else from an illuminant."""
     path = Path(name_or_path)
     if path.suffix.lower() == ".csv" or path.is_file():
         return read_lamp(path)
@@ -111,10 +98,6 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
         radiance of a white standard at its place, or relative energy, which leaves the level unknown. A third column of
         standard uncertainties is ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths;
         spectral lines between these keep their energy.
-
-    Returns
-    -------
-    Lamp
 
     Raises
     ------
@@ -141,13 +124,8 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     per_unit = _RADIANCE_PER_UNIT[_quantity(file, content.columns)]
     if (spectrum.values < 0).any():
         at = int(np.argmin(spectrum.values))
-        raise FileError(
-            file,
-            f"light at {spectrum.wavelength_nm[at]:g} nm",
-            value=spectrum.values[at],
-            expected="0 or more",
-            hint="Replace negative instrument noise by 0",
-        )
+        what, hint = f"light at {spectrum.wavelength_nm[at]:g} nm", "Replace negative instrument noise by 0"
+        raise FileError(file, what, value=spectrum.values[at], expected="0 or more", hint=hint)
     light = _resampled(file, spectrum)
     if not light.values.any():
         raise FileError(file, "all values between 380 and 780 nm are 0", hint="Check the columns")
@@ -160,13 +138,9 @@ def _quantity(file: Path, heading: tuple[str, ...]) -> str:
         expected = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
         raise FileError(file, "heading", value=",".join(heading), expected=expected)
     if heading[1] not in _RADIANCE_PER_UNIT:
-        raise FileError(
-            file,
-            "heading of the second column",
-            value=heading[1],
-            expected="a known quantity",
-            hint=did_you_mean(heading[1], QUANTITIES),
-        )
+        hint = did_you_mean(heading[1], QUANTITIES)
+        what = "heading of the second column"
+        raise FileError(file, what, value=heading[1], expected="a known quantity", hint=hint)
     return heading[1]
 
 
@@ -179,9 +153,8 @@ def _resampled(file: Path, spectrum: Spectrum) -> Spectrum:
     at = spectrum.wavelength_nm
     low, high = max(DEFAULT_WAVELENGTH_NM[0], at[0]), min(DEFAULT_WAVELENGTH_NM[-1], at[-1])
     if not low < high:
-        raise FileError(
-            file, "wavelengths", value=(float(at[0]), float(at[-1])), expected="partly between 380 and 780 nm"
-        )
+        ends = (float(at[0]), float(at[-1]))
+        raise FileError(file, "wavelengths", value=ends, expected="partly between 380 and 780 nm")
     grid = np.union1d(np.clip(DEFAULT_WAVELENGTH_NM, low, high), [low, high])
     fine = np.union1d(np.clip(at, low, high), np.linspace(low, high, 1 + math.ceil((high - low) / _FINE_NM)))
     sampled = Spectrum(grid, spectrum.at(grid))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.metrics.patches import PatchStatistics
+from photosite.validation.agreement import spatial_noise, temporal_noise
 
 _APART = 3.0
 """Standard errors between the differences of dark and of bright patches above which they count as different."""
@@ -14,27 +15,16 @@ _APART = 3.0
 def describe_noise_difference(
     measured: PatchStatistics, simulated: PatchStatistics, used: NDArray[np.bool_], *, temporal: bool
 ) -> tuple[str, ...]:
-    """Describe the ratio of each channel, the largest difference, and likely causes.
+    """Describe the ratio of each channel, the largest difference, and likely causes, of noise over pixels or frames.
 
     A channel's ratio is the median over its patches, with a distribution-free interval of at least 95 % (order
     statistics). Likely causes follow from the relative differences of variance in the darkest and the brightest third
-    of all patches and channels, averaged with weights from their standard errors.
-
-    Parameters
-    ----------
-    measured, simulated
-        Statistics of the same patches and channels.
-    used
-        (patches, channels).
-    temporal
-        True for noise from frame to frame, False for noise over pixels.
-
-    Returns
-    -------
-    tuple of str
-        Lines of text; empty where no patch of the simulation has noise.
+    of all patches and channels, averaged with weights from their standard errors. Without noise in any patch of the
+    simulation there are no lines.
     """
-    (seen, error_m), (made, error_s) = _noise(measured, temporal), _noise(simulated, temporal)
+    (seen, error_m), (made, error_s) = (
+        (temporal_noise(found) if temporal else None) or spatial_noise(found) for found in (measured, simulated)
+    )
     which = used & (made > 0)
     if not which.any():
         return ()
@@ -57,13 +47,6 @@ def describe_noise_difference(
         away, size = (seen**2 - made**2)[known] / made[known] ** 2, error[known] / made[known] ** 2
         lines.append(f"{what}: {_likely_causes(simulated.mean_dn[known], away, size, temporal)}")
     return tuple(lines)
-
-
-def _noise(found: PatchStatistics, temporal: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return standard deviations and the standard errors of their squares."""
-    if temporal and found.temporal_noise_dn is not None and found.temporal_variance_error_dn2 is not None:
-        return found.temporal_noise_dn, found.temporal_variance_error_dn2
-    return found.spatial_noise_dn, found.spatial_variance_error_dn2
 
 
 def _median(values: NDArray[np.float64]) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -11,10 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError, did_you_mean
 from photosite.metrics.patches import PatchStatistics
-from photosite.validation.agreement import ChiSquare, check_verdict_settings
+from photosite.validation.agreement import (
+    ChiSquare,
+    RelativeDifference,
+    check_verdict_settings,
+    chi_square,
+    dict_or_none,
+    largest,
+    relative_difference,
+)
 from photosite.validation.charts import chart_xyz_d65
-from photosite.validation.color import ColorComparison, compare_patch_colors
-from photosite.validation.regression import Regression, regress
+from photosite.validation.color import compare_colors
+from photosite.validation.regression import regressions
+from photosite.validation.result import PatchDifferences
 
 Unit = Literal["e", "dn"]
 UNITS: dict[Unit, str] = {"e": "electrons", "dn": "DN above black"}
@@ -26,18 +34,12 @@ class PatchValues:
 
     Parameters
     ----------
-    names
-        Patch names, without repeats.
-    channels
-        Channel names, without repeats.
+    names, channels
+        Patch and channel names, without repeats.
     unit
         "e" for electrons, "dn" for digital numbers above black.
-    mean
-        (patches, channels).
-    standard_error
-        (patches, channels) standard error of `mean`; 0 where it is exact.
-    saturated
-        (patches, channels), true where the value cannot be compared.
+    mean, standard_error, saturated
+        (patches, channels) mean, its standard error (0 where it is exact), and whether it cannot be compared.
 
     Raises
     ------
@@ -59,13 +61,12 @@ class PatchValues:
 
     def __post_init__(self) -> None:
         for what, listed in (("patch", self.names), ("channel", self.channels)):
-            if twice := [name for name in dict.fromkeys(listed) if listed.count(name) > 1]:
+            if twice := [name for name in listed if listed.count(name) > 1]:
                 raise InputError(f"{what} names", value=twice[0], expected="without repeats")
         if self.unit not in UNITS:
             raise InputError("unit", value=self.unit, expected="'e' (electrons) or 'dn' (DN above black)")
         shape = (len(self.names), len(self.channels))
-        mean = np.asarray(self.mean, dtype=np.float64)
-        error = np.asarray(self.standard_error, dtype=np.float64)
+        mean, error = (np.asarray(values, dtype=np.float64) for values in (self.mean, self.standard_error))
         lost = np.asarray(self.saturated, dtype=np.bool_)
         if not mean.shape == error.shape == lost.shape == shape or 0 in shape:
             raise InputError("mean", value=mean.shape, expected=f"of shape {shape}, patches by channels")
@@ -92,43 +93,24 @@ class PatchValues:
         return cls(found.names, found.channels, "dn", found.mean_dn, found.standard_error_dn, found.saturated)
 
 
-@dataclass(frozen=True, eq=False)
-class PatchComparison:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PatchComparison(PatchDifferences):
     """Patch values of another tool against a reference: photosite's simulation or a second file.
 
     Parameters
     ----------
-    level
-        False-alarm rate of the verdict, where values have standard errors.
-    tolerance_percent
-        Relative tolerance in percent.
     other, reference
         The values, with the same patches and channels in the same order.
-    used
-        (patches, channels), false where either is saturated.
     beyond
         Number of values without a standard error that differ by more than the tolerance.
     means
         Chi-square of the excess over the tolerance, of values with a standard error; None where there are none.
-    regression, regression_by_channel
-        Regression of other on reference; None with fewer than three distinct points.
-    color
-        Colour differences, or None; `notes` says why.
-    notes
-        What was left out and why.
     """
 
-    level: float
-    tolerance_percent: float
     other: PatchValues
     reference: PatchValues
-    used: NDArray[np.bool_]
     beyond: int
     means: ChiSquare | None
-    regression: Regression | None
-    regression_by_channel: Mapping[str, Regression | None]
-    color: ColorComparison | None
-    notes: tuple[str, ...]
 
     @property
     def agrees(self) -> bool:
@@ -136,10 +118,9 @@ class PatchComparison:
         return self.beyond == 0 and (self.means is None or self.means.p_value >= self.level)
 
     @property
-    def relative_difference(self) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
+    def relative_difference(self) -> RelativeDifference:
         """(patches, channels): (other - reference) / reference, masked where the reference is not above 0."""
-        base = np.ma.masked_less_equal(self.reference.mean, 0.0)
-        return (self.other.mean - base) / base
+        return relative_difference(self.other.mean, self.reference.mean)
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -161,47 +142,30 @@ class PatchComparison:
                 f"all channels: other = {slope.value:.8g} ({slope.lower_95:.8g} to {slope.upper_95:.8g}) x reference "
                 f"{intercept.value:+.3g} ({intercept.lower_95:.3g} to {intercept.upper_95:.3g}) {unit}"
             )
-        for name, line in self.regression_by_channel.items():
-            if line is not None:
-                ratio = line.slope_through_origin
-                lines.append(
-                    f"channel {name}: other is {ratio.value:.8g} of reference "
-                    f"({ratio.lower_95:.8g} to {ratio.upper_95:.8g})"
-                )
+        ratios = {name: line.slope_through_origin for name, line in self.regression_by_channel.items() if line}
+        lines += [
+            f"channel {name}: other is {ratio.value:.8g} of reference ({ratio.lower_95:.8g} to {ratio.upper_95:.8g})"
+            for name, ratio in ratios.items()
+        ]
         return tuple(lines)
 
     def _largest(self) -> str:
         difference = self.relative_difference
-        size = np.ma.abs(np.ma.array(difference, mask=~self.used | np.ma.getmaskarray(difference)))
-        if not size.count():
+        if (at := largest(difference, self.used)) is None:
             return "unknown, because the reference is nowhere above 0"
-        patch, channel = np.unravel_index(int(size.argmax()), size.shape)
-        percent = 100 * float(difference[patch, channel])
-        return f"{percent:+.3g} % ({self.other.names[patch]}, {self.other.channels[channel]})"
+        return f"{100 * float(difference[at]):+.3g} % ({self.other.names[at[0]]}, {self.other.channels[at[1]]})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and strings for JSON, with None for masked values."""
-        lines = self.regression_by_channel.items()
-        return {
-            "agrees": self.agrees,
-            "reasons": list(self.reasons),
-            "notes": list(self.notes),
-            "level": self.level,
-            "tolerance_percent": self.tolerance_percent,
+        sides = {"other": self.other, "reference": self.reference}
+        return super().to_dict() | {
             "unit": self.other.unit,
             "patches": list(self.other.names),
             "channels": list(self.other.channels),
-            "used": self.used.tolist(),
-            "other": {"mean": self.other.mean.tolist(), "standard_error": self.other.standard_error.tolist()},
-            "reference": {
-                "mean": self.reference.mean.tolist(),
-                "standard_error": self.reference.standard_error.tolist(),
-            },
+            **{k: {"mean": v.mean.tolist(), "standard_error": v.standard_error.tolist()} for k, v in sides.items()},
             "relative_difference": self.relative_difference.tolist(),
             "beyond": self.beyond,
-            "means": None if self.means is None else asdict(self.means),
-            "regression": None if self.regression is None else asdict(self.regression),
-            "regression_by_channel": {name: None if line is None else asdict(line) for name, line in lines},
+            "means": dict_or_none(self.means),
             "delta_e_2000": None if self.color is None else self.color.delta_e_2000.tolist(),
         }
 
@@ -259,9 +223,14 @@ def compare_values(
     # Differences in the last bit are rounding: 3030 and 1.01 x 3000 agree within 1 %.
     excess = np.where(excess > 1e-12 * np.abs(reference.mean), excess, 0.0)
     noisy = _noisy(other, reference)
-    color, no_color = _compare_colors(other, reference, used)
-    if no_color is not None:
-        notes.append(no_color)
+    error = np.hypot(other.standard_error, reference.standard_error)[used & noisy]
+    try:
+        true_xyz = chart_xyz_d65("macbeth", other.names)
+    except InputError:
+        true_xyz = None
+    color = compare_colors(other.names, other.channels, (other.mean, reference.mean), used, true_xyz, notes)
+    variance = other.standard_error**2 + reference.standard_error**2
+    regression, by_channel = regressions(reference.mean, other.mean, variance, used, other.channels, notes)
     return PatchComparison(
         level=level,
         tolerance_percent=tolerance_percent,
@@ -269,12 +238,9 @@ def compare_values(
         reference=reference,
         used=used,
         beyond=int((used & ~noisy & (excess > 0)).sum()),
-        means=_chi_square(other, reference, used & noisy, excess),
-        regression=_line(other, reference, used, "all channels", notes),
-        regression_by_channel={
-            name: _line(other, reference, used & (np.arange(used.shape[1]) == k), f"channel {name}", notes)
-            for k, name in enumerate(other.channels)
-        },
+        means=chi_square((excess[used & noisy] / error) ** 2) if error.size else None,
+        regression=regression,
+        regression_by_channel=by_channel,
         color=color,
         notes=tuple(notes),
     )
@@ -289,10 +255,8 @@ def _matched(other: PatchValues, reference: PatchValues, notes: list[str]) -> tu
     if other.unit != reference.unit:
         raise InputError("unit", value=UNITS[other.unit], expected=f"that of the reference, {UNITS[reference.unit]}")
     shared = {}
-    for what, mine, theirs in (
-        ("patch", other.names, reference.names),
-        ("channel", other.channels, reference.channels),
-    ):
+    both = {"patch": (other.names, reference.names), "channel": (other.channels, reference.channels)}
+    for what, (mine, theirs) in both.items():
         if unknown := [name for name in mine if name not in theirs]:
             raise InputError(f"the reference has no {what} '{unknown[0]}'", hint=did_you_mean(unknown[0], theirs))
         if absent := [name for name in theirs if name not in mine]:
@@ -308,39 +272,3 @@ def _selected(values: PatchValues, names: list[str], channels: list[str]) -> Pat
     return PatchValues(
         tuple(names), tuple(channels), values.unit, values.mean[at], values.standard_error[at], values.saturated[at]
     )
-
-
-def _chi_square(
-    other: PatchValues, reference: PatchValues, which: NDArray[np.bool_], excess: NDArray[np.float64]
-) -> ChiSquare | None:
-    from scipy.stats import chi2
-
-    if not which.any():
-        return None
-    error = np.hypot(other.standard_error[which], reference.standard_error[which])
-    total, freedom = float(np.sum((excess[which] / error) ** 2)), int(which.sum())
-    return ChiSquare(total, freedom, float(chi2.sf(total, freedom)))
-
-
-def _line(
-    other: PatchValues, reference: PatchValues, which: NDArray[np.bool_], what: str, notes: list[str]
-) -> Regression | None:
-    errors = other.standard_error**2 + reference.standard_error**2
-    if (errors[which] > 0).all():
-        variance = errors
-    else:
-        variance, which = reference.mean, which & (reference.mean > 0)
-    if which.sum() < 3 or np.ptp(reference.mean[which]) == 0:
-        notes.append(f"no regression of {what}: it needs three different patches above 0")
-        return None
-    return regress(reference.mean[which], other.mean[which], variance[which])
-
-
-def _compare_colors(
-    other: PatchValues, reference: PatchValues, used: NDArray[np.bool_]
-) -> tuple[ColorComparison | None, str | None]:
-    try:
-        true = chart_xyz_d65("macbeth", other.names)
-    except InputError:
-        true = None
-    return compare_patch_colors(other.names, other.channels, (other.mean, reference.mean), used, true)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,16 +23,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Regression of measured on simulated, through the origin and with an intercept.
+    """Regression of measured on simulated over a number of points.
 
-    Parameters
-    ----------
-    points
-        Number of points.
-    slope_through_origin
-        Slope of measured = slope * simulated, the ratio of the two signals.
-    slope, intercept
-        Parameters of measured = slope * simulated + intercept; the intercept has the unit of the points.
+    `slope_through_origin` is that of measured = slope * simulated, the ratio of the two signals; `slope` and
+    `intercept` are those of measured = slope * simulated + intercept.
     """
 
     points: int
@@ -52,10 +47,6 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
         (points,) values, three or more.
     variance
         (points,) variances of measured - simulated, above 0, up to a common factor.
-
-    Returns
-    -------
-    Regression
 
     Raises
     ------
@@ -79,9 +70,7 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
     spread = np.asarray(variance, dtype=np.float64)
     if x.ndim != 1 or not x.shape == y.shape == spread.shape:
         raise InputError(
-            "simulated, measured and variance",
-            value=(x.shape, y.shape, spread.shape),
-            expected="lists of one length",
+            "simulated, measured and variance", value=(x.shape, y.shape, spread.shape), expected="lists of one length"
         )
     if x.size < 3:
         raise InputError("simulated", value=x.size, expected="three points or more")
@@ -92,6 +81,41 @@ def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> R
     (through_origin,) = _weighted_fit(x[:, None], y, 1 / spread)
     slope, intercept = _weighted_fit(np.column_stack([x, np.ones_like(x)]), y, 1 / spread)
     return Regression(x.size, through_origin, slope, intercept)
+
+
+def regressions(
+    simulated: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    channels: Sequence[str],
+    notes: list[str],
+) -> tuple[Regression | None, dict[str, Regression | None]]:
+    """Return the regression of all channels together, and that of each channel.
+
+    Parameters
+    ----------
+    simulated, measured, variance, used
+        (patches, channels) values, variances of their differences, and selection. Where a variance is 0, the selected
+        values above 0 are weighted as for shot noise.
+    channels
+        Names of the channels.
+    notes
+        List that gets the reason for each missing regression.
+    """
+
+    def line(which: NDArray[np.bool_], what: str) -> Regression | None:
+        weights, above = variance, ""
+        if not (variance[which] > 0).all():
+            weights, which, above = simulated, which & (simulated > 0), " above 0"
+        x = simulated[which]
+        if x.size < 3 or np.ptp(x) == 0:
+            notes.append(f"no regression of {what}: it needs three different patches{above}")
+            return None
+        return regress(x, measured[which], weights[which])
+
+    columns = {name: used & (np.arange(len(channels)) == k) for k, name in enumerate(channels)}
+    return line(used, "all channels"), {name: line(which, f"channel {name}") for name, which in columns.items()}
 
 
 def _weighted_fit(

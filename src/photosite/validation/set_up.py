@@ -7,15 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError
 
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.small import read_small
+from photosite.files.validation import validation_error
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
@@ -40,10 +42,8 @@ class SetUp:
         Lens, sensor and integration rule.
     exposure_s
         Exposure time.
-    names
-        Patch names.
-    radiance
-        (patches, wavelengths) photons/s/sr/m2/nm.
+    names, radiance
+        Patches, and their light: (patches, wavelengths) photons/s/sr/m2/nm.
     wavelength_nm
         (wavelengths,), increasing.
     distance_m
@@ -160,80 +160,137 @@ def read_set_up(
     """
     file = Path(path)
     content = _json(file)
-    cases = _cases(content)
-    name = _chosen(file, cases, case)
-    facts = _Facts(file, name, cases[name])
-    grid = _Facts(file, "the file", content).table("wavelength_nm", 1)
+    name = _chosen(file, content, case)
     try:
-        set_up = _set_up(facts, grid, integration)
-        if "result" not in facts.content:
+        found = _Case.model_validate(content[name] | {"wavelength_nm": content.get("wavelength_nm")})
+        optics = DiffractionLimited(found.f_number, found.focal_length_m * 1e3)
+        camera = Camera(optics, found.sensor(f"{name} of {file.name}"), integration)
+        patches = found.names(), found.patch_photon_radiance, found.wavelength_nm
+        set_up = SetUp(camera, found.exposure_s, *patches, found.object_distance_m)
+        if found.result is None:
             return set_up, None
-        result = _Facts(file, f"{name}.result", facts.content["result"])
-        electrons = result.table("patch_electrons_rgb", 2)
-        return set_up, PatchValues.exact(set_up.names, ("R", "G", "B"), "e", electrons)
+        return set_up, PatchValues.exact(set_up.names, ("R", "G", "B"), "e", found.result.patch_electrons_rgb)
+    except ValidationError as error:
+        raise validation_error(_Case, error).within(name).in_file(file) from None
     except InputError as error:
         raise error.within(name).in_file(file) from None
-    except ValueError as error:  # Pydantic's
-        raise FileError(file, " ".join(str(error).split()), where=name) from None
 
 
-@dataclass(frozen=True)
-class _Facts:
-    """An object of the file, with access to its entries by name and type."""
+def case_of(path: str | PathLike[str], case: str | None = None) -> str:
+    """Return the name of the case that `read_set_up` selects."""
+    return _chosen(Path(path), _json(Path(path)), case)
 
-    file: Path
-    name: str
-    content: Mapping[str, Any]
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.content, Mapping):
-            raise FileError(self.file, self.name, expected="an object")
-
-    def get(self, key: str) -> Any:
-        if key not in self.content:
-            raise FileError(self.file, f"'{key}' is missing", where=self.name)
-        return self.content[key]
-
-    def number(self, key: str) -> float:
-        value = self.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise FileError(self.file, key, where=self.name, value=value, expected="a number")
-        return float(value)
-
-    def table(self, key: str, dimensions: int) -> NDArray[np.float64]:
+def _table(dimensions: int, kind: str) -> PlainValidator:
+    def convert(value: Any) -> NDArray[np.float64]:
         try:
-            values = np.asarray(self.get(key), dtype=np.float64)
+            values = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError):
             values = np.empty(())
         if values.ndim != dimensions or not values.size or not np.isfinite(values).all():
-            kind = "a list" if dimensions == 1 else "a list of rows of one length"
-            raise FileError(self.file, key, where=self.name, expected=f"{kind} of finite numbers")
+            raise InputError("values", expected=f"{kind} of finite numbers")
         return values
+
+    return PlainValidator(convert)
+
+
+def _bits(value: Any) -> int:
+    first, *_ = str(value).split() or [""]
+    if not first.isdecimal():
+        raise InputError("value", value=value, expected="a whole number first, as in '12 bit'")
+    return int(first)
+
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_List = Annotated[NDArray[np.float64], _table(1, "a list")]
+_Rows = Annotated[NDArray[np.float64], _table(2, "a list of rows of one length")]
+
+
+class _Result(BaseModel):
+    patch_electrons_rgb: _Rows
+
+
+class _Case(BaseModel):
+    """A case of the file, with the wavelengths that all cases share."""
+
+    model_config = ConfigDict(strict=True)
+
+    wavelength_nm: _List
+    patch_photon_radiance: _Rows
+    quantum_efficiency_rgb: _Rows
+    f_number: _Number
+    focal_length_m: _Number
+    object_distance_m: _Number
+    exposure_s: _Number
+    pixel_m: _Number
+    fill_factor: _Number
+    conversion_gain_v_per_e: Annotated[_Number, Field(gt=0)]
+    voltage_swing_v: _Number
+    read_noise_v: _Number
+    dsnu_v: _Number
+    prnu_percent: _Number
+    cfa: str
+    bits: Annotated[int, PlainValidator(_bits)]
+    patch_names: list[str] | None = None
+    result: _Result | None = None
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the patches, in ISETCam's order where the file has none."""
+        count = len(self.patch_photon_radiance)
+        if self.patch_names is None:
+            return NAMES_DOWN_COLUMNS if count == 24 else tuple(f"patch {number}" for number in range(1, count + 1))
+        if len(self.patch_names) != count:
+            raise InputError("patch_names", value=len(self.patch_names), expected=f"{count} names, one for each patch")
+        return tuple(self.patch_names)
+
+    def sensor(self, name: str) -> Sensor:
+        """Return the sensor, two by two pixels."""
+        grid, efficiency = self.wavelength_nm, self.quantum_efficiency_rgb
+        if efficiency.shape != (grid.size, 3):
+            expected = f"of shape ({grid.size}, 3), one row for each wavelength"
+            raise InputError("quantum_efficiency_rgb", value=efficiency.shape, expected=expected)
+        pixel = {
+            "width_um": self.pixel_m * 1e6,
+            "height_um": self.pixel_m * 1e6,
+            "fill_factor": self.fill_factor,
+            "conversion_gain_uv_per_e": self.conversion_gain_v_per_e * 1e6,
+            "voltage_swing_v": self.voltage_swing_v,
+            "well_capacity_e": self.voltage_swing_v / self.conversion_gain_v_per_e,
+        }
+        noise = {
+            "read_noise_mv": self.read_noise_v * 1e3,
+            "dsnu_mv": self.dsnu_v * 1e3,
+            "prnu_percent": self.prnu_percent,
+            "dark_voltage_mv_per_s": 0.0,
+        }
+        channels = {
+            channel: {"wavelength_nm": grid.tolist(), "quantum_efficiency": efficiency[:, k].tolist()}
+            for k, channel in enumerate("RGB")
+        }
+        array = {"rows": 2, "cols": 2, "cfa": self.cfa.removeprefix("bayer-")}
+        sections = {
+            "array": array,
+            "pixel": pixel,
+            "channels": channels,
+            "noise": noise,
+            "readout": {"bits": self.bits},
+        }
+        return Sensor.model_validate({"name": name, **sections})
 
 
 def _json(file: Path) -> dict[str, Any]:
     try:
         content = json.loads(read_small(file, "a set-up", _LARGEST_BYTES).decode("utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise FileError(file, f"is not valid JSON: {error.msg}", error.lineno) from None
-    except (UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise FileError(file, f"is not valid JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        text, line = getattr(error, "msg", error), getattr(error, "lineno", None)
+        raise FileError(file, f"is not valid JSON: {text}", line) from None
     if not isinstance(content, dict):
         raise FileError(file, "content", expected="an object with 'wavelength_nm' and a case")
     return content
 
 
-def case_of(path: str | PathLike[str], case: str | None = None) -> str:
-    """Return the name of the case that `read_set_up` selects."""
-    file = Path(path)
-    return _chosen(file, _cases(_json(file)), case)
-
-
-def _cases(content: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: part for name, part in content.items() if isinstance(part, dict) and "patch_photon_radiance" in part}
-
-
-def _chosen(file: Path, cases: Mapping[str, Any], case: str | None) -> str:
+def _chosen(file: Path, content: Mapping[str, Any], case: str | None) -> str:
+    cases = {name: part for name, part in content.items() if isinstance(part, dict) and "patch_photon_radiance" in part}
     if case is not None:
         if case not in cases:
             raise FileError(file, "case", value=case, expected="in the file", hint=did_you_mean(case, cases))
@@ -243,78 +300,7 @@ def _chosen(file: Path, cases: Mapping[str, Any], case: str | None) -> str:
         if len(names) == 1:
             return names[0]
     if not cases:
-        raise FileError(
-            file, "has no case", hint="A case is an object with 'patch_photon_radiance' and the camera's set-up"
-        )
-    raise FileError(
-        file, f"has several cases: {', '.join(cases)}", hint="Pass {case}", arguments={"case": next(iter(cases))}
-    )
-
-
-def _set_up(facts: _Facts, grid: NDArray[np.float64], integration: Rule) -> SetUp:
-    radiance = facts.table("patch_photon_radiance", 2)
-    return SetUp(
-        Camera(
-            DiffractionLimited(facts.number("f_number"), facts.number("focal_length_m") * 1e3),
-            _sensor(facts, grid),
-            integration,
-        ),
-        facts.number("exposure_s"),
-        _names(facts, len(radiance)),
-        radiance,
-        grid,
-        facts.number("object_distance_m"),
-    )
-
-
-def _names(facts: _Facts, count: int) -> tuple[str, ...]:
-    names = facts.content.get("patch_names")
-    if names is None:
-        return NAMES_DOWN_COLUMNS if count == 24 else tuple(f"patch {number}" for number in range(1, count + 1))
-    if not isinstance(names, list) or len(names) != count or not all(isinstance(name, str) for name in names):
-        raise FileError(facts.file, "patch_names", where=facts.name, expected=f"{count} names, one for each patch")
-    return tuple(names)
-
-
-def _sensor(facts: _Facts, grid: NDArray[np.float64]) -> Sensor:
-    efficiency = facts.table("quantum_efficiency_rgb", 2)
-    if efficiency.shape != (grid.size, 3):
-        raise FileError(
-            facts.file,
-            "quantum_efficiency_rgb",
-            where=facts.name,
-            value=efficiency.shape,
-            expected=f"of shape ({grid.size}, 3), one row for each wavelength",
-        )
-    cfa, bits = str(facts.get("cfa")), str(facts.get("bits")).split()
-    if not bits or not bits[0].isdecimal():
-        raise FileError(facts.file, "bits", where=facts.name, expected="a whole number first, as in '12 bit'")
-    gain_v, swing_v = facts.number("conversion_gain_v_per_e"), facts.number("voltage_swing_v")
-    pitch_um = facts.number("pixel_m") * 1e6
-    if not gain_v > 0:
-        raise FileError(facts.file, "conversion_gain_v_per_e", where=facts.name, value=gain_v, expected="above 0")
-    return Sensor.model_validate(
-        {
-            "name": f"{facts.name} of {facts.file.name}",
-            "array": {"rows": 2, "cols": 2, "cfa": cfa.removeprefix("bayer-")},
-            "pixel": {
-                "width_um": pitch_um,
-                "height_um": pitch_um,
-                "fill_factor": facts.number("fill_factor"),
-                "conversion_gain_uv_per_e": gain_v * 1e6,
-                "voltage_swing_v": swing_v,
-                "well_capacity_e": swing_v / gain_v,
-            },
-            "channels": {
-                channel: {"wavelength_nm": grid.tolist(), "quantum_efficiency": efficiency[:, k].tolist()}
-                for k, channel in enumerate("RGB")
-            },
-            "noise": {
-                "read_noise_mv": facts.number("read_noise_v") * 1e3,
-                "dsnu_mv": facts.number("dsnu_v") * 1e3,
-                "prnu_percent": facts.number("prnu_percent"),
-                "dark_voltage_mv_per_s": 0.0,
-            },
-            "readout": {"bits": int(bits[0])},
-        }
-    )
+        hint = "A case is an object with 'patch_photon_radiance' and the camera's set-up"
+        raise FileError(file, "has no case", hint=hint)
+    what = f"has several cases: {', '.join(cases)}"
+    raise FileError(file, what, hint="Pass {case}", arguments={"case": next(iter(cases))})

@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from photosite.errors import InputError
+from photosite.metrics.patches import patch_statistics
 from photosite.validation.charts import chart_regions
+from photosite.validation.frame_validation import MOST_SIMULATED
 from photosite.validation.patch_values import PatchComparison, PatchValues, compare_values
 from photosite.validation.result import Validation
 from photosite.validation.set_up import SetUp
 from photosite.validation.tool_files import Content, Mosaic
 from photosite.validation.validate import validate
 from photosite.values.cfa import tile_text
-
-MOST_SIMULATED = 10
-"""Largest number of frames that are simulated."""
 
 
 def compare(
@@ -51,11 +50,6 @@ def compare(
     -------
     PatchComparison or Validation
         `Validation` where both are raw frames, with `other` as measured.
-
-    Raises
-    ------
-    InputError
-        If the two cannot be compared.
 
     Examples
     --------
@@ -97,6 +91,4 @@ def _values(content: Content, chart: str) -> PatchValues:
     if isinstance(content, Mosaic):
         rows, cols = content.electrons.shape
         return content.patch_values(chart_regions(chart, rows, cols))
-    from photosite.metrics.patches import patch_statistics
-
     return PatchValues.from_statistics(patch_statistics(content, chart_regions(chart, *content[0].shape)))

@@ -34,15 +34,7 @@ _COLUMN = re.compile(r"(?P<channel>.+?)(?P<error>_standard_error)?_(?P<unit>e|dn
 
 @dataclass(frozen=True)
 class Mosaic:
-    """A mosaic in electrons.
-
-    Parameters
-    ----------
-    electrons
-        (rows, cols).
-    cfa
-        Tile of the colour filter array.
-    """
+    """A mosaic in electrons, (rows, cols), and the tile of its colour filter array."""
 
     electrons: NDArray[np.float64]
     cfa: Cfa
@@ -77,9 +69,8 @@ class Mosaic:
             inside[(r - region.r0) % height :: height, (c - region.c0) % width :: width] = True
         values = self.electrons[region.r0 : region.r1, region.c0 : region.c1][inside & region.inside()]
         if values.size < 2:
-            raise InputError(
-                f"pixels of channel {channel} in patch '{region.name}'", value=values.size, expected="two or more"
-            )
+            what = f"pixels of channel {channel} in patch '{region.name}'"
+            raise InputError(what, value=values.size, expected="two or more")
         return float(values.mean()), float(values.std(ddof=1)) / math.sqrt(values.size)
 
 
@@ -108,14 +99,7 @@ Content = PatchValues | Mosaic | list[RawFrame]
 
 
 def read_tool_file(path: str | PathLike[str], options: ReadOptions) -> Content:
-    """Read patch values or a mosaic; the suffix selects the format.
-
-    Parameters
-    ----------
-    path
-        .csv, .mat, a raw frame (TIFF, DNG, ...) or a folder of raw frames.
-    options
-        Properties that the file may not contain.
+    """Read patch values or a mosaic from a .csv or .mat file, a raw frame (TIFF, DNG, ...) or a folder of raw frames.
 
     Raises
     ------
@@ -123,11 +107,11 @@ def read_tool_file(path: str | PathLike[str], options: ReadOptions) -> Content:
         If the file cannot be read or has invalid content.
     """
     file = Path(path)
-    suffix = file.suffix.lower()
-    if suffix == ".csv":
-        return read_csv(file)
-    if suffix == ".mat":
-        return read_mat(file, options)
+    match file.suffix.lower():
+        case ".csv":
+            return read_csv(file)
+        case ".mat":
+            return read_mat(file, options)
     return _frames(file, options)
 
 
@@ -159,9 +143,8 @@ def read_csv(path: str | PathLike[str]) -> PatchValues:
     file = Path(path)
     rows = [(number, row) for number, row in _rows(file) if any(row) and not row[0].startswith("#")]
     if not rows:
-        raise FileError(
-            file, "is empty", hint="Write a heading, such as patch,R_e,G_e,B_e, and one line for each patch"
-        )
+        hint = "Write a heading, such as patch,R_e,G_e,B_e, and one line for each patch"
+        raise FileError(file, "is empty", hint=hint)
     (line, heading), body = rows[0], rows[1:]
     columns, unit = _columns(file, heading, line)
     if not body:
@@ -200,7 +183,7 @@ def _columns(file: Path, heading: Sequence[str], line: int) -> tuple[list[tuple[
             raise FileError(file, "column", line, value=name, expected=expected)
         columns.append((found["channel"], bool(found["error"])))
         units.add(found["unit"])
-    if twice := [name for name in dict.fromkeys(heading) if list(heading).count(name) > 1]:
+    if twice := [name for name in heading if list(heading).count(name) > 1]:
         raise FileError(file, "columns", line, value=twice[0], expected="without repeats")
     if orphans := [channel for channel, is_error in columns if is_error and (channel, False) not in columns]:
         raise FileError(file, f"channel {orphans[0]} has a standard error but no values", line)
@@ -276,14 +259,9 @@ def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64],
     if wanted is None:
         if len(arrays) != 1:
             listed = ", ".join(f"'{name}'" for name in content) or "none"
-            raise FileError(
-                file,
-                "number of numeric arrays",
-                value=len(arrays),
-                expected=f"1 unless one is selected; variables: {listed}",
-                hint="Pass {variable}",
-                arguments={"variable": next(iter(arrays), "NAME")},
-            )
+            expected = f"1 unless one is selected; variables: {listed}"
+            example = {"hint": "Pass {variable}", "arguments": {"variable": next(iter(arrays), "NAME")}}
+            raise FileError(file, "number of numeric arrays", value=len(arrays), expected=expected, **example)
         wanted = next(iter(arrays))
     value: Any = content
     for part in wanted.split("."):
@@ -324,15 +302,10 @@ def _with_options(frame: RawFrame, file: Path, options: ReadOptions) -> RawFrame
         return frame
     if options.unit == "e":
         return replace(frame, cfa=options.cfa)
-    top = int(frame.dn.max())
-    if top > 2**options.bits - 1:
-        raise FileError(
-            file,
-            "largest value",
-            value=top,
-            expected=f"at most {2**options.bits - 1}, for {options.bits} bits",
-            hint="Pass {bits}",
-            arguments={"bits": max(16, top.bit_length())},
-        )
+    top, highest = int(frame.dn.max()), 2**options.bits - 1
+    if top > highest:
+        expected = f"at most {highest}, for {options.bits} bits"
+        example = {"hint": "Pass {bits}", "arguments": {"bits": max(16, top.bit_length())}}
+        raise FileError(file, "largest value", value=top, expected=expected, **example)
     black_dn = frame.black_level_dn or options.black_level_dn
     return RawFrame(frame.dn, options.bits, options.cfa, black_dn, exposure_s=frame.exposure_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +18,8 @@ from photosite.validation.agreement import (
     chi_square_of_temporal_noise,
 )
 from photosite.validation.charts import chart_regions, chart_xyz_d65, check_chart
-from photosite.validation.color import compare_patch_colors
-from photosite.validation.regression import Regression, regress
-from photosite.validation.repeats import check_repeats
+from photosite.validation.color import compare_colors
+from photosite.validation.regression import regressions
 from photosite.validation.result import Validation
 from photosite.values.cfa import tile_text
 from photosite.values.region import Region
@@ -60,10 +60,6 @@ def validate(
     tolerance_percent
         Relative tolerance of means and noise, in percent. With 0, every difference beyond the noise counts; many pixels
         resolve a tenth of a percent.
-
-    Returns
-    -------
-    Validation
 
     Raises
     ------
@@ -111,36 +107,20 @@ def compare_patches(
     exposures_s: tuple[float | None, float | None] = (None, None),
     fitted: int = 0,
 ) -> Validation:
-    """Compare the statistics of the same patches and channels.
+    """Compare the statistics of the same patches and channels, in the same order, as `validate` does.
 
-    Parameters
-    ----------
-    measured, simulated
-        Statistics with the same patches and channels in the same order.
-    reference_xyz
-        (patches, 3) as for `validate`; None gives no colour differences.
-    level, tolerance_percent
-        As for `validate`.
-    exposures_s
-        Exposure times of the measured and the simulated frames.
-    fitted
-        Number of parameters of the simulation that were fitted to the measured patch means.
-
-    Raises
-    ------
-    InputError
-        If every patch is saturated, or the level or tolerance is invalid.
+    `exposures_s` are the exposure times of the measured and the simulated frames; `fitted` is the number of parameters
+    of the simulation that were fitted to the measured patch means.
     """
     check_verdict_settings(level, tolerance_percent)
     used = ~(measured.saturated | simulated.saturated)
     if not used.any():
         raise InputError("every patch is saturated", hint="Use a shorter exposure time")
     notes = _saturation_notes(measured, used)
-    regression, by_channel = _lines(measured, simulated, used, notes)
     means = measured.mean_dn, simulated.mean_dn
-    color, no_color = compare_patch_colors(measured.names, measured.channels, means, used, reference_xyz)
-    if no_color is not None:
-        notes.append(no_color)
+    variance = measured.standard_error_dn**2 + simulated.standard_error_dn**2
+    regression, by_channel = regressions(simulated.mean_dn, measured.mean_dn, variance, used, measured.channels, notes)
+    color = compare_colors(measured.names, measured.channels, means, used, reference_xyz, notes)
     tolerance = tolerance_percent / 100
     return Validation(
         level=level,
@@ -163,12 +143,8 @@ def _first(frames: Frames, what: str) -> RawFrame:
     if isinstance(frames, RawFrame):
         return frames
     if not isinstance(frames, Sequence) or not all(isinstance(frame, RawFrame) for frame in frames):
-        raise InputError(
-            what,
-            value=type(frames).__name__,
-            expected="a RawFrame or several",
-            hint="read_raw and Camera.capture return them",
-        )
+        hint = "read_raw and Camera.capture return them"
+        raise InputError(what, value=type(frames).__name__, expected="a RawFrame or several", hint=hint)
     if not frames:
         raise InputError(what, value=0, expected="one frame or more")
     return frames[0]
@@ -220,19 +196,18 @@ def _saturation_notes(measured: PatchStatistics, used: NDArray[np.bool_]) -> lis
     return [f"left out as saturated: {'; '.join(lost)}"] if lost else []
 
 
-def _lines(
-    measured: PatchStatistics, simulated: PatchStatistics, used: NDArray[np.bool_], notes: list[str]
-) -> tuple[Regression | None, dict[str, Regression | None]]:
-    """Return the regression of all points and that of each channel."""
-    variance = measured.standard_error_dn**2 + simulated.standard_error_dn**2
+def check_repeats(frames: Sequence[RawFrame], names: Sequence[str] | None = None) -> None:
+    """Raise `InputError` if two frames are identical: a stack's noise is estimated from differences between frames.
 
-    def line(which: NDArray[np.bool_], what: str) -> Regression | None:
-        x = simulated.mean_dn[which]
-        if x.size < 3 or np.ptp(x) == 0:
-            notes.append(f"no regression of {what}: it needs three different patches")
-            return None
-        return regress(x, measured.mean_dn[which], variance[which])
-
-    channels = enumerate(measured.channels)
-    columns = {name: used & (np.arange(used.shape[1]) == k) for k, name in channels}
-    return line(used, "all channels"), {name: line(which, f"channel {name}") for name, which in columns.items()}
+    Frames with one value everywhere (all black or all white) are accepted. The error names the frames, or counts them
+    from 1.
+    """
+    seen: dict[tuple[tuple[int, ...], bytes], int] = {}
+    for number, frame in enumerate(frames if len(frames) > 1 else ()):
+        if frame.dn.min() == frame.dn.max():
+            continue
+        first = seen.setdefault((frame.dn.shape, sha256(np.ascontiguousarray(frame.dn).data).digest()), number)
+        if first != number:
+            one, other = (k + 1 if names is None else names[k] for k in (first, number))
+            hint = "Pass each frame once"
+            raise InputError(f"measured frames {one} and {other} are identical in every pixel", hint=hint)

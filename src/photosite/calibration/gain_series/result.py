@@ -133,9 +133,10 @@ class GainSeries:
         FileError
             If the file cannot be written.
         """
-        from photosite.report.gain_series import write_gain_series_report
+        from photosite.report.gain_series import gain_series_page
+        from photosite.report.write import write_report
 
-        write_gain_series_report(self, path)
+        write_report(gain_series_page(self), path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `photosite calibrate --json` for several gain settings."""

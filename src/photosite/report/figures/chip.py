@@ -14,9 +14,7 @@ from photosite.calibration.chip_maps.temporal_noise import TemporalNoise, Trace
 from photosite.report.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, WIDTH_IN, new_figure, styled
 from photosite.sensor.measured_chip import DefectKind, Defects
 
-_PER_POINT = 2
-"""Bins of the histogram per point."""
-
+_PER_POINT = 2  # bins of the histogram per point
 _NORMAL_QUARTILE = 0.6744897501960817
 
 
@@ -24,18 +22,10 @@ _NORMAL_QUARTILE = 0.6744897501960817
 def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     """Draw the histogram of all deviations from the pixels' means, with the normal and the Tukey lambda distribution.
 
-    Parameters
-    ----------
-    noise
-        Temporal noise from a calibration with maps.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Logarithmic density; tails heavier than normal lie above the dashed line. The normal distribution has the
-        quartiles of the histogram. The Tukey lambda distribution has its shape and standard deviation, and is drawn if
-        the shape differs significantly from normal. If it has a largest deviation, its label states the number of
-        values beyond.
+    The density is logarithmic; tails heavier than normal lie above the dashed line. The normal distribution has the
+    quartiles of the histogram. The Tukey lambda distribution has its shape and standard deviation, and is drawn if the
+    shape differs significantly from normal. If it has a largest deviation, its label states the number of values
+    beyond.
     """
     figure, axes = new_figure()
     bins = len(noise.residual_count) // _PER_POINT * _PER_POINT
@@ -48,17 +38,11 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     low, high = _quantiles(noise, np.array([0.25, 0.75]))
     sigma = (high - low) / (2 * _NORMAL_QUARTILE)
     normal = np.linspace(x[filled][0], x[filled][-1], 600)
-    axes.errorbar(
-        x[filled], density, bars, fmt="o", color=BLUE, markersize=3.2, elinewidth=0.8, label="values", zorder=2
-    )
-    axes.plot(
-        normal,
-        np.exp(-0.5 * (normal / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)),
-        color=BLACK,
-        linestyle="--",
-        label=f"normal, {sigma:.3g} DN from quartiles",
-        zorder=3,
-    )
+    dots = {"fmt": "o", "color": BLUE, "markersize": 3.2, "elinewidth": 0.8}
+    axes.errorbar(x[filled], density, bars, label="values", zorder=2, **dots)
+    bell = np.exp(-0.5 * (normal / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+    label = f"normal, {sigma:.3g} DN from quartiles"
+    axes.plot(normal, bell, color=BLACK, linestyle="--", label=label, zorder=3)
     if noise.shape.tukey_lambda.value is not None and not noise.shape.shape_is_normal:
         _draw_tukey(axes, noise.shape.tukey_lambda.value, x, count)
     axes.set_yscale("log")
@@ -105,20 +89,10 @@ _MOST = 4000
 
 @styled()
 def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
-    """Draw a marker for each defective pixel on the area of the chip.
+    """Draw a marker for each defective pixel on the area of a chip of (rows, cols) pixels, row 0 at the top.
 
-    Parameters
-    ----------
-    defects
-        The defects.
-    shape
-        (rows, cols) of the chip.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Row 0 is at the top. The legend gives the number of each kind. Of more than 4000 pixels of a kind, those with
-        the largest deviation are drawn, and the legend gives both numbers.
+    The legend gives the number of each kind. Of more than 4000 pixels of a kind, those with the largest deviation are
+    drawn, and the legend gives both numbers.
     """
     rows, cols = shape
     height = min(max((WIDTH_IN - 2.4) * rows / cols, 2.2), 7.0)
@@ -132,17 +106,9 @@ def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
             continue
         drawn = np.argsort(-np.abs(chosen.deviation), kind="stable")[:_MOST]
         label = f"{name}: {len(chosen)}" + (f", {_MOST} drawn" if len(chosen) > _MOST else "")
-        top_value_shares = len(drawn) > 400
-        axes.plot(
-            chosen.col[drawn],
-            chosen.row[drawn],
-            marker,
-            color=color,
-            markerfacecolor="none",
-            markersize=3.0 if top_value_shares else 5.0,
-            markeredgewidth=0.7 if top_value_shares else 1.1,
-            label=label,
-        )
+        size, edge = (3.0, 0.7) if len(drawn) > 400 else (5.0, 1.1)
+        look = {"color": color, "markerfacecolor": "none", "markersize": size, "markeredgewidth": edge}
+        axes.plot(chosen.col[drawn], chosen.row[drawn], marker, label=label, **look)
     axes.set_xlim(-0.5, cols - 0.5)
     axes.set_ylim(rows - 0.5, -0.5)
     axes.set_xlabel("column")
@@ -158,18 +124,7 @@ def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
 
 @styled()
 def telegraph_figure(traces: Sequence[Trace]) -> Figure:
-    """Draw a row for each pixel: its values against the frame number, and their histogram.
-
-    Parameters
-    ----------
-    traces
-        At least one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Dashed: the two levels.
-    """
+    """Draw a row for each pixel: its values against the frame number, their histogram, and the two levels, dashed."""
     figure = Figure(figsize=(WIDTH_IN, 0.7 + 1.35 * len(traces)))
     grid = figure.subplots(len(traces), 2, sharey="row", squeeze=False, width_ratios=(4, 1))
     for (over_frames, histogram), trace in zip(grid, traces, strict=True):

@@ -26,19 +26,11 @@ from photosite.values.uncertain import Missing
 
 @styled()
 def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
-    """Draw the square roots of the horizontal and the vertical spectrogram.
+    """Draw the square roots of the horizontal and the vertical spectrogram of each channel, all dark or all light.
 
-    Parameters
-    ----------
-    patterns
-        By channel; all dark or all light.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Pale: the mean frame. Full: after the standard's high-pass filter. Dashed: the white part, the median of the
-        filtered spectrum, with the band that contains 95 % of the frequencies of a pattern without structure. Dotted,
-        for a single channel: the temporal noise that remains in the mean frame. Ordinates are logarithmic.
+    Pale: the mean frame. Full: after the standard's high-pass filter. Dashed: the white part, the median of the
+    filtered spectrum, with the band that contains 95 % of the frequencies of a pattern without structure. Dotted, for a
+    single channel: the temporal noise that remains in the mean frame. Ordinates are logarithmic.
 
     References
     ----------
@@ -61,7 +53,10 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     lower.set_xlabel(
         "frequency (cycles per pixel" + (")" if some.frames and len(patterns) == 1 else " of the channel)")
     )
-    handles = _spectrogram_legend(patterns)
+    return _with_legend(figure, _spectrogram_legend(patterns))
+
+
+def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
@@ -76,13 +71,8 @@ def _tick(value: float, limits: tuple[float, float]) -> str:
 def white_band(found: Spectrogram, lines: int) -> tuple[float, float]:
     """Return the standard deviations that enclose 95 % of the frequencies of a pattern without structure.
 
-    Parameters
-    ----------
-    found
-        The spectrogram.
-    lines
-        Number of lines that it is the mean of. The mean of their powers is chi-square distributed with twice as many
-        degrees of freedom.
+    The spectrogram is the mean of the powers of a number of lines, chi-square distributed with twice as many degrees of
+    freedom.
 
     Examples
     --------
@@ -137,16 +127,8 @@ _PROFILE_LINES = (
 def profiles_figure(spatial: SpatialAnalysis) -> Figure:
     """Draw the horizontal and vertical profiles of one channel, in the light and in the dark.
 
-    Parameters
-    ----------
-    spatial
-        Patterns of the channel.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Above: the mean frame near half saturation minus dark, if there is one. Below: the mean dark frame. Left: mean,
-        maximum, minimum and middle row at each column. Right: the same at each row.
+    Above: the mean frame near half saturation minus dark, if there is one. Below: the mean dark frame. Left: mean,
+    maximum, minimum and middle row at each column. Right: the same at each row.
 
     References
     ----------
@@ -176,18 +158,10 @@ def _draw_profile(axes: Axes, profile: Profile) -> None:
 
 @styled()
 def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
-    """Draw the logarithmic and the accumulated histogram of deviations from the mean.
+    """Draw the logarithmic and the accumulated histogram of deviations from the mean of each channel.
 
-    Parameters
-    ----------
-    patterns
-        By channel; all dark or all light.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Left: histogram. Right: accumulated histogram. Steps: pixels. Dashed: normal distribution of the same standard
-        deviation. Vertical lines: threshold of outliers. Ordinates are logarithmic.
+    The channels are all dark or all light. Left: histogram. Right: accumulated histogram. Steps: pixels. Dashed: normal
+    distribution of the same standard deviation. Vertical lines: threshold of outliers. Ordinates are logarithmic.
 
     References
     ----------
@@ -201,11 +175,9 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     for position, (channel, pattern) in enumerate(patterns.items()):
         color = channel_style(channel, position)[0]
         _draw_histogram(left, right, pattern.histogram, color, BLACK if alone else color)
-        for axes, places in ((left, (-1.0, 1.0)), (right, (1.0,))):
-            for sign in places:
-                axes.axvline(
-                    sign * pattern.outliers.threshold, color=GRAY if alone else color, linewidth=0.9, linestyle=":"
-                )
+        for axes, sign in ((left, -1.0), (left, 1.0), (right, 1.0)):
+            threshold = sign * pattern.outliers.threshold
+            axes.axvline(threshold, color=GRAY if alone else color, linewidth=0.9, linestyle=":")
     some = next(iter(patterns.values()))
     left.set(ylabel="pixels", xlabel=f"deviation from the mean ({some.unit})")
     left.set_ylim(bottom=0.5)
@@ -215,9 +187,7 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     right.set(ylabel="pixels beyond (%)", xlabel=f"absolute deviation ({some.unit})")
     right.set_ylim(50.0 / pixels, 200.0)
     right.set_xlim(0.0, reach)
-    handles = _histogram_legend(patterns)
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    return figure
+    return _with_legend(figure, _histogram_legend(patterns))
 
 
 def _reach(pattern: FramePattern) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.gain_series.result import GainMode, GainSeries
 from photosite.calibration.gain_series.series_statistics import log_amplification
-from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, WIDTH_IN, styled
+from photosite.report.style import BLACK, BLUE, GRAY, ORANGE, SKY, VERMILION, styled, two_panels
 
 _POINTS = 200
 _MARKERS = ("o", "s")
@@ -22,14 +22,10 @@ _ORDER = ("measured", "low conversion gain", "high conversion gain", _BOTH, _BEF
 def gain_series_figure(series: GainSeries) -> Figure:
     """Draw read noise referred to the input, its parts before and after the amplifier, and system gain, by setting.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Points with 95 % intervals. Lines are the two-part model, and gains proportional to the nominal settings. The
-        shaded band marks the conversion-gain switch.
+    Points with 95 % intervals. Lines are the two-part model, and gains proportional to the nominal settings. The shaded
+    band marks the conversion-gain switch.
     """
-    figure = Figure(figsize=(WIDTH_IN, 6.4))
-    noise, gain = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
+    figure, noise, gain = two_panels(6.4, upper_share=1.4)
     for number, mode in enumerate(series.modes):
         _draw_mode(noise, gain, series, mode, number)
     if series.switch is not None:

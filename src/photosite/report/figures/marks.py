@@ -12,44 +12,21 @@ from numpy.typing import NDArray
 from photosite.report.style import BAND, GRAY, channel_style
 
 _Numbers = NDArray[np.float64]
+_Mask = NDArray[np.bool_]
 
 
 def draw_points(
-    axes: Axes,
-    x: _Numbers,
-    y: _Numbers,
-    half: _Numbers,
-    used: NDArray[np.bool_],
-    look: tuple[str, str],
-    size: float = 5.0,
+    axes: Axes, x: _Numbers, y: _Numbers, half: _Numbers, used: _Mask, look: tuple[str, str], size: float = 5.0
 ) -> None:
-    """Draw points with error bars: filled if used in a fit, else hollow.
+    """Draw points with error bars of a half length: filled if used in a fit, else hollow.
 
-    Parameters
-    ----------
-    axes
-        Axes to draw on.
-    x, y, half, used
-        (points,) position, half length of the error bar, and whether the point was used.
-    look
-        Colour and marker.
-    size
-        Marker size, in points.
+    `look` is the colour and the marker.
     """
     color, marker = look
     for filled in (True, False):
         which = used == filled
-        axes.errorbar(
-            x[which],
-            y[which],
-            half[which],
-            fmt=marker,
-            color=color,
-            markerfacecolor=color if filled else "white",
-            markersize=size,
-            elinewidth=0.9,
-            zorder=2 + filled,
-        )
+        style = {"color": color, "markerfacecolor": color if filled else "white", "zorder": 2 + filled}
+        axes.errorbar(x[which], y[which], half[which], fmt=marker, markersize=size, elinewidth=0.9, **style)
 
 
 def draw_band(axes: Axes, x: _Numbers, middle: _Numbers, half: _Numbers, color: str) -> None:
@@ -70,10 +47,8 @@ def channel_handles(
     ----------
     channels
         Names, in drawing order.
-    alone
-        Label of a single channel.
-    hollow
-        Label of hollow points, if there are any.
+    alone, hollow
+        Label of a single channel, and of hollow points, if there are any.
     lines
         Whether the channels have lines.
     """
@@ -90,19 +65,9 @@ def channel_handles(
 
 
 def thinned(x: _Numbers, y: _Numbers, most: int = 800) -> tuple[_Numbers, _Numbers]:
-    """Thin a long line to the lowest and highest value of runs of neighbours, so that peaks stay visible.
+    """Thin a long line to the lowest and highest value of at most `most` runs of neighbours, so that peaks remain.
 
-    Parameters
-    ----------
-    x, y
-        (n,).
-    most
-        Largest number of runs.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        A short line unchanged; otherwise, lowest and highest value at the middle of each run.
+    A short line is returned unchanged.
 
     Examples
     --------

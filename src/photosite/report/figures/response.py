@@ -10,21 +10,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from photosite.calibration.photon_transfer.curves import Curve
 from photosite.calibration.photon_transfer.general_model import GeneralModel
 from photosite.calibration.photon_transfer.linearity import Linearity, LinearityFit
 from photosite.calibration.photon_transfer.snr import SnrCurve
 from photosite.report.figures.marks import channel_handles, draw_band, draw_points
-from photosite.report.style import BLACK, GRAY, WIDTH_IN, channel_style, new_figure, styled
+from photosite.report.style import BLACK, GRAY, channel_style, new_figure, styled, two_panels
 from photosite.values.measured import COVERAGE_95
 from photosite.values.uncertain import Uncertain
 
 _WIDE = 30.0
 """Ratio of the largest to the smallest value from which on an axis is logarithmic."""
 
-_POINTS = 120
+_POINTS, _SNR_POINTS = 120, 160
 """Points of a line and its band."""
 
 Residuals = Literal["percent", "standard"]
@@ -34,6 +34,11 @@ Residuals = Literal["percent", "standard"]
 def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard") -> Figure:
     """Draw points and fitted line of each channel, and the residuals below.
 
+    Filled points were fitted, hollow ones were not. The abscissa is logarithmic if all points are positive and span
+    more than a factor of 30; so is the ordinate, if the fitted points do. Points at or below 0 are then triangles at
+    the lower border. Error bars are 95 % intervals from sampling; bands are those of the lines, from the covariance of
+    each fit.
+
     Parameters
     ----------
     curves
@@ -41,20 +46,11 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     residuals
         Unit of the residuals: "percent" of the line, or "standard" uncertainties including the extra variance.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Filled points were fitted, hollow ones were not. The abscissa is logarithmic if all points are positive and span
-        more than a factor of 30; so is the ordinate, if the fitted points do. Points at or below 0 are then triangles
-        at the lower border. Error bars are 95 % intervals from sampling; bands are those of the lines, from the
-        covariance of each fit.
-
     References
     ----------
     EMVA 1288 R4.0, 6.5 and 6.6: photon transfer and linearity plots.
     """
-    figure = Figure(figsize=(WIDTH_IN, 5.4))
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
+    figure, upper, lower = two_panels(upper_share=2.6)
     some = next(iter(curves.values()))
     drawn = {channel: _finite(curve) for channel, curve in curves.items()}
     upper.set(**_scales(drawn.values()))
@@ -71,9 +67,14 @@ def curve_figure(curves: Mapping[str, Curve], residuals: Residuals = "standard")
     lower.set_xlabel(some.x_label)
     lower.set_ylabel("residual (%)" if residuals == "percent" else "residual (std. unc.)")
     hollow = None if all(curve.used.all() for curve in drawn.values()) else "not fitted"
-    handles = channel_handles(list(drawn), "fitted", hollow)
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    figure.align_ylabels([upper, lower])
+    return _with_legend(figure, channel_handles(list(drawn), "fitted", hollow))
+
+
+def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:
+    """Return a figure of two panels with a legend above them and aligned labels."""
+    if handles:
+        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    figure.align_ylabels(figure.axes)
     return figure
 
 
@@ -91,7 +92,7 @@ def _scales(curves: Collection[Curve]) -> dict[str, str]:
         return {"xscale": "linear", "yscale": "linear"}
     log_x = x.max() > _WIDE * x.min()
     log_y = log_x and fitted.max() > _WIDE * fitted.min()
-    return {"xscale": "log" if log_x else "linear", "yscale": "log" if log_y else "linear"}
+    return {name: "log" if wide else "linear" for name, wide in (("xscale", log_x), ("yscale", log_y))}
 
 
 def _draw_points(axes: Axes, curve: Curve, channel: str, position: int) -> None:
@@ -132,15 +133,15 @@ def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, resid
         draw_band(axes, x, np.zeros_like(x), COVERAGE_95 * band[1] * scale, color)
 
 
-_SNR_POINTS = 160
-
 _DASHES, _DOTS = (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2))
 """Of the total ratio and of the ideal sensor's."""
 
 
 @styled()
 def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[float, float]] | None = None) -> Figure:
-    """Draw the SNR against light: points, linear model with 95 % intervals, and an ideal sensor.
+    """Draw the SNR against light, as ratio and in decibels: points, linear model with 95 % intervals, ideal sensor.
+
+    Hollow points lie above the linear range.
 
     Parameters
     ----------
@@ -148,11 +149,6 @@ def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[floa
         By channel, all against the same axis.
     patterns
         DSNU1288 in DN and PRNU1288 as a fraction, by channel. These channels also get a line of the total ratio.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Ratio at the left, decibels at the right. Hollow points lie above the linear range.
 
     References
     ----------
@@ -164,7 +160,15 @@ def snr_figure(curves: Mapping[str, SnrCurve], patterns: Mapping[str, tuple[floa
     low, high = points.min(), points.max()
     x = np.geomspace(0.7 * low, 1.4 * high, _SNR_POINTS)
     for position, (channel, curve) in enumerate(curves.items()):
-        _draw_channel(axes, x, curve, channel, position, patterns.get(channel))
+        color, marker, line = channel_style(channel, position)
+        half = COVERAGE_95 * curve.snr_uncertainty
+        draw_points(axes, curve.x, curve.snr, half, curve.used, (color, marker), size=4.0)
+        model, uncertainty = curve.model(x)
+        axes.plot(x, model, line, color=color, linewidth=1.3)
+        draw_band(axes, x, model, COVERAGE_95 * uncertainty, color)
+        if channel in patterns:
+            total = curve.with_pattern(x, *patterns[channel])
+            axes.plot(x, total, color=color, linestyle=_DASHES, linewidth=1.0)
     axes.plot(x, np.sqrt(x), color=BLACK, linestyle=_DOTS, linewidth=1.4)
     photons = next(iter(curves.values())).photons
     axes.set(xscale="log", yscale="log", ylabel="signal-to-noise ratio")
@@ -185,23 +189,6 @@ def _ratio(decibel: ArrayLike) -> ArrayLike:
     return np.asarray(10.0 ** (np.asarray(decibel, dtype=np.float64) / 20.0))
 
 
-def _draw_channel(
-    axes: Axes,
-    x: NDArray[np.float64],
-    curve: SnrCurve,
-    channel: str,
-    position: int,
-    pattern: tuple[float, float] | None,
-) -> None:
-    color, marker, line = channel_style(channel, position)
-    draw_points(axes, curve.x, curve.snr, COVERAGE_95 * curve.snr_uncertainty, curve.used, (color, marker), size=4.0)
-    model, uncertainty = curve.model(x)
-    axes.plot(x, model, line, color=color, linewidth=1.3)
-    draw_band(axes, x, model, COVERAGE_95 * uncertainty, color)
-    if pattern is not None:
-        axes.plot(x, curve.with_pattern(x, *pattern), color=color, linestyle=_DASHES, linewidth=1.0)
-
-
 def _snr_legend(curves: Mapping[str, SnrCurve], total: bool) -> list[Line2D]:
     hollow = None if all(curve.used.all() for curve in curves.values()) else "above the linear range"
     handles = channel_handles(list(curves), "measured; linear model", hollow)
@@ -214,25 +201,16 @@ def _snr_legend(curves: Mapping[str, SnrCurve], total: bool) -> list[Line2D]:
 
 @styled()
 def linearity_figure(linearity: Mapping[str, Linearity]) -> Figure:
-    """Draw the deviations of the light levels from the fitted lines, in percent.
+    """Draw the deviations of the light levels from the fitted lines, in percent, by channel.
 
-    Parameters
-    ----------
-    linearity
-        By channel, all against the same axis.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Above: relative to the line (releases 3.1 and 4.0). Below: relative to full scale (release 3.0). Error bars are
-        95 % intervals. Filled levels, between 5 and 95 % of saturation, were fitted. Dotted lines mark their extremes.
+    Above: relative to the line (releases 3.1 and 4.0). Below: relative to full scale (release 3.0). Error bars are 95 %
+    intervals. Filled levels, between 5 and 95 % of saturation, were fitted. Dotted lines mark their extremes.
 
     References
     ----------
     EMVA 1288 R4.0 Linear, plot of deviations from linearity.
     """
-    figure = Figure(figsize=(WIDTH_IN, 5.4))
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, upper, lower = two_panels()
     for position, (channel, found) in enumerate(linearity.items()):
         for axes, fit in ((upper, found.relative), (lower, found.full_scale)):
             _draw_linearity(axes, found, fit, channel, position)
@@ -240,13 +218,12 @@ def linearity_figure(linearity: Mapping[str, Linearity]) -> Figure:
         axes.axhline(0.0, color=BLACK, linewidth=0.8)
     upper.set_ylabel("deviation from the line (%)")
     lower.set_ylabel("deviation / full scale (%)")
-    photons = next(iter(linearity.values())).abscissa == "photons_per_pixel"
-    lower.set_xlabel("photons per pixel" if photons else "exposure (s)")
-    hollow = not all(found.used.all() for found in linearity.values())
-    handles = channel_handles(list(linearity), "fitted", "not fitted" if hollow else None, lines=False)
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    figure.align_ylabels([upper, lower])
-    return figure
+    lower.set_xlabel(_X_LABELS[next(iter(linearity.values())).abscissa])
+    hollow = None if all(found.used.all() for found in linearity.values()) else "not fitted"
+    return _with_legend(figure, channel_handles(list(linearity), "fitted", hollow, lines=False))
+
+
+_X_LABELS = {"photons_per_pixel": "photons per pixel", "exposure_s": "exposure (s)"}
 
 
 def _draw_linearity(axes: Axes, found: Linearity, fit: LinearityFit, channel: str, position: int) -> None:
@@ -266,23 +243,13 @@ def _draw_linearity(axes: Axes, found: Linearity, fit: LinearityFit, channel: st
 def general_model_figure(channels: Mapping[str, GeneralModel]) -> Figure:
     """Draw the characteristic curve of each channel, and the input signal-to-noise ratio below.
 
-    Parameters
-    ----------
-    channels
-        By channel, all against the same abscissa.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Error bars are 95 % intervals. Dotted, for a single channel: the threshold, where the ratio is 1, and
-        saturation.
+    Error bars are 95 % intervals. Dotted, for a single channel: the threshold, where the ratio is 1, and saturation.
 
     References
     ----------
     EMVA 1288 R4.0 General.
     """
-    figure = Figure(figsize=(WIDTH_IN, 5.4))
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, upper, lower = two_panels()
     for position, (channel, found) in enumerate(channels.items()):
         look = channel_style(channel, position)[:2]
         every = np.ones(len(found.x), dtype=np.bool_)
@@ -295,15 +262,9 @@ def general_model_figure(channels: Mapping[str, GeneralModel]) -> Figure:
                 for axes in (upper, lower):
                     axes.axvline(value.value, color=GRAY, linewidth=0.9, linestyle=":")
     lower.axhline(1.0, color=GRAY, linewidth=0.9, linestyle=":")
-    photons = next(iter(channels.values())).abscissa == "photons_per_pixel"
     positive = np.concatenate([found.x[found.x > 0.0] for found in channels.values()])
-    lower.set(xscale="log" if positive.max() > 30.0 * positive.min() else "linear", yscale="log")
-    lower.set_xlabel("photons per pixel" if photons else "exposure (s)")
+    lower.set(xscale="log" if positive.max() > _WIDE * positive.min() else "linear", yscale="log")
+    lower.set_xlabel(_X_LABELS[next(iter(channels.values())).abscissa])
     lower.set_ylabel("input SNR")
     upper.set_ylabel("signal (DN)")
-    figure.align_ylabels([upper, lower])
-    if len(channels) > 1:
-        looks = [(channel, *channel_style(channel, position)[:2]) for position, channel in enumerate(channels)]
-        handles = [Line2D([], [], color=c, marker=m, linestyle="", label=name) for name, c, m in looks]
-        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    return figure
+    return _with_legend(figure, channel_handles(list(channels), "", lines=False) if len(channels) > 1 else [])

@@ -27,22 +27,10 @@ _ROOM_FOR_TEXT = 6.0
 
 
 @styled()
-def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None, points: int = 300) -> Figure:
-    """Draw the SNR against the signal, in total and for each noise source.
+def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None) -> Figure:
+    """Draw the SNR against the signal from 0.05 to 100 % of the voltage swing, in total and for each noise source.
 
-    Parameters
-    ----------
-    sensor
-        Sensor for the lines.
-    calibrated
-        The same sensor as calibrated, drawn as points on the lines.
-    points
-        Points per line.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        From 0.05 to 100 % of the voltage swing. Noise sources that the sensor does not have are omitted.
+    Noise sources that the sensor does not have are omitted. The same sensor as calibrated is drawn as points.
 
     References
     ----------
@@ -51,7 +39,7 @@ def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None, points
     figure, axes = new_figure(height_in=4.8)
     swing = sensor.pixel.voltage_swing_v.value
     lowest = 5e-4 * swing
-    budget = noise_budget(sensor, np.geomspace(lowest, swing, points))
+    budget = noise_budget(sensor, np.geomspace(lowest, swing, 300))
     draw_noise_budget(axes, budget)
     _mark_turns(axes, budget, lowest, swing, axes.get_ylim()[0])
     if calibrated is not None:
@@ -61,15 +49,7 @@ def noise_budget_figure(sensor: Sensor, calibrated: Sensor | None = None, points
 
 
 def draw_noise_budget(axes: Axes, budget: NoiseBudget) -> None:
-    """Draw the curves of a noise budget, and set limits and labels of the axes.
-
-    Parameters
-    ----------
-    axes
-        Axes to draw on.
-    budget
-        Noise budget over increasing voltages.
-    """
+    """Draw the curves of a noise budget over increasing voltages, and set limits and labels of the axes."""
     lowest, highest = float(budget.volts[0]), float(budget.volts[-1])
     for name, attribute, color, line in _PARTS:
         level, width = getattr(budget, attribute), 2.2 if name == "total" else 1.5
@@ -81,13 +61,12 @@ def draw_noise_budget(axes: Axes, budget: NoiseBudget) -> None:
 
 
 def _draw_calibrated(axes: Axes, budget: NoiseBudget) -> None:
-    labelled = False
+    label: str | None = "as calibrated"
     for _, attribute, color, _ in _PARTS:
         level = getattr(budget, attribute)
         if np.isfinite(level).all():
-            label = None if labelled else "as calibrated"
             axes.plot(budget.volts, level, "o", color=color, markerfacecolor="white", markersize=4.5, label=label)
-            labelled = True
+            label = None
 
 
 def _mark_turns(axes: Axes, budget: NoiseBudget, lowest: float, highest: float, bottom: float) -> None:
@@ -111,14 +90,7 @@ def _mark(axes: Axes, volts: float, text: str, offset: tuple[int, int], bottom: 
 def spectral_sensitivity_figure(sensor: Sensor) -> Figure:
     """Draw the quantum efficiency of each channel, with its 95 % band if the uncertainty is known.
 
-    Parameters
-    ----------
-    sensor
-        The sensor. A channel known at one wavelength only is drawn as a point.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    A channel known at one wavelength only is drawn as a point.
     """
     figure, axes = new_figure(height_in=3.8)
     draw_spectral_sensitivity(axes, sensor)
@@ -156,10 +128,6 @@ def quantum_efficiency_figure(calibration: SpectralCalibration, beside: Sensor |
         Result from bands of light (drawn as points) or from a chart (drawn as a line).
     beside
         Sensor whose quantum efficiencies are drawn as thin black lines, such as the true ones of a virtual sensor.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     names = list(calibration.channels)
     figure, first = new_figure(height_in=1.6 + 1.6 * len(names))

@@ -12,9 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.metrics.patches import PatchStatistics
-from photosite.metrics.snr import noise_budget
-from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, channel_style, styled
-from photosite.sensor.model import Sensor
+from photosite.report.style import BLACK, BLUE, GRAY, VERMILION, WIDTH_IN, channel_style, styled, two_panels
 from photosite.validation.color import ColorComparison
 from photosite.validation.result import Validation
 from photosite.values.measured import COVERAGE_95
@@ -24,37 +22,20 @@ _DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)
 
 FillStyle = Literal["full", "bottom", "none"]
 
-_Points = tuple[str, int, NDArray[np.bool_]]
-
 
 @styled()
 def patch_means_figure(validation: Validation, measured: str = "measured", simulated: str = "simulated") -> Figure:
-    """Draw measured against simulated patch means, and their relative differences.
+    """Draw measured against simulated patch means, and their relative differences, with the names of both cameras.
 
-    Parameters
-    ----------
-    validation
-        The comparison. Saturated patches are omitted.
-    measured, simulated
-        Names of the two cameras.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Error bars are 95 % intervals from the standard errors of both means. The axes are logarithmic if all means are
-        above black.
+    Saturated patches are omitted. Error bars are 95 % intervals from the standard errors of both means. The axes are
+    logarithmic if all means are above black.
     """
     figure, upper, lower = _two_axes()
     draw_patch_means(upper, lower, validation)
     if min(float(found.mean_dn[validation.used].min()) for found in (validation.measured, validation.simulated)) > 0:
         upper.set(xscale="log", yscale="log")
     draw_identity(upper)
-    upper.set_ylabel(f"mean, {measured} (DN)")
-    lower.set_ylabel("difference (%)")
-    lower.set_xlabel(f"patch mean above black, {simulated} (DN)")
-    upper.legend(loc="upper left", title="channel")
-    figure.align_ylabels([upper, lower])
-    return figure
+    return _labelled(figure, f"mean, {measured} (DN)", "difference (%)", f"patch mean above black, {simulated} (DN)")
 
 
 def draw_patch_means(
@@ -90,36 +71,21 @@ def draw_patch_means(
 def patch_snr_figure(validation: Validation, measured: str = "measured", simulated: str = "simulated") -> Figure:
     """Draw measured against simulated SNR over the pixels of each patch, and the differences.
 
-    Parameters
-    ----------
-    validation, measured, simulated
-        As for `patch_means_figure`. Patches without a ratio are omitted.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Error bars are 95 % intervals from the standard errors of means and variances of both.
+    Saturated patches and those without a ratio are omitted. Error bars are 95 % intervals from the standard errors of
+    means and variances of both.
     """
     figure, upper, lower = _two_axes()
     draw_patch_snr(upper, lower, validation)
     draw_identity(upper)
-    upper.set_ylabel(f"SNR, {measured} (dB)")
-    lower.set_ylabel("difference (dB)")
-    lower.set_xlabel(f"patch SNR, {simulated} (dB)")
-    upper.legend(loc="upper left", title="channel")
-    figure.align_ylabels([upper, lower])
-    return figure
+    return _labelled(figure, f"SNR, {measured} (dB)", "difference (dB)", f"patch SNR, {simulated} (dB)")
 
 
 def draw_patch_snr(
     upper: Axes, lower: Axes, validation: Validation, filled: FillStyle = "full", largest_bar: float = math.inf
 ) -> None:
-    """Draw signal-to-noise ratios on the upper axes, and differences in decibels on the lower.
+    """Draw signal-to-noise ratios on the upper axes, and differences in decibels on the lower, as `draw_patch_means`.
 
-    Parameters
-    ----------
-    upper, lower, validation, filled, largest_bar
-        As for `draw_patch_means`. Patches without a ratio are omitted.
+    Patches without a ratio are omitted.
     """
     seen, made = validation.measured, validation.simulated
     for channel, k, which in _channels(validation):
@@ -159,13 +125,21 @@ def _snr_error_db(found: PatchStatistics, which: NDArray[np.bool_], k: int) -> N
 
 
 def _two_axes() -> tuple[Figure, Axes, Axes]:
-    figure = Figure(figsize=(WIDTH_IN, 5.4))
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1.0))
+    figure, upper, lower = two_panels(upper_share=2.4)
     lower.axhline(0.0, color=BLACK, linewidth=0.8)
     return figure, upper, lower
 
 
-def _channels(validation: Validation) -> Iterator[_Points]:
+def _labelled(figure: Figure, above: str, below: str, x_label: str) -> Figure:
+    upper, lower = figure.axes
+    upper.set_ylabel(above)
+    lower.set(ylabel=below, xlabel=x_label)
+    upper.legend(loc="upper left", title="channel")
+    figure.align_ylabels([upper, lower])
+    return figure
+
+
+def _channels(validation: Validation) -> Iterator[tuple[str, int, NDArray[np.bool_]]]:
     """Yield each channel with usable patches: name, index and mask of the patches."""
     for k, channel in enumerate(validation.measured.channels):
         which = validation.used[:, k]
@@ -180,24 +154,13 @@ def draw_identity(axes: Axes) -> None:
     axes.plot([low, high], [low, high], color=BLACK, linewidth=0.8, zorder=1, scalex=False, scaley=False)
 
 
-JUST_VISIBLE = 1.0
+_JUST_VISIBLE = 1.0
 """About the smallest CIEDE2000 difference visible between adjacent surfaces, by convention."""
 
 
 @styled()
 def color_difference_figure(colors: ColorComparison) -> Figure:
-    """Draw the CIEDE2000 and CIE 1976 colour difference of each patch.
-
-    Parameters
-    ----------
-    colors
-        The comparison.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row per patch, in the order of the chart; a dotted line at a difference of 1, if it is within the axis.
-    """
+    """Draw the CIEDE2000 and CIE 1976 colour difference of each patch; a dotted line marks 1 if the axis reaches it."""
     count = len(colors.names)
     figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.19 * count))
     axes = figure.add_subplot()
@@ -206,8 +169,8 @@ def color_difference_figure(colors: ColorComparison) -> Figure:
     axes.plot(colors.delta_e_2000, rows, "o", color=BLUE, label="CIEDE2000")
     axes.plot(colors.delta_e_76, rows, "D", color=VERMILION, markerfacecolor="white", label="CIE 1976")
     largest = float(max(colors.delta_e_76.max(), colors.delta_e_2000.max()))
-    if largest > 0.5 * JUST_VISIBLE:
-        axes.axvline(JUST_VISIBLE, color=GRAY, linestyle=":", linewidth=1.0)
+    if largest > 0.5 * _JUST_VISIBLE:
+        axes.axvline(_JUST_VISIBLE, color=GRAY, linestyle=":", linewidth=1.0)
     axes.set_yticks(rows, colors.names)
     axes.set_ylim(count - 0.4, -0.6)
     axes.set_xlim(left=0.0)
@@ -219,19 +182,9 @@ def color_difference_figure(colors: ColorComparison) -> Figure:
 
 @styled()
 def deviations_figure(labels: Sequence[str], deviations: Sequence[float]) -> Figure:
-    """Draw the deviation of each estimate from the true value, in standard uncertainties.
+    """Draw the deviation of each estimate from the true value in standard uncertainties, a row per parameter.
 
-    Parameters
-    ----------
-    labels
-        Names of the parameters.
-    deviations
-        (estimate - true value) / standard uncertainty of each.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row per parameter. Correct estimates lie within the band of ±1.96 in 95 % of cases.
+    Correct estimates lie within the band of ±1.96 in 95 % of cases.
     """
     rows = np.arange(len(labels))
     figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.27 * len(labels)))
@@ -249,53 +202,3 @@ def deviations_figure(labels: Sequence[str], deviations: Sequence[float]) -> Fig
     axes.set_xlabel("estimate − true value (standard uncertainties)")
     axes.grid(axis="y", visible=False)
     return figure
-
-
-_BUDGET_PARTS = (("shot noise", "shot_db", "--"), ("read noise", "read_db", "-."), ("DSNU", "dsnu_db", ":"))
-_PART_OF_PRNU = ("PRNU", "prnu_db", (0, (6, 1.5)))
-
-
-@styled()
-def overview_figure(picture: NDArray[np.float32], patches: PatchStatistics, sensor: Sensor) -> Figure:
-    """Draw a developed chart beside the signal-to-noise ratios of its patches on the noise budget.
-
-    Parameters
-    ----------
-    picture
-        (rows, cols, 3), display sRGB.
-    patches
-        Patches of the same frame; saturated ones are omitted.
-    sensor
-        Sensor of the noise budget.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    figure = Figure(figsize=(10.4, 3.9))
-    left, right = figure.subplots(1, 2, width_ratios=(1.12, 1.0))
-    left.imshow(picture, interpolation="none")
-    left.set_axis_off()
-    left.set_title(f"ColorChecker, tungsten, simulated with the {sensor.name}", loc="left")
-    _draw_budget(right, sensor)
-    volts = patches.mean_dn * sensor.mv_per_dn * 1e-3
-    for position, channel in enumerate(patches.channels):
-        shown = ~patches.saturated[:, position] & np.isfinite(patches.spatial_snr_db[:, position])
-        color, marker, _ = channel_style(channel, position)
-        snr_db = patches.spatial_snr_db[shown, position]
-        right.plot(volts[shown, position], snr_db, marker, color=color, label=f"patches, {channel}", alpha=0.9)
-    right.set(xscale="log", xlabel="signal at the pixel (V)", ylabel="signal-to-noise ratio (dB)")
-    right.set_title("24 patches of the raw frame on the noise budget", loc="left")
-    right.legend(loc="lower right", ncols=2)
-    return figure
-
-
-def _draw_budget(axes: Axes, sensor: Sensor) -> None:
-    swing = sensor.pixel.voltage_swing_v.value
-    budget = noise_budget(sensor, np.geomspace(5e-3 * swing, swing, 200))
-    axes.plot(budget.volts, budget.total_db, color=BLACK, linewidth=2.0, label="total")
-    for name, attribute, line in (*_BUDGET_PARTS, _PART_OF_PRNU):
-        level = getattr(budget, attribute)
-        if np.isfinite(level).all():
-            axes.plot(budget.volts, level, color=GRAY, linestyle=line, linewidth=1.1, label=name)
-    axes.set_ylim(float(budget.total_db.min()) - 4.0, float(budget.total_db.max()) + 12.0)

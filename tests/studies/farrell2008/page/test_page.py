@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from photosite.report.html import render_page
 from photosite.report.page import Details, Heading, Listing, Table
+from photosite.report.write import render_page
 from photosite.studies.farrell2008 import table1
 from photosite.studies.farrell2008.page.drawing import Drawing
 from photosite.studies.farrell2008.page.page import (

@@ -47,7 +47,7 @@ def _camera_blocks(table: CameraTable) -> tuple[Block, ...]:
     if share < 1:
         pixels = (
             f"{table.protocol.frame_count} frames of {rows} × {cols} pixels, {100 * share:.3g} % of the sensor, so "
-            "that the study takes minutes. The uncertainties of noise and non-uniformity fall with the square root of "
+            "that the study takes minutes. The uncertainties of noise and nonuniformity fall with the square root of "
             f"the number of pixels: the whole sensor would give {share**-0.5:.2g} times smaller ones."
         )
     columns = (
