@@ -30,12 +30,8 @@ from photosite.report.tables import format_estimate, interval_text
 from photosite.sensor.measured_chip import DefectKind
 from photosite.values.uncertain import Missing
 
-_LISTED = 200
-"""Largest number of pixels in a list."""
-
-_TRACES = 4
-"""Number of blinking pixels shown frame by frame."""
-
+_LISTED = 200  # largest number of pixels in a list
+_TRACES = 4  # number of blinking pixels shown frame by frame
 _NO_MAPS = "the chip was not mapped; calibrate with maps (--maps)"
 
 _NOISE = {

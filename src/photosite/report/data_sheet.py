@@ -23,6 +23,14 @@ _MODELS = {
 }
 
 _PAIRS = columns("Property", "Value")
+_PARTS = {"row": "row", "column": "col", "pixel": "pixel"}
+
+
+def _with_parts(name: str, unit: str, symbol: str) -> dict[str, str]:
+    """Return a nonuniformity and its row, column and pixel parts."""
+    parts = {f"{name}_{part}_{unit}": f"{symbol}.{end}" for part, end in _PARTS.items()}
+    return {f"{name}_{unit}": symbol, **parts}
+
 
 SHEET: dict[str, dict[str, str]] = {
     "Sensitivity": {
@@ -45,26 +53,12 @@ SHEET: dict[str, dict[str, str]] = {
         "linearity_error_max_percent": "LEmax",
         "linearity_error_full_scale_percent": "LE, R3.0",
     },
-    "Nonuniformity": {
-        "dsnu1288_e": "DSNU1288",
-        "dsnu1288_row_e": "DSNU1288.row",
-        "dsnu1288_column_e": "DSNU1288.col",
-        "dsnu1288_pixel_e": "DSNU1288.pixel",
-        "prnu1288_percent": "PRNU1288",
-        "prnu1288_row_percent": "PRNU1288.row",
-        "prnu1288_column_percent": "PRNU1288.col",
-        "prnu1288_pixel_percent": "PRNU1288.pixel",
-    },
-    "Nonuniformity with the other filter setting: high-pass filter on for DSNU, off for PRNU": {
-        "dsnu1288_filtered_e": "DSNU1288",
-        "dsnu1288_filtered_row_e": "DSNU1288.row",
-        "dsnu1288_filtered_column_e": "DSNU1288.col",
-        "dsnu1288_filtered_pixel_e": "DSNU1288.pixel",
-        "prnu1288_unfiltered_percent": "PRNU1288, R3.1",
-        "prnu1288_unfiltered_row_percent": "PRNU1288.row",
-        "prnu1288_unfiltered_column_percent": "PRNU1288.col",
-        "prnu1288_unfiltered_pixel_percent": "PRNU1288.pixel",
-    },
+    "Nonuniformity": _with_parts("dsnu1288", "e", "DSNU1288") | _with_parts("prnu1288", "percent", "PRNU1288"),
+    "Nonuniformity with the other filter setting: high-pass filter on for DSNU, off for PRNU": (
+        _with_parts("dsnu1288_filtered", "e", "DSNU1288")
+        | _with_parts("prnu1288_unfiltered", "percent", "PRNU1288")
+        | {"prnu1288_unfiltered_percent": "PRNU1288, R3.1"}
+    ),
     "Dark signal": {
         "dark_current_e_per_s": "μI.mean",
         "dark_current_from_variance_e_per_s": "μI.var",

@@ -48,9 +48,7 @@ _DRAWING_MM = 124.0  # of a figure; two fit on a page
 _GAP = 4.0  # between images side by side
 _PADDING = 3.4  # horizontal padding of a cell, both sides together
 
-_CODES, _HEX = ("SHA-256",), 64 * "0"
-"""Columns of codes, and the width of one."""
-
+_CODES, _HEX = ("SHA-256",), 64 * "0"  # columns of codes, and the width of one
 _NARROW, _WIDE = 14.0, 62.0
 """Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
 

@@ -32,7 +32,7 @@ from photosite.report.pictures import WIDEST, jpeg_bytes, shrink
 from photosite.validation.agreement import ChiSquare
 from photosite.validation.fill_factor import FillFactorFit
 from photosite.validation.frame_validation import FrameValidation
-from photosite.validation.regression import Estimate, Regression
+from photosite.validation.regression import Coefficient, Regression
 from photosite.values.cfa import tile_text
 from photosite.values.exposure import format_exposure
 
@@ -217,7 +217,7 @@ def _line_row(name: str, line: Regression) -> tuple[str, ...]:
     return name, str(line.points), *slopes, _interval(line.intercept, 2)
 
 
-def _interval(found: Estimate, digits: int) -> str:
+def _interval(found: Coefficient, digits: int) -> str:
     value, low, high = (f"{x:.{digits}f}".replace("-", "−") for x in (found.value, found.lower_95, found.upper_95))
     return f"{value} ({low} to {high})"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -132,6 +133,20 @@ def _of_variances(measured: NoiseWithError, simulated: NoiseWithError, used: Sel
     squares = np.zeros_like(beyond)
     np.divide(beyond, error, out=squares, where=error > 0)
     return chi_square(squares**2)
+
+
+def compared(saturated: Selection, names: Sequence[str], channels: Sequence[str], notes: list[str]) -> Selection:
+    """Return which patches and channels are not saturated; `notes` gets the others. `InputError` if all are."""
+    if saturated.all():
+        raise InputError("every patch is saturated", hint="Use a shorter exposure time")
+    lost = [
+        f"{name} ({', '.join(channel for channel, full in zip(channels, row, strict=True) if full)})"
+        for name, row in zip(names, saturated, strict=True)
+        if row.any()
+    ]
+    if lost:
+        notes.append(f"left out as saturated: {'; '.join(lost)}")
+    return ~saturated
 
 
 def largest(difference: RelativeDifference, used: Selection) -> tuple[int, int] | None:

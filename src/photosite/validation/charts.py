@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import InputError, did_you_mean
 from photosite.values.region import Region
+from photosite.values.validated import check_choice
 
-CHARTS = ("macbeth",)
+Chart = Literal["macbeth"]
 
 
 def chart_regions(chart: str, rows: int, cols: int) -> tuple[Region, ...]:
-    """Return the patches of a chart that fills the frame.
-
-    Raises
-    ------
-    InputError
-        If the chart is unknown, or the frame is too small for it.
+    """Return the patches of a chart that fills the frame; `InputError` if it is unknown or the frame too small.
 
     Examples
     --------
@@ -28,14 +25,8 @@ def chart_regions(chart: str, rows: int, cols: int) -> tuple[Region, ...]:
     """
     from photosite.scene.charts import macbeth_regions
 
-    check_chart(chart)
+    check_choice("chart", chart, Chart)
     return macbeth_regions(rows, cols)
-
-
-def check_chart(chart: str) -> None:
-    """Raise `InputError` unless a chart is one of `CHARTS`."""
-    if chart not in CHARTS:
-        raise InputError("chart", value=chart, expected="a supported chart", hint=did_you_mean(chart, CHARTS))
 
 
 def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
@@ -61,7 +52,7 @@ def chart_xyz_d65(chart: str, names: Sequence[str]) -> NDArray[np.float64]:
     from photosite.color.tristimulus import xyz
     from photosite.scene.charts import MACBETH_NAMES, macbeth_reflectance
 
-    check_chart(chart)
+    check_choice("chart", chart, Chart)
     if unknown := [name for name in names if name not in MACBETH_NAMES]:
         where, hint = f"chart '{chart}'", did_you_mean(unknown[0], MACBETH_NAMES)
         raise InputError("names", where=where, value=unknown[0], expected="names of its patches", hint=hint)

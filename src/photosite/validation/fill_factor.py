@@ -37,18 +37,13 @@ class FillFactorFit:
         Of the fill factor; the interval is Student's t. Errors that scale all patches alike (light level, exposure
         time, scale of the quantum efficiency) shift the value and are not part of the standard error. A value above 1
         is physically impossible and shows such an error.
-    degrees_of_freedom
-        Degrees of freedom of the interval: patches less one.
-    simulated_with
-        The fill factor of the simulation.
-    names, channels
-        The patches and channels.
-    used
-        (patches, channels), false where either camera is saturated or the simulated mean is not above black.
-    residuals
-        (patches, channels) measured over fitted, less 1; masked where not used.
-    residual_noise
-        (patches, channels) standard errors of the residuals from the noise of both frames; masked alike.
+    degrees_of_freedom, simulated_with
+        Degrees of freedom of the interval, patches less one; the fill factor of the simulation.
+    names, channels, used
+        The patches and channels; false where either camera is saturated or the simulated mean is not above black.
+    residuals, residual_noise
+        (patches, channels) measured over fitted, less 1, and their standard errors from the noise of both frames;
+        masked where not used.
     patch_scatter
         Relative standard deviation between patches beyond noise, common to the channels of a patch, such as uneven
         light. 0 where noise explains the residuals.

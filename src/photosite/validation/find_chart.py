@@ -19,30 +19,15 @@ from photosite.validation.charts import chart_xyz_d65
 from photosite.values.cfa import channel_sites
 from photosite.values.region import Corners
 
-_LONG_SIDE = 480
-"""Pixels on the longer side of the reduced picture that is searched."""
-
-_EVEN_SHARES = (0.75, 0.65, 0.55, 0.45, 0.35)
-"""Fractions of the picture, by evenness, that are tried as the inside of patches."""
-
-_PARALLELOGRAM = (0.88, 1.06)
-"""Area over 12 times the root of the determinant of the second moments: 1 for a parallelogram."""
-
+_LONG_SIDE = 480  # pixels on the longer side of the reduced picture that is searched
+_EVEN_SHARES = (0.75, 0.65, 0.55, 0.45, 0.35)  # fractions of the picture, by evenness, tried as the inside of patches
+_PARALLELOGRAM = (0.88, 1.06)  # area over 12 times the root of the determinant of the second moments: ideally 1
 _MOST_ELONGATED = 3.0
-_SMALLEST = 30
-"""Pixels of the smallest patch in the reduced picture."""
-
-_ALIKE = 2.2
-"""Largest ratio of areas of two patches, in perspective and with damaged borders."""
-
-_MISS = 0.3
-"""Largest deviation from the position predicted by neighbours, in distances between patches."""
-
-_FEWEST = 17
-"""Patches needed of the 24; dark patches on a black border may not be found."""
-
-_CORRELATION = 0.5
-"""Smallest correlation of the patches' brightness with that of a ColorChecker."""
+_SMALLEST = 30  # pixels of the smallest patch in the reduced picture
+_ALIKE = 2.2  # largest ratio of areas of two patches, in perspective and with damaged borders
+_MISS = 0.3  # largest deviation from the position predicted by neighbours, in distances between patches
+_FEWEST = 17  # patches needed of the 24; dark patches on a black border may not be found
+_CORRELATION = 0.5  # smallest correlation of the patches' brightness with that of a ColorChecker
 
 _ROWS, _COLS = 4, 6
 _EXAMPLE_CORNERS = ((412, 388), (420, 3391), (2201, 3377), (2188, 405))
@@ -94,9 +79,7 @@ def find_chart(frame: RawFrame) -> Corners:
             if len(found) > len(best):
                 best, middles = found, blobs.middle
             if len(best) == _ROWS * _COLS:
-                break
-        if len(best) == _ROWS * _COLS:
-            break
+                return _oriented(frame, best, middles * scale)
     if len(best) < _FEWEST:
         what = f"no ColorChecker found: {len(best)} of its 24 patches were found and {_FEWEST} are needed"
         raise InputError(what, **_PASS_CORNERS)

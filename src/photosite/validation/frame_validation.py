@@ -30,9 +30,9 @@ from photosite.validation.validate import check_repeats, compare_patches
 from photosite.values.cfa import MONOCHROME, NAMED, tile_text
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Corners, Quadrilateral
+from photosite.values.validated import check_choice
 
 Fitted = Literal["fill_factor", "light"]
-FITTED: tuple[Fitted, ...] = ("fill_factor", "light")
 """Parameters that can be fitted, one at a time, because both scale all patches alike."""
 
 INNER = 0.6
@@ -41,11 +41,8 @@ INNER = 0.6
 MOST_SIMULATED = 10
 """Largest number of frames that are simulated."""
 
-_MARGIN = 0.06
-"""Margin around the chart in pictures, as a fraction of its longer side."""
-
-_START_CD_M2 = 40.0
-"""Mean luminance of the first simulation where the light level is fitted; the fit is a ratio to it."""
+_MARGIN = 0.06  # margin around the chart in pictures, as a fraction of its longer side
+_START_CD_M2 = 40.0  # mean luminance of the first simulation where the light level is fitted; the fit is a ratio to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +94,10 @@ class FrameValidation:
         The fitted parameter and the fit, expressed as a fill factor; None without a fit.
     contradictions
         Contradictions between the files and the sensor file, and impossible fitted values.
-    diagnosis
-        Likely causes of a difference.
-    measured, simulated
-        The first measured and the first simulated frame.
-    frames
-        Numbers of measured and simulated frames.
-    notes
-        Assumptions and omissions.
+    diagnosis, notes
+        Likely causes of a difference; assumptions and omissions.
+    measured, simulated, frames
+        The first measured and the first simulated frame, and the number of each.
     """
 
     validation: Validation
@@ -148,10 +141,7 @@ class FrameValidation:
     def pictures(self) -> tuple[NDArray[np.float32], NDArray[np.float32], tuple[int, int]]:
         """Return the chart as measured and as simulated, developed with the same colour matrix and exposure.
 
-        Returns
-        -------
-        tuple
-            Two pictures, (rows, cols, 3) in display sRGB, and the (row, col) of their first pixel in the frames.
+        The pictures are (rows, cols, 3) in display sRGB. The third value is the (row, col) of their first pixel.
         """
         points = np.asarray(self.corners)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -242,8 +232,8 @@ def validate_frames(
     """
     if not measured:
         raise InputError("measured", value=0, expected="one frame or more")
-    if fit is not None and fit not in FITTED:
-        raise InputError("fit", value=fit, expected=f"one of {', '.join(FITTED)}")
+    if fit is not None:
+        check_choice("fit", fit, Fitted)
     check_repeats(measured)
     first = measured[0]
     check_corners(corners, first.shape)

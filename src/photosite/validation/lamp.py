@@ -29,16 +29,10 @@ _RADIANCE_PER_UNIT: dict[str, float | None] = {
 
 A Lambertian white in irradiance E has the radiance E / pi."""
 
-QUANTITIES = tuple(_RADIANCE_PER_UNIT)
-"""Names that the second column of a lamp file may have."""
-
 _WAVELENGTH = "wavelength_nm"
 
-_FINE_NM = 0.25
-"""Step of the integrals over a file's spectrum, in addition to its own wavelengths."""
-
-_SMOOTH = 0.01
-"""A spectrum is sampled if the RMS interpolation error is at most this fraction of its mean."""
+_FINE_NM = 0.25  # step of the integrals over a file's spectrum, in addition to its own wavelengths
+_SMOOTH = 0.01  # a spectrum is sampled if the RMS interpolation error is at most this fraction of its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +41,8 @@ class Lamp:
 
     Parameters
     ----------
-    name
-        Name of the illuminant or file.
-    light
-        Illuminant for `photosite.scene.charts.macbeth`.
+    name, light
+        Name of the illuminant or file, and illuminant for `photosite.scene.charts.macbeth`.
     wavelength_nm
         (wavelengths,) of a scene in this light.
     chart_luminance_cd_m2
@@ -65,11 +57,6 @@ class Lamp:
     @classmethod
     def from_name(cls, name: str) -> Lamp:
         """Return an illuminant by name (`photosite.color.illuminants.illuminant`), with unknown level.
-
-        Raises
-        ------
-        InputError
-            If the illuminant is unknown.
 
         Examples
         --------
@@ -94,9 +81,10 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
     Parameters
     ----------
     path
-        CSV with the heading `wavelength_nm,` and one of `QUANTITIES`: spectral irradiance on the chart, spectral
-        radiance of a white standard at its place, or relative energy, which leaves the level unknown. A third column of
-        standard uncertainties is ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths;
+        CSV with the heading `wavelength_nm,` and one of `spectral_irradiance_w_per_m2_nm` (also `_mw_per_m2_nm`,
+        `_uw_per_cm2_nm`) on the chart, `spectral_radiance_w_per_sr_m2_nm` (also `_mw_per_sr_m2_nm`) of a white standard
+        at its place, or `relative_energy`, which leaves the level unknown. A third column of standard uncertainties is
+        ignored. The range from 380 to 780 nm is used, at the simulator's wavelengths;
         spectral lines between these keep their energy.
 
     Raises
@@ -135,10 +123,10 @@ def read_lamp(path: str | PathLike[str]) -> Lamp:
 
 def _quantity(file: Path, heading: tuple[str, ...]) -> str:
     if len(heading) < 2 or heading[0] != _WAVELENGTH:
-        expected = f"'{_WAVELENGTH},' and one of {', '.join(QUANTITIES)}"
+        expected = f"'{_WAVELENGTH},' and one of {', '.join(_RADIANCE_PER_UNIT)}"
         raise FileError(file, "heading", value=",".join(heading), expected=expected)
     if heading[1] not in _RADIANCE_PER_UNIT:
-        hint = did_you_mean(heading[1], QUANTITIES)
+        hint = did_you_mean(heading[1], _RADIANCE_PER_UNIT)
         what = "heading of the second column"
         raise FileError(file, what, value=heading[1], expected="a known quantity", hint=hint)
     return heading[1]

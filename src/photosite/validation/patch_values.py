@@ -15,6 +15,7 @@ from photosite.validation.agreement import (
     RelativeDifference,
     check_verdict_settings,
     chi_square,
+    compared,
     dict_or_none,
     largest,
     relative_difference,
@@ -23,6 +24,7 @@ from photosite.validation.charts import chart_xyz_d65
 from photosite.validation.color import compare_colors
 from photosite.validation.regression import regressions
 from photosite.validation.result import PatchDifferences
+from photosite.values.validated import check_choice
 
 Unit = Literal["e", "dn"]
 UNITS: dict[Unit, str] = {"e": "electrons", "dn": "DN above black"}
@@ -63,8 +65,7 @@ class PatchValues:
         for what, listed in (("patch", self.names), ("channel", self.channels)):
             if twice := [name for name in listed if listed.count(name) > 1]:
                 raise InputError(f"{what} names", value=twice[0], expected="without repeats")
-        if self.unit not in UNITS:
-            raise InputError("unit", value=self.unit, expected="'e' (electrons) or 'dn' (DN above black)")
+        check_choice("unit", self.unit, Unit)
         shape = (len(self.names), len(self.channels))
         mean, error = (np.asarray(values, dtype=np.float64) for values in (self.mean, self.standard_error))
         lost = np.asarray(self.saturated, dtype=np.bool_)
@@ -213,12 +214,7 @@ def compare_values(
     check_verdict_settings(level, tolerance_percent)
     notes: list[str] = []
     other, reference = _matched(other, reference, notes)
-    used = ~(other.saturated | reference.saturated)
-    if not used.any():
-        raise InputError("every patch is saturated", hint="Use a shorter exposure time")
-    if not used.all():
-        lost = [f"{other.names[p]} ({other.channels[c]})" for p, c in np.argwhere(~used)]
-        notes.append(f"left out as saturated: {', '.join(lost)}")
+    used = compared(other.saturated | reference.saturated, other.names, other.channels, notes)
     excess = np.abs(other.mean - reference.mean) - tolerance_percent / 100 * np.abs(reference.mean)
     # Differences in the last bit are rounding: 3030 and 1.01 x 3000 agree within 1 %.
     excess = np.where(excess > 1e-12 * np.abs(reference.mean), excess, 0.0)

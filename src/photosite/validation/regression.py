@@ -12,7 +12,7 @@ from photosite.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Coefficient:
     """A fitted value with its standard error and its 95 % interval (Student's t)."""
 
     value: float
@@ -30,9 +30,9 @@ class Regression:
     """
 
     points: int
-    slope_through_origin: Estimate
-    slope: Estimate
-    intercept: Estimate
+    slope_through_origin: Coefficient
+    slope: Coefficient
+    intercept: Coefficient
 
 
 def regress(simulated: ArrayLike, measured: ArrayLike, variance: ArrayLike) -> Regression:
@@ -120,7 +120,7 @@ def regressions(
 
 def _weighted_fit(
     design: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[Estimate, ...]:
+) -> tuple[Coefficient, ...]:
     from scipy.stats import t
 
     root = np.sqrt(weight)
@@ -133,6 +133,6 @@ def _weighted_fit(
     errors = np.sqrt(scatter * np.diag(np.linalg.inv(normal))) / size
     quantile = float(t.ppf(0.975, freedom))
     return tuple(
-        Estimate(float(v), float(e), float(v - quantile * e), float(v + quantile * e))
+        Coefficient(float(v), float(e), float(v - quantile * e), float(v + quantile * e))
         for v, e in zip(solution, errors, strict=True)
     )

@@ -26,9 +26,7 @@ from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites
 from photosite.values.region import Patch
 
 _LARGEST_BYTES = 1 << 22
-_MOST_CHANNELS = 4
-"""An array with more columns is a mosaic, not patches by channels."""
-
+_MOST_CHANNELS = 4  # an array with more columns is a mosaic, not patches by channels
 _COLUMN = re.compile(r"(?P<channel>.+?)(?P<error>_standard_error)?_(?P<unit>e|dn)")
 
 
@@ -260,7 +258,7 @@ def _variable(file: Path, wanted: str | None) -> tuple[str, NDArray[np.float64],
         if len(arrays) != 1:
             listed = ", ".join(f"'{name}'" for name in content) or "none"
             expected = f"1 unless one is selected; variables: {listed}"
-            example = {"hint": "Pass {variable}", "arguments": {"variable": next(iter(arrays), "NAME")}}
+            example: dict[str, Any] = {"hint": "Pass {variable}", "arguments": {"variable": next(iter(arrays), "NAME")}}
             raise FileError(file, "number of numeric arrays", value=len(arrays), expected=expected, **example)
         wanted = next(iter(arrays))
     value: Any = content
@@ -305,7 +303,7 @@ def _with_options(frame: RawFrame, file: Path, options: ReadOptions) -> RawFrame
     top, highest = int(frame.dn.max()), 2**options.bits - 1
     if top > highest:
         expected = f"at most {highest}, for {options.bits} bits"
-        example = {"hint": "Pass {bits}", "arguments": {"bits": max(16, top.bit_length())}}
+        example: dict[str, Any] = {"hint": "Pass {bits}", "arguments": {"bits": max(16, top.bit_length())}}
         raise FileError(file, "largest value", value=top, expected=expected, **example)
     black_dn = frame.black_level_dn or options.black_level_dn
     return RawFrame(frame.dn, options.bits, options.cfa, black_dn, exposure_s=frame.exposure_s)

@@ -16,13 +16,15 @@ from photosite.validation.agreement import (
     chi_square_of_means,
     chi_square_of_noise,
     chi_square_of_temporal_noise,
+    compared,
 )
-from photosite.validation.charts import chart_regions, chart_xyz_d65, check_chart
+from photosite.validation.charts import Chart, chart_regions, chart_xyz_d65
 from photosite.validation.color import compare_colors
 from photosite.validation.regression import regressions
 from photosite.validation.result import Validation
 from photosite.values.cfa import tile_text
 from photosite.values.region import Region
+from photosite.values.validated import check_choice
 
 Frames = RawFrame | Sequence[RawFrame]
 
@@ -113,10 +115,8 @@ def compare_patches(
     of the simulation that were fitted to the measured patch means.
     """
     check_verdict_settings(level, tolerance_percent)
-    used = ~(measured.saturated | simulated.saturated)
-    if not used.any():
-        raise InputError("every patch is saturated", hint="Use a shorter exposure time")
-    notes = _saturation_notes(measured, used)
+    notes: list[str] = []
+    used = compared(measured.saturated | simulated.saturated, measured.names, measured.channels, notes)
     means = measured.mean_dn, simulated.mean_dn
     variance = measured.standard_error_dn**2 + simulated.standard_error_dn**2
     regression, by_channel = regressions(simulated.mean_dn, measured.mean_dn, variance, used, measured.channels, notes)
@@ -166,7 +166,7 @@ def _check_same_kind(measured: RawFrame, simulated: RawFrame) -> None:
 
 def _patches(chart: str | None, regions: Sequence[Region] | None, frame: RawFrame) -> tuple[Region, ...]:
     if chart is not None:
-        check_chart(chart)
+        check_choice("chart", chart, Chart)
     if regions is not None:
         return tuple(regions)
     if chart is None:
@@ -185,15 +185,6 @@ def _reference(
             raise InputError("reference_xyz", expected="finite")
         return reference
     return None if chart is None else chart_xyz_d65(chart, names)
-
-
-def _saturation_notes(measured: PatchStatistics, used: NDArray[np.bool_]) -> list[str]:
-    lost = [
-        f"{name} ({', '.join(c for c, ok in zip(measured.channels, row, strict=True) if not ok)})"
-        for name, row in zip(measured.names, np.asarray(used).tolist(), strict=True)
-        if not all(row)
-    ]
-    return [f"left out as saturated: {'; '.join(lost)}"] if lost else []
 
 
 def check_repeats(frames: Sequence[RawFrame], names: Sequence[str] | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,7 +39,7 @@ def noise_histogram_figure(noise: TemporalNoise) -> Figure:
     low, high = _quantiles(noise, np.array([0.25, 0.75]))
     sigma = (high - low) / (2 * _NORMAL_QUARTILE)
     normal = np.linspace(x[filled][0], x[filled][-1], 600)
-    dots = {"fmt": "o", "color": BLUE, "markersize": 3.2, "elinewidth": 0.8}
+    dots: dict[str, Any] = {"fmt": "o", "color": BLUE, "markersize": 3.2, "elinewidth": 0.8}
     axes.errorbar(x[filled], density, bars, label="values", zorder=2, **dots)
     bell = np.exp(-0.5 * (normal / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     label = f"normal, {sigma:.3g} DN from quartiles"
@@ -83,8 +84,7 @@ _DEFECT_MARKS = {
     DefectKind.NOISY: ("noisy", PURPLE, "v"),
 }
 
-_MOST = 4000
-"""Largest number of pixels drawn of a kind, in order of deviation."""
+_MOST = 4000  # largest number of pixels drawn of a kind, in order of deviation
 
 
 @styled()
@@ -107,7 +107,7 @@ def defect_map_figure(defects: Defects, shape: tuple[int, int]) -> Figure:
         drawn = np.argsort(-np.abs(chosen.deviation), kind="stable")[:_MOST]
         label = f"{name}: {len(chosen)}" + (f", {_MOST} drawn" if len(chosen) > _MOST else "")
         size, edge = (3.0, 0.7) if len(drawn) > 400 else (5.0, 1.1)
-        look = {"color": color, "markerfacecolor": "none", "markersize": size, "markeredgewidth": edge}
+        look: dict[str, Any] = {"color": color, "markerfacecolor": "none", "markersize": size, "markeredgewidth": edge}
         axes.plot(chosen.col[drawn], chosen.row[drawn], marker, label=label, **look)
     axes.set_xlim(-0.5, cols - 0.5)
     axes.set_ylim(rows - 0.5, -0.5)

@@ -38,9 +38,8 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     """
     figure = Figure(figsize=(WIDTH_IN, 5.6))
     upper, lower = figure.subplots(2, 1, sharey=True)
-    for position, (channel, pattern) in enumerate(patterns.items()):
-        color = channel_style(channel, position)[0]
-        alone = len(patterns) == 1
+    alone = len(patterns) == 1
+    for color, pattern in zip(_colors(patterns).values(), patterns.values(), strict=True):
         across, down = pattern.horizontal_filtered, pattern.vertical_filtered
         _draw_spectrogram(upper, pattern.horizontal, across, down.length, color, alone=alone)
         _draw_spectrogram(lower, pattern.vertical, down, across.length, color, alone=alone)
@@ -59,6 +58,10 @@ def spectrogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
 def _with_legend(figure: Figure, handles: list[Line2D]) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
+
+
+def _colors(patterns: Mapping[str, FramePattern]) -> dict[str, str]:
+    return {channel: channel_style(channel, position)[0] for position, channel in enumerate(patterns)}
 
 
 def _tick(value: float, limits: tuple[float, float]) -> str:
@@ -101,10 +104,9 @@ def _draw_spectrogram(
 
 
 def _spectrogram_legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
-    alone = len(patterns) == 1
-    looks = [(channel, channel_style(channel, position)[0]) for position, channel in enumerate(patterns)]
-    color = looks[0][1] if alone else GRAY
-    handles = [] if alone else [Line2D([], [], color=look, label=channel) for channel, look in looks]
+    alone, colors = len(patterns) == 1, _colors(patterns)
+    color = next(iter(colors.values())) if alone else GRAY
+    handles = [] if alone else [Line2D([], [], color=look, label=channel) for channel, look in colors.items()]
     handles += [
         Line2D([], [], color=color, alpha=0.35, label="mean frame"),
         Line2D([], [], color=color, label="high-pass filtered"),
@@ -172,8 +174,7 @@ def histogram_figure(patterns: Mapping[str, FramePattern]) -> Figure:
     for axes in (left, right):
         axes.set_yscale("log")
     alone = len(patterns) == 1
-    for position, (channel, pattern) in enumerate(patterns.items()):
-        color = channel_style(channel, position)[0]
+    for color, pattern in zip(_colors(patterns).values(), patterns.values(), strict=True):
         _draw_histogram(left, right, pattern.histogram, color, BLACK if alone else color)
         for axes, sign in ((left, -1.0), (left, 1.0), (right, 1.0)):
             threshold = sign * pattern.outliers.threshold
@@ -216,10 +217,9 @@ def _draw_normal(
 
 
 def _histogram_legend(patterns: Mapping[str, FramePattern]) -> list[Line2D]:
-    alone = len(patterns) == 1
-    looks = [(channel, channel_style(channel, position)[0]) for position, channel in enumerate(patterns)]
-    handles = [Line2D([], [], color=color, label="pixels" if alone else channel) for channel, color in looks]
-    shared = BLACK if alone else GRAY
-    handles.append(Line2D([], [], color=shared, linestyle="--", label="normal, 95 % of the counts"))
-    handles.append(Line2D([], [], color=GRAY, linestyle=":", label="threshold of outliers"))
-    return handles
+    alone, colors = len(patterns) == 1, _colors(patterns)
+    return [
+        *(Line2D([], [], color=color, label="pixels" if alone else channel) for channel, color in colors.items()),
+        Line2D([], [], color=BLACK if alone else GRAY, linestyle="--", label="normal, 95 % of the counts"),
+        Line2D([], [], color=GRAY, linestyle=":", label="threshold of outliers"),
+    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,8 +26,9 @@ def draw_points(
     color, marker = look
     for filled in (True, False):
         which = used == filled
-        style = {"color": color, "markerfacecolor": color if filled else "white", "zorder": 2 + filled}
-        axes.errorbar(x[which], y[which], half[which], fmt=marker, markersize=size, elinewidth=0.9, **style)
+        style: dict[str, Any] = {"fmt": marker, "markersize": size, "elinewidth": 0.9, "zorder": 2 + filled}
+        fill = color if filled else "white"
+        axes.errorbar(x[which], y[which], half[which], color=color, markerfacecolor=fill, **style)
 
 
 def draw_band(axes: Axes, x: _Numbers, middle: _Numbers, half: _Numbers, color: str) -> None:

@@ -21,11 +21,8 @@ from photosite.report.style import BLACK, GRAY, channel_style, new_figure, style
 from photosite.values.measured import COVERAGE_95
 from photosite.values.uncertain import Uncertain
 
-_WIDE = 30.0
-"""Ratio of the largest to the smallest value from which on an axis is logarithmic."""
-
-_POINTS, _SNR_POINTS = 120, 160
-"""Points of a line and its band."""
+_WIDE = 30.0  # ratio of the largest to the smallest value from which on an axis is logarithmic
+_POINTS, _SNR_POINTS = 120, 160  # points of a line and its band
 
 Residuals = Literal["percent", "standard"]
 
@@ -133,8 +130,7 @@ def _draw_residuals(axes: Axes, curve: Curve, channel: str, position: int, resid
         draw_band(axes, x, np.zeros_like(x), COVERAGE_95 * band[1] * scale, color)
 
 
-_DASHES, _DOTS = (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2))
-"""Of the total ratio and of the ideal sensor's."""
+_DASHES, _DOTS = (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2))  # of the total ratio and of the ideal sensor's
 
 
 @styled()

@@ -22,8 +22,7 @@ _PARTS = (
     ("PRNU", "prnu_db", ORANGE, (0, (6, 1.5))),
 )
 
-_ROOM_FOR_TEXT = 6.0
-"""Factor of the signal that a short text covers on the logarithmic axis."""
+_ROOM_FOR_TEXT = 6.0  # factor of the signal that a short text covers on the logarithmic axis
 
 
 @styled()

@@ -17,8 +17,7 @@ from photosite.validation.color import ColorComparison
 from photosite.validation.result import Validation
 from photosite.values.measured import COVERAGE_95
 
-_DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)
-"""Decibels per small relative change of a variance."""
+_DB_PER_RELATIVE_VARIANCE = 10.0 / np.log(10.0)  # decibels per small relative change of a variance
 
 FillStyle = Literal["full", "bottom", "none"]
 
@@ -154,8 +153,7 @@ def draw_identity(axes: Axes) -> None:
     axes.plot([low, high], [low, high], color=BLACK, linewidth=0.8, zorder=1, scalex=False, scaley=False)
 
 
-_JUST_VISIBLE = 1.0
-"""About the smallest CIEDE2000 difference visible between adjacent surfaces, by convention."""
+_JUST_VISIBLE = 1.0  # about the smallest CIEDE2000 difference visible between adjacent surfaces, by convention
 
 
 @styled()
