@@ -27,7 +27,7 @@ from photosite.report.page import (
     reason_block,
 )
 from photosite.report.tables import format_estimate, interval_text
-from photosite.sensor.measured_chip import DefectKind
+from photosite.sensor.measured_chip import DefectKind, Defects
 from photosite.values.uncertain import Missing
 
 _LISTED = 200  # largest number of pixels in a list
@@ -202,22 +202,17 @@ def defect_blocks(calibration: Calibration) -> tuple[Block, ...]:
                 "two levels.",
             )
         )
-    lists = []
-    for kind, found in by_kind.items():
-        if not len(found):
-            continue
-        label, unit = _DEFECTS[kind]
-        some = f"the first {_LISTED} of {len(found)}" if len(found) > _LISTED else str(len(found))
-        order = abs(found.deviation).argsort(kind="stable")[::-1]
-        pixels = [
-            (str(row), str(col), format_number(float(value), 4), format_number(float(deviation), 3))
-            for row, col, value, deviation in zip(
-                *(values[order[:_LISTED]] for values in (found.row, found.col, found.value, found.deviation)),
-                strict=True,
-            )
-        ]
-        lists.append(_pixel_list(f"{label}: {some}", pixels, f"Value ({unit})", "Deviation (standard deviations)"))
-    return (counts, *figures, *lists)
+    return (counts, *figures, *(_defect_list(kind, found) for kind, found in by_kind.items() if len(found)))
+
+
+def _defect_list(kind: DefectKind, found: Defects) -> Details:
+    label, unit = _DEFECTS[kind]
+    some = f"the first {_LISTED} of {len(found)}" if len(found) > _LISTED else str(len(found))
+    pixels = []
+    for i in abs(found.deviation).argsort(kind="stable")[::-1][:_LISTED]:
+        value, deviation = format_number(float(found.value[i]), 4), format_number(float(found.deviation[i]), 3)
+        pixels.append((str(found.row[i]), str(found.col[i]), value, deviation))
+    return _pixel_list(f"{label}: {some}", pixels, f"Value ({unit})", "Deviation (standard deviations)")
 
 
 def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
