@@ -30,7 +30,7 @@ from photosite.report.page import (
 )
 from photosite.report.pictures import WIDEST, jpeg_bytes, shrink
 from photosite.validation.agreement import ChiSquare
-from photosite.validation.fill_factor import FillFactorFit
+from photosite.validation.fill_factor import ChannelFillFactor, FillFactorFit
 from photosite.validation.frame_validation import FrameValidation
 from photosite.validation.regression import Coefficient, Regression
 from photosite.values.cfa import tile_text
@@ -202,7 +202,7 @@ def _number_blocks(result: FrameValidation) -> tuple[Block, ...]:
 
 def _fit_table(fit: FillFactorFit) -> Table:
     """Return the fitted fill factor, from all channels and from each channel."""
-    fits = {"all": fit, **fit.by_channel}
+    fits: dict[str, FillFactorFit | ChannelFillFactor] = {"all": fit, **fit.by_channel}
     rows = tuple((name, format_uncertain(found.value, found.standard_error)) for name, found in fits.items())
     caption = (
         "The fit as a fill factor, which absorbs every common scale of the patches, such as the light level. Channels "

@@ -150,9 +150,9 @@ class FrameValidation:
         # The pictures start at a tile of the colour filter array.
         top, left = (max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis]) for axis in (0, 1))
         bottom, right = (min(self.measured.shape[axis], math.ceil(high[axis] + margin)) for axis in (0, 1))
-        frames = (replace(frame, dn=frame.dn[top:bottom, left:right]) for frame in (self.measured, self.simulated))
+        seen, made = (replace(frame, dn=frame.dn[top:bottom, left:right]) for frame in (self.measured, self.simulated))
         color = self.validation.color
-        return *develop_pair(*frames, None if color is None else color.matrix), (top, left)
+        return *develop_pair(seen, made, None if color is None else color.matrix), (top, left)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and strings for JSON."""
