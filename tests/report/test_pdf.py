@@ -76,8 +76,8 @@ def words(text: str) -> str:
 
 @pytest.fixture(scope="module")
 def of_loop(loop) -> tuple[Page, bytes]:
-    """The report of a calibration with all tables and two figures, and its PDF."""
-    page = calibration_page(replace(loop.calibration, curves={}, snr={}, linearity={}, general={}, spatial={}))
+    """The report of a calibration with all tables and three figures, and its PDF."""
+    page = calibration_page(replace(loop.calibration, curves={}, snr={}, linearity={}, spatial={}))
     return page, pdf_bytes(page)
 
 
@@ -122,7 +122,7 @@ def test_outline_and_alternative_texts(of_loop) -> None:
         title = section.title.encode("utf-16-be").hex().upper()
         assert title.encode() in pdf.upper() or f"({section.title})".encode() in pdf, section.title
     figures = [block for section in page.sections for block in section.blocks if isinstance(block, Images)]
-    assert pdf.count(b"/Alt ") == len(figures) == 2
+    assert pdf.count(b"/Alt ") == len(figures) == 3
 
 
 def test_pdf_is_reproducible_and_self_contained(of_loop) -> None:

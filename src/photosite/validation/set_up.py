@@ -215,9 +215,6 @@ class _Case(BaseModel):
 
     model_config = ConfigDict(strict=True)
 
-    wavelength_nm: _List
-    patch_photon_radiance: _Rows
-    quantum_efficiency_rgb: _Rows
     f_number: _Number
     focal_length_m: _Number
     object_distance_m: _Number
@@ -231,6 +228,9 @@ class _Case(BaseModel):
     prnu_percent: _Number
     cfa: str
     bits: Annotated[int, PlainValidator(_bits)]
+    wavelength_nm: _List
+    quantum_efficiency_rgb: _Rows
+    patch_photon_radiance: _Rows
     patch_names: list[str] | None = None
     result: _Result | None = None
 
