@@ -12,14 +12,7 @@ from photosite.color.srgb import XYZ_FROM_SRGB, encode_srgb
 from photosite.color.tristimulus import luminance_cd_m2, xyz
 from photosite.errors import InputError
 from photosite.scene.picture_colors import SPACES, display_values, linear_srgb_of
-from photosite.scene.pictures import (
-    PICTURE_WAVELENGTH_NM,
-    Method,
-    from_hdr,
-    from_rgb,
-    from_srgb,
-    srgb_reflectance,
-)
+from photosite.scene.pictures import PICTURE_WAVELENGTH_NM, Method, from_hdr, from_rgb, from_srgb, srgb_reflectance
 from photosite.scene.scene import Scene
 
 
@@ -147,11 +140,7 @@ def test_other_spaces_by_way_of_their_own_matrices(space: str) -> None:
     import colour
 
     wide = colour.RGB_to_RGB(
-        linear_srgb(CHECKER),
-        "sRGB",
-        SPACES[space],
-        chromatic_adaptation_transform="Bradford",
-        apply_cctf_encoding=True,
+        linear_srgb(CHECKER), "sRGB", SPACES[space], chromatic_adaptation_transform="Bradford", apply_cctf_encoding=True
     )
     plain, found = from_srgb(CHECKER), from_rgb(wide, space=space)
     np.testing.assert_allclose(found.weights, plain.weights, atol=6e-4)  # rounded matrices

@@ -180,10 +180,7 @@ def test_nothing_in_the_middle_leaves_the_distance_open() -> None:
 
 
 def test_seed_and_variant() -> None:
-    scene = seen_by(
-        light={"type": "constant", "radiance": ramp(1, 1)},
-        ball=matt(ramp(0.5, 0.5), type="sphere"),
-    )
+    scene = seen_by(light={"type": "constant", "radiance": ramp(1, 1)}, ball=matt(ramp(0.5, 0.5), type="sphere"))
     mitsuba.set_variant("scalar_rgb")
     first, again, other = (
         energy(render_mitsuba(scene, spp=2, wavelength_nm=[500, 520], seed=seed)) for seed in (1, 1, 2)

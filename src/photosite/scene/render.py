@@ -339,12 +339,7 @@ def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
 
 
 def _as_spectral(
-    mitsuba: Any,
-    film: Any,
-    names: list[str],
-    first_nm: float,
-    width_nm: float,
-    shape: tuple[int | None, int | None],
+    mitsuba: Any, film: Any, names: list[str], first_nm: float, width_nm: float, shape: tuple[int | None, int | None]
 ) -> None:
     """Turn a film of any kind into one that integrates radiance over bands, pixel by pixel."""
     for name in list(film.keys()):

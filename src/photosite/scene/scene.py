@@ -266,10 +266,7 @@ class Scene:
         return _light(self.basis, self.reflectance)
 
     def with_illuminant(
-        self,
-        illuminant: str | float | Spectrum,
-        mean_luminance_cd_m2: float | None = None,
-        rule: Rule = "trapezoid",
+        self, illuminant: str | float | Spectrum, mean_luminance_cd_m2: float | None = None, rule: Rule = "trapezoid"
     ) -> Scene:
         """Return the scene under another light.
 

@@ -322,13 +322,7 @@ def test_file_whose_writer_was_stopped(tmp_path: Path, capfd: pytest.CaptureFixt
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
-    ("good", "bad"),
-    [
-        (b"S0.500", b"S0.\xff00"),
-        (b"dataWindow\0box2i", b"dataWindow\0box2f"),
-    ],
-)
+@pytest.mark.parametrize(("good", "bad"), [(b"S0.500", b"S0.\xff00"), (b"dataWindow\0box2i", b"dataWindow\0box2f")])
 def test_damaged_head(tmp_path: Path, good: bytes, bad: bytes, capfd: pytest.CaptureFixture[str]) -> None:
     file = spectral(tmp_path / "a.exr", some_radiance(), emissiveUnits=PER_NM)
     content = file.read_bytes()

@@ -226,11 +226,7 @@ def test_scenes_too_large_for_version_5(tmp_path: Path, monkeypatch: pytest.Monk
         ({"photons": -CUBE, "wave": GRID}, {}, "negative"),
         ({"photons": CUBE * np.nan, "wave": GRID}, {}, ""),
         ({"mcCOEF": CUBE}, {}, "without basis.basis"),
-        (
-            {"mcCOEF": CUBE, "basis/basis": np.ones((9, 3)), "basis/wave": GRID},
-            {},
-            "basis.basis",
-        ),
+        ({"mcCOEF": CUBE, "basis/basis": np.ones((9, 3)), "basis/wave": GRID}, {}, "basis.basis"),
     ],
 )
 def test_invalid_files(

@@ -65,11 +65,7 @@ def ramp(*, contrast: Contrast = 1000.0, logarithmic: bool = False, rows: Sample
 
 @lit()
 def checkerboard(
-    *,
-    square: Annotated[float, Field(ge=1)] = 32.0,
-    contrast: Contrast = 20.0,
-    rows: Samples = 256,
-    cols: Samples = 384,
+    *, square: Annotated[float, Field(ge=1)] = 32.0, contrast: Contrast = 20.0, rows: Samples = 256, cols: Samples = 384
 ) -> Chart:
     """Checkerboard, bright at the top left.
 

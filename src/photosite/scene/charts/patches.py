@@ -140,9 +140,7 @@ def _titles(names: Sequence[str] | None, count: int) -> list[str]:
 
 @lit()
 def hdr_patches(
-    *,
-    decades: Annotated[float, Field(ge=0.1, le=12)] = 6.0,
-    patches: Annotated[int, Field(ge=2, le=400)] = 36,
+    *, decades: Annotated[float, Field(ge=0.1, le=12)] = 6.0, patches: Annotated[int, Field(ge=2, le=400)] = 36
 ) -> Chart:
     """Transparent grey patches over many decades of radiance, with black between them.
 

@@ -17,11 +17,7 @@ from photosite.scene.scene import Scene
 
 
 def convert(
-    path: str | PathLike[str],
-    output: str | PathLike[str],
-    *,
-    progress: Progress | None = None,
-    **options: Any,
+    path: str | PathLike[str], output: str | PathLike[str], *, progress: Progress | None = None, **options: Any
 ) -> Reduction:
     """Convert a scene file to another format, through the few basis spectra of a scene.
 

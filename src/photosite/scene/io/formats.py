@@ -105,10 +105,7 @@ class Format:
         for name, value in options.given().items():
             if name not in known:
                 raise FileError(
-                    path,
-                    f"{what}, to which an option does not apply",
-                    hint=f"Omit {{{name}}}",
-                    arguments={name: value},
+                    path, f"{what}, to which an option does not apply", hint=f"Omit {{{name}}}", arguments={name: value}
                 )
 
 
@@ -135,13 +132,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (CUBE,), (b"ENVI",), writes=True),
     Format(
-        "OpenEXR",
-        (".exr",),
-        "exr",
-        (CUBE, LIGHT_PICTURE),
-        (b"\x76\x2f\x31\x01",),
-        frozenset({"no_data"}),
-        writes=True,
+        "OpenEXR", (".exr",), "exr", (CUBE, LIGHT_PICTURE), (b"\x76\x2f\x31\x01",), frozenset({"no_data"}), writes=True
     ),
     Format(
         "CGATS",
@@ -153,19 +144,10 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("CSV", (".csv", ".tsv"), "chart_csv", (CHART,), writes=True),
     Format(
-        "PNG or JPEG",
-        (".png", ".jpg", ".jpeg"),
-        "picture",
-        (DISPLAY_PICTURE,),
-        (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"),
+        "PNG or JPEG", (".png", ".jpg", ".jpeg"), "picture", (DISPLAY_PICTURE,), (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
     ),
     Format(
-        "Radiance",
-        (".pic", ".rgbe"),
-        "radiance",
-        (LIGHT_PICTURE,),
-        (b"#?RADIANCE", b"#?RGBE"),
-        frozenset({"units"}),
+        "Radiance", (".pic", ".rgbe"), "radiance", (LIGHT_PICTURE,), (b"#?RADIANCE", b"#?RGBE"), frozenset({"units"})
     ),
 )
 """In the order of the test by signature: a MATLAB 7.3 file is HDF5 behind 512 other bytes."""

@@ -154,14 +154,7 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
     if not values.any():
         raise FileError(table.path, "has no light: all values are 0")
     try:
-        chart = reflectance_chart(
-            values,
-            table.wavelength_nm,
-            rows=rows,
-            cols=cols,
-            names=names,
-            name=title,
-        ).under(
+        chart = reflectance_chart(values, table.wavelength_nm, rows=rows, cols=cols, names=names, name=title).under(
             light,
             1.0 if options.mean_luminance_cd_m2 is None else options.mean_luminance_cd_m2,
             distance_m=options.distance_m or DEFAULT_DISTANCE_M,
