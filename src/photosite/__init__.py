@@ -39,7 +39,7 @@ _MODULE_OF = {
     "calibrate_series": "photosite.calibration.gain_series.calibrate_series",
     "calibrate_chart": "photosite.calibration.spectral.chart",
     "calibrate_spectral": "photosite.calibration.spectral.monochromator",
-    "convert": "photosite.scene.io.convert",
+    "convert": "photosite.scene.io.files",
     "load_camera": "photosite.camera.file",
     "load_optics": "photosite.optics.io.formats",
     "load_sensor": "photosite.sensor.io.sensor_file",
@@ -96,7 +96,7 @@ if TYPE_CHECKING:
     from photosite.scene import lights as lights
     from photosite.scene import pictures as pictures
     from photosite.scene import render as render
-    from photosite.scene.io.convert import convert as convert
+    from photosite.scene.io.files import convert as convert
     from photosite.scene.io.files import read_scene as read_scene
     from photosite.scene.io.files import write_scene as write_scene
     from photosite.scene.planes import Plane as Plane

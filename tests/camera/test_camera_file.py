@@ -158,7 +158,7 @@ def test_the_method_of_a_picture_is_an_option(tmp_path: Path) -> None:
     Image.fromarray(codes).save(tmp_path / "a.png")
     text = "scene: {source: a.png, luminance_cd_m2: 40, options: {method: jakob-hanika}}\n"
     set_up = load_camera(written(tmp_path, text)).scene.scene()
-    np.testing.assert_array_equal(set_up.weights, ps.pictures.from_srgb(codes, method="jakob-hanika").weights)
+    np.testing.assert_array_equal(set_up.weights, ps.pictures.from_rgb(codes, method="jakob-hanika").weights)
 
 
 def test_errors_of_making_the_scene_name_the_line(tmp_path: Path) -> None:

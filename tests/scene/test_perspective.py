@@ -1,4 +1,4 @@
-"""Charts seen from the side: the projective map against its laws, and the scene against points looked up one by one."""
+"""Charts in perspective: the map against a pinhole camera, the scene against random points of the chart."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ SHAPE = (160, 230)
 
 
 def camera(points, distance=900.0, focal=700.0):
-    """Points of a plane that is turned in space, through a pinhole: perspective from its geometry alone."""
+    """Image points of a tilted plane through a pinhole."""
     turn = np.deg2rad([20.0, -15.0])
     about_x = np.array([[1, 0, 0], [0, np.cos(turn[0]), -np.sin(turn[0])], [0, np.sin(turn[0]), np.cos(turn[0])]])
     about_y = np.array([[np.cos(turn[1]), 0, np.sin(turn[1])], [0, 1, 0], [-np.sin(turn[1]), 0, np.cos(turn[1])]])
@@ -50,8 +50,8 @@ def test_invalid_points():
         Homography.between(line, line)
 
 
-def test_a_chart_that_faces_the_camera_has_the_regions_it_always_had():
-    # The whole frame at three pixels a sample, and the part of a patch's side that a region is.
+def test_regions_of_a_chart_that_faces_the_camera():
+    # The whole frame at three pixels a sample; a region is 20/28 of a patch's side.
     chart = macbeth()
     corners = tuple((3 * row, 3 * col) for row, col in field_corners(chart))
     for quad, region in zip(seen_patches(chart, corners, 20 / 28), macbeth_regions(396, 588), strict=True):
@@ -61,7 +61,7 @@ def test_a_chart_that_faces_the_camera_has_the_regions_it_always_had():
         np.testing.assert_array_equal([rows + quad.r0, cols + quad.c0], wanted)
 
 
-def test_the_scene_is_the_chart_looked_up_point_by_point():
+def test_the_scene_agrees_with_random_points_of_the_chart():
     chart = macbeth("D65", 100)
     scene = in_perspective(chart, CORNERS, SHAPE)
     back = Homography.between(CORNERS, field_corners(chart))
@@ -108,7 +108,7 @@ def test_invalid_corners():
         in_perspective(replace(chart, weights=chart.weights * 0.5), CORNERS, SHAPE)
 
 
-def test_corners_outside_by_rounding_alone_are_on_the_border():
+def test_corners_outside_by_rounding_are_on_the_border():
     beyond = ((-1e-9, -1e-9), (-1e-9, 230 + 1e-9), (160 + 1e-9, 230 + 1e-9), (160 + 1e-9, -1e-9))
     check_corners(beyond, SHAPE)
     on = ((0.0, 0.0), (0.0, 230.0), (160.0, 230.0), (160.0, 0.0))

@@ -1,4 +1,4 @@
-"""Planes in depth: what they are made of, and what is refused."""
+"""Planes in depth: light, opacity, and invalid planes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_the_public_names() -> None:
     assert ps.Plane is Plane
 
 
-def test_a_plane_with_a_width_ends_in_a_dark_rim_of_one_sample() -> None:
+def test_a_plane_with_a_width_ends_in_a_dark_border_of_one_sample() -> None:
     plain = scene(1.0, 0.3)
     light = Plane(plain, np.full((4, 6), 0.5)).light(ends=True)
     assert light.shape == (6, 8)
@@ -38,7 +38,7 @@ def test_a_plane_with_a_width_ends_in_a_dark_rim_of_one_sample() -> None:
     assert cover.shape == (6, 8)
 
 
-def test_a_plane_without_a_width_or_the_farthest_goes_on() -> None:
+def test_a_plane_without_a_width_and_the_farthest_plane_do_not_end() -> None:
     assert Plane(scene(1.0)).light(ends=True).shape == (4, 6)
     assert Plane(scene(1.0, 0.3)).light(ends=False).shape == (4, 6)
 
@@ -54,7 +54,7 @@ def test_mean_radiance_is_weighted_by_opacity() -> None:
 
 
 @pytest.mark.parametrize("bad", [-0.1, 1.5, math.nan, 255.0])
-def test_an_opacity_outside_0_to_1_is_refused(bad: float) -> None:
+def test_an_opacity_outside_0_to_1_is_an_error(bad: float) -> None:
     alpha = np.ones((4, 6))
     alpha[2, 3] = bad
     with pytest.raises(InputError) as caught:
@@ -62,13 +62,13 @@ def test_an_opacity_outside_0_to_1_is_refused(bad: float) -> None:
     assert (caught.value.what, caught.value.expected) == ("alpha", "from 0 to 1")
 
 
-def test_an_opacity_of_another_shape_is_refused() -> None:
+def test_an_opacity_of_another_shape_is_an_error() -> None:
     with pytest.raises(InputError) as caught:
         Plane(scene(1.0), np.ones((6, 4)))
     assert (caught.value.what, caught.value.value) == ("alpha", (6, 4))
 
 
-def test_planes_out_of_order_are_refused() -> None:
+def test_planes_out_of_order_are_an_error() -> None:
     with pytest.raises(InputError) as caught:
         Planes((scene(1.0), scene(3.0), scene(2.0)))
     assert (caught.value.what, caught.value.value) == ("planes", (3.0, 2.0))

@@ -1,4 +1,4 @@
-"""A scene's picture as an eye sees it."""
+"""Previews of scenes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_white_and_grey_patches_look_grey_under_any_light(light: str | float) ->
         assert np.ptp(seen[part.r0, part.c0]) < 0.03, name
 
 
-def test_without_reflectances_the_mean_is_taken_for_the_light() -> None:
+def test_without_reflectances_the_mean_replaces_the_light() -> None:
     chart = ps.charts.macbeth("A", 40)
     bare = replace(chart, reflectance=None)
     assert np.abs(preview(bare) - preview(chart)).max() > 0.05
@@ -30,7 +30,7 @@ def test_without_reflectances_the_mean_is_taken_for_the_light() -> None:
     np.testing.assert_allclose(preview(replace(grey, reflectance=None)), preview(grey), atol=2e-3)
 
 
-def test_a_scene_of_few_bright_points_has_a_picture() -> None:
+def test_preview_of_few_bright_points() -> None:
     points = ps.charts.point_grid("A", 40)
     assert float(np.quantile(points.weights, 0.99)) == 0.0
     seen = preview(points)

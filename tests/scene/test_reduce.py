@@ -1,4 +1,4 @@
-"""The reduction of cubes: against a singular value decomposition of everything, in blocks of any size, and refusals."""
+"""The reduction of cubes: compared with a full singular value decomposition, in blocks of any size; invalid values."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-import photosite.scene.io.store as store_module
 import photosite.scene.reduction as reduction_module
+import photosite.scene.weights as store_module
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import Spectrum, photons_from_energy
 from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
-from photosite.scene.cube import ArrayCube, Block, CubeHead
+from photosite.scene.cube import ArrayCube, Block, SpectralCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import reduce_cube
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import reduce_cube
 from photosite.scene.weights import MappedWeights
 
 GRID = np.arange(400.0, 701, 10)
@@ -25,7 +25,7 @@ RNG = np.random.default_rng(8)
 
 
 def values(rows: int = 23, cols: int = 17, materials: int = 9) -> np.ndarray:
-    """(rows, cols, bands): materials of falling share, so that a tolerance decides between them."""
+    """(rows, cols, bands): materials of decreasing weight, so that the tolerance decides how many are kept."""
     spectra = RNG.random((materials, GRID.size)) * 10.0 ** -np.arange(materials)[:, None]
     return RNG.random((rows, cols, materials)) @ spectra
 
@@ -60,17 +60,17 @@ def test_blocks_of_any_size_make_the_same_scene(monkeypatch: pytest.MonkeyPatch,
     array = values()
     whole = radiance(reduce_cube(cube_of(array)).scene)
     monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", block_bytes)
-    assert radiance(reduce_cube(cube_of(array)).scene) == pytest.approx(whole, rel=1e-5)
+    np.testing.assert_allclose(radiance(reduce_cube(cube_of(array)).scene), whole, rtol=1e-5)
 
 
-def test_large_weights_go_to_a_file_and_come_back_mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_weights_are_stored_in_a_file_and_mapped(monkeypatch: pytest.MonkeyPatch) -> None:
     array = values()
     in_memory = reduce_cube(cube_of(array)).scene
     monkeypatch.setattr(store_module, "_LARGE_BYTES", 100)
     monkeypatch.setattr(reduction_module, "_BLOCK_BYTES", 17 * GRID.size * 8 * 4)
     mapped = reduce_cube(cube_of(array)).scene
     assert isinstance(mapped.weights.base, MappedWeights)
-    assert mapped.weights == pytest.approx(in_memory.weights, rel=1e-6)
+    np.testing.assert_allclose(mapped.weights, in_memory.weights, rtol=1e-6, atol=1e-12)
     monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10})())
     with pytest.raises(ValueError, match="Set TMPDIR to a larger disk"):
         reduce_cube(cube_of(array))
@@ -150,7 +150,7 @@ def test_the_error_of_mixed_bands_of_energy_is_that_of_photons() -> None:
 
 
 def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
-    """A paint that is rare among reflectances, at wavelengths where the light is strong and the other paint is dark."""
+    """A weak paint reflects only where the light is strong and the other paint is dark."""
     blue, red = (GRID < 450).astype(float), (GRID > 650).astype(float)
     share = RNG.random((2, 30, 20, 1))
     array = share[0] * blue + 1e-3 * share[1] * red
@@ -165,7 +165,7 @@ def test_reflectances_keep_the_tolerance_under_their_light_too() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, -0.5])
-def test_missing_and_negative_values_are_refused_or_replaced_by_0(bad: float) -> None:
+def test_missing_and_negative_values_are_an_error_or_replaced_by_0(bad: float) -> None:
     array = values()
     array[5, 3, 7] = bad
     option = "no_data" if np.isnan(bad) else "negative"
@@ -178,7 +178,7 @@ def test_missing_and_negative_values_are_refused_or_replaced_by_0(bad: float) ->
     assert rms(radiance(done.scene) - array) <= 1.01e-5 * rms(array)
 
 
-def test_infinite_values_are_always_refused() -> None:
+def test_infinite_values_are_always_an_error() -> None:
     array = values()
     array[0, 0, 0] = np.inf
     for no_data in ("refuse", "zero"):
@@ -204,7 +204,7 @@ def test_a_dark_cube_is_dark() -> None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FailingCube(CubeHead):
+class FailingCube(SpectralCube):
     """A cube on a disk that fails."""
 
     def blocks(self, rows: int) -> Iterator[Block]:
@@ -235,7 +235,7 @@ def test_small_differences_survive_double_precision() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 9e-7])
-def test_tolerances_below_single_precision_are_refused(tolerance: float) -> None:
+def test_tolerances_below_single_precision_are_an_error(tolerance: float) -> None:
     with pytest.raises(InputError) as caught:
         ReadOptions(tolerance=tolerance)
     assert (caught.value.what, caught.value.value) == ("tolerance", tolerance)

@@ -1,4 +1,4 @@
-"""Scenes: invalid values, and that they hold the radiance they were given."""
+"""Scenes: radiance, luminance, light, and invalid values."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_nominal_luminance_of_charts_and_other_scenes() -> None:
         assert chart.mean_luminance_cd_m2() < 27
         day = chart.with_illuminant("D65").with_nominal_luminance(7)
         assert day.nominal_luminance_cd_m2() == pytest.approx(7, rel=1e-9)
-    star = charts.siemens_star("A", 30)
+    star = charts.siemens_star("A", 30, rows=96, cols=96)
     assert star.regions
     assert star.nominal_luminance_cd_m2() == star.mean_luminance_cd_m2() == pytest.approx(30, rel=1e-6)
     with pytest.raises(InputError, match="dark scene"):
@@ -153,9 +153,9 @@ def test_light_that_nothing_reflects_is_unknown() -> None:
 
 
 def test_light_cannot_be_changed_where_reflectance_is_unknown() -> None:
-    scene = Scene.from_radiance(cube(), GRID, name="a walk")
+    scene = Scene.from_radiance(cube(), GRID, name="a street")
     for ask in (lambda: scene.with_illuminant("D65"), scene.light):
-        with pytest.raises(InputError, match="the light of 'a walk' cannot be changed"):
+        with pytest.raises(InputError, match="the light of 'a street' cannot be changed"):
             ask()
 
 

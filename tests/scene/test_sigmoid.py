@@ -21,7 +21,7 @@ def weights() -> np.ndarray:
     return values / values[1].sum()
 
 
-def test_the_sigmoid_is_the_paper_s() -> None:
+def test_the_sigmoid_is_that_of_the_paper() -> None:
     """colour-science evaluates c0 w^2 + c1 w + c2 on wavelengths w in nm; ours is that parabola in (w - 570) / 210."""
     from colour.recovery import sd_Jakob2019
 
@@ -37,11 +37,11 @@ def test_the_sigmoid_is_the_paper_s() -> None:
     np.testing.assert_allclose(sigmoid_reflectance(ours, GRID), expected, atol=1e-12)
 
 
-def test_colours_of_known_reflectances_give_them_back() -> None:
-    """Planted coefficients: three numbers from three numbers."""
+def test_coefficients_of_known_reflectances_are_found() -> None:
+    """Three coefficients follow from three tristimulus values."""
     rng = np.random.default_rng(4)
-    planted = rng.normal(0.0, [4.0, 2.0, 1.0], (200, 3))
-    reflectance = sigmoid_reflectance(planted, GRID)
+    true = rng.normal(0.0, [4.0, 2.0, 1.0], (200, 3))
+    reflectance = sigmoid_reflectance(true, GRID)
     found = sigmoid_reflectance(sigmoid_coefficients(reflectance @ weights().T, weights(), GRID), GRID)
     assert np.abs((found - reflectance) @ weights().T).max() < 1.2e-5  # the share of grey, 1e-5, and the solver's 1e-6
     assert np.quantile(np.abs(found - reflectance).max(axis=1), 0.9) < 1e-2
@@ -49,7 +49,7 @@ def test_colours_of_known_reflectances_give_them_back() -> None:
 
 @pytest.mark.parametrize("rgb", [(0.2, 0.4, 0.1), (0.6, 0.3, 0.3), (0.05, 0.1, 0.3)])
 def test_reflectances_are_those_that_colour_science_finds(rgb: tuple[float, ...]) -> None:
-    """Its optimiser stops at a colour difference that no eye sees, so its spectra differ by little."""
+    """Its optimiser stops at an invisible colour difference, so its spectra differ slightly."""
     colour = colour_science()
     from colour.recovery import XYZ_to_sd_Jakob2019
 
@@ -59,7 +59,7 @@ def test_reflectances_are_those_that_colour_science_finds(rgb: tuple[float, ...]
     assert np.abs(ours - theirs).max() < 0.01
 
 
-def test_every_colour_of_srgb_has_one_and_it_can_be() -> None:
+def test_every_srgb_colour_has_a_valid_reflectance() -> None:
     steps = np.linspace(0.0, 1.0, 9) ** 2.2
     linear = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     wanted = linear @ XYZ_FROM_SRGB.T * (weights().sum(axis=1) / XYZ_FROM_SRGB.sum(axis=1))
@@ -68,7 +68,7 @@ def test_every_colour_of_srgb_has_one_and_it_can_be() -> None:
     assert reflectance.max() <= 1
     assert np.abs(reflectance @ weights().T - wanted).max() < 1.2e-5
     bends = np.diff(np.sign(np.diff(reflectance, axis=1)), axis=1) != 0
-    assert (bends[:, 1:-1].sum(axis=1) <= 1).all()  # one bump or dip
+    assert (bends[:, 1:-1].sum(axis=1) <= 1).all()  # one maximum or minimum
 
 
 def test_colours_that_no_surface_has() -> None:

@@ -1,4 +1,4 @@
-"""Units of spectral files: what is understood, with which factor, and what is refused."""
+"""Units of spectral files: known ones with their factors, and invalid ones."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from photosite.scene.units import Units, parse_units
         ("relative", "relative", 1.0),
     ],
 )
-def test_units_that_are_understood(text: str, quantity: str, scale: float) -> None:
+def test_known_units(text: str, quantity: str, scale: float) -> None:
     found = parse_units(text)
     assert found.quantity == quantity
     assert found.scale == pytest.approx(scale, rel=1e-12)
@@ -84,12 +84,12 @@ def test_a_quantity_with_its_unit(text: str, quantity: str, scale: float) -> Non
         "radiance (" * 3000,
     ],
 )
-def test_a_quantity_with_another_ones_unit_is_refused(text: str) -> None:
+def test_a_quantity_with_the_unit_of_another_is_an_error(text: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_units(text)
     assert caught.value.what == "units"
 
 
-def test_ambiguous_units_are_refused() -> None:
+def test_ambiguous_units_are_an_error() -> None:
     with pytest.raises(InputError, match=r"'sr' could be in the numerator or the denominator"):
         parse_units("W/m^2 sr nm")

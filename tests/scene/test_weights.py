@@ -1,4 +1,4 @@
-"""Mapped weights: looked through in blocks, never copied, and checked once."""
+"""Mapped weights are checked once, in blocks, and never copied."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def mapped(path: Path, array: np.ndarray, kind: type[np.memmap] = np.memmap) -> 
 
 
 @pytest.mark.usefixtures("small_blocks")
-def test_every_value_is_looked_at(tmp_path: Path) -> None:
+def test_every_value_is_checked(tmp_path: Path) -> None:
     good = np.ones((2, 3, 5))
     for number in range(good.size):
         bad = good.copy()
@@ -53,6 +53,6 @@ def test_a_scene_of_a_mapped_file_is_no_copy(tmp_path: Path) -> None:
 def test_weights_computed_from_mapped_ones_are_checked_again(tmp_path: Path) -> None:
     weights = mapped(tmp_path / "w", np.ones((2, 3, 5)), MappedWeights)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spoilt = weights / np.float32(0)
+        divided = weights / np.float32(0)
     assert checked_weights(weights)[1]
-    assert not checked_weights(spoilt)[1]
+    assert not checked_weights(divided)[1]

@@ -20,10 +20,7 @@ _UNIT_NAMES = {
     **dict.fromkeys(("angstrom", "angstroms", "a"), "angstrom"),
     **dict.fromkeys(("mm", "millimeter", "millimeters"), "mm"),
 }
-
-
-_WAVELENGTHS = {"wavelength_nm": [400, 410, 420]}
-_HINT = "Pass them in nm: {wavelength_nm}"
+_HINT = {"hint": "Pass them in nm: {wavelength_nm}", "arguments": {"wavelength_nm": [400, 410, 420]}}
 
 
 def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wanted: ArrayLike | None) -> Array:
@@ -33,39 +30,35 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
     ----------
     path
         The file, for messages.
-    values
-        (bands,) as in the file; None where it has none.
-    unit
-        As in the file; None where it has none. Then values from 200 to 2600 are nanometres: no other unit puts them
-        into a camera's range.
+    values, unit
+        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometres: no other
+        unit puts them into a camera's range.
     wanted
         (bands,) nm, given by the caller for a file without them.
 
     Raises
     ------
     FileError
-        If neither gives them, both do and differ, the unit is missing or unknown, or they are outside any camera's
-        range.
+        If neither gives them, both do and differ, or they are outside any camera's range.
     """
     if values is None:
         if wanted is None:
-            raise FileError(path, "has no wavelengths of its bands", hint=_HINT, arguments=_WAVELENGTHS)
+            raise FileError(path, "has no wavelengths of its bands", **_HINT)
         return _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
     try:
         grid = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError):
-        raise FileError(path, "has wavelengths that are not numbers", hint=_HINT, arguments=_WAVELENGTHS) from None
+        raise FileError(path, "has wavelengths that are not numbers", **_HINT) from None
     if wanted is not None:
         given = _checked_nm(path, np.asarray(wanted, np.float64).ravel(), "given")
-        if unit is not None and not (
-            given.shape == grid.shape and np.allclose(given, grid * _factor(path, unit), rtol=1e-6)
-        ):
-            arguments = {"wavelength_nm": tuple(np.asarray(wanted, np.float64).ravel().tolist())}
+        own = given if unit is None else grid * _factor(path, unit)
+        if given.shape != own.shape or not np.allclose(given, own, rtol=1e-6):
+            arguments = {"wavelength_nm": tuple(given.tolist())}
             raise FileError(path, "states other wavelengths", hint="Omit {wavelength_nm}", arguments=arguments)
         return given
     if unit is None:
         if not (np.isfinite(grid).all() and grid.size and grid.min() >= 200 and grid.max() <= 2600):
-            raise FileError(path, f"has no unit of its wavelengths, {_ends(grid)}", hint=_HINT, arguments=_WAVELENGTHS)
+            raise FileError(path, f"has no unit of its wavelengths, {_ends(grid)}", **_HINT)
         return grid
     return _checked_nm(path, grid * _factor(path, unit), f"in {unit}")
 
@@ -73,20 +66,14 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
 def _factor(path: Path, unit: str) -> float:
     name = _UNIT_NAMES.get(unit.strip().lower().replace("µ", "u").replace("μ", "u"))
     if name is None:
-        what = f"has wavelengths in the unknown unit '{unit[:40]}'"
-        raise FileError(path, what, hint=_HINT, arguments=_WAVELENGTHS)
+        raise FileError(path, f"has wavelengths in the unknown unit '{unit[:40]}'", **_HINT)
     return _NANOMETRES_PER[name]
 
 
 def _checked_nm(path: Path, grid: Array, what: str) -> Array:
     if grid.size and np.isfinite(grid).all() and grid.min() >= _LOWEST_NM and grid.max() <= _HIGHEST_NM:
         return grid
-    raise FileError(
-        path,
-        f"has wavelengths of {_ends(grid)} {what}, outside any camera's range",
-        hint="Correct the file's unit, or pass them in nm: {wavelength_nm}",
-        arguments=_WAVELENGTHS,
-    )
+    raise FileError(path, f"has wavelengths of {_ends(grid)} {what}, outside any camera's range", **_HINT)
 
 
 def _ends(grid: Array) -> str:
@@ -120,11 +107,7 @@ def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.int
     steps = np.diff(wavelength_nm)
     if (steps <= 0).any() and not sort:
         at = int(np.argmax(steps <= 0)) + 1
-        raise FileError(
-            name,
-            f"its wavelengths are not sorted: band {at + 1} has {wavelength_nm[at]:g} nm after "
-            f"{wavelength_nm[at - 1]:g} nm",
-            hint="Sort the file's bands, or pass {sort_bands}",
-            arguments={"sort_bands": True},
-        )
+        after = f"band {at + 1} has {wavelength_nm[at]:g} nm after {wavelength_nm[at - 1]:g} nm"
+        hint, arguments = "Sort the file's bands, or pass {sort_bands}", {"sort_bands": True}
+        raise FileError(name, f"its wavelengths are not sorted: {after}", hint=hint, arguments=arguments)
     return order

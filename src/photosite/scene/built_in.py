@@ -14,20 +14,8 @@ from photosite.scene.scene import Scene
 from photosite.values.validated import PositiveNumber, Validated
 
 BUILT_IN_SCENES = (
-    "macbeth",
-    "color-checker-sg",
-    "uniform",
-    "slanted-edge",
-    "edge-star",
-    "siemens-star",
-    "sinusoid",
-    "frequency-sweep",
-    "zone-plate",
-    "dead-leaves",
-    "point-grid",
-    "checkerboard",
-    "ramp",
-    "hdr-patches",
+    *("macbeth", "color-checker-sg", "uniform", "slanted-edge", "edge-star", "siemens-star", "sinusoid"),
+    *("frequency-sweep", "zone-plate", "dead-leaves", "point-grid", "checkerboard", "ramp", "hdr-patches"),
 )
 """Each is the function of `photosite.scene.charts` of that name."""
 
@@ -63,13 +51,7 @@ def chart_options(name: str) -> dict[str, Any]:
 
 
 def check_built_in(name: str, **options: Any) -> dict[str, Any]:
-    """Return the arguments of a built-in scene, its light included, once they are valid.
-
-    Raises
-    ------
-    InputError
-        If an option is unknown or invalid.
-    """
+    """Return the arguments of a built-in scene, its light included, once they are valid."""
     shared = {option: value for option, value in options.items() if option in LightAndPlace.model_fields}
     light = LightAndPlace(**shared)
     own = chart_function(name).options(**{option: options[option] for option in options.keys() - shared.keys()})

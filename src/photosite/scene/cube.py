@@ -5,10 +5,11 @@ A reader fills the header and converts the values to SI. `photosite.scene.reduce
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,8 @@ Interleave = Literal["bsq", "bil", "bip"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CubeHead:
-    """What is known of a cube before its values are read.
+class SpectralCube(ABC):
+    """A cube: what is known before its values are read, and the values block by block.
 
     Parameters
     ----------
@@ -69,58 +70,36 @@ class CubeHead:
         if 0 in self.shape:
             raise FileError(self.name, f"is empty: {self.shape} rows, columns and bands")
 
-
-class SpectralCube(Protocol):
-    """A cube as the reduction reads it; all attributes are those of `CubeHead`."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def shape(self) -> tuple[int, int, int]: ...
-    @property
-    def wavelength_nm(self) -> Array: ...
-    @property
-    def quantity(self) -> Quantity: ...
-    @property
-    def light(self) -> Array | None: ...
-    @property
-    def distance_m(self) -> float | None: ...
-    @property
-    def width_m(self) -> float | None: ...
-    @property
-    def title(self) -> str | None: ...
-
+    @abstractmethod
     def blocks(self, rows: int) -> Iterator[Block]:
         """Yield all rows in order, at most `rows` at a time, in SI; NaN where the file has no data.
 
         The next block may overwrite the previous one.
         """
-        ...
+
+    def release(self) -> None:
+        """Remove the cube's temporary folders; it cannot be read afterwards."""
+        for part in vars(self).values():
+            if isinstance(part, SpectralCube):
+                part.release()
+            elif isinstance(part, TemporaryFolder):
+                part.close()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ArrayCube(CubeHead):
-    """A cube whose values are in memory, or in an object that is sliced like an array.
-
-    Parameters
-    ----------
-    values
-        (rows, cols, bands).
-    scale
-        Factor from a value to SI; one number or one per band.
-    """
+class ArrayCube(SpectralCube):
+    """A cube of values (rows, cols, bands) in memory, or in an object that is sliced like an array."""
 
     values: Any
-    scale: float | Array = 1.0
 
     def blocks(self, rows: int) -> Iterator[Block]:
         """See `SpectralCube`."""
         for first in range(0, self.shape[0], rows):
-            yield first, np.asarray(self.values[first : first + rows], dtype=np.float64) * self.scale
+            yield first, np.asarray(self.values[first : first + rows], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RawCube(CubeHead):
+class RawCube(SpectralCube):
     """A cube of plain numbers in a file, read block by block without mapping it, so that memory stays bounded.
 
     Parameters
@@ -184,10 +163,8 @@ class RawCube(CubeHead):
         if self.interleave == "bsq":
             raw = buffer[: bands * count * cols].reshape(bands, count, cols)
             for band in range(bands):
-                begin = self.offset + band * total * cols * size
-                if self.band_offsets is not None:
-                    begin = self.band_offsets[band]
-                self._fill(file, begin + first * cols * size, raw[band])
+                own = self.offset + band * total * cols * size if self.band_offsets is None else self.band_offsets[band]
+                self._fill(file, own + first * cols * size, raw[band])
             return raw
         flat = buffer[: bands * count * cols]
         self._fill(file, self.offset + first * cols * bands * size, flat)
@@ -202,23 +179,14 @@ class RawCube(CubeHead):
         while done < len(view):
             more = file.readinto(view[done:])
             if not more:
-                raise FileError(
-                    self.name, f"is truncated: it ends at byte {begin + done}, within a cube of {self.shape} values"
-                )
+                what = f"is truncated: it ends at byte {begin + done}, within a cube of {self.shape} values"
+                raise FileError(self.name, what)
             done += more
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SelectedBands(CubeHead):
-    """Some bands of a cube.
-
-    Parameters
-    ----------
-    whole
-        The cube.
-    bands
-        (n,) indices of the bands, in their order.
-    """
+class SelectedBands(SpectralCube):
+    """The bands (n,) of a cube, by their indices."""
 
     whole: SpectralCube
     bands: NDArray[np.intp]
@@ -235,14 +203,7 @@ class SelectedBands(CubeHead):
 
 
 def select_bands(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
-    """Return a cube of some bands; the cube itself where all are wanted.
-
-    Parameters
-    ----------
-    cube
-        The cube.
-    wanted
-        (bands,) whether to keep each band.
+    """Return a cube of the wanted bands (bands,); the cube itself where all are wanted.
 
     Raises
     ------
@@ -259,30 +220,13 @@ def select_bands(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
     """
     if wanted.all():
         return cube
+    grid = np.asarray(cube.wavelength_nm, np.float64)
     if not wanted.any():
-        grid = cube.wavelength_nm
-        raise FileError(
-            cube.name, f"no band is left of those from {grid.min():g} to {grid.max():g} nm", hint="Choose another range"
-        )
-    rows, cols, _ = cube.shape
-    return SelectedBands(
-        name=cube.name,
-        shape=(rows, cols, int(wanted.sum())),
-        wavelength_nm=np.asarray(cube.wavelength_nm, np.float64)[wanted],
-        quantity=cube.quantity,
-        light=None if cube.light is None else np.asarray(cube.light, np.float64)[wanted],
-        distance_m=cube.distance_m,
-        width_m=cube.width_m,
-        title=cube.title,
-        whole=cube,
-        bands=np.flatnonzero(wanted),
-    )
-
-
-def release(cube: SpectralCube) -> None:
-    """Remove a cube's temporary folders; it cannot be read afterwards."""
-    for inner in ("whole", "coefficients"):
-        if (within := getattr(cube, inner, None)) is not None:
-            release(within)
-    if (folder := getattr(cube, "keep", None)) is not None:
-        folder.close()
+        what = f"no band is left of those from {grid.min():g} to {grid.max():g} nm"
+        raise FileError(cube.name, what, hint="Choose another range")
+    head = {field.name: getattr(cube, field.name) for field in fields(SpectralCube)} | {
+        "shape": (*cube.shape[:2], int(wanted.sum())),
+        "wavelength_nm": grid[wanted],
+        "light": None if cube.light is None else np.asarray(cube.light, np.float64)[wanted],
+    }
+    return SelectedBands(whole=cube, bands=np.flatnonzero(wanted), **head)

@@ -36,11 +36,6 @@ def gradient(start: float = 1.0, end: float = 0.0, direction_deg: float = 0.0) -
     direction_deg
         From start to end: 0 to the right, 90 down. The ends are the field's borders or corners in that direction.
 
-    Raises
-    ------
-    InputError
-        If an end is negative or a value is not finite.
-
     Examples
     --------
     >>> gradient(1.0, 0.0)(np.array([[0.5]]), np.array([[0.0, 0.25, 1.0]]))
@@ -69,11 +64,6 @@ def spot(row: float = 0.5, col: float = 0.5, radius: float = 0.25) -> Distributi
         Of the brightest point, relative to the height and the width.
     radius
         Distance where it is one half, in the same units, above 0.
-
-    Raises
-    ------
-    InputError
-        If the radius is not above 0 or a value is not finite.
 
     Examples
     --------
@@ -127,11 +117,7 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     >>> scene.shape, scene.reflectance is None
     ((132, 196), True)
     """
-    if scene.reflectance is None:
-        raise InputError(
-            f"the light of '{scene.name}' cannot be changed: only its radiance is known, not its reflectances",
-            hint="Use a scene made from reflectances, such as a chart or a picture under one light",
-        )
+    reflectance = scene.known_reflectance()
     if not 0 < tolerance < 1:
         raise InputError("tolerance", value=tolerance, expected="between 0 and 1")
     if not lights:
@@ -141,11 +127,9 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
             expected = "(illuminant, luminance in cd/m2, distribution or None) for each light"
             raise InputError("lights", value=light, expected=expected)
     spectra = np.stack([_white(light, luminance, scene, rule) for light, luminance, _ in lights])
-    distributions = np.stack(
-        [_distribution(distribution, scene.shape, number) for number, (*_, distribution) in enumerate(lights, start=1)]
-    )
+    distributions = np.stack([_distribution(light[2], scene.shape, k) for k, light in enumerate(lights, start=1)])
     # (lights x K, wavelengths), in the order of the weights of _parts.
-    basis = (spectra[:, None, :] * scene.reflectance[None]).reshape(-1, spectra.shape[1])
+    basis = (spectra[:, None, :] * reflectance[None]).reshape(-1, spectra.shape[1])
     gram = np.zeros((len(basis), len(basis)))
     for _, parts in _parts(scene, distributions):
         gram += parts @ parts.T
@@ -162,14 +146,8 @@ def mixed(scene: Scene, lights: Sequence[Light], *, tolerance: float = 1e-4, rul
     weights = np.empty((len(few), *scene.shape), np.float32)
     for rows, parts in _parts(scene, distributions):
         weights[:, rows] = (to_few @ parts).reshape(len(few), -1, scene.shape[1])
-    return replace(
-        scene,
-        weights=weights,
-        basis=few,
-        reflectance=None,
-        relative_error=math.hypot(scene.relative_error, math.sqrt(lost)),
-        name=f"{scene.name}, under {len(lights)} lights",
-    )
+    error, name = math.hypot(scene.relative_error, math.sqrt(lost)), f"{scene.name}, under {len(lights)} lights"
+    return replace(scene, weights=weights, basis=few, reflectance=None, relative_error=error, name=name)
 
 
 def _white(light: str | float | Spectrum, luminance: float, scene: Scene, rule: Rule) -> Array:
@@ -186,7 +164,7 @@ def _white(light: str | float | Spectrum, luminance: float, scene: Scene, rule: 
 def _distribution(
     distribution: ArrayLike | Distribution | None, shape: tuple[int, int], number: int
 ) -> NDArray[np.float32]:
-    rows, cols = shape
+    (rows, cols), where = shape, f"light {number}"
     if distribution is None:
         return np.ones(shape, np.float32)
     if callable(distribution):
@@ -194,11 +172,10 @@ def _distribution(
     else:
         share = np.asarray(distribution, dtype=np.float64)
         if share.shape != shape:
-            where = f"light {number}"
             raise InputError("distribution", where=where, value=share.shape, expected=f"of the scene's shape {shape}")
     share = np.broadcast_to(np.asarray(share, dtype=np.float64), shape)
     if not ((share >= 0) & np.isfinite(share)).all():
-        raise InputError("distribution", where=f"light {number}", expected="0 or more everywhere")
+        raise InputError("distribution", where=where, expected="0 or more everywhere")
     return share.astype(np.float32)
 
 

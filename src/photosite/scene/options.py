@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from os import PathLike
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, SkipValidation
 
 from photosite.color.spectrum import Spectrum
-from photosite.errors import InputError, did_you_mean
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.scene.picture_colors import Method, OutOfGamut
 from photosite.values.validated import PositiveNumber, Validated
 
@@ -31,12 +32,12 @@ _ALIASES = {
 
 
 def _numbers(values: Any) -> Any:
+    if values is None:
+        return None
     try:
-        numbers = None if values is None else np.asarray(values, np.float64)
+        numbers = np.asarray(values, np.float64)
     except (TypeError, ValueError):
         numbers = np.empty(0)
-    if numbers is None:
-        return None
     if numbers.size == 0 or isinstance(values, str) or not np.isfinite(numbers).all():
         raise ValueError("a list of numbers, such as [400, 410, 420]")
     return tuple(numbers.ravel().tolist())
@@ -124,6 +125,13 @@ class ReadOptions(Validated):
     patch_cols: Annotated[int, Field(ge=1)] | None = None
     method: Method | None = None
     out_of_gamut: OutOfGamut | None = None
+
+    def require(self, path: str | PathLike[str], what: str, or_else: str = "", **examples: Any) -> None:
+        """Raise `FileError`, with a statement about the file, for options that are missing; with example values."""
+        missing = {name: value for name, value in examples.items() if getattr(self, name) is None}
+        if missing:
+            hint = f"Pass {' and '.join(f'{{{name}}}' for name in missing)}{or_else}"
+            raise FileError(path, what, hint=hint, arguments=missing)
 
     @classmethod
     def unknown(cls, name: str) -> InputError:

@@ -48,11 +48,6 @@ class Homography:
         source, target
             (points, 2) each, four or more; no three of four on a line.
 
-        Raises
-        ------
-        InputError
-            If there are too few points, or they are on a line.
-
         Examples
         --------
         >>> square = [(0, 0), (0, 1), (1, 1), (1, 0)]
@@ -115,29 +110,18 @@ def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
     outside = (points < -ROUNDING_PX) | (points > np.asarray(shape) + ROUNDING_PX)
     if outside.any():
         worst = points[outside.any(axis=1)][0]
-        raise InputError(
-            "corners",
-            value=(float(worst[0]), float(worst[1])),
-            expected=f"within the frame of {shape[0]} x {shape[1]} pixels",
-            hint="Give row,col with rows counted from the top",
-        )
+        expected, hint = f"within the frame of {shape[0]} x {shape[1]} pixels", "Give row,col with rows from the top"
+        raise InputError("corners", value=(float(worst[0]), float(worst[1])), expected=expected, hint=hint)
     turns = turning(corners)
     if not (turns.min() > 0 or turns.max() < 0):
-        raise InputError(
-            "corners",
-            value=corners,
-            expected="the corners of a convex shape in order",
-            hint="Give top left, top right, bottom right, bottom left",
-        )
+        hint = "Give top left, top right, bottom right, bottom left"
+        raise InputError("corners", value=corners, expected="the corners of a convex shape in order", hint=hint)
 
 
 def field_corners(chart: Scene) -> Corners:
     """Return the corners of a chart's patches in samples: top left, top right, bottom right, bottom left.
 
-    Parameters
-    ----------
-    chart
-        A scene whose patches are bright and whose border is black, as `photosite.scene.charts.macbeth` gives it.
+    The patches are bright and the border is black, as in `photosite.scene.charts.macbeth`.
 
     Examples
     --------
@@ -221,16 +205,8 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
     Returns
     -------
     Scene
-        It fills the sensor; its spectra and distance are the chart's.
-
-    Raises
-    ------
-    InputError
-        If the corners are invalid.
-
-    Notes
-    -----
-    The chart's radiance does not depend on the viewing angle: its patches are matte.
+        It fills the sensor; its spectra and distance are the chart's, and its patches are matte: their radiance does
+        not depend on the viewing angle.
 
     Examples
     --------

@@ -40,21 +40,11 @@ _BLOCK = 1 << 20
 class OutsideSrgbError(InputError):
     """A picture has colours outside sRGB, which are to be refused."""
 
-    @property
-    def counted(self) -> str:
-        """The number of such pixels, as text."""
-        return self.what
-
 
 def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> NDArray[Any]:
     """Return the encoded (rows, cols, 3) codes of a display picture, or values from 0 to 1.
 
-    Floats outside that range are clipped if it is by rounding, or if `out_of_gamut` is "clip".
-
-    Raises
-    ------
-    InputError
-        If it has another shape or type, or values outside 0 to 1.
+    Floats outside that range are clipped if it is by rounding, or if `out_of_gamut` is "clip", and else refused.
     """
     codes = np.asarray(picture)
     if codes.ndim != 3 or codes.shape[2] != 3 or codes.size == 0:
@@ -96,8 +86,8 @@ def plain_srgb(values: Array) -> Array:
     return np.asarray(colour_science().models.eotf_sRGB(values), dtype=np.float64)
 
 
-def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
-    """Return (rows, cols, 3) values of a space as linear sRGB; below 0 or above 1 outside its gamut.
+def linear_srgb_of(codes: NDArray[Any], space: str, *, linear: bool) -> Array:
+    """Return (rows, cols, 3) codes or values of a space as linear sRGB; below 0 or above 1 outside its gamut.
 
     Raises
     ------
@@ -109,44 +99,38 @@ def linear_srgb_of(values: Array, space: str, *, linear: bool) -> Array:
     >>> linear_srgb_of(np.array([[[1.0, 1.0, 1.0]]]), "Display P3", linear=False).round(4)
     array([[[1., 1., 1.]]])
     """
-    found = _known(space)
-    return _in_srgb(values if linear else _decoded(values, found), found)
+    return _to_linear_srgb(codes.dtype, space, linear)(codes)
 
 
-def _known(space: str) -> str:
-    """The space's name in colour-science."""
-    if not isinstance(space, str):
-        raise InputError("space", value=space, expected=f"the name of an RGB space ({', '.join(SPACES)})")
-    known = {name.lower(): name for name in SPACES}
-    if space.lower() not in known:
-        raise InputError("space", value=space, expected="a known RGB space", hint=did_you_mean(space, SPACES))
-    return SPACES[known[space.lower()]]
+def _to_linear_srgb(dtype: np.dtype[Any], space: str, linear: bool) -> Callable[[NDArray[Any]], Array]:
+    """A function from codes of a type to linear sRGB; integers are looked up in a table."""
+    known = {name.lower(): full for name, full in SPACES.items()}
+    if not isinstance(space, str) or space.lower() not in known:
+        hint = did_you_mean(str(space), SPACES)
+        raise InputError("space", value=space, expected="the name of an RGB space", hint=hint)
+    name = known[space.lower()]
 
+    def decoded(codes: NDArray[Any]) -> Array:
+        values = display_values(codes)
+        if linear:
+            return values
+        if name == "sRGB":
+            return plain_srgb(values)
+        return np.asarray(colour_science().RGB_COLOURSPACES[name].cctf_decoding(values), dtype=np.float64)
 
-def _decoded(values: Array, found: str) -> Array:
-    """Encoded values as values proportional to light, in the same space."""
-    if found == "sRGB":
-        return plain_srgb(values)
-    return np.asarray(colour_science().RGB_COLOURSPACES[found].cctf_decoding(values), dtype=np.float64)
+    def in_srgb(light: Array) -> Array:
+        return light if name == "sRGB" else light @ _matrix_to_srgb(name).T
 
-
-def _in_srgb(light: Array, found: str) -> Array:
-    return light if found == "sRGB" else light @ _matrix_to_srgb(found).T
-
-
-def _linear(codes: NDArray[Any], found: str, linear: bool) -> Callable[[NDArray[Any]], Array]:
-    """A function from rows of a picture to linear sRGB; codes are looked up in a table."""
-    if np.issubdtype(codes.dtype, np.floating):
-        return lambda rows: _in_srgb(display_values(rows) if linear else _decoded(display_values(rows), found), found)
-    every = display_values(np.arange(np.iinfo(codes.dtype).max + 1, dtype=codes.dtype))
-    table = every if linear else _decoded(every, found)
-    return lambda rows: _in_srgb(table[rows], found)
+    if np.issubdtype(dtype, np.floating):
+        return lambda codes: in_srgb(decoded(codes))
+    table = decoded(np.arange(np.iinfo(dtype).max + 1, dtype=dtype))
+    return lambda codes: in_srgb(table[codes])
 
 
 @lru_cache(maxsize=8)
-def _matrix_to_srgb(found: str) -> Array:
+def _matrix_to_srgb(name: str) -> Array:
     """(3, 3) computed from the primaries, so that white stays white: published matrices have four digits."""
-    space = colour_science().RGB_COLOURSPACES[found]
+    space = colour_science().RGB_COLOURSPACES[name]
     return primaries_to_srgb(space.primaries, space.whitepoint)
 
 
@@ -181,11 +165,6 @@ def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
 def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) -> Array:
     """Return the matrix (3, 3) from primaries to XYZ, with Bradford adaptation to the white `onto` in XYZ.
 
-    Raises
-    ------
-    InputError
-        As for `primaries_to_srgb`.
-
     Examples
     --------
     >>> primaries_to_xyz([0.64, 0.33, 0.3, 0.6, 0.15, 0.06], [0.3127, 0.329], [0.9642, 1, 0.8249])[:, 0].round(3)
@@ -193,11 +172,7 @@ def primaries_to_xyz(primaries: ArrayLike, white: ArrayLike, onto: ArrayLike) ->
     """
     colour = colour_science()
     corners, whites = np.asarray(primaries, np.float64).reshape(3, 2), np.asarray(white, np.float64)
-    if (
-        not np.isfinite(corners).all()
-        or (corners[:, 1] == 0).any()
-        or not (np.isfinite(whites).all() and whites[1] > 0)
-    ):
+    if not (np.isfinite(corners).all() and np.isfinite(whites).all() and corners[:, 1].all() and whites[1] > 0):
         value = (corners.ravel().round(4).tolist(), whites.round(4).tolist())
         raise InputError("primaries, white", value=value, expected="valid chromaticities")
     try:
@@ -230,8 +205,6 @@ def srgb_weights(
     ------
     OutsideSrgbError
         If colours are outside and are to be refused; with their number.
-    InputError
-        If the space is unknown.
 
     Examples
     --------
@@ -241,7 +214,7 @@ def srgb_weights(
     """
     check_choice("out_of_gamut", out_of_gamut, OutOfGamut)
     bounded = bool(np.isfinite(highest))
-    to_linear = _linear(codes, _known(space), linear)
+    to_linear = _to_linear_srgb(codes.dtype, space, linear)
     weights = np.empty((3, *codes.shape[:2]), np.float32)
     brightest = 1.0 if bounded else float(codes.max())
     step, outside = max(1, _BLOCK // codes[0].size), 0

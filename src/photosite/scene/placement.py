@@ -34,19 +34,13 @@ class Placement:
     shape: tuple[int, int]
 
     def regions(self, sample_regions: Iterable[Region]) -> tuple[Region, ...]:
-        """Return regions in pixels: the whole pixels inside them, within the frame.
-
-        Raises
-        ------
-        InputError
-            If a region holds no whole pixel of the frame.
-        """
-        return tuple(self._region(region) for region in sample_regions)
-
-    def _region(self, region: Region) -> Region:
-        rows = [(row - self.row_start) / self.row_step for row in (region.r0, region.r1)]
-        cols = [(col - self.col_start) / self.col_step for col in (region.c0, region.c1)]
-        return self.whole_pixels(region.name, (rows[0], rows[1]), (cols[0], cols[1]))
+        """Return regions in pixels: the whole pixels inside them, within the frame; see `whole_pixels`."""
+        found = []
+        for region in sample_regions:
+            r0, r1 = ((row - self.row_start) / self.row_step for row in (region.r0, region.r1))
+            c0, c1 = ((col - self.col_start) / self.col_step for col in (region.c0, region.c1))
+            found.append(self.whole_pixels(region.name, (r0, r1), (c0, c1)))
+        return tuple(found)
 
     def whole_pixels(self, name: str, rows: tuple[float, float], cols: tuple[float, float]) -> Region:
         """Return the whole pixels between two rows and two columns in pixels, within the frame.
@@ -59,10 +53,8 @@ class Placement:
         r0, r1 = self._inside(*rows, self.shape[0])
         c0, c1 = self._inside(*cols, self.shape[1])
         if r0 >= r1 or c0 >= c1:
-            raise InputError(
-                f"region '{name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame",
-                hint="Use a larger frame or a scene that fills it",
-            )
+            what = f"region '{name}' holds no whole pixel of a {self.shape[0]} x {self.shape[1]} frame"
+            raise InputError(what, hint="Use a larger frame or a scene that fills it")
         return Region(name, r0, r1, c0, c1)
 
     @staticmethod
@@ -79,14 +71,12 @@ def place(
     pixel_aspect: float = 1.0,
     cols_per_pixel: float | None = None,
 ) -> Placement:
-    """Centre a scene on a frame.
+    """Centre a scene of square samples on a frame; shapes are (rows, cols).
 
     Parameters
     ----------
-    scene_shape
-        (rows, cols) of samples, which are square.
-    frame_shape
-        (rows, cols) of pixels.
+    scene_shape, frame_shape
+        In samples and in pixels.
     pixel_aspect
         A pixel's height over its width.
     cols_per_pixel
@@ -98,14 +88,9 @@ def place(
     2.0
     """
     (scene_rows, scene_cols), (rows, cols) = scene_shape, frame_shape
-    col_step = (
-        cols_per_pixel if cols_per_pixel is not None else min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
-    )
+    col_step = cols_per_pixel
+    if col_step is None:
+        col_step = min(scene_cols / cols, scene_rows / (rows * pixel_aspect))
     row_step = col_step * pixel_aspect
-    return Placement(
-        row_start=(scene_rows - rows * row_step) / 2,
-        col_start=(scene_cols - cols * col_step) / 2,
-        row_step=row_step,
-        col_step=col_step,
-        shape=frame_shape,
-    )
+    start = (scene_rows - rows * row_step) / 2, (scene_cols - cols * col_step) / 2
+    return Placement(*start, row_step, col_step, frame_shape)

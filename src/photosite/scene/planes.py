@@ -25,11 +25,6 @@ class Plane:
     alpha
         (rows, cols) of the scene's samples: 1 where it is opaque, 0 where it is transparent; between, the covered share
         of a sample. None: 1 everywhere.
-
-    Raises
-    ------
-    InputError
-        If alpha's shape is not the scene's, or a value is not from 0 to 1.
     """
 
     scene: Scene
@@ -88,11 +83,6 @@ class Planes:
         A nearer one with a width ends there; one without a width fills the frame, and repeats its border samples.
     name
         Name of the scene.
-
-    Raises
-    ------
-    InputError
-        If the sequence is empty or not in order from near to far.
 
     Examples
     --------

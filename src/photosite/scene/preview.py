@@ -47,11 +47,6 @@ def preview(
         Chromaticity of display white, by von Kries adaptation in CAT02. None: that of the scene's light, or of its mean
         where the light is not known.
 
-    Raises
-    ------
-    InputError
-        If the scene is dark, or the white is not above 0.
-
     Notes
     -----
     Colours outside sRGB and light above white are clipped.
@@ -80,7 +75,6 @@ def preview(
 def _adapted_to(scene: Scene, values: NDArray[np.float32]) -> NDArray[np.float64]:
     """(3,) tristimulus values of the scene's light, where it is known and visible; else of the mean sample."""
     if scene.reflectance is not None:
-        # The light is 0 at wavelengths that nothing reflects; without any visible ones, use the mean.
         light = xyz(scene.light(), scene.wavelength_nm)
         if light.min() > 0:
             return light

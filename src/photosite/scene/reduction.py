@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.errors import FileError
-from photosite.scene.bands import band_order
 from photosite.scene.cube import Array, SpectralCube
-from photosite.scene.io.store import WeightStore, temporary_store
 from photosite.scene.options import ReadOptions
 from photosite.scene.units import bright_count, check_reflectances
+from photosite.scene.weights import WeightStore, temporary_store
 
 Progress = Callable[[int, int, str], object]
 """Called with (done, total, unit)."""
@@ -81,10 +80,9 @@ class Components:
         (K, rows, cols) float32.
     spectra
         (K, wavelengths) in the space of the reduction, in order of wavelength.
-    to_photons
-        (wavelengths,) factors from that space to photon radiance.
-    scale
-        Factor that `to_photons` holds to bring the scene to the wanted luminance.
+    to_photons, scale
+        (wavelengths,) factors from that space to photon radiance, and the factor in them that brings the scene to the
+        wanted luminance.
     relative_error
         RMS error of the photon radiance, relative to its RMS.
     no_data_values, negative_values
@@ -115,25 +113,17 @@ def reduce_to_components(
 
     Parameters
     ----------
-    cube
-        The cube.
+    cube, store, progress
+        As for `photosite.scene.scene_cube.reduce_cube`.
     order
-        (bands,) indices that sort its bands.
+        (bands,) indices that sort the cube's bands.
     options
         The tolerance, and what to do with missing and negative values.
     to_space, to_photons
         (bands,) factors, in order of wavelength: from values to the space that is reduced, and from it to photons.
     scale
         Returns a factor for the radiance, from the mean photon radiance (bands,).
-    store
-        Makes the store of the weights (K, rows, cols): in memory, or in a file where they are large.
-    progress
-        Called with the rows done, in both passes together.
 
-    Raises
-    ------
-    FileError
-        If values are missing or negative and the options do not allow it, or values are infinite.
     """
     passes = _Passes(cube, options, order, progress or (lambda done, total, unit: None))
     gram, total = passes.sums()
@@ -148,12 +138,6 @@ def reduce_to_components(
     weights, lost = passes.project(vectors * to_space / size[:, None], spectra / to_space, to_space * to_photons, store)
     error = float(np.sqrt(lost / power)) if power > 0 else 0.0
     return Components(weights, spectra, to_photons, factor, error, passes.no_data, passes.negative)
-
-
-def sorted_bands(cube: SpectralCube, *, sort: bool = False) -> tuple[NDArray[np.intp], Array]:
-    """Return the order of a cube's bands by wavelength, and the sorted wavelengths."""
-    order = band_order(cube.name, np.asarray(cube.wavelength_nm, np.float64), sort=sort)
-    return order, np.asarray(cube.wavelength_nm, np.float64)[order]
 
 
 class _Passes:
@@ -208,10 +192,9 @@ class _Passes:
 
     def _blocks(self, *, count: bool = False) -> Iterator[tuple[int, Array]]:
         """Yield the blocks, with missing and negative values refused or replaced by 0."""
-        total = 2 * self._cube.shape[0]
         for first, block in self._read():
             if count or self.no_data or self.negative:  # the second pass over clean values need not check again
-                # One sum finds NaN and infinity. It can also overflow, so it is only a first check.
+                # One sum finds NaN and infinity. It can also overflow: a first check.
                 with np.errstate(over="ignore", invalid="ignore"):
                     doubtful = not np.isfinite(block.sum())
                 if doubtful:
@@ -220,7 +203,7 @@ class _Passes:
                     block = self._not_negative(first, block, count)
             yield first, block
             self._done += block.shape[0]
-            self._progress(self._done, total, "rows")
+            self._progress(self._done, 2 * self._cube.shape[0], "rows")
 
     def _read(self) -> Iterator[tuple[int, Array]]:
         try:
@@ -231,18 +214,12 @@ class _Passes:
     def _without_gaps(self, first: int, block: Array, count: bool) -> Array:
         infinite, gaps = np.isinf(block), np.isnan(block)
         if infinite.any():
-            raise FileError(
-                self._cube.name,
-                f"has an infinite value {self._place(infinite, first)}",
-                hint="Correct the file: write the value, or NaN where it is missing",
-            )
+            hint = "Correct the file: write the value, or NaN where it is missing"
+            raise FileError(self._cube.name, f"has an infinite value {self._place(infinite, first)}", hint=hint)
         if self._options.no_data == "refuse" and gaps.any():
-            raise FileError(
-                self._cube.name,
-                f"has no data {self._place(gaps, first)} (NaN, or the file's own mark)",
-                hint="Correct the file, or read missing values as 0: {no_data}",
-                arguments={"no_data": "zero"},
-            )
+            what = f"has no data {self._place(gaps, first)} (NaN, or the file's own mark)"
+            hint = "Correct the file, or read missing values as 0: {no_data}"
+            raise FileError(self._cube.name, what, hint=hint, arguments={"no_data": "zero"})
         self.no_data += int(gaps.sum()) if count else 0
         return np.where(gaps, 0.0, block)
 
@@ -250,12 +227,9 @@ class _Passes:
         below = block < 0
         if self._options.negative == "refuse":
             worst = f"down to {block.min():g} beside a largest value of {block.max():g}"
-            raise FileError(
-                self._cube.name,
-                f"has negative values {worst}, the first {self._place(below, first)}",
-                hint="Correct the file, or read negative values as 0: {negative}",
-                arguments={"negative": "zero"},
-            )
+            what = f"has negative values {worst}, the first {self._place(below, first)}"
+            hint = "Correct the file, or read negative values as 0: {negative}"
+            raise FileError(self._cube.name, what, hint=hint, arguments={"negative": "zero"})
         self.negative += int(below.sum()) if count else 0
         return np.where(below, 0.0, block)
 

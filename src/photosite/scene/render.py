@@ -10,7 +10,6 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -22,9 +21,12 @@ from photosite.color.spectrum import wavelength_grid
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import reduce_cube
 from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import reduce_cube
+
+SceneSource = str | PathLike[str] | Mapping[str, Any]
+Shape = tuple[int | None, int | None]
 
 VARIANTS = ("scalar_spectral", "llvm_ad_spectral", "cuda_ad_spectral")
 """Variants of Mitsuba that render spectra. The first needs Mitsuba alone; the others need LLVM or an NVIDIA GPU."""
@@ -45,16 +47,8 @@ _FILM_KNOWS = _FILM_KEEPS | {"file_format", "pixel_format", "component_format", 
 _NO_SCALE = {"d65", "srgb_d65", "envmap", "sunsky", "sky", "sun"}
 
 
-@dataclass(frozen=True)
-class _View:
-    """Distance and field of view of the rendering's camera, in scene units."""
-
-    distance: float | None
-    width_at_1: float | None
-
-
 def render_mitsuba(
-    scene: str | PathLike[str] | Mapping[str, Any],
+    scene: SceneSource,
     *,
     wavelength_nm: ArrayLike = RENDER_WAVELENGTH_NM,
     spp: int = 64,
@@ -149,14 +143,13 @@ def render_mitsuba(
         raise InputError("variant", value=variant, expected="a variant of Mitsuba that renders spectra", hint=hint)
     source = _Source(scene, parameters or {}, sensor)
     with _mitsuba(variant) as mitsuba, source.errors():
-        values = np.concatenate(
-            [
-                source.rendered(mitsuba, grid[first : first + _LANES], width_nm, (rows, cols), spp, seed)
-                for first in _with_progress(range(0, grid.size, _LANES), grid.size, progress)
-            ],
-            axis=2,
-        )
-        view = source.view
+        groups = []
+        for first in range(0, grid.size, _LANES):
+            groups.append(source.rendered(mitsuba, grid[first : first + _LANES], width_nm, (rows, cols), spp, seed))
+            if progress is not None:
+                progress(min(first + _LANES, grid.size), grid.size, "bands")
+        values = np.concatenate(groups, axis=2)
+        distance, width_at_1 = source.view
         no_scale = sorted(source.plugins & _NO_SCALE)
     if no_scale and mean_luminance_cd_m2 is None:
         warnings.warn(
@@ -168,14 +161,14 @@ def render_mitsuba(
             ),
             stacklevel=2,
         )
-    distance = distance_m or (view.distance * unit_m if view.distance else None)
+    distance = distance_m or (distance * unit_m if distance else None)
     cube = ArrayCube(
         name=source.name,
         shape=(values.shape[0], values.shape[1], grid.size),
         wavelength_nm=grid,
         quantity="energy radiance",
         distance_m=distance,
-        width_m=None if distance is None or view.width_at_1 is None else view.width_at_1 * distance,
+        width_m=None if distance is None or width_at_1 is None else width_at_1 * distance,
         title=Path(source.name).stem,
         values=values,
     )
@@ -185,18 +178,7 @@ def render_mitsuba(
 def example_scene(
     *, rows: int = 160, cols: int = 240, spp: int = 64, seed: int = 0, progress: Progress | None = None
 ) -> Scene:
-    """Render the built-in example: painted objects on a table under a lamp of 3200 K.
-
-    Parameters
-    ----------
-    rows, cols, spp, seed, progress
-        As for `render_mitsuba`.
-
-    Raises
-    ------
-    InputError
-        If the extra `render` is not installed, or a parameter is invalid.
-    """
+    """Render the built-in example, with arguments of `render_mitsuba`: painted objects under a lamp of 3200 K."""
     return render_mitsuba(EXAMPLE, rows=rows, cols=cols, spp=spp, seed=seed, progress=progress)
 
 
@@ -208,13 +190,6 @@ def _bands(wavelength_nm: ArrayLike) -> tuple[NDArray[np.float64], float]:
     if not np.allclose(step, step[0], rtol=1e-6):
         raise InputError("wavelength_nm", expected="in equal steps, such as 400, 410, ...")
     return grid, float(step.mean())
-
-
-def _with_progress(steps: range, total: int, progress: Progress | None) -> Iterator[int]:
-    for first in steps:
-        yield first
-        if progress is not None:
-            progress(min(first + steps.step, total), total, "bands")
 
 
 @contextmanager
@@ -245,15 +220,13 @@ def _mitsuba(variant: str) -> Iterator[Any]:
 class _Source:
     """The description of a scene, rendered a few bands at a time."""
 
-    def __init__(
-        self, scene: str | PathLike[str] | Mapping[str, Any], parameters: Mapping[str, object], sensor: int
-    ) -> None:
+    def __init__(self, scene: SceneSource, parameters: Mapping[str, object], sensor: int) -> None:
         self._scene = dict(scene) if isinstance(scene, Mapping) else fspath(scene)
         self._parameters = {name: str(value) for name, value in parameters.items()}
         self._sensor = sensor
         self.name = "rendering" if isinstance(self._scene, dict) else self._scene
         self.plugins: set[str] = set()
-        self.view = _View(None, None)
+        self.view: tuple[float | None, float | None] = None, None
         if isinstance(self._scene, dict):
             if self._parameters:
                 raise InputError("parameters apply to scene files", hint="Write the values into the dictionary")
@@ -277,7 +250,7 @@ class _Source:
         mitsuba: Any,
         centres_nm: NDArray[np.float64],
         width_nm: float,
-        shape: tuple[int | None, int | None],
+        shape: Shape,
         spp: int,
         seed: int,
     ) -> NDArray[np.float32]:
@@ -301,9 +274,7 @@ class _Source:
             raise FileError(self.name, "renders to NaN or infinity", hint="Check for degenerate shapes or materials")
         return values / np.float32(width_nm)
 
-    def _loaded(
-        self, mitsuba: Any, names: list[str], first_nm: float, width_nm: float, shape: tuple[int | None, int | None]
-    ) -> Any:
+    def _loaded(self, mitsuba: Any, names: list[str], first_nm: float, width_nm: float, shape: Shape) -> Any:
         """The scene with one camera, whose film has a response per band."""
         parser = mitsuba.parser
         config = parser.ParserConfig(mitsuba.variant())
@@ -338,9 +309,7 @@ def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
     return [node for node in state.nodes if node.type == getattr(mitsuba.ObjectType, kind)]
 
 
-def _as_spectral(
-    mitsuba: Any, film: Any, names: list[str], first_nm: float, width_nm: float, shape: tuple[int | None, int | None]
-) -> None:
+def _as_spectral(mitsuba: Any, film: Any, names: list[str], first_nm: float, width_nm: float, shape: Shape) -> None:
     """Turn a film of any kind into one that integrates radiance over bands, pixel by pixel."""
     for name in list(film.keys()):
         if name not in _FILM_KEEPS or (name.startswith("crop") and shape != (None, None)):
@@ -368,23 +337,23 @@ def _response(k: int, begin_nm: float, width_nm: float) -> dict[str, str]:
     }
 
 
-def _view(mitsuba: Any, scene: Any, camera: Any) -> _View:
-    """Distance along the axis, and the width of the field at a distance of 1."""
+def _view(mitsuba: Any, scene: Any, camera: Any) -> tuple[float | None, float | None]:
+    """Distance along the axis, and the width of the field at a distance of 1, in scene units; None where unknown."""
     found = mitsuba.traverse(camera)
     span = None
     if "x_fov" in found:
         part = _number(found["film.crop_size"]) / _number(found["film.size"])  # the field of view is of all columns
         span = 2 * math.tan(math.radians(_number(found["x_fov"])) / 2) * part
     if "focus_distance" in found:
-        return _View(_number(found["focus_distance"]), span)
+        return _number(found["focus_distance"]), span
     ray, _ = camera.sample_ray(0.0, 0.5, mitsuba.ScalarPoint2f(0.5, 0.5), mitsuba.ScalarPoint2f(0.5, 0.5))
     hit = scene.ray_intersect(ray)
     if not np.isfinite(_number(hit.t)):
-        return _View(None, span)
+        return None, span
     # The ray starts at the near clipping plane, and the centre of a cropped film is off the axis.
     to_world = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
     depth = (np.array(hit.p, dtype=np.float64).ravel() - to_world[:3, 3]) @ to_world[:3, 2]
-    return _View(float(depth), span)
+    return float(depth), span
 
 
 def _number(value: Any) -> float:

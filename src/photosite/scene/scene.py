@@ -15,7 +15,7 @@ from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import InputError
 from photosite.scene.cube import ArrayCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduction import reduce_to_components, sorted_bands
+from photosite.scene.reduction import reduce_to_components
 from photosite.scene.weights import checked_weights, component_means
 from photosite.values.region import Region
 
@@ -84,10 +84,8 @@ class Scene:
         basis = np.asarray(self.basis, dtype=np.float64)
         grid = wavelength_grid(self.wavelength_nm)
         if weights.ndim != 3 or 0 in weights.shape or basis.shape != (weights.shape[0], grid.size):
-            raise InputError(
-                f"weights {weights.shape} and basis {basis.shape} do not fit {grid.size} wavelengths",
-                hint="Give weights (K, rows, cols) and basis (K, wavelengths)",
-            )
+            what = f"weights {weights.shape} and basis {basis.shape} do not fit {grid.size} wavelengths"
+            raise InputError(what, hint="Give weights (K, rows, cols) and basis (K, wavelengths)")
         if not (finite and np.isfinite(basis).all()):
             raise InputError("weights and basis must be finite; some values are NaN or infinite")
         for name in ("distance_m", "width_m"):
@@ -121,22 +119,12 @@ class Scene:
         ----------
         photon_radiance
             (wavelengths,) photons/s/sr/m2/nm, none negative.
-        wavelength_nm
-            (wavelengths,), increasing.
-        distance_m
-            From the lens to the field.
-        name
-            Name of the scene.
-
-        Raises
-        ------
-        InputError
-            If lengths differ or a value is negative or not finite.
+        wavelength_nm, distance_m, name
+            As for `Scene`.
         """
         radiance = _checked_radiance(photon_radiance, 1)
-        return cls(
-            np.ones((1, 1, 1), np.float32), radiance[None], wavelength_grid(wavelength_nm), distance_m, name=name
-        )
+        grid = wavelength_grid(wavelength_nm)
+        return cls(np.ones((1, 1, 1), np.float32), radiance[None], grid, distance_m, name=name)
 
     @classmethod
     def from_radiance(
@@ -155,17 +143,10 @@ class Scene:
         ----------
         photon_radiance
             (rows, cols, wavelengths) photons/s/sr/m2/nm, none negative.
-        wavelength_nm
-            (wavelengths,), increasing.
-        distance_m, width_m, name
+        wavelength_nm, distance_m, width_m, name
             As for `Scene`.
         tolerance
             Largest RMS error of the radiance relative to its RMS. The scene has the fewest basis spectra that keep it.
-
-        Raises
-        ------
-        InputError
-            If shapes do not fit, a value is negative or not finite, or the tolerance is not from 1e-6 to below 1.
 
         Examples
         --------
@@ -182,18 +163,10 @@ class Scene:
         cube = ArrayCube(
             name=name, shape=(rows, cols, bands), wavelength_nm=grid, quantity="photon radiance", values=radiance
         )
-        order, _ = sorted_bands(cube)
         ones = np.ones(grid.size)
-        parts = reduce_to_components(cube, order, options, ones, ones)
-        return cls(
-            parts.weights,
-            parts.spectra * parts.to_photons,
-            grid,
-            distance_m,
-            width_m,
-            name=name,
-            relative_error=parts.relative_error,
-        )
+        parts = reduce_to_components(cube, np.arange(bands), options, ones, ones)
+        basis, error = parts.spectra * parts.to_photons, parts.relative_error
+        return cls(parts.weights, basis, grid, distance_m, width_m, name=name, relative_error=error)
 
     def radiance(self, row: int, col: int) -> NDArray[np.float64]:
         """Return the photon radiance (wavelengths,) of one sample."""
@@ -219,13 +192,7 @@ class Scene:
         return float(luminance_cd_m2(np.mean(means, axis=0) @ self.basis, self.wavelength_nm, rule))
 
     def with_nominal_luminance(self, luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
-        """Return the scene scaled to a `nominal_luminance_cd_m2`.
-
-        Raises
-        ------
-        InputError
-            As for `with_mean_luminance`.
-        """
+        """Return the scene scaled to a `nominal_luminance_cd_m2`."""
         return self._scaled_to(luminance_cd_m2, self.nominal_luminance_cd_m2(rule))
 
     def with_mean_luminance(self, mean_luminance_cd_m2: float, rule: Rule = "trapezoid") -> Scene:
@@ -261,9 +228,16 @@ class Scene:
         InputError
             If the scene's reflectance is not known.
         """
+        return _light(self.basis, self.known_reflectance())
+
+    def known_reflectance(self) -> NDArray[np.float64]:
+        """Return the reflectance; raise `InputError` where it is not known, so that the light cannot be changed."""
         if self.reflectance is None:
-            raise _no_reflectance(self.name)
-        return _light(self.basis, self.reflectance)
+            raise InputError(
+                f"the light of '{self.name}' cannot be changed: only its radiance is known, not its reflectances",
+                hint="Use a scene made from reflectances, such as a chart or a picture under one light",
+            )
+        return self.reflectance
 
     def with_illuminant(
         self, illuminant: str | float | Spectrum, mean_luminance_cd_m2: float | None = None, rule: Rule = "trapezoid"
@@ -293,26 +267,16 @@ class Scene:
         >>> round(dusk.mean_luminance_cd_m2() / chart.mean_luminance_cd_m2(), 9)
         1.0
         """
-        if self.reflectance is None:
-            raise _no_reflectance(self.name)
+        reflectance = self.known_reflectance()
         wanted = self.mean_luminance_cd_m2(rule) if mean_luminance_cd_m2 is None else mean_luminance_cd_m2
         light = photons_from_energy(relative_energy(illuminant, self.wavelength_nm), self.wavelength_nm)
-        relit = replace(self, basis=self.reflectance * light, name=_relit_name(self.name, illuminant))
+        title = light_title(illuminant)
+        name = re.sub(r"(, illuminant )[^,]*$", lambda found: found[1] + title, self.name)  # where it names the light
+        relit = replace(self, basis=reflectance * light, name=name)
         return relit.with_mean_luminance(wanted, rule)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the scene to a file, which appears whole or not at all; `.h5` keeps all of it.
-
-        Parameters
-        ----------
-        path
-            As for `photosite.scene.io.files.write_scene`.
-
-        Raises
-        ------
-        FileError
-            If the suffix is of no format that can be written, or the file cannot be written.
-        """
+        """Write the scene to a file, as `photosite.write_scene`; `.h5` keeps all of it."""
         from photosite.scene.io.files import write_scene
 
         write_scene(self, path)
@@ -320,10 +284,7 @@ class Scene:
     def light_outside(self, wavelength_nm: ArrayLike, response: ArrayLike) -> float:
         """Return the share of a response's area outside the scene's wavelengths, where the radiance is unknown.
 
-        Parameters
-        ----------
-        wavelength_nm, response
-            (n,) the response, such as a quantum efficiency.
+        `response` (n,) at `wavelength_nm` is for example a quantum efficiency.
         """
         response_grid = wavelength_grid(wavelength_nm)
         first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
@@ -345,11 +306,6 @@ def light_title(light: str | float | Spectrum) -> str:
     return "as given" if isinstance(light, Spectrum) else f"{light}"
 
 
-def _relit_name(name: str, light: str | float | Spectrum) -> str:
-    """The name with another light in it, where it names one."""
-    return re.sub(r"(, illuminant )[^,]*$", lambda found: found[1] + light_title(light), name)
-
-
 def _checked_radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     radiance = np.asarray(photon_radiance, dtype=np.float64)
     if radiance.ndim != ndim or radiance.size == 0:
@@ -360,24 +316,14 @@ def _checked_radiance(photon_radiance: ArrayLike, ndim: int) -> NDArray[np.float
     return radiance
 
 
-def _no_reflectance(name: str) -> InputError:
-    return InputError(
-        f"the light of '{name}' cannot be changed: only its radiance is known, not its reflectances",
-        hint="Use a scene made from reflectances, such as a chart or a picture under one light",
-    )
-
-
 def _checked_reflectance(basis: NDArray[np.float64], reflectance: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(reflectance, dtype=np.float64)
     if values.shape != basis.shape or not np.isfinite(values).all():
-        raise InputError(
-            "reflectance", value=values.shape, expected=f"finite and of the shape of the basis {basis.shape}"
-        )
+        expected = f"finite and of the shape of the basis {basis.shape}"
+        raise InputError("reflectance", value=values.shape, expected=expected)
     if np.abs(basis - values * _light(basis, values)).max() > _ONE_LIGHT * np.abs(basis).max():
-        raise InputError(
-            "basis and reflectance differ by more than one factor per wavelength",
-            hint="Give a basis that is the reflectance times one light, or omit reflectance",
-        )
+        hint = "Give a basis that is the reflectance times one light, or omit reflectance"
+        raise InputError("basis and reflectance differ by more than one factor per wavelength", hint=hint)
     return values
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -27,14 +27,8 @@ MOST_SAMPLES = 100_000_000
 DEFAULT_SCENE = "macbeth"
 """The 2008 paper's chart."""
 
-FIELDS = {
-    "illuminant": "illuminant",
-    "luminance_cd_m2": "mean_luminance_cd_m2",
-    "distance_m": "distance_m",
-    "width_m": "width_m",
-    "wavelength_nm": "wavelength_nm",
-    "units": "units",
-    "tolerance": "tolerance",
+FIELDS = {"illuminant": "illuminant", "luminance_cd_m2": "mean_luminance_cd_m2"} | {
+    name: name for name in ("distance_m", "width_m", "wavelength_nm", "units", "tolerance")
 }
 """Fields of a camera file's section `scene`, and the arguments of the library that they set."""
 _FIELD_OF = {argument: name for name, argument in FIELDS.items()}
@@ -82,13 +76,8 @@ class Place:
             raise error.in_file(self.file, line or self.line, CameraFileSpelling()).within("scene") from None
 
 
-@contextmanager
-def _errors_at(place: Place | None) -> Iterator[None]:
-    if place is None:
-        yield
-    else:
-        with place.errors():
-            yield
+def _errors_at(place: Place | None) -> AbstractContextManager[None]:
+    return nullcontext() if place is None else place.errors()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,21 +115,15 @@ class SceneRequest:
 
     def __post_init__(self) -> None:
         if not self.is_file:
-            for name in ("units", "tolerance"):
-                if name in self.options:
-                    raise InputError(
-                        f"an option of scene files does not apply to the built-in scene '{self.source}'",
-                        hint=f"Omit {{{name}}}",
-                        arguments={name: self.options[name]},
-                    )
+            for name in (name for name in ("units", "tolerance") if name in self.options):
+                what = f"an option of scene files does not apply to the built-in scene '{self.source}'"
+                raise InputError(what, hint=f"Omit {{{name}}}", arguments={name: self.options[name]})
             check_built_in(self.source, **self.options)
             return
         path = Path(self.source)
         if not path.exists() and path.name == self.source and not path.suffix:
-            raise InputError(
-                f"no scene '{self.source}': it is neither a built-in scene nor a file",
-                hint=did_you_mean(self.source, BUILT_IN_SCENES),
-            )
+            what = f"no scene '{self.source}': it is neither a built-in scene nor a file"
+            raise InputError(what, hint=did_you_mean(self.source, BUILT_IN_SCENES))
         ReadOptions(**self.options)
 
     @property
@@ -160,20 +143,13 @@ class SceneRequest:
 
     def instead(self, source: str) -> SceneRequest:
         """Return another scene at this one's distance; a built-in one in the same light too."""
-        kept = (
-            ("distance_m",) if source not in BUILT_IN_SCENES else ("distance_m", "illuminant", "mean_luminance_cd_m2")
-        )
+        kept = ["distance_m", *(("illuminant", "mean_luminance_cd_m2") if source in BUILT_IN_SCENES else ())]
         return SceneRequest(source, {name: self.options[name] for name in kept if name in self.options})
 
     def drawn_for(self, frame: tuple[int, int], samples_per_m: float) -> SceneRequest:
         """Return the same scene with at least one sample per cell of a camera, where it can have any size.
 
-        Parameters
-        ----------
-        frame
-            (rows, cols) of cells that a scene without a width fills.
-        samples_per_m
-            Cells across one metre of the scene.
+        A scene without a width fills the frame's (rows, cols) cells; `samples_per_m` are cells across a metre of it.
 
         Examples
         --------
@@ -197,15 +173,7 @@ class SceneRequest:
         return replace(self, options={**self.options, "rows": -(-rows // coarser), "cols": -(-cols // coarser)})
 
     def scene(self) -> Scene:
-        """Make the scene.
-
-        Raises
-        ------
-        InputError
-            If the scene cannot be made with these options.
-        FileError
-            If the file cannot be read as a scene, or for any error of a request from a camera file.
-        """
+        """Make the scene. Errors of a request from a camera file are a `FileError` with its line."""
         with _errors_at(self.place):
             if self.is_file:
                 return read_scene(self.source, **self.options)
@@ -214,15 +182,7 @@ class SceneRequest:
 
 @dataclass(frozen=True, eq=False)
 class PlaneRequest:
-    """A plane of a scene in depth.
-
-    Parameters
-    ----------
-    request
-        Its light.
-    alpha
-        A picture of its opacity, of as many pixels as the scene has samples; None: opaque everywhere.
-    """
+    """A plane of a scene in depth: a scene, and a picture of its opacity, a pixel a sample; None is opaque."""
 
     request: SceneRequest
     alpha: Path | None = None
@@ -234,15 +194,7 @@ class PlaneRequest:
         return replace(self, request=self.request.drawn_for(frame, samples_per_m(self.request)))
 
     def plane(self) -> Plane:
-        """Make the plane.
-
-        Raises
-        ------
-        InputError
-            As for `SceneRequest.scene`.
-        FileError
-            If the picture of alpha cannot be read, or has another size than the scene.
-        """
+        """Make the plane."""
         scene = self.request.scene()
         if self.alpha is None:
             return Plane(scene)
@@ -264,15 +216,7 @@ class PlanesRequest:
         return replace(self, planes=tuple(part.drawn_for(frame, samples_per_m) for part in self.planes))
 
     def scene(self) -> Planes:
-        """Make the planes.
-
-        Raises
-        ------
-        InputError
-            As for `PlaneRequest.plane`, or if the planes are not in order.
-        FileError
-            As for `PlaneRequest.plane`.
-        """
+        """Make the planes."""
         planes = tuple(part.plane() for part in self.planes)
         with _errors_at(self.place):
             return Planes(planes)
@@ -285,13 +229,7 @@ class PlanesRequest:
 
 
 def merged_options(options: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return both, where they do not contradict each other.
-
-    Raises
-    ------
-    InputError
-        If one option is given twice with different values.
-    """
+    """Return both; raise `InputError` if one option is given twice with different values."""
     for name in options.keys() & more.keys():
         one, two = (tuple(value) if isinstance(value, list) else value for value in (options[name], more[name]))
         if one != two:

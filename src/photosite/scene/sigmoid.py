@@ -5,17 +5,24 @@ Such a reflectance has three coefficients, is between 0 and 1, and has at most o
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.color.spectrum import wavelength_grid
+from photosite.color.colour_science import colour_science
+from photosite.color.illuminants import illuminant
+from photosite.color.spectrum import integration_weights, wavelength_grid
+from photosite.color.tristimulus import color_matching_functions
 from photosite.errors import InputError
+from photosite.scene.reduction import principal_spectra
 
 Array = NDArray[np.float64]
 
 _BLOCK = 1 << 15
 """Colours solved together; their (colours, wavelengths) arrays take tens of megabytes."""
 
+_RAISED_NM = np.arange(380.0, 781.0, 5.0)
 _STEPS = 100
 _CLOSE = 1e-6
 """Largest accepted error of a tristimulus value, relative to the white's Y."""
@@ -28,16 +35,9 @@ _CENTRE_NM, _HALF_NM = 570.0, 210.0
 
 
 def sigmoid_reflectance(coefficients: ArrayLike, wavelength_nm: ArrayLike) -> Array:
-    """Return reflectances (..., wavelengths) of coefficients: 1/2 + x / (2 sqrt(1 + x^2)), x = c0 t^2 + c1 t + c2.
+    """Return reflectances (..., wavelengths) of coefficients (..., 3): 1/2 + x / (2 sqrt(1 + x^2)).
 
-    The variable is t = (wavelength - 570) / 210.
-
-    Parameters
-    ----------
-    coefficients
-        (..., 3).
-    wavelength_nm
-        (wavelengths,).
+    In it, x = c0 t^2 + c1 t + c2 and t = (wavelength - 570) / 210.
 
     Notes
     -----
@@ -84,16 +84,19 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
     # Products of the weights with the powers, so that derivatives are one matrix product: (wavelengths, 9).
     jacobian = (weigh[:, None, :] * powers[None, :, :]).reshape(9, -1).T
     coefficients = np.empty((len(wanted), 3))
-    for first in range(0, len(wanted), _BLOCK):
-        here = slice(first, first + _BLOCK)
+    for here in _blocks(len(wanted)):
         coefficients[here], error = _solve(_greys(wanted[here], white), wanted[here], weigh, powers, jacobian)
         if (error > _CLOSE).any():
-            worst = first + int(error.argmax())
+            worst = here.start + int(error.argmax())
             raise InputError(
                 f"{int((error > _CLOSE).sum())} colours are brighter or more saturated than a surface can be, the "
                 f"first of them X, Y, Z {wanted[worst].round(4).tolist()} where white has {white.round(4).tolist()}"
             )
     return coefficients
+
+
+def _blocks(count: int) -> list[slice]:
+    return [slice(first, first + _BLOCK) for first in range(0, count, _BLOCK)]
 
 
 def _powers(grid: Array) -> Array:
@@ -143,3 +146,60 @@ def _error(c: Array, wanted: Array, weigh: Array, powers: Array) -> tuple[Array,
     x = c @ powers
     root = 1.0 / np.sqrt(1.0 + x * x)
     return (0.5 + 0.5 * x * root) @ weigh.T - wanted, 0.5 * root**3
+
+
+def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.float32], Array, float]:
+    """Return weights (K, rows, cols), smooth reflectances (K, wavelengths) and relative RMS error of linear sRGB.
+
+    Raises
+    ------
+    InputError
+        If a colour has no smooth reflectance, or the tolerance is not between 0 and 1.
+
+    Examples
+    --------
+    >>> weights, reflectance, _ = raised(np.full((2, 3, 3), 0.5), _RAISED_NM, 1e-4)
+    >>> weights.shape, reflectance.shape, bool(abs(weights[:, 0, 0] @ reflectance[:, 30] - 0.5) < 0.01)
+    ((4, 2, 3), (4, 81), True)
+    """
+    if not 0 < tolerance < 1:
+        raise InputError("tolerance", value=tolerance, expected="between 0 and 1")
+    colours, place, count = np.unique(linear.reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
+    coefficients = sigmoid_coefficients(*_seen(colours), _RAISED_NM)
+    blocks = _blocks(len(colours))
+    gram = np.zeros((grid.size, grid.size))
+    for here in blocks:
+        spectra = sigmoid_reflectance(coefficients[here], grid)
+        gram += spectra.T @ (spectra * count[here, None])
+    vectors = _kept_spectra(gram, grid, tolerance)
+    weights = np.empty((len(colours), len(vectors)), np.float32)
+    for here in blocks:
+        weights[here] = sigmoid_reflectance(coefficients[here], grid) @ vectors.T
+    lost = max(0.0, 1.0 - float(np.einsum("ki,ij,kj->", vectors, gram, vectors) / np.trace(gram)))  # rounding
+    shape = (len(vectors), *linear.shape[:2])
+    return weights.T[:, place.ravel()].reshape(shape), vectors, math.sqrt(lost)
+
+
+def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
+    """(K, wavelengths), orthonormal: the three that span the observer's weights under D65, and the fewest others.
+
+    Spectra projected on them keep their colours under D65, whatever the tolerance.
+    """
+    carriers = color_matching_functions(grid) * integration_weights(grid) * illuminant("D65", grid)
+    # A complete orthonormal basis, whose first three are those; the rest is reduced separately.
+    whole = np.linalg.qr(carriers.T, mode="complete")[0].T
+    seen, unseen = whole[: len(carriers)], whole[len(carriers) :]
+    rest = unseen @ gram @ unseen.T
+    share = math.sqrt(max(float(np.trace(rest)), 0.0) / float(np.trace(gram)))
+    if share <= tolerance:
+        return seen
+    return np.concatenate([seen, principal_spectra(rest, tolerance / share) @ unseen])
+
+
+def _seen(colours: Array) -> tuple[Array, Array]:
+    """Tristimulus values under D65, and the weights that define them, for the white of the grid."""
+    matrix = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ, dtype=np.float64)
+    light = illuminant("D65", _RAISED_NM)
+    weights = color_matching_functions(_RAISED_NM) * integration_weights(_RAISED_NM) * light
+    weights /= weights[1].sum()
+    return colours @ matrix.T * (weights.sum(axis=1) / matrix.sum(axis=1)), weights

@@ -16,7 +16,8 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 Quantity = Literal["photon radiance", "energy radiance", "reflectance", "relative"]
 """In photons/s/sr/m2/nm; in W/sr/m2/nm; as a fraction of the light; as energy radiance up to an unknown factor."""
 
-_PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
+_PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3, "milli": 1e-3, "micro": 1e-6, "nano": 1e-9}
+_SECONDS, _STERADIANS = ("s", "sec", "second"), ("sr", "steradian", "str", "ster")
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _NANOMETRES = {"nm": 1.0, "um": 1e3, "micron": 1e3, "microns": 1e3, "m": 1e9}
 _PHOTONS = ("photon", "photons", "quanta", "ph", "q")
@@ -33,14 +34,7 @@ _KNOWN = "photons/s/sr/m2/nm, W/sr/m2/nm, uW/sr/cm2/nm, reflectance, percent or 
 
 @dataclass(frozen=True)
 class Units:
-    """Quantity and unit of a file's values.
-
-    Parameters
-    ----------
-    quantity
-        The quantity.
-    scale
-        Factor from a value of the file to the unit of the quantity.
+    """Quantity of a file's values, and the factor from a value to the unit of the quantity.
 
     Examples
     --------
@@ -83,25 +77,22 @@ def parse_units(text: str) -> Units:
             return Units("relative")
     if (scaled := _SCALED.fullmatch(plain)) and 1e-30 < (white := float(scaled[1])) < 1e30:
         return Units("reflectance", 1 / white)
-    if (quantity := _PLAIN.fullmatch(plain)) and (units := parse_units(quantity[2])).quantity.endswith(
-        quantity[1].lower()
-    ):
-        return units
-    powers = _factors(plain)
+    if quantity := _PLAIN.fullmatch(plain):
+        units = parse_units(quantity[2])
+        if units.quantity.endswith(quantity[1].lower()):
+            return units
     scale, found = 1.0, set()
-    for name, power in powers:
+    for name, power in _factors(plain):
         kind, factor = _meaning(name, power, text)
         if kind in found:
             raise _unknown(text, f"'{name}' repeats the {kind}")
         found.add(kind)
         scale *= factor
-    missing = {"power or photons", "steradian", "area", "wavelength"} - found
+    missing = {"steradian", "area", "wavelength"} - found
     if "photons" in found:
-        missing -= {"power or photons"}
-        if "second" not in found:
-            missing.add("second")
-    elif "power" in found:
-        missing -= {"power or photons"}
+        missing |= {"second"} - found
+    elif "power" not in found:
+        missing.add("power or photons")
     if missing:
         raise _unknown(text, f"{' and '.join(sorted(missing))} missing")
     return Units("photon radiance" if "photons" in found else "energy radiance", scale)
@@ -130,17 +121,16 @@ def _meaning(name: str, power: int, text: str) -> tuple[str, float]:
     if low in _PHOTONS and power == 1:
         return "photons", 1.0
     if power == 1 and (match := re.fullmatch(r"(m|u|n|k|milli|micro|nano|)(W|w|watts?|Watts?)", name)):
-        return "power", _PREFIX[{"milli": "m", "micro": "u", "nano": "n"}.get(match[1], match[1])]
-    if low in ("s", "sec", "second") and power == -1:
+        return "power", _PREFIX[match[1]]
+    if low in _SECONDS and power == -1:
         return "second", 1.0
-    if low in ("sr", "steradian", "str", "ster") and power == -1:
+    if low in _STERADIANS and power == -1:
         return "steradian", 1.0
     if low in _METRES and power == -2:
         return "area", _METRES[low] ** -2
     if low in _NANOMETRES and power == -1:
         return "wavelength", 1 / _NANOMETRES[low]
-    below = (*_METRES, *_NANOMETRES, "s", "sec", "second", "sr", "steradian", "str", "ster")
-    if power > 0 and low in below and "/" in text:
+    if power > 0 and low in (*_METRES, *_NANOMETRES, *_SECONDS, *_STERADIANS) and "/" in text:
         raise _unknown(text, f"'{name}' could be in the numerator or the denominator; write W/m2/sr/nm or W/(m2 sr nm)")
     raise _unknown(text, f"'{name}{'' if power == 1 else power}' does not fit")
 
@@ -155,7 +145,7 @@ def bright_count(values: NDArray[np.float64]) -> int:
 
 
 def check_reflectances(name: str | PathLike[str], largest: float, bright: int, count: int) -> None:
-    """Reject invalid reflectances: values on another scale, or outliers.
+    """Reject reflectances on another scale (more than a quarter above 2) and outliers (above 1000); warn above 10.
 
     Parameters
     ----------
@@ -164,40 +154,15 @@ def check_reflectances(name: str | PathLike[str], largest: float, bright: int, c
     largest
         Largest value.
     bright, count
-        Number of values above 2 (`bright_count`), and of all values.
-
-    Raises
-    ------
-    FileError
-        If more than a quarter are above 2, or one is above 1000.
-
-    Warns
-    -----
-    PhotositeWarning
-        If one is above 10, or more than one in a hundred above 2.
-
-    Examples
-    --------
-    >>> check_reflectances("a.hdr", 9987.0, 5, 5)
-    Traceback (most recent call last):
-    photosite.errors.FileError: a.hdr: holds reflectances up to 9987, where a perfect white has 1. Pass the scale, \
-units='percent' or reflectance/10000, or 'relative' if they are not reflectances
+        Number of values above 2 (`bright_count`), and of all values. A share above 1 % is a warning, too.
     """
     held = f"holds reflectances up to {largest:g}, where a perfect white has 1"
     if bright > _OTHER_SCALE * count:
-        raise FileError(
-            name,
-            held,
-            hint="Pass the scale, {units} or reflectance/10000, or 'relative' if they are not reflectances",
-            arguments={"units": "percent"},
-        )
+        hint = "Pass the scale, {units} or reflectance/10000, or 'relative' if they are not reflectances"
+        raise FileError(name, held, hint=hint, arguments={"units": "percent"})
     if largest > _NO_REFLECTANCE:
-        raise FileError(
-            name,
-            held,
-            hint="Correct the outliers, or omit their bands: {band_range_nm}",
-            arguments={"band_range_nm": (400, 780)},
-        )
+        hint = "Correct the outliers, or omit their bands: {band_range_nm}"
+        raise FileError(name, held, hint=hint, arguments={"band_range_nm": (400, 780)})
     if largest > _BRIGHTEST or bright > _BRIGHT_SHARE * count:
         what = f"{held}; {bright} of {count} values are above {_BRIGHT:g}: glints, fluorescence or errors"
         hint = "They are used as they are; correct the file if they are errors"

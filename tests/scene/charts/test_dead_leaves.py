@@ -32,9 +32,12 @@ def same_leaf(distance: np.ndarray, smallest: float, largest: float) -> np.ndarr
     return g / (2 * shared(0.0) - g)
 
 
-def test_covariance_over_distance_is_the_model_s() -> None:
-    """Twelve fields, point-like samples (leaves of 3 samples and more); within four standard errors of their mean."""
-    texture = fields(12, rows=192, cols=192, smallest_radius=3.0, largest_radius=24.0, supersampling=1) - 0.5
+def test_covariance_over_distance_is_that_of_the_model() -> None:
+    """Twelve fields with one point a sample; within four standard errors of their mean.
+
+    The seeds are fixed; over seeds, one of the five comparisons would fail in 480 runs by chance.
+    """
+    texture = fields(12, rows=128, cols=128, smallest_radius=3.0, largest_radius=24.0, supersampling=1) - 0.5
     for lag in (2, 4, 8, 16, 30):
         down = (texture[:, lag:] * texture[:, :-lag]).mean(axis=(1, 2))
         along = (texture[:, :, lag:] * texture[:, :, :-lag]).mean(axis=(1, 2))
@@ -45,17 +48,21 @@ def test_covariance_over_distance_is_the_model_s() -> None:
         assert found.mean() == pytest.approx(wanted, abs=4 * error), lag
 
 
-def test_greys_are_uniform_and_hold_the_variance_of_that() -> None:
-    texture = fields(8, rows=160, cols=160, smallest_radius=2.0, largest_radius=12.0, supersampling=1)
-    shares = np.stack([np.histogram(field, 10, (0.0, 1.0))[0] for field in texture]) / 160**2
+def test_greys_are_uniform() -> None:
+    texture = fields(8, rows=112, cols=112, smallest_radius=2.0, largest_radius=12.0, supersampling=1)
+    shares = np.stack([np.histogram(field, 10, (0.0, 1.0))[0] for field in texture]) / 112**2
     error = shares.std(axis=0, ddof=1) / math.sqrt(8)
     assert error.max() < 0.02
     assert (np.abs(shares.mean(axis=0) - 0.1) < 4.5 * error).all()
     assert texture.var(axis=(1, 2)).mean() == pytest.approx(1 / 12, rel=0.05)
 
 
-def test_the_power_spectrum_falls_as_textures_do() -> None:
-    """Between the scales of the leaves: as the model's covariance says, by an exponent of nearly 2, as in nature."""
+@pytest.mark.slow
+def test_the_power_spectrum_is_that_of_textures() -> None:
+    """Between the scales of the leaves the exponent is that of the model's covariance, nearly 2, as in nature.
+
+    The covariance itself is tested above.
+    """
     texture = fields(6, rows=256, cols=256, smallest_radius=1.0, largest_radius=64.0, supersampling=4)
     window = np.hanning(256)[:, None] * np.hanning(256)[None, :]
     power = (np.abs(np.fft.fft2((texture - texture.mean()) * window)) ** 2).mean(axis=0)
@@ -74,9 +81,9 @@ def test_the_power_spectrum_falls_as_textures_do() -> None:
 
 
 def test_samples_are_means_to_the_error_that_the_docstring_states() -> None:
-    truth = fields(1, rows=96, cols=96, supersampling=32)
+    truth = fields(1, rows=64, cols=64, supersampling=32)
     for supersampling, stated in ((4, 0.010), (8, 0.0036)):
-        off = fields(1, rows=96, cols=96, supersampling=supersampling) - truth
+        off = fields(1, rows=64, cols=64, supersampling=supersampling) - truth
         assert np.sqrt((off**2).mean()) == pytest.approx(stated, rel=0.25)
 
 

@@ -1,4 +1,4 @@
-"""Edges: exact areas, against the slow way and against other formulas."""
+"""Edges: areas against many points and other formulas."""
 
 from __future__ import annotations
 
@@ -20,33 +20,34 @@ def pointwise(rows: int, cols: int, cycles: int, angle_deg: float, fine: int = 6
 
 @pytest.mark.parametrize("angle", [-12.0, 0.0, 5.0, 40.0])
 def test_slanted_edge_holds_exact_areas(angle: float) -> None:
-    """Against the slow way: each sample's area on the bright side by 64 x 64 points."""
+    """Against each sample's area on the bright side by 64 x 64 points."""
     edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=14, cols=20)
     fine = 64
     y = (np.arange(14 * fine) + 0.5) / fine - 7
     x = (np.arange(20 * fine) + 0.5) / fine - 10
     bright = x[None, :] > -math.tan(math.radians(angle)) * y[:, None]
     area = bright.reshape(14, fine, 20, fine).mean(axis=(1, 3))
-    assert edge.weights[0] == pytest.approx(area, abs=1.5 / fine)
+    np.testing.assert_allclose(edge.weights[0], area, rtol=0, atol=1.5 / fine)
     assert edge.weights[0].mean() == pytest.approx(0.5, abs=1e-6)
 
 
 @pytest.mark.parametrize(("rows", "cols", "cycles", "angle"), [(24, 31, 4, 5.0), (17, 20, 1, -70.0), (30, 30, 7, 0.0)])
 def test_edge_star_holds_areas(rows: int, cols: int, cycles: int, angle: float) -> None:
     star = charts.edge_star(contrast=math.inf, rows=rows, cols=cols, cycles=cycles, angle_deg=angle)
-    assert star.weights[0] == pytest.approx(pointwise(rows, cols, cycles, angle), abs=2 / 64)
-    assert star.weights[0].mean() == pytest.approx(pointwise(rows, cols, cycles, angle).mean(), abs=1e-3)
+    wanted = pointwise(rows, cols, cycles, angle)
+    np.testing.assert_allclose(star.weights[0], wanted, rtol=0, atol=2 / 64)
+    assert star.weights[0].mean() == pytest.approx(wanted.mean(), abs=1e-3)
 
 
 @pytest.mark.parametrize("angle", [5.0, -12.0, 40.0])
 def test_a_star_of_one_cycle_is_one_edge(angle: float) -> None:
     """A line through the centre, whose shares have a closed form."""
-    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=60, cols=60).weights[0]
-    star = charts.edge_star(angle_deg=angle, contrast=math.inf, cycles=1, rows=60, cols=60).weights[0]
+    edge = charts.slanted_edge(angle_deg=angle, contrast=math.inf, rows=40, cols=40).weights[0]
+    star = charts.edge_star(angle_deg=angle, contrast=math.inf, cycles=1, rows=40, cols=40).weights[0]
     assert np.abs(star - edge).max() < 5e-4
 
 
-def test_the_slanted_star_has_edges_near_upright_level_and_diagonal() -> None:
+def test_the_star_has_edges_near_the_vertical_the_horizontal_and_the_diagonals() -> None:
     """Four cycles turned by 5 degrees: bright just clockwise of 5, 95, 185 and 275 degrees, dark before."""
     star = charts.edge_star(contrast=4.0, rows=400, cols=400)
     weights = star.weights[0]

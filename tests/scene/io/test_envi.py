@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
-from photosite.scene.io.convert import convert
-from photosite.scene.io.files import open_cube, read_scene
+from photosite.scene.io.files import convert, open_cube, read_scene
 
 envi = pytest.importorskip("spectral.io.envi")
 
@@ -40,9 +39,13 @@ def whole(path: Path, **options: object) -> np.ndarray:
     return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(3)])
 
 
-@pytest.mark.parametrize("interleave", ["bsq", "bil", "bip"])
-@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint16, np.int32, np.float32, np.float64])
-@pytest.mark.parametrize("byteorder", [0, 1])
+@pytest.mark.parametrize(
+    ("interleave", "dtype", "byteorder"),
+    [
+        *[("bsq", np.uint8, 0), ("bsq", np.uint16, 1), ("bsq", np.float32, 0)],
+        *[("bil", np.int16, 0), ("bil", np.float64, 1), ("bip", np.uint16, 0), ("bip", np.int32, 1)],
+    ],
+)
 def test_as_the_library_reads_it(tmp_path: Path, interleave: str, dtype: type, byteorder: int) -> None:
     array = RNG.integers(0, 200, (8, 6, 5)).astype(dtype)
     path = saved(tmp_path, array, interleave=interleave, byteorder=byteorder)

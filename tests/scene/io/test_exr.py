@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,7 @@ def test_bands_come_in_order_of_wavelength(tmp_path: Path) -> None:
     assert_allclose(scene.radiance(0, 0), photons_from_energy([1, 2, 3], grid), rtol=1e-5)
 
 
-def test_rows_are_read_piece_by_piece_alike(tmp_path: Path) -> None:
+def test_blocks_of_any_size_are_read_alike(tmp_path: Path) -> None:
     """With a data window that does not begin at 0, compressed in blocks of 16 rows, tiles too."""
     energy = some_radiance()
     window = {"dataWindow": (np.array([5, 11], "i"), np.array([24, 47], "i"))}
@@ -152,8 +153,8 @@ def test_layout_of_pbrt(tmp_path: Path) -> None:
     assert scene.radiance(2, 5)[3] == pytest.approx(float(expected), rel=1e-4)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        said = read_scene(tmp_path / "a.exr", units="relative", mean_luminance_cd_m2=50)
-    assert said.mean_luminance_cd_m2() == pytest.approx(50, rel=2e-3)
+        relative = read_scene(tmp_path / "a.exr", units="relative", mean_luminance_cd_m2=50)
+    assert relative.mean_luminance_cd_m2() == pytest.approx(50, rel=2e-3)
 
 
 def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
@@ -187,8 +188,8 @@ def test_radiance_and_reflectance_in_one_file(tmp_path: Path) -> None:
     assert open_cube(tmp_path / "a.exr", units="reflectance").quantity == "reflectance"
 
 
-def test_wavelengths_said_by_the_caller(tmp_path: Path) -> None:
-    """Mitsuba's spectral film calls its channels whatever the scene calls its bands."""
+def test_wavelengths_of_the_caller(tmp_path: Path) -> None:
+    """Channels of Mitsuba's spectral film have the names of the scene's bands."""
     planes = {f"band{k}": np.full((4, 5), k + 1, np.float32) for k in range(3)}
     OpenEXR.File({}, planes).write(str(tmp_path / "a.exr"))
     scene = read_scene(tmp_path / "a.exr", units="W/m2/sr/nm", wavelength_nm=[450, 550, 650])
@@ -197,7 +198,8 @@ def test_wavelengths_said_by_the_caller(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("half", "within"), [(False, 1e-6), (True, 5e-4)])
 def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
-    chart = ps.charts.macbeth("A", 40, distance_m=1.37, width_m=0.31)
+    whole = ps.charts.macbeth("A", 40, distance_m=1.37, width_m=0.31)
+    chart = replace(whole, weights=whole.weights[:, ::4, ::4], regions=())
     file = tmp_path / "chart.exr"
     write_scene(chart, file, half=half)
     values = np.concatenate([block for _, block in open_cube(file).blocks(50)])
@@ -214,7 +216,7 @@ def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
 def test_rows_are_written_by_their_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int]
 ) -> None:
-    """Wide scenes some rows at a time, narrow ones many: no more than the bytes said, unless a row is."""
+    """Wide scenes some rows at a time, narrow ones many: at most the given bytes, or one row."""
     taken: list[int] = []
     blocks = SceneCube.blocks
 
@@ -229,7 +231,7 @@ def test_rows_are_written_by_their_bytes(
     scene = Scene(weights, np.full((1, GRID.size), 1e15), GRID)
     write_scene(scene, tmp_path / "a.exr", half=True)
     row = 8 * shape[1] * GRID.size
-    assert sum(taken) == 2 * row * shape[0]  # one look for the brightest
+    assert sum(taken) == 2 * row * shape[0]  # once for the brightest value
     assert max(taken) == min(max(40_000 // row, 1), shape[0]) * row
     assert_allclose(radiance_of(read_scene(tmp_path / "a.exr")), radiance_of(scene), rtol=1e-3)
 
@@ -245,9 +247,6 @@ def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> N
             write_scene(scene, tmp_path / "a.exr", half=True)
             assert OpenEXR.File(str(tmp_path / "a.exr")).header()["emissiveUnits"] == unit
             assert_allclose(read_scene(tmp_path / "a.exr").radiance(0, 0), factor, rtol=5e-4)
-
-
-# Pictures
 
 
 def error_of(path: Path, **options: Any) -> FileError:
@@ -295,8 +294,7 @@ def test_invalid_channels(tmp_path: Path, names: list[str], options: dict[str, o
     assert about in error_of(file, **options).what
 
 
-@pytest.mark.parametrize("keep", [6, 40, 300, 0.3, 0.9])
-@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize(("keep", "parts"), [(6, 1), (40, 2), (300, 1), (0.3, 2), (0.9, 1), (0.9, 2)])
 def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "a.exr"
     noise = np.random.default_rng(0).random((64, 64)).astype(np.float32)

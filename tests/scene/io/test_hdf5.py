@@ -44,10 +44,10 @@ def whole(path: Path, **options: Any) -> np.ndarray:
 @pytest.mark.parametrize("interleave", ORDERS)
 @pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4)}, {"chunks": True, "compression": "gzip"}])
 def test_any_order_of_axes(tmp_path: Path, interleave: str, how: dict[str, Any]) -> None:
-    told = {"wavelength_nm": GRID, "units": "W/sr/m2/nm", "interleave": interleave, "scale": 0.5, "no_data": 7.0}
+    stated = {"wavelength_nm": GRID, "units": "W/sr/m2/nm", "interleave": interleave, "scale": 0.5, "no_data": 7.0}
     array = CUBE.copy()
     array[3, 2, 1] = 7
-    path = saved(tmp_path / "a.h5", array.transpose(ORDERS[interleave]), told, **how)
+    path = saved(tmp_path / "a.h5", array.transpose(ORDERS[interleave]), stated, **how)
     wanted = np.where(array == 7, np.nan, array * 0.5)
     assert_allclose(whole(path), wanted)
     assert isinstance(open_cube(path), ChunkedCube if how else RawCube)
@@ -79,15 +79,15 @@ def test_a_list_of_wavelengths_that_does_not_fit(tmp_path: Path) -> None:
     assert error_of(path).what == "'wavelength_nm' has 6 entries for 7 bands"
     with pytest.warns(PhotositeWarning, match="'wavelength_nm' has 6 entries for 7 bands; it is ignored"):
         assert open_cube(path, wavelength_nm=GRID).wavelength_nm.tolist() == GRID.tolist()
-    named = {"wavelength_nm": GRID, "bands": "seven of them", "units": "W/sr/m2/nm"}
+    named = {"wavelength_nm": GRID, "bands": "seven", "units": "W/sr/m2/nm"}
     assert_allclose(whole(saved(tmp_path / "b.h5", attributes=named)), CUBE)
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("how", [{}, {"chunks": (2, 3, 4)}])
 def test_values_beyond_double_precision_are_an_error(tmp_path: Path, how: dict[str, Any]) -> None:
-    told = {"wavelength_nm": GRID, "units": "kW/sr/m2/nm"}
-    path = saved(tmp_path / "a.h5", np.full(CUBE.shape, 1e308), told, **how)
+    stated = {"wavelength_nm": GRID, "units": "kW/sr/m2/nm"}
+    path = saved(tmp_path / "a.h5", np.full(CUBE.shape, 1e308), stated, **how)
     error_of(path)
 
 

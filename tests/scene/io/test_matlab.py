@@ -29,7 +29,7 @@ def whole(path: Path, **options: Any) -> np.ndarray:
 
 
 def save73(path: Path, content: dict[str, Any], **how: Any) -> Path:
-    """As MATLAB writes version 7.3: 512 bytes of its own, arrays with their axes reversed, structures as groups."""
+    """As MATLAB writes version 7.3: a header of 512 bytes, arrays with their axes reversed, structures as groups."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in content.items():
             if isinstance(value, str):

@@ -18,7 +18,7 @@ from photosite.errors import FileError, InputError
 from photosite.scene.charts import macbeth
 from photosite.scene.io.files import read_scene
 from photosite.scene.io.picture import TRANSPARENT, check_size
-from photosite.scene.pictures import from_rgb, from_srgb
+from photosite.scene.pictures import from_rgb
 
 Profile = Callable[..., bytes]
 RNG = np.random.default_rng(8)
@@ -40,7 +40,7 @@ def saved(path: Path, codes: np.ndarray, **how: object) -> Path:
 
 def test_a_png_is_its_codes(tmp_path: Path) -> None:
     scene = read_scene(saved(tmp_path / "a.png", CODES), mean_luminance_cd_m2=12.0, illuminant="A", width_m=0.4)
-    wanted = from_srgb(CODES, "A", 12.0)
+    wanted = from_rgb(CODES, "A", 12.0)
     np.testing.assert_array_equal(scene.weights, wanted.weights)
     np.testing.assert_allclose(scene.basis, wanted.basis, rtol=1e-12)
     assert (scene.name, scene.width_m) == ("a", 0.4)
@@ -54,7 +54,7 @@ def test_a_tiff_is_its_codes(tmp_path: Path, bits: int, planar: str) -> None:
     values = codes if planar == "contig" else np.moveaxis(codes, 2, 0)
     tifffile.imwrite(tmp_path / "a.tif", values, photometric="rgb", planarconfig=planar, compression="zlib")
     scene = read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=12.0, illuminant="A")
-    np.testing.assert_array_equal(scene.weights, from_srgb(codes, "A", 12.0).weights)
+    np.testing.assert_array_equal(scene.weights, from_rgb(codes, "A", 12.0).weights)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -72,7 +72,7 @@ def test_a_compressed_tiff_is_its_codes(tmp_path: Path, bits: int, how: dict[str
     codes = CODES if bits == 8 else (CODES.astype(np.uint16) * 256 + 77).astype(np.uint16)
     tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb", **how)
     scene = read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=12.0, illuminant="A")
-    np.testing.assert_array_equal(scene.weights, from_srgb(codes, "A", 12.0).weights)
+    np.testing.assert_array_equal(scene.weights, from_rgb(codes, "A", 12.0).weights)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -85,14 +85,14 @@ def test_a_tiff_of_lossless_jpeg_is_its_codes(tmp_path: Path, bits: int) -> None
     )
     with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
         file.pages.first.tags["BitsPerSample"].overwrite(bits)
-    wanted = from_srgb(np.repeat(gray[:, :, None], 3, axis=2))
+    wanted = from_rgb(np.repeat(gray[:, :, None], 3, axis=2))
     np.testing.assert_array_equal(read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights, wanted.weights)
 
 
 def test_a_tiff_of_jpeg_is_what_pillow_reads(tmp_path: Path) -> None:
     Image.fromarray(CODES).save(tmp_path / "a.tif", compression="jpeg", quality=95)
     with Image.open(tmp_path / "a.tif") as image:
-        wanted = from_srgb(np.asarray(image))
+        wanted = from_rgb(np.asarray(image))
     weights = read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights
     np.testing.assert_allclose(weights, wanted.weights, atol=0.02)
 
@@ -131,7 +131,7 @@ def test_a_tiff_is_what_a_png_is(tmp_path: Path, mode: str) -> None:
 def test_a_tiff_whose_white_is_zero(tmp_path: Path, dtype: type[np.unsignedinteger]) -> None:
     grey = CODES[:, :, 0].astype(dtype)
     tifffile.imwrite(tmp_path / "a.tif", np.iinfo(dtype).max - grey, photometric="miniswhite")
-    wanted = from_srgb(np.repeat(grey[:, :, None], 3, axis=2))
+    wanted = from_rgb(np.repeat(grey[:, :, None], 3, axis=2))
     np.testing.assert_array_equal(read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights, wanted.weights)
 
 
@@ -170,7 +170,7 @@ def test_color_tags_of_tiff(tmp_path: Path, profile: Profile) -> None:
     srgb = tags(white=(0.3127, 0.329), primaries=(0.64, 0.33, 0.3, 0.6, 0.15, 0.06), curve=curve)
     for extra in (srgb, tags(curve=curve * 3)):
         tifffile.imwrite(file, CODES, photometric="rgb", extratags=extra)
-        np.testing.assert_array_equal(read_scene(file, mean_luminance_cd_m2=40).weights, from_srgb(CODES).weights)
+        np.testing.assert_array_equal(read_scene(file, mean_luminance_cd_m2=40).weights, from_rgb(CODES).weights)
     for extra, about in (
         (tags(white=(0.3457, 0.3585)), "primaries and white"),
         (tags(primaries=(0.64, 0.33, 0.21, 0.71, 0.15, 0.06)), "primaries and white"),
@@ -181,7 +181,7 @@ def test_color_tags_of_tiff(tmp_path: Path, profile: Profile) -> None:
 
 
 def test_the_icc_profile_of_a_tiff_is_used(tmp_path: Path, profile: Profile) -> None:
-    """A gamma of 2.2, which is none of the known curves."""
+    """A gamma of 2.2, unlike the known curves."""
     tifffile.imwrite(tmp_path / "a.tif", CODES, photometric="rgb", iccprofile=profile("My monitor", curve="gamma 2.2"))
     weights = read_scene(tmp_path / "a.tif", mean_luminance_cd_m2=40).weights
     wanted = from_rgb((CODES / 255.0) ** 2.2, linear=True)
@@ -267,7 +267,7 @@ def test_a_jpeg_is_oriented_by_exif(tmp_path: Path) -> None:
 
 def test_grays_palettes_and_opaque_alpha_are_colors(tmp_path: Path) -> None:
     grey = CODES[:, :, 0]
-    wanted = from_srgb(np.repeat(grey[:, :, None], 3, axis=2)).weights
+    wanted = from_rgb(np.repeat(grey[:, :, None], 3, axis=2)).weights
     deep = Image.fromarray(grey.astype(np.uint16) * 257)
     deep.save(tmp_path / "deep.png")
     Image.fromarray(grey).convert("P").save(tmp_path / "p.png")
@@ -302,7 +302,7 @@ def test_profiles_of_known_spaces(tmp_path: Path, profile: Profile) -> None:
     plain = read_scene(
         saved(tmp_path / "s.png", codes, icc_profile=profile("GIMP built-in sRGB")), mean_luminance_cd_m2=40
     )
-    np.testing.assert_array_equal(plain.weights, from_srgb(codes).weights)
+    np.testing.assert_array_equal(plain.weights, from_rgb(codes).weights)
     wide = read_scene(saved(tmp_path / "p.png", codes, icc_profile=profile("", "Display P3")), mean_luminance_cd_m2=40)
     np.testing.assert_array_equal(wide.weights, from_rgb(codes, space="Display P3").weights)
     assert np.abs(wide.weights - plain.weights).max() > 1e-3

@@ -15,7 +15,7 @@ from PIL import Image
 from photosite.errors import FileError
 from photosite.scene.io.files import read_scene
 from photosite.scene.io.picture import TRANSPARENT, read_alpha
-from photosite.scene.pictures import from_rgb, from_srgb
+from photosite.scene.pictures import from_rgb
 
 KINDS = {1: 0, 2: 4, 3: 2, 4: 6}
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
@@ -79,7 +79,7 @@ def test_a_scene_keeps_all_16_bits(tmp_path: Path, channels: int, filters: list[
     codes = picture(channels)
     file = written(tmp_path / "a.png", codes, filters=filters, interlaced=interlaced)
     scene = read_scene(file, mean_luminance_cd_m2=12.0, illuminant="A")
-    wanted = from_srgb(np.repeat(codes, 3 // channels, axis=2), "A", 12.0)
+    wanted = from_rgb(np.repeat(codes, 3 // channels, axis=2), "A", 12.0)
     np.testing.assert_array_equal(scene.weights, wanted.weights)
 
 

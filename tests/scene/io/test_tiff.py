@@ -19,17 +19,19 @@ from photosite.scene.scene import Scene
 GRID = np.arange(400.0, 701, 50)
 RNG = np.random.default_rng(6)
 CUBE = RNG.integers(1, 1000, (33, 20, GRID.size)).astype(np.uint16)
-TOLD = {"wavelength_nm": GRID.tolist(), "units": "W/sr/m2/nm"}
+DESCRIBED = {"wavelength_nm": GRID.tolist(), "units": "W/sr/m2/nm"}
 
 
-def stack(path: Path, array: np.ndarray = CUBE, told: dict[str, Any] | str | None = None, **how: Any) -> Path:
+def stack(path: Path, array: np.ndarray = CUBE, description: dict[str, Any] | str | None = None, **how: Any) -> Path:
     """A page a band; `how` may hold the file's byteorder."""
-    text = told if isinstance(told, str) else json.dumps(TOLD if told is None else told)
+    text = (
+        description if isinstance(description, str) else json.dumps(DESCRIBED if description is None else description)
+    )
     byteorder = how.pop("byteorder", "<")
     with tifffile.TiffWriter(path, byteorder=byteorder) as file:
         for band in range(array.shape[2]):
-            description = text if band == 0 else None
-            file.write(array[:, :, band], photometric="minisblack", description=description, metadata=None, **how)
+            first = text if band == 0 else None
+            file.write(array[:, :, band], photometric="minisblack", description=first, metadata=None, **how)
     return path
 
 
@@ -45,19 +47,20 @@ def whole(path: Path, **options: Any) -> np.ndarray:
     return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(8)])
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 @pytest.mark.parametrize(
-    "how",
+    ("dtype", "how"),
     [
-        {},
-        {"byteorder": ">"},
-        {"rowsperstrip": 4},
-        {"compression": "zlib"},
-        {"compression": "lzw"},
-        {"compression": "packbits"},
-        {"compression": "zlib", "predictor": True},
-        {"compression": "zstd"},
-        {"tile": (16, 16)},
+        (np.uint8, {}),
+        (np.float64, {}),
+        (np.uint16, {"byteorder": ">"}),
+        (np.float32, {"rowsperstrip": 4}),
+        (np.uint16, {"compression": "zlib"}),
+        (np.uint8, {"compression": "lzw"}),
+        (np.uint8, {"compression": "packbits"}),
+        (np.uint16, {"compression": "zlib", "predictor": True}),
+        (np.float32, {"compression": "zlib", "predictor": True}),
+        (np.float64, {"compression": "zstd"}),
+        (np.float32, {"tile": (16, 16)}),
     ],
 )
 def test_a_page_a_band(tmp_path: Path, dtype: type, how: dict[str, Any]) -> None:
@@ -77,16 +80,16 @@ def test_one_page_of_many_samples(tmp_path: Path, planar: str, compression: str 
         photometric="minisblack",
         planarconfig=planar,
         compression=compression,
-        description=json.dumps(TOLD),
+        description=json.dumps(DESCRIBED),
         metadata=None,
     )
     assert_allclose(whole(tmp_path / "a.tif"), CUBE)
 
 
 def test_descriptions_beside_the_file_or_by_page(tmp_path: Path) -> None:
-    path = stack(tmp_path / "a.tif", told="a stack from a filter wheel")
+    path = stack(tmp_path / "a.tif", description="a stack from a filter wheel")
     assert "wavelength" in error_of(path, units="photons").what
-    (tmp_path / "a.json").write_text(json.dumps(TOLD | {"distance_m": 2, "no_data": 5}), encoding="utf-8")
+    (tmp_path / "a.json").write_text(json.dumps(DESCRIBED | {"distance_m": 2, "no_data": 5}), encoding="utf-8")
     assert open_cube(path).distance_m == 2.0
     assert np.isnan(whole(path)).sum() == (CUBE == 5).sum()
     with tifffile.TiffWriter(tmp_path / "b.tif") as file:
@@ -108,22 +111,22 @@ def test_what_is_written_is_what_another_reads(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    ("told", "about"),
+    ("description", "about"),
     [
         ({"wavelength_nm": GRID.tolist()}, "units"),
         ({"units": "photons"}, "wavelength"),
-        (TOLD | {"wavelength_nm": (GRID / 1000).tolist()}, "wavelength"),
-        (TOLD | {"wavelength_nm": GRID[::-1].tolist()}, "wavelength"),
-        (TOLD | {"wavelength_nm": GRID[1:].tolist()}, "wavelength_nm"),
-        (TOLD | {"wavelength_nm": "visible"}, "wavelength_nm"),
-        (TOLD | {"units": "DN"}, "units"),
-        (TOLD | {"distance_m": "far"}, "distance_m"),
-        (TOLD | {"distance_m": -2}, "distance_m"),
+        (DESCRIBED | {"wavelength_nm": (GRID / 1000).tolist()}, "wavelength"),
+        (DESCRIBED | {"wavelength_nm": GRID[::-1].tolist()}, "wavelength"),
+        (DESCRIBED | {"wavelength_nm": GRID[1:].tolist()}, "wavelength_nm"),
+        (DESCRIBED | {"wavelength_nm": "visible"}, "wavelength_nm"),
+        (DESCRIBED | {"units": "DN"}, "units"),
+        (DESCRIBED | {"distance_m": "far"}, "distance_m"),
+        (DESCRIBED | {"distance_m": -2}, "distance_m"),
         ('{"wavelength_nm": [400,', "not valid JSON"),
     ],
 )
-def test_invalid_descriptions(tmp_path: Path, told: dict[str, Any] | str, about: str) -> None:
-    assert about in error_of(stack(tmp_path / "a.tif", told=told)).what
+def test_invalid_descriptions(tmp_path: Path, description: dict[str, Any] | str, about: str) -> None:
+    assert about in error_of(stack(tmp_path / "a.tif", description=description)).what
 
 
 def test_invalid_pages(tmp_path: Path) -> None:
@@ -136,7 +139,7 @@ def test_invalid_pages(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", [{}, {"compression": "zlib"}, {"compression": "lzw"}])
-@pytest.mark.parametrize("share", [0.001, 0.1, 0.6, 0.98])
+@pytest.mark.parametrize("share", [0.001, 0.6, 0.98])
 def test_truncated_files(tmp_path: Path, how: dict[str, Any], share: float) -> None:
     path = stack(tmp_path / "a.tif", **how)
     content = path.read_bytes()
@@ -150,6 +153,6 @@ def test_an_unrelated_file_beside_does_not_hide_the_description(tmp_path: Path) 
     assert_allclose(whole(path), CUBE)
     (tmp_path / "x.json").write_text('{"units": "mW/sr/m2/nm"}', encoding="utf-8")
     assert_allclose(whole(path), CUBE * 1e-3)
-    bare = stack(tmp_path / "y.tif", told=json.dumps({"wavelength_nm": GRID.tolist()}))
+    bare = stack(tmp_path / "y.tif", description=json.dumps({"wavelength_nm": GRID.tolist()}))
     (tmp_path / "y.json").write_text("{}", encoding="utf-8")
     assert "y.json" in error_of(bare).what

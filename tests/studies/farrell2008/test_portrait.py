@@ -9,7 +9,7 @@ import pytest
 
 from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget
-from photosite.scene.pictures import from_srgb
+from photosite.scene.pictures import from_rgb
 from photosite.studies.farrell2008.cameras import D200, VENDOR
 from photosite.studies.farrell2008.portrait import (
     FACE,
@@ -79,7 +79,7 @@ def test_a_white_surface_is_developed_white_and_a_gray_one_gray(case) -> None:
     # Photon noise only, at a third of saturation; the gray is 0.5 in linear light.
     for code, wanted in ((255, 1.0), (188, 188 / 255)):
         scene = replace(
-            from_srgb(np.full((60, 60, 3), code, np.uint8), "A", 40.0), regions=(Region("all", 5, 55, 5, 55),)
+            from_rgb(np.full((60, 60, 3), code, np.uint8), "A", 40.0), regions=(Region("all", 5, 55, 5, 55),)
         )
         sensor = case.sensor(60, 60).with_(read_noise_mv=0, dsnu_mv=0, prnu_percent=0)
         camera = Camera(case.lens, sensor)

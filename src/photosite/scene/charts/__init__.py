@@ -4,7 +4,7 @@ Each is a reflectance, which a light falls on. `charts.ramp("D65", 100, contrast
 `charts.ramp.chart(contrast=50)` returns the reflectances, to be put `.under(light, luminance)`. The arguments of the
 light and the place are those of `photosite.scene.charts.chart.Chart.under`; the luminance is the mean of the patches
 (`macbeth`, `color_checker_sg`, `hdr_patches`), of all samples of the others. A sample holds the mean of the pattern
-over its own rectangle, in closed form where there is one.
+over its own rectangle, in closed form where there is one. An invalid option raises `InputError`.
 """
 
 from photosite.scene.charts.chart import Chart as Chart
@@ -16,8 +16,6 @@ from photosite.scene.charts.color_checker import macbeth as macbeth
 from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_reflectance
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
 from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
-from photosite.scene.charts.edges import edge_star as edge_star
-from photosite.scene.charts.edges import slanted_edge as slanted_edge
 from photosite.scene.charts.fields import checkerboard as checkerboard
 from photosite.scene.charts.fields import point_grid as point_grid
 from photosite.scene.charts.fields import ramp as ramp
@@ -25,6 +23,8 @@ from photosite.scene.charts.fields import uniform as uniform
 from photosite.scene.charts.gratings import frequency_sweep as frequency_sweep
 from photosite.scene.charts.gratings import sinusoid as sinusoid
 from photosite.scene.charts.gratings import zone_plate as zone_plate
+from photosite.scene.charts.iso_12233 import edge_star as edge_star
+from photosite.scene.charts.iso_12233 import siemens_star as siemens_star
+from photosite.scene.charts.iso_12233 import slanted_edge as slanted_edge
 from photosite.scene.charts.patches import hdr_patches as hdr_patches
 from photosite.scene.charts.patches import reflectance_chart as reflectance_chart
-from photosite.scene.charts.siemens import siemens_star as siemens_star

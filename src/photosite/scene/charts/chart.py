@@ -118,16 +118,11 @@ class Chart:
         light = photons_from_energy(relative_energy(illuminant, grid), grid)
         reflectance = np.ones((1, grid.size)) if self.reflectance is None else self.reflectance
         scene = Scene(
-            self.weights,
-            reflectance * light,
-            grid,
-            distance_m,
-            width_m,
-            self.regions,
-            f"{self.name}, illuminant {light_title(illuminant)}",
-            reflectance,
-            self.relative_error,
-            self.patches,
+            *(self.weights, reflectance * light, grid, distance_m, width_m, self.regions),
+            name=f"{self.name}, illuminant {light_title(illuminant)}",
+            reflectance=reflectance,
+            relative_error=self.relative_error,
+            patches=self.patches,
         )
         if self.patch_reflectance is None:
             return scene.with_mean_luminance(luminance_cd_m2 * self.luminance_factor, rule)
@@ -159,14 +154,7 @@ def dark_share(contrast: float) -> float:
 class LitChart(Generic[P]):
     """A function that makes a chart, called with a light: `macbeth("D65")` is `macbeth.chart().under("D65")`.
 
-    The chart's own options are validated by their annotations.
-
-    Parameters
-    ----------
-    function
-        Makes the chart from its own options.
-    illuminant
-        The light where none is given.
+    The chart's own options are validated by their annotations. `illuminant` is the light where none is given.
     """
 
     __name__: str
@@ -177,9 +165,8 @@ class LitChart(Generic[P]):
         own = inspect.signature(function).parameters
         self._coloured = "wavelength_nm" in own
         shared = inspect.signature(self.__call__).parameters
-        positional = [entry for entry in shared.values() if entry.name in ("illuminant", "mean_luminance_cd_m2")]
         keyword = {name: entry for name, entry in (own | shared).items() if entry.kind is entry.KEYWORD_ONLY}
-        positional[0] = positional[0].replace(default=illuminant)
+        positional = [shared["illuminant"].replace(default=illuminant), shared["mean_luminance_cd_m2"]]
         self.__signature__ = inspect.Signature([*positional, *keyword.values()], return_annotation=Scene)
 
     def __reduce__(self) -> str:
@@ -194,7 +181,7 @@ class LitChart(Generic[P]):
             @classmethod
             def unknown(cls, name: str) -> InputError:
                 known = list(cls.model_fields)
-                hint = did_you_mean(name, known) if known else "It has no options of its own"
+                hint = did_you_mean(name, known) if known else "It has no options"
                 return InputError(f"the chart '{title}' has no option '{name}'", hint=hint)
 
         hints = get_type_hints(function, include_extras=True)
@@ -206,13 +193,7 @@ class LitChart(Generic[P]):
         return create_model(f"{title} options", __base__=Options, **own)
 
     def chart(self, *args: P.args, **options: P.kwargs) -> Chart:
-        """Return the chart, without a light.
-
-        Raises
-        ------
-        InputError
-            If an option is unknown or invalid.
-        """
+        """Return the chart, without a light."""
         grid = {"wavelength_nm": options.pop("wavelength_nm")} if "wavelength_nm" in options else {}
         values = self.options(**options)
         given = {name: getattr(values, name) for name in self.options.model_fields}

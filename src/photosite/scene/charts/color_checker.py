@@ -21,30 +21,10 @@ from photosite.values.region import Region
 from photosite.values.validated import check_choice
 
 MACBETH_NAMES: tuple[str, ...] = (
-    "dark skin",
-    "light skin",
-    "blue sky",
-    "foliage",
-    "blue flower",
-    "bluish green",
-    "orange",
-    "purplish blue",
-    "moderate red",
-    "purple",
-    "yellow green",
-    "orange yellow",
-    "blue",
-    "green",
-    "red",
-    "yellow",
-    "magenta",
-    "cyan",
-    "white",
-    "neutral 8",
-    "neutral 6.5",
-    "neutral 5",
-    "neutral 3.5",
-    "black",
+    *("dark skin", "light skin", "blue sky", "foliage", "blue flower", "bluish green"),
+    *("orange", "purplish blue", "moderate red", "purple", "yellow green", "orange yellow"),
+    *("blue", "green", "red", "yellow", "magenta", "cyan"),
+    *("white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black"),
 )
 """The ColorChecker's patches, along the rows from the top left."""
 
@@ -62,13 +42,6 @@ _TABLES: dict[str, str] = {
     "before 2014": "ColorCheckerSG - Before November 2014",
 }
 _SG_WAVELENGTH_NM = np.arange(380.0, 781.0, 5.0)
-
-
-@lru_cache(maxsize=1)
-def _macbeth_table() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    chart = colour_science().SDS_COLOURCHECKERS["ColorChecker N Ohta"]
-    patches = list(chart.values())
-    return np.asarray(patches[0].wavelengths, np.float64), np.array([p.values for p in patches], np.float64)
 
 
 def _check_range(name: str, grid: NDArray[np.float64], table: NDArray[np.float64]) -> None:
@@ -98,9 +71,9 @@ def macbeth_reflectance(wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> NDA
     True
     """
     grid = wavelength_grid(wavelength_nm)
-    table, values = _macbeth_table()
-    _check_range("ColorChecker", grid, table)
-    return np.stack([np.interp(grid, table, row) for row in values])
+    patches = list(colour_science().SDS_COLOURCHECKERS["ColorChecker N Ohta"].values())
+    _check_range("ColorChecker", grid, patches[0].wavelengths)
+    return np.stack([np.interp(grid, patch.wavelengths, patch.values) for patch in patches])
 
 
 @lit("A")
@@ -117,33 +90,23 @@ def macbeth(*, wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> Chart:
     Chart
         132 x 196 samples, 24 regions named as `MACBETH_NAMES`.
 
-    Raises
-    ------
-    InputError
-        If a wavelength is outside 380 to 780 nm.
-
     Examples
     --------
     >>> chart = macbeth("D65", 100)
     >>> chart.shape, len(chart.regions), chart.regions[18].name
     ((132, 196), 24, 'white')
     """
-    grid = wavelength_grid(wavelength_nm)
-    reflectance = macbeth_reflectance(grid)
+    reflectance = macbeth_reflectance(wavelength_nm)
     weights = np.zeros((len(reflectance), *_SHAPE), np.float32)
     for patch, (r, c) in enumerate(_CORNERS):
         weights[patch, r : r + PATCH, c : c + PATCH] = 1.0
     regions = patch_regions(MACBETH_NAMES, _CORNERS)
+    grid = wavelength_grid(wavelength_nm)
     return Chart(weights, "ColorChecker", grid, reflectance, regions, patches=True, patch_reflectance=reflectance)
 
 
 def macbeth_regions(rows: int, cols: int) -> tuple[Region, ...]:
-    """Return the regions of the 24 patches in a frame that a ColorChecker fills, as `macbeth` fills it.
-
-    Parameters
-    ----------
-    rows, cols
-        Size of the frame in pixels.
+    """Return the regions of the 24 patches in a frame of (rows, cols) pixels that a ColorChecker fills.
 
     Raises
     ------
@@ -218,11 +181,6 @@ def color_checker_sg(*, edition: Edition = "after 2014", wavelength_nm: ArrayLik
     -------
     Chart
         324 x 452 samples, 140 regions named as `SG_NAMES`.
-
-    Raises
-    ------
-    InputError
-        If the edition is unknown, or a wavelength is outside 380 to 780 nm.
 
     Examples
     --------

@@ -39,14 +39,7 @@ def left_of_line(offset: Array, slope: float) -> Array:
 
 
 def disc(rows: int, cols: int, center_row: float, center_col: float, radius: float) -> Array:
-    """Return the share (rows, cols) of each sample that a disc covers.
-
-    Parameters
-    ----------
-    rows, cols
-        Samples.
-    center_row, center_col, radius
-        In samples.
+    """Return the share (rows, cols) of each sample that a disc covers; centre and radius in samples.
 
     Notes
     -----

@@ -16,6 +16,7 @@ _MOST_POINTS = 1 << 28
 _BATCH = 1 << 13
 """Leaves drawn together; hidden ones are discarded before each is drawn."""
 
+Array = NDArray[np.float64]
 Radius = Annotated[float, Field(ge=0.5, allow_inf_nan=False)]
 
 
@@ -56,11 +57,6 @@ def dead_leaves(
         error of that, against 32 points a side, is 1.0 % of the greys' range at 4 points a side and 0.36 % at 8
         (`tests/scene/charts/test_dead_leaves.py`).
 
-    Raises
-    ------
-    InputError
-        If an option is invalid.
-
     Notes
     -----
     Two points at a distance x are on one leaf with the probability g(x) / (2 g(0) - g(x)), where g is the mean area
@@ -78,19 +74,15 @@ def dead_leaves(
     if not smallest_radius < largest:
         raise InputError("largest_radius", value=largest, expected=f"above smallest_radius, {smallest_radius:g}")
     if rows * cols * supersampling**2 > _MOST_POINTS:
-        raise InputError(
-            f"{rows} x {cols} samples of {supersampling} x {supersampling} points are too many",
-            hint="Use fewer samples or less supersampling",
-        )
+        what = f"{rows} x {cols} samples of {supersampling} x {supersampling} points are too many"
+        raise InputError(what, hint="Use fewer samples or less supersampling")
     random = np.random.Generator(np.random.Philox(key=seed))
     share = _leaves(rows, cols, smallest_radius, largest, supersampling, random)
     name = f"dead leaves of {smallest_radius:g} to {largest:g} samples, seed {seed}"
     return grey_chart(between(share, contrast), name)
 
 
-def _leaves(
-    rows: int, cols: int, smallest: float, largest: float, fine: int, random: np.random.Generator
-) -> NDArray[np.float64]:
+def _leaves(rows: int, cols: int, smallest: float, largest: float, fine: int, random: np.random.Generator) -> Array:
     """(rows, cols) mean greys from 0 to 1, from the front: a leaf is visible where no earlier one is."""
     bare = np.ones((rows * fine, cols * fine), np.bool_)
     grey = np.empty(bare.shape, np.float32)
@@ -104,17 +96,11 @@ def _leaves(
         seen = np.nonzero(_touches(bare, fine, down, along, radius))[0]
         for leaf in seen:
             _lay(bare, grey, down[leaf] * fine, along[leaf] * fine, radius[leaf] * fine, shade[leaf])
-    share: NDArray[np.float64] = grey.reshape(rows, fine, cols, fine).mean(axis=(1, 3), dtype=np.float64)
+    share: Array = grey.reshape(rows, fine, cols, fine).mean(axis=(1, 3), dtype=np.float64)
     return share
 
 
-def _touches(
-    bare: NDArray[np.bool_],
-    fine: int,
-    down: NDArray[np.float64],
-    along: NDArray[np.float64],
-    radius: NDArray[np.float64],
-) -> NDArray[np.bool_]:
+def _touches(bare: NDArray[np.bool_], fine: int, down: Array, along: Array, radius: Array) -> NDArray[np.bool_]:
     """Whether the rectangle around each leaf holds a sample with a bare point, from a summed-area table."""
     rows, cols = bare.shape[0] // fine, bare.shape[1] // fine
     table = np.zeros((rows + 1, cols + 1), np.int64)

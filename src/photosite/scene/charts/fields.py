@@ -38,11 +38,6 @@ def ramp(*, contrast: Contrast = 1000.0, logarithmic: bool = False, rows: Sample
     rows, cols
         Samples.
 
-    Raises
-    ------
-    InputError
-        If an option is invalid: a logarithmic ramp cannot begin at black.
-
     Examples
     --------
     >>> stops = ramp(contrast=1024, logarithmic=True, cols=10).weights[0, 0]
@@ -78,11 +73,6 @@ def checkerboard(
         Radiance of bright over that of dark, above 1; `math.inf` for black.
     rows, cols
         Samples.
-
-    Raises
-    ------
-    InputError
-        If an option is invalid.
 
     Examples
     --------
@@ -125,11 +115,6 @@ def point_grid(
     rows, cols
         Samples.
 
-    Raises
-    ------
-    InputError
-        If an option is invalid.
-
     Examples
     --------
     >>> stars = point_grid(pitch=8, diameter=0.5, rows=24, cols=24)
@@ -150,10 +135,7 @@ def point_grid(
         cell[0] += cell[pitch]  # with an even pitch the disc can extend into the next cell
         cell[:, 0] += cell[:, pitch]
         cell = cell[:pitch, :pitch]
-    share = np.take(
-        np.take(cell, (np.arange(rows) - rows // 2 + pitch // 2) % pitch, axis=0),
-        (np.arange(cols) - cols // 2 + pitch // 2) % pitch,
-        axis=1,
-    )
+    down, along = ((np.arange(count) - count // 2 + pitch // 2) % pitch for count in (rows, cols))
+    share = cell[down[:, None], along]
     size = "of one sample" if diameter is None else f"of diameter {diameter:g}"
     return grey_chart(between(share, contrast), f"points {size} every {pitch} samples")

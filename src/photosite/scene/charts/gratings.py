@@ -48,11 +48,6 @@ def sinusoid(
     rows, cols
         Samples.
 
-    Raises
-    ------
-    InputError
-        If an option is invalid.
-
     Notes
     -----
     The mean of a sine over a sample is the sine at its centre times sinc(fx) sinc(fy). That of bars is a second
@@ -111,15 +106,8 @@ def frequency_sweep(
     ----------
     lowest, highest
         Frequencies at the left and right borders, in cycles per sample, above 0 and up to 0.5.
-    contrast
+    contrast, rows, cols
         As for `sinusoid`.
-    rows, cols
-        Samples.
-
-    Raises
-    ------
-    InputError
-        If an option is invalid.
 
     Notes
     -----
@@ -157,15 +145,8 @@ def zone_plate(
     highest
         Frequency at the ends of the longer axis, cols / 2 or rows / 2 samples from the centre, whichever is more; above
         0 and up to 0.5 cycles per sample.
-    contrast
+    contrast, rows, cols
         As for `sinusoid`.
-    rows, cols
-        Samples.
-
-    Raises
-    ------
-    InputError
-        If an option is invalid.
 
     Notes
     -----

@@ -90,6 +90,7 @@ def reflectance_chart(
     samples = np.zeros((len(basis), *shape), np.float32)
     for patch, (r, c) in zip(weights, corners, strict=False):
         samples[:, r : r + PATCH, c : c + PATCH] = patch[:, None, None]
+    error = float(np.linalg.norm(values - weights @ basis) / np.linalg.norm(values)) if values.any() else 0.0
     return Chart(
         samples,
         name,
@@ -98,33 +99,22 @@ def reflectance_chart(
         patch_regions(titles, corners),
         patches=True,
         patch_reflectance=values.mean(axis=0)[None],
-        relative_error=float(np.linalg.norm(values - weights @ basis) / np.linalg.norm(values))
-        if values.any()
-        else 0.0,
+        relative_error=error,
     )
-
-
-def _relative_error(values: NDArray[np.float64], reduced: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(values - reduced) / np.linalg.norm(values)) if values.any() else 0.0
 
 
 def _checked(reflectance: ArrayLike, grid: NDArray[np.float64], rows: int, cols: int) -> NDArray[np.float64]:
     values = np.asarray(reflectance, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != grid.size or len(values) == 0:
-        raise InputError(
-            "reflectance", value=values.shape, expected=f"(patches, wavelengths), with {grid.size} wavelengths"
-        )
+        expected = f"(patches, wavelengths), with {grid.size} wavelengths"
+        raise InputError("reflectance", value=values.shape, expected=expected)
     if rows < 1 or cols < 1 or len(values) > rows * cols:
         raise InputError(f"{len(values)} patches do not fit on {rows} rows of {cols}")
     wrong = ~np.isfinite(values) | (values < 0)
     if wrong.any():
         patch, band = np.argwhere(wrong)[0]
-        raise InputError(
-            "reflectance",
-            where=f"patch {patch + 1} at {grid[band]:g} nm",
-            value=values[patch, band],
-            expected="0 or more",
-        )
+        where = f"patch {patch + 1} at {grid[band]:g} nm"
+        raise InputError("reflectance", where=where, value=values[patch, band], expected="0 or more")
     return values
 
 
@@ -159,11 +149,6 @@ def hdr_patches(
         A region for each patch, named by its density, the decimal logarithm of the brightest's radiance over its own:
         "density 0.00" to "density 6.00".
 
-    Raises
-    ------
-    InputError
-        If an option is invalid.
-
     Notes
     -----
     After the transparent charts of ISO 14524 and ISO 15739, whose densities are in steps; not a copy of one.
@@ -175,17 +160,16 @@ def hdr_patches(
     ['density 0.00', 'density 2.00', 'density 4.00', 'density 6.00']
     """
     cols = math.ceil(math.sqrt(1.5 * patches))
-    rows = math.ceil(patches / cols)
-    shape, corners = patch_grid(rows, cols)
-    order = [
-        corners[row * cols + (col if row % 2 == 0 else cols - 1 - col)] for row in range(rows) for col in range(cols)
-    ][:patches]
+    shape, corners = patch_grid(math.ceil(patches / cols), cols)
+    in_rows = [corners[first : first + cols] for first in range(0, len(corners), cols)]
+    order = [corner for number, row in enumerate(in_rows) for corner in (row[::-1] if number % 2 else row)][:patches]
     density = decades * np.arange(patches) / (patches - 1)
     levels = 10.0**-density
     pattern = np.zeros(shape)
     for level, (r, c) in zip(levels, order, strict=True):
         pattern[r : r + PATCH, c : c + PATCH] = level
-    names = [f"density {step:.{_digits(decades, patches)}f}" for step in density]
+    digits = max(2, math.ceil(-math.log10(decades / (patches - 1))) + 1)  # that distinguish neighbours
+    names = [f"density {step:.{digits}f}" for step in density]
     return grey_chart(
         pattern,
         f"{patches} greys over {decades:g} decades",
@@ -193,8 +177,3 @@ def hdr_patches(
         patches=True,
         luminance_factor=float(pattern.mean() / levels.mean()),
     )
-
-
-def _digits(decades: float, patches: int) -> int:
-    """Digits that distinguish the densities of neighbours."""
-    return max(2, math.ceil(-math.log10(decades / (patches - 1))) + 1)

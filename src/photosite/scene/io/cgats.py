@@ -16,14 +16,12 @@ from photosite.errors import FileError
 from photosite.files.atomic import atomic_path
 from photosite.scene.io.patch_table import (
     PatchTable,
-    chart_scene,
     checked_names,
     number,
     patch_table,
     patches_across,
     read_text,
 )
-from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.units import Units
 
@@ -38,30 +36,13 @@ class _Section:
     """A table: its keywords, fields, and sets with the line on which each ends."""
 
     keywords: dict[str, str]
-    fields: tuple[str, ...]
-    sets: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...]
-
-
-def read(path: Path, options: ReadOptions) -> Scene:
-    """Read a chart.
-
-    Raises
-    ------
-    FileError
-        As `read_patches` and `photosite.scene.io.patch_table.chart_scene`.
-    """
-    return chart_scene(read_patches(path), options)
+    fields: list[str]
+    sets: list[list[str]]
+    lines: list[int]
 
 
 def read_patches(path: Path) -> PatchTable:
-    """Read the first table with spectra.
-
-    Raises
-    ------
-    FileError
-        If there is none, or the file is damaged; with the line where known.
-    """
+    """Read the first table with spectra; errors have the line where it is known."""
     sections = _sections(path, read_text(path))
     if not sections:
         raise FileError(path, "is not a CGATS file: it has no BEGIN_DATA_FORMAT")
@@ -134,15 +115,11 @@ def _section(
             raise FileError(path, "number of values", odd[0], value=odd[1], expected=expected)
         last = rows[-1][0]
         sets = [words[k : k + len(fields)] for k in range(0, len(words), len(fields))]
-        return _Section(dict(keywords), tuple(fields), tuple(map(tuple, sets)), (last,) * len(sets))
+        return _Section(dict(keywords), fields, sets, [last] * len(sets))
     if wanted is not None and wanted != str(len(rows)):
-        hint = "Check that the file is complete"
-        raise FileError(
-            path, "NUMBER_OF_SETS", begun, value=wanted[:20], expected=f"{len(rows)}, as present", hint=hint
-        )
-    return _Section(
-        dict(keywords), tuple(fields), tuple(tuple(words) for _, words in rows), tuple(line for line, _ in rows)
-    )
+        expected, hint = f"{len(rows)}, as present", "Check that the file is complete"
+        raise FileError(path, "NUMBER_OF_SETS", begun, value=wanted[:20], expected=expected, hint=hint)
+    return _Section(dict(keywords), fields, [words for _, words in rows], [line for line, _ in rows])
 
 
 def _table(path: Path, section: _Section) -> PatchTable:
@@ -157,19 +134,12 @@ def _table(path: Path, section: _Section) -> PatchTable:
         wavelengths = [float(match[1].replace("_", ".")) for _, match in matches]
         units = _norm(path, section.keywords)
     values = [
-        [number(path, words[k], line, f"{section.fields[k]}", gaps=True) for k in columns]
+        [number(path, words[k], line, section.fields[k], gaps=True) for k in columns]
         for words, line in zip(section.sets, section.lines, strict=True)
     ]
-    across = section.keywords.get("LGOROWLENGTH", "")
-    return PatchTable(
-        path,
-        _names(path, section),
-        np.array(wavelengths),
-        np.array(values),
-        units,
-        patches_across(across),
-        section.keywords.get("DESCRIPTOR") or None,
-    )
+    across, title = section.keywords.get("LGOROWLENGTH", ""), section.keywords.get("DESCRIPTOR") or None
+    names, grid = _names(path, section), np.array(wavelengths)
+    return PatchTable(path, names, grid, np.array(values), units, patches_across(across), title)
 
 
 def _pairs(path: Path, section: _Section) -> tuple[list[float], list[int], Units]:
@@ -206,18 +176,12 @@ def _names(path: Path, section: _Section) -> tuple[str, ...]:
         if len(set(names)) == len(names) and all(names):
             return tuple(names)
     if present:
-        return checked_names(path, [words[present[-1]] for words in section.sets], list(section.lines))
+        return checked_names(path, [words[present[-1]] for words in section.sets], section.lines)
     return tuple(str(k) for k in range(1, len(section.sets) + 1))
 
 
 def write(scene: Scene, path: Path) -> None:
-    """Write the reflectances of a chart's patches.
-
-    Raises
-    ------
-    FileError
-        If the scene has no patches, its reflectance is not known, or the file cannot be written.
-    """
+    """Write the reflectances of a chart's patches."""
     table = patch_table(scene, path)
     if table.units is None or table.units.quantity != "reflectance":
         what = "cannot be written: CGATS needs reflectances, and the scene's are unknown"

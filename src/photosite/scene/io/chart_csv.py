@@ -20,14 +20,12 @@ from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.io.patch_table import (
     PatchTable,
-    chart_scene,
     checked_names,
     number,
     patch_table,
     patches_across,
     read_text,
 )
-from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.units import Units, parse_units
 
@@ -41,25 +39,8 @@ _AXIS = re.compile(
 _EXPECTED = "a heading 'patch,400,410,...' with a line per patch, or 'wavelength_nm,first,second,...'"
 
 
-def read(path: Path, options: ReadOptions) -> Scene:
-    """Read a chart.
-
-    Raises
-    ------
-    FileError
-        As `read_patches` and `photosite.scene.io.patch_table.chart_scene`.
-    """
-    return chart_scene(read_patches(path), options)
-
-
 def read_patches(path: Path) -> PatchTable:
-    """Read the table of a file.
-
-    Raises
-    ------
-    FileError
-        If the file is not such a table; with the line where known.
-    """
+    """Read the table of a file; errors have the line where it is known."""
     comments, lines = _lines(read_text(path))
     if len(lines) < 2:
         raise FileError(path, f"has no chart; expected {_EXPECTED}")
@@ -129,13 +110,7 @@ def _by_lines(path: Path, heading: Line, body: list[Line], unit: str | None) -> 
 
 
 def write(scene: Scene, path: Path) -> None:
-    """Write the patches of a chart: reflectances where known, else energy radiance.
-
-    Raises
-    ------
-    FileError
-        If the scene has no patches, or the file cannot be written.
-    """
+    """Write the patches of a chart: reflectances where known, else energy radiance."""
     table = patch_table(scene, path)
     reflects = table.units is not None and table.units.quantity == "reflectance"
     title = " ".join((table.title or "").split())

@@ -33,7 +33,7 @@ _CURVE_TOLERANCE = 1e-3
 _MIXTURE_TOLERANCE = 5e-3
 _GAMUT_TOLERANCE = 2e-3
 """Linear sRGB this far outside 0 to 1 is rounding of a profile's entries."""
-_HDR_TRANSFERS = (16, 18)
+_HDR_TRANSFERS = (b"\x10", b"\x12")
 """PQ and HLG in ITU-T H.273."""
 _SPACES = tuple({full: name for name, full in reversed(SPACES.items())}.values())
 """The known spaces, each under the shorter of its names."""
@@ -53,16 +53,9 @@ _SAVE_AS_SRGB = "Save the picture as sRGB"
 
 @dataclass(frozen=True)
 class RgbSpace:
-    """What red, green and blue of a picture mean.
+    """What red, green and blue of a picture mean: a space of `photosite.scene.picture_colors.SPACES`.
 
-    Parameters
-    ----------
-    name
-        A name of `photosite.scene.picture_colors.SPACES`.
-    linear
-        Whether values are proportional to light.
-    profile
-        An ICC profile, which `decoded` applies first.
+    With `linear`, values are proportional to light. An ICC profile is applied by `decoded` first.
     """
 
     name: str
@@ -87,13 +80,7 @@ SRGB = RgbSpace("sRGB")
 
 
 def space_of_profile(path: Path, profile: bytes) -> RgbSpace:
-    """Return the color space of an ICC profile.
-
-    Raises
-    ------
-    FileError
-        If the profile is damaged, not of RGB, or of an HDR picture.
-    """
+    """Return the color space of an ICC profile."""
     if len(profile) >= 20 and profile[16:20] != b"RGB ":
         space = profile[16:20].decode("latin-1").strip()
         raise FileError(path, "color space of the ICC profile", value=space, expected="RGB", hint=_SAVE_AS_SRGB)
@@ -115,21 +102,11 @@ def _is_hdr(profile: bytes) -> bool:
     """LittleCMS ignores the tag that marks HDR, and the other tags of such profiles are meaningless."""
     at = profile.find(b"cicp", 132)
     start = int.from_bytes(profile[at + 4 : at + 8], "big") if at > 0 else 0
-    return profile[start : start + 4] == b"cicp" and profile[start + 9 : start + 10] in map(_byte, _HDR_TRANSFERS)
-
-
-def _byte(value: int) -> bytes:
-    return bytes([value])
+    return profile[start : start + 4] == b"cicp" and profile[start + 9 : start + 10] in _HDR_TRANSFERS
 
 
 def _transformed(values: Array, profile: bytes) -> Array:
-    """Return (..., 3) values from 0 to 1 as XYZ relative to D50.
-
-    Raises
-    ------
-    ValueError
-        If LittleCMS cannot use the profile.
-    """
+    """Return (..., 3) values from 0 to 1 as XYZ relative to D50; `ValueError` if LittleCMS cannot use the profile."""
     import imagecodecs
 
     try:
@@ -156,10 +133,8 @@ def _known_space(profile: bytes) -> RgbSpace | None:
         ramps[k, :, k] = _STEPS
     seen = _transformed(ramps, profile)
     colorants = seen[:, -1]
-    curves = (
-        np.einsum("ksx,kx->ks", seen, colorants)
-        / np.maximum(np.einsum("kx,kx->k", colorants, colorants), 1e-9)[:, None]
-    )
+    power = np.maximum(np.einsum("kx,kx->k", colorants, colorants), 1e-9)
+    curves = np.einsum("ksx,kx->ks", seen, colorants) / power[:, None]
     steps = np.linspace(0, 255, 6).astype(int)
     mixed = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(1, -1, 3)
     sums = np.stack([curves[k, mixed[..., k]] for k in range(3)], axis=-1) @ colorants
@@ -189,13 +164,7 @@ def _curve(space: str) -> Array:
 
 
 def space_of_picture(path: Path, picture: Any) -> RgbSpace:
-    """Return the color space of a PNG or JPEG file that Pillow opened.
-
-    Raises
-    ------
-    FileError
-        If the space is unknown.
-    """
+    """Return the color space of a PNG or JPEG file that Pillow opened."""
     info = picture.info
     if profile := info.get("icc_profile"):
         return space_of_profile(path, profile)
@@ -219,18 +188,9 @@ def exif_of(picture: Any) -> Any:
 
 
 def space_of_tiff(path: Path, page: Any) -> RgbSpace:
-    """Return the color space of a page that tifffile read.
-
-    Raises
-    ------
-    FileError
-        If the space is unknown.
-    """
-    tags = {
-        code: page.tags[code].value
-        for code in (_ICC, _WHITE_POINT, _TIFF_PRIMARIES, _TRANSFER, _EXIF)
-        if code in page.tags
-    }
+    """Return the color space of a page that tifffile read."""
+    codes = (_ICC, _WHITE_POINT, _TIFF_PRIMARIES, _TRANSFER, _EXIF)
+    tags = {code: page.tags[code].value for code in codes if code in page.tags}
     if _ICC in tags:
         return space_of_profile(path, bytes(tags[_ICC]))
     for code, wanted in ((_WHITE_POINT, _WHITE), (_TIFF_PRIMARIES, _PRIMARIES)):
@@ -254,9 +214,8 @@ def _check_primaries(path: Path, stated: ArrayLike, wanted: tuple[float, ...]) -
     values = np.asarray(stated, np.float64)
     if values.shape != (len(wanted),) or not np.allclose(values, wanted, atol=0.005):
         shown = [float(f"{value:.4g}") for value in values.ravel()[:8]]
-        raise FileError(
-            path, "primaries and white", value=shown, expected=f"sRGB's, {list(wanted)}", hint=_SAVE_AS_SRGB
-        )
+        expected = f"sRGB's, {list(wanted)}"
+        raise FileError(path, "primaries and white", value=shown, expected=expected, hint=_SAVE_AS_SRGB)
 
 
 def _fractions(values: Any) -> Array:

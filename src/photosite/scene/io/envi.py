@@ -22,7 +22,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.scene.bands import wavelengths_in_nm
 from photosite.scene.cube import Array, Interleave, RawCube, SpectralCube, select_bands
-from photosite.scene.io.units import file_units, override_units
+from photosite.scene.io.stated import Stated, file_units, override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
@@ -35,13 +35,7 @@ _INTERLEAVES: tuple[Interleave, ...] = ("bsq", "bil", "bip")
 
 
 def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
-    """Open the cube of an ENVI file, named by its header or by its data.
-
-    Raises
-    ------
-    FileError
-        If one of the two is missing, they do not fit together, or the header lacks required fields.
-    """
+    """Open the cube of an ENVI file, named by its header or by its data."""
     header_path = _header_of(path)
     header = _read_header(header_path)
     with _library_errors(header_path):
@@ -67,31 +61,30 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
         raise FileError(header_path, "is a library of spectra, not an image")
     data_path = _data_of(path, header_path)
     _check_size(header_path, data_path, offset + math.prod(shape) * dtype.itemsize)
-    values = _list(header_path, header, "wavelength", bands)
+    stated = Stated(header_path, header)
+    values = stated.numbers("wavelength", bands)
     unit = str(header["wavelength units"]) if "wavelength units" in header else None
     if unit is not None and unit.strip().lower() in ("", "unknown"):
         unit = None
-    units = _units(header_path, header, options)
-    gain = _list(header_path, header, "data gain values", bands)
-    if _list(header_path, header, "data offset values", bands, 0.0) is not None:
+    units = _units(header_path, header, stated.number("reflectance scale factor", above_0=True), options)
+    gain, added = stated.numbers("data gain values", bands), stated.numbers("data offset values", bands)
+    if added is not None and added.any():
         raise FileError(header_path, "has data offset values, which are not supported", hint="Apply them to the data")
     cube = RawCube(
         name=str(path),
         shape=shape,
         wavelength_nm=wavelengths_in_nm(header_path, values, unit, options.wavelength_nm),
         quantity=units.quantity,
-        light=_list(header_path, header, "light", bands),
-        distance_m=_number(header_path, header, "distance m"),
-        width_m=_number(header_path, header, "width m"),
         title=path.stem,
         path=data_path,
         dtype=dtype,
         interleave=interleave,
         offset=offset,
         scale=units.scale if gain is None else units.scale * gain,
-        no_data=_number(header_path, header, "data ignore value", any_sign=True),
+        **stated.head(bands, "data ignore value"),
     )
-    return select_bands(cube, _good_bands(header_path, header, bands))
+    bbl = stated.numbers("bbl", bands)
+    return cube if bbl is None or bbl.all() else select_bands(cube, _good_bands(header_path, bbl))
 
 
 def _header_of(path: Path) -> Path:
@@ -139,8 +132,8 @@ def _read_header(path: Path) -> Mapping[str, Any]:
     with _library_errors(path):
         from spectral.io import envi
 
-        header: Mapping[str, Any] = envi.read_envi_header(str(path))
-        return header
+        header = envi.read_envi_header(str(path))
+        return {{"distance m": "distance_m", "width m": "width_m"}.get(name, name): header[name] for name in header}
 
 
 def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
@@ -150,22 +143,18 @@ def _check_size(header_path: Path, data_path: Path, wanted: int) -> None:
         raise FileError(data_path, "size", value=f"{size} bytes", expected=f"{wanted} bytes by its header", hint=hint)
 
 
-def _good_bands(path: Path, header: Mapping[str, Any], bands: int) -> NDArray[np.bool_]:
-    """Return (bands,) whether each band is good: bbl is not 0. Warn of bad bands."""
-    listed = _list(path, header, "bbl", bands)
-    if listed is None or (listed != 0).all():
-        return np.ones(bands, np.bool_)
-    bad = np.flatnonzero(listed == 0)
-    if len(bad) == bands:
+def _good_bands(path: Path, bbl: Array) -> NDArray[np.bool_]:
+    """Return (bands,) whether each band is good, with a warning of bad ones."""
+    bad = np.flatnonzero(bbl == 0)
+    if len(bad) == bbl.size:
         raise FileError(path, "marks all its bands as bad (bbl)", hint="Mark good bands with 1, or remove bbl")
-    what = f"{len(bad)} of {bands} bands are marked as bad (bbl) and skipped, the first is band {bad[0] + 1}"
+    what = f"{len(bad)} of {bbl.size} bands are marked as bad (bbl) and skipped, the first is band {bad[0] + 1}"
     hint = "Remove bbl from the header to use them"
     warnings.warn(PhotositeWarning(what, where=str(path), hint=hint), stacklevel=3)
-    return np.asarray(listed != 0)
+    return np.asarray(bbl != 0)
 
 
-def _units(path: Path, header: Mapping[str, Any], options: ReadOptions) -> Units:
-    factor = _number(path, header, "reflectance scale factor")
+def _units(path: Path, header: Mapping[str, Any], factor: float | None, options: ReadOptions) -> Units:
     stated = next((header[name] for name in _UNIT_FIELDS if name in header), None)
     if factor is None:
         return file_units(path, options, stated)
@@ -181,42 +170,8 @@ def _units(path: Path, header: Mapping[str, Any], options: ReadOptions) -> Units
     return override_units(path, options.units, text, own)
 
 
-def _list(path: Path, header: Mapping[str, Any], name: str, bands: int, neutral: float | None = None) -> Array | None:
-    """Return a field's (bands,) numbers; None where it is missing, or `neutral` throughout."""
-    if name not in header:
-        return None
-    given = header[name]
-    try:
-        values = np.array([float(value) for value in (given if isinstance(given, list) else [given])])
-    except ValueError:
-        values = np.empty(0)
-    if values.size != bands or not np.isfinite(values).all():
-        raise FileError(path, name, value=given, expected=f"{bands} finite numbers, one for each band")
-    return None if neutral is not None and (values == neutral).all() else values
-
-
-def _number(path: Path, header: Mapping[str, Any], name: str, *, any_sign: bool = False) -> float | None:
-    if name not in header:
-        return None
-    try:
-        value = float(header[name])
-    except (ValueError, TypeError):
-        raise FileError(path, name, value=header[name], expected="a number") from None
-    if not any_sign and not (math.isfinite(value) and value > 0):
-        raise FileError(path, name, value=value, expected="above 0")
-    return value if math.isfinite(value) else None  # NaN is missing data in any case
-
-
 def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
-    """Write header and data (.img) of a scene's photon radiance at every sample, in single precision.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be written.
-    InputError
-        If the interleave is unknown.
-    """
+    """Write header and data (.img) of a scene's photon radiance at every sample, in single precision."""
     kind = next((kind for kind in _INTERLEAVES if kind == interleave), None)
     if kind is None:
         raise InputError("interleave", value=interleave, expected="'bsq', 'bil' or 'bip'")

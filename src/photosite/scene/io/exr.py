@@ -30,9 +30,9 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.atomic import atomic_path
 from photosite.files.quiet import no_stderr
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Block, CubeHead, SpectralCube
+from photosite.scene.cube import Block, SpectralCube
 from photosite.scene.io.picture import scene_of_light
-from photosite.scene.io.units import override_units
+from photosite.scene.io.stated import override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import primaries_to_srgb
 from photosite.scene.scene import Scene
@@ -69,17 +69,7 @@ _PLAIN = re.compile(r"(\d+(?:[.,]\d+)?)nm")
 
 @dataclass(frozen=True)
 class SpectralChannel:
-    """A channel of one wavelength.
-
-    Parameters
-    ----------
-    name
-        Name in the file.
-    kind
-        What the channel holds.
-    wavelength_nm
-        Center of the band.
-    """
+    """A channel of one wavelength, the center of its band; `kind` is what it holds."""
 
     name: str
     kind: Kind
@@ -103,20 +93,13 @@ def spectral_channel(name: str) -> SpectralChannel | None:
         if not float(number.replace(",", ".")) > 0:
             return None
         wavelength_nm = colour_science().io.fichet2021.match_groups_to_nm(number, prefix or "", unit)
-        return SpectralChannel(name, _kind_of_layer(layer, rest is not None), float(f"{wavelength_nm:.9g}"))
+        kind: Kind = "emissive" if layer == "S0" else "reflective" if layer in ("T", "M00") else "polarised"
+        return SpectralChannel(name, "reradiated" if rest else kind, float(f"{wavelength_nm:.9g}"))
     if match := _BAND.fullmatch(name):
         return SpectralChannel(name, "plain", (float(match[1]) + float(match[2])) / 2)
     if match := _PLAIN.fullmatch(name):
         return SpectralChannel(name, "plain", float(match[1].replace(",", ".")))
     return None
-
-
-def _kind_of_layer(layer: str, reradiated: bool) -> Kind:
-    if reradiated:
-        return "reradiated"
-    if layer == "S0":
-        return "emissive"
-    return "reflective" if layer in ("T", "M00") else "polarised"
 
 
 def channel_name(wavelength_nm: float) -> str:
@@ -166,13 +149,7 @@ def color_channels(names: Sequence[str]) -> tuple[str, str, str] | None:
 
 
 def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
-    """Open a spectral file as a cube, or read a picture as a scene.
-
-    Raises
-    ------
-    FileError
-        If the file is damaged, has neither spectral channels nor red, green and blue, or no units are stated or given.
-    """
+    """Open a spectral file as a cube, or read a picture as a scene."""
     parts = parts_of(path)
     units = None if options.units is None else parse_units(options.units)
     for part in parts:
@@ -194,18 +171,8 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ExrCube(CubeHead):
-    """The spectral channels of a part.
-
-    Parameters
-    ----------
-    part
-        The part.
-    channels
-        Their names, in order of wavelength.
-    scale
-        Factor from values to SI.
-    """
+class ExrCube(SpectralCube):
+    """The spectral channels of a part, in order of wavelength; `scale` converts their values to SI."""
 
     part: ExrPart
     channels: tuple[str, ...]
@@ -244,12 +211,8 @@ def _choose_kind(path: Path, found: dict[Kind, tuple[SpectralChannel, ...]], uni
     radiance: Kind = "emissive" if "emissive" in found else "plain"
     if "reflective" in found and radiance in found:
         if units is None:
-            raise FileError(
-                path,
-                "has radiance (S0) and reflectance (T)",
-                hint="Pass {units}, or 'reflectance'",
-                arguments={"units": "W/m2/sr/nm"},
-            )
+            what, hint = "has radiance (S0) and reflectance (T)", "Pass {units}, or 'reflectance'"
+            raise FileError(path, what, hint=hint, arguments={"units": "W/m2/sr/nm"})
         return "reflective" if units.quantity == "reflectance" else radiance
     return next(kind for kind in (radiance, "reflective", "reradiated", "polarised") if kind in found)
 
@@ -289,12 +252,9 @@ def _units_of(part: ExrPart, options: ReadOptions) -> Units:
     if options.units is not None:
         return override_units(part.path, options.units, stated)
     if stated is None:
-        raise FileError(
-            part.path,
-            "does not state the units of its radiance (emissiveUnits)",
-            hint="Pass {units}, or 'relative' and {mean_luminance_cd_m2}",
-            arguments={"units": "W/m2/sr/nm", "mean_luminance_cd_m2": 100},
-        )
+        what, hint = "does not state the units of its radiance (emissiveUnits)", "Pass {units}, or 'relative' and "
+        arguments = {"units": "W/m2/sr/nm", "mean_luminance_cd_m2": 100}
+        raise FileError(part.path, what, hint=hint + "{mean_luminance_cd_m2}", arguments=arguments)
     try:
         return parse_units(stated)
     except InputError as error:
@@ -327,13 +287,9 @@ def _picture(part: ExrPart, names: tuple[str, str, str], options: ReadOptions) -
     cd/m2, unless the options give the mean.
     """
     mean, white = options.mean_luminance_cd_m2, part.number("whiteLuminance")
-    if mean is None and white is None:
-        raise FileError(
-            part.path,
-            "does not state the luminance of white (whiteLuminance)",
-            hint="Pass {mean_luminance_cd_m2}",
-            arguments={"mean_luminance_cd_m2": 100},
-        )
+    if white is None:
+        what = "does not state the luminance of white (whiteLuminance)"
+        options.require(part.path, what, mean_luminance_cd_m2=100)
     linear = np.moveaxis(_linear_srgb(part, names, options), 0, 2)
     return scene_of_light(part.path, linear, options, white if mean is None else None)
 
@@ -375,24 +331,9 @@ def _to_srgb(part: ExrPart) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class ExrPart:
-    """An image in a file, before its values are read.
+    """An image in a file of so many `parts`, before its values are read.
 
-    Parameters
-    ----------
-    path
-        The file.
-    index
-        Of the part.
-    rows, cols
-        Of the data window, which has all the values.
-    first_row
-        Of the data window.
-    channels
-        Their names, in the file's order.
-    attributes
-        Of the part.
-    parts
-        Number of parts in the file.
+    Rows and columns are those of the data window, which has all the values; channels are in the file's order.
     """
 
     path: Path
@@ -420,13 +361,7 @@ class ExrPart:
         return value if np.isfinite(value) and value > 0 else None
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
-        """Yield first row and (channels, n, cols) values of all rows in order.
-
-        Raises
-        ------
-        FileError
-            If the file is truncated or damaged, or a part other than the first is larger than 4 GiB.
-        """
+        """Yield first row and (channels, n, cols) values of all rows in order."""
         if self.index == 0:
             yield from self._rows_of_first_part(names, rows)
             return
@@ -469,13 +404,7 @@ class ExrPart:
 
 
 def parts_of(path: Path) -> tuple[ExrPart, ...]:
-    """Read the headers of a file's parts.
-
-    Raises
-    ------
-    FileError
-        If the file is not OpenEXR, is damaged, or the extra is missing.
-    """
+    """Read the headers of a file's parts."""
     library = _library(path)
     try:
         with path.open("rb") as file:
@@ -513,27 +442,18 @@ def _part(path: Path, index: int, head: Mapping[str, Any], parts: int) -> ExrPar
 def write(scene: Scene, path: Path, *, half: bool = False) -> None:
     """Write a scene's energy radiance in the layout for spectral images, some rows at a time.
 
-    Parameters
-    ----------
-    scene
-        The scene. Its regions and reflectances are not kept; the layout has no place for them.
-    path
-        The file.
-    half
-        Write 16-bit floats, in the unit (W, mW, uW or nW per m2, sr and nm) in which the brightest value still fits:
-        relative errors up to 5e-4, of values down to a billionth of the brightest.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written, or the extra is missing.
-    InputError
-        If the scene is too bright for 16-bit floats.
+    The layout has no place for regions and reflectances. With `half`, values are 16-bit floats in the unit (W, mW, uW
+    or nW per m2, sr and nm) in which the brightest one still fits: relative errors up to 5e-4, of values down to a
+    billionth of the brightest.
     """
     cube = cube_of_scene(scene)
-    rows, cols, _ = cube.shape
-    prefix, factor = _power(scene) if half else _POWERS[0]
-    per_photon = energy_from_photons(np.ones(scene.wavelength_nm.size), scene.wavelength_nm) * factor
+    rows, cols, bands = cube.shape
+    step = max(1, _WRITE_BYTES // (8 * cols * bands))
+    per_photon = energy_from_photons(np.ones(scene.wavelength_nm.size), scene.wavelength_nm)
+    prefix, factor = _POWERS[0]
+    if half:
+        prefix, factor = _power(max(float((block * per_photon).max()) for _, block in cube.blocks(step)))
+    per_photon = per_photon * factor
     attributes = {
         "spectralLayoutVersion": "1.0",
         _UNITS: f"{prefix}{_LAYOUT_UNITS}.nm^-1",
@@ -542,22 +462,13 @@ def write(scene: Scene, path: Path, *, half: bool = False) -> None:
     }
     if scene.width_m is not None:
         attributes[_WIDTH] = repr(float(scene.width_m))
-    planes = (np.moveaxis(block * per_photon, 2, 0).astype(np.float32) for _, block in cube.blocks(_rows_of(cube)))
+    planes = (np.moveaxis(block * per_photon, 2, 0).astype(np.float32) for _, block in cube.blocks(step))
     names = [channel_name(wavelength) for wavelength in scene.wavelength_nm]
-    _write_rows(path, (rows, cols), names, planes, half=half, attributes=attributes)
+    _write_rows(path, (rows, cols), names, planes, half, attributes)
 
 
-def _rows_of(cube: SpectralCube) -> int:
-    """Return how many rows are written together."""
-    _, cols, bands = cube.shape
-    return max(1, _WRITE_BYTES // (8 * cols * bands))
-
-
-def _power(scene: Scene) -> tuple[str, float]:
-    """Return the smallest unit of power in which 16-bit floats hold the scene's brightest value."""
-    cube = cube_of_scene(scene)
-    per_photon = energy_from_photons(np.ones(scene.wavelength_nm.size), scene.wavelength_nm)
-    brightest = max(float((block * per_photon).max()) for _, block in cube.blocks(_rows_of(cube)))
+def _power(brightest: float) -> tuple[str, float]:
+    """Return the smallest unit of power in which 16-bit floats hold the brightest value in W/m2/sr/nm."""
     for prefix, factor in reversed(_POWERS):
         if brightest * factor <= _LARGEST_HALF:
             return prefix, factor
@@ -570,7 +481,6 @@ def _write_rows(
     shape: tuple[int, int],
     channels: Sequence[str],
     blocks: Iterator[NDArray[np.float32]],
-    *,
     half: bool,
     attributes: Mapping[str, str],
 ) -> None:

@@ -1,4 +1,4 @@
-"""Reading and writing of scene files of any known format."""
+"""Reading, writing and conversion of scene files of any known format."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.scene.bands import within_range
-from photosite.scene.cube import SpectralCube, release, select_bands
-from photosite.scene.io.formats import FORMATS, format_of
+from photosite.scene.cube import SpectralCube, select_bands
+from photosite.scene.io.formats import FORMATS, format_of, not_reduced
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import reduce_cube
 from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
+from photosite.scene.scene_cube import Reduction, reduce_cube
 
 
 def read_scene(path: str | PathLike[str], *, progress: Progress | None = None, **options: Any) -> Scene:
@@ -54,27 +54,21 @@ def read_scene(path: str | PathLike[str], *, progress: Progress | None = None, *
     """
     read_options = ReadOptions(**options)
     file = Path(path)
-    found = open_scene(file, read_options)
+    found = _opened(file, read_options)
     if isinstance(found, Scene):
         return found
     try:
         reduction = reduce_cube(found, read_options, progress=progress)
     finally:
-        release(found)
+        found.release()
     counts = ((reduction.no_data_values, "missing"), (reduction.negative_values, "negative"))
     if replaced := " and ".join(f"{count} {what}" for count, what in counts if count):
         warnings.warn(PhotositeWarning(f"{replaced} values were read as 0", where=str(file)), stacklevel=2)
     return reduction.scene
 
 
-def open_scene(path: Path, options: ReadOptions) -> SpectralCube | Scene:
-    """Return what a file holds, before any reduction: a cube of the wanted bands, or a scene.
-
-    Raises
-    ------
-    FileError
-        As for `read_scene`.
-    """
+def _opened(path: Path, options: ReadOptions) -> SpectralCube | Scene:
+    """Return what a file holds, before any reduction: a cube of the wanted bands, or a scene."""
     found = format_of(path).open(path, options)
     if isinstance(found, Scene):
         return found
@@ -82,14 +76,7 @@ def open_scene(path: Path, options: ReadOptions) -> SpectralCube | Scene:
 
 
 def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
-    """Open a spectral file, to read its values block by block.
-
-    Parameters
-    ----------
-    path
-        The file.
-    **options
-        As for `read_scene`.
+    """Open a spectral file, to read its values block by block; options as for `read_scene`.
 
     Raises
     ------
@@ -98,7 +85,7 @@ def open_cube(path: str | PathLike[str], **options: Any) -> SpectralCube:
     InputError
         If an option is unknown or invalid.
     """
-    found = open_scene(Path(path), ReadOptions(**options))
+    found = _opened(Path(path), ReadOptions(**options))
     if isinstance(found, Scene):
         raise FileError(path, "holds a scene, not a cube", hint="Read it with read_scene")
     return found
@@ -127,7 +114,7 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
         If the format has no such option.
     """
     file = Path(path)
-    write = writer_of(file)
+    write = _writer_of(file)
     known = list(inspect.signature(write).parameters)[2:]
     for name in options:
         if name not in known:
@@ -136,17 +123,86 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
     write(scene, file, **options)
 
 
-def writer_of(path: Path) -> Callable[..., None]:
-    """Return the function that writes a scene to a file of this name.
-
-    Raises
-    ------
-    FileError
-        If the suffix is of no format that can be written.
-    """
+def _writer_of(path: Path) -> Callable[..., None]:
+    """Return the function that writes a scene to a file of this name."""
     kind = next((kind for kind in FORMATS if path.suffix.lower() in kind.suffixes and kind.writes), None)
     if kind is None:
         suffixes = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
         raise FileError(path, f"cannot be written: a scene file has one of the suffixes {suffixes}")
     write: Callable[..., None] = kind.load().write
     return write
+
+
+def convert(
+    path: str | PathLike[str], output: str | PathLike[str], *, progress: Progress | None = None, **options: Any
+) -> Reduction:
+    """Convert a scene file to another format, through the few basis spectra of a scene.
+
+    Parameters
+    ----------
+    path
+        A file that `photosite.read_scene` reads.
+    output
+        The file to write, as for `photosite.write_scene`. Into `.h5`, photosite's own format, weights are written as
+        they are computed, so that memory does not grow with the cube.
+    progress
+        Called with (done, total, unit).
+    **options
+        As for `read_scene`.
+
+    Returns
+    -------
+    Reduction
+        The scene, and how it was reduced.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read or written, or lacks information; if the output would overwrite the input; or if a
+        tolerance is given for a file that holds a scene of few basis spectra.
+    InputError
+        If an option is unknown or invalid.
+
+    Examples
+    --------
+    >>> import tempfile, photosite as ps
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> ps.charts.macbeth("A", 40).save(f"{folder.name}/chart.tif")
+    >>> done = convert(f"{folder.name}/chart.tif", f"{folder.name}/chart.h5", tolerance=0.01)
+    >>> done.bands, done.components, done.scene.relative_error < 0.01
+    (41, 8, True)
+    """
+    read_options, source, target = ReadOptions(**options), Path(path), Path(output)
+    write = _writer_of(target)
+    found = _opened(source, read_options)
+    _check_apart(source, found, target)
+    if isinstance(found, Scene):
+        reduced = read_options.method == "jakob-hanika"  # spectra of single colors are reduced as a cube's are
+        if "tolerance" in options and not reduced:
+            raise not_reduced(source, found, read_options)
+        write(found, target)
+        return Reduction(found, found.wavelength_nm.size, reduced=reduced)
+    try:
+        if target.suffix.lower() in FORMATS[0].suffixes:
+            from photosite.scene.io.hdf5 import reduce_to_own
+
+            return reduce_to_own(lambda store: reduce_cube(found, read_options, store=store, progress=progress), target)
+        reduction = reduce_cube(found, read_options, progress=progress)
+        write(reduction.scene, target)
+        return reduction
+    finally:
+        found.release()
+
+
+def _check_apart(path: Path, found: SpectralCube | Scene, target: Path) -> None:
+    """Refuse to overwrite the input: measured data in many bands cannot be restored from few spectra.
+
+    An ENVI image is two files, one of them given and the other found beside it.
+    """
+    sources = {path, Path(getattr(found, "path", path))}
+    if format_of(path).module == "envi":
+        sources |= {path.with_suffix(".hdr"), path.with_name(f"{path.name}.hdr")}
+    targets = [target, target.with_suffix(".img")] if target.suffix.lower() == ".hdr" else [target]
+    for name in targets:
+        if name.resolve() in {source.resolve() for source in sources}:
+            raise FileError(target, f"would overwrite the input {name.name}", hint="Choose another name")

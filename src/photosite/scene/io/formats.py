@@ -1,9 +1,10 @@
 """The table of scene file formats: suffixes, contents, the options that apply, and the module that reads and writes.
 
-To add a format: write a module in `photosite.scene.io` with `open_cube(path, options)` (returns a cube, to be reduced,
-or a scene) or `read(path, options)` (returns a scene), and `write(scene, path)` where scenes can be written; and add
-an entry to `FORMATS`. Keyword arguments of `write` are the options of `write_scene`. docs/contributing.md lists tests
-and documentation.
+To add a format: write a module in `photosite.scene.io` with `open_cube(path, options)`, which returns a cube, to be
+reduced, or a scene; `read(path, options)`, which returns a scene; or `read_patches(path)`, which returns the table of a
+measured chart; and `write(scene, path)` where scenes can be written. Add an entry to `FORMATS`. Keyword arguments of
+`write` are the options of `write_scene`. Each raises `FileError` for a file that it cannot read or write.
+docs/contributing.md lists tests and documentation.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from types import ModuleType
 
 from photosite.errors import FileError
 from photosite.scene.cube import SpectralCube
+from photosite.scene.io.patch_table import chart_scene
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 
@@ -28,15 +30,7 @@ _BANDS = frozenset({"units", "wavelength_nm", "band_range_nm", "no_data", "negat
 
 @dataclass(frozen=True)
 class Content:
-    """What a file can hold.
-
-    Parameters
-    ----------
-    name
-        Its name in messages.
-    options
-        Names of the options of reading that apply to it, besides those that apply to all.
-    """
+    """What a file can hold, by its name in messages, and the options of reading that apply to it besides all's."""
 
     name: str
     options: frozenset[str]
@@ -55,12 +49,8 @@ class Format:
 
     Parameters
     ----------
-    name
-        Its common name.
-    suffixes
-        Suffixes of its files, lower case.
-    module
-        In `photosite.scene.io`.
+    name, suffixes, module
+        Its common name, the suffixes of its files in lower case, and its module in `photosite.scene.io`.
     holds
         What its files can hold; a content that is read as a scene at once comes last.
     signatures
@@ -84,16 +74,14 @@ class Format:
         return importlib.import_module(f"photosite.scene.io.{self.module}")
 
     def open(self, path: Path, options: ReadOptions) -> SpectralCube | Scene:
-        """Return what a file holds, before any reduction; options that do not apply are refused.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be read, or an option does not apply to it.
-        """
+        """Return what a file holds, before any reduction; options that do not apply are refused."""
         self._check(path, options, self.holds, f"is a {self.name} file")
         module = self.load()
-        found: SpectralCube | Scene = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, options)
+        found: SpectralCube | Scene
+        if CHART in self.holds:
+            found = chart_scene(module.read_patches(path), options)
+        else:
+            found = (module.open_cube if hasattr(module, "open_cube") else module.read)(path, options)
         content = self.holds[-1] if isinstance(found, Scene) else CUBE
         self._check(path, options, (content,), f"holds {content.name}")
         if content is DISPLAY_PICTURE and options.method != "jakob-hanika" and "tolerance" in options.given():
@@ -173,8 +161,7 @@ def format_of(path: Path) -> Format:
         If there is no such file, or its format is unknown.
     """
     try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
+        head = _first_bytes(path)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     for kind in FORMATS:
@@ -184,17 +171,15 @@ def format_of(path: Path) -> Format:
         if path.suffix.lower() in kind.suffixes:
             return kind
     envi = next(kind for kind in FORMATS if kind.module == "envi")
-    if any(_begins(path.with_name(path.name + suffix), envi.signatures) for suffix in (".hdr", ".HDR")):
-        return envi  # the data file beside an ENVI header needs no suffix
+    for header in (path.with_name(path.name + suffix) for suffix in (".hdr", ".HDR")):
+        if header.is_file() and _first_bytes(header).startswith(envi.signatures):
+            return envi  # the data file beside an ENVI header needs no suffix
     known = ", ".join(f"{kind.name} ({kind.suffixes[0]})" for kind in FORMATS)
     if path.suffix:
         raise FileError(path, f"has the unknown suffix '{path.suffix}'", hint=f"Known formats are {known}")
     raise FileError(path, "has no suffix", hint=f"For an ENVI image, give the .hdr. Known formats are {known}")
 
 
-def _begins(path: Path, signatures: tuple[bytes, ...]) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(max(map(len, signatures))).startswith(signatures)
-    except OSError:
-        return False
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)

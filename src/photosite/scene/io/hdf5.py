@@ -31,8 +31,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +41,12 @@ from photosite.files.atomic import atomic_path
 from photosite.files.hdf5 import Hdf5File, check_stored, open_hdf5, plain, read_numbers
 from photosite.files.temporary import Piece, write_bands
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Block, CubeHead, Interleave, RawCube, SpectralCube
-from photosite.scene.io.store import WeightStore
-from photosite.scene.io.units import file_units
+from photosite.scene.cube import Array, Block, Interleave, RawCube, SpectralCube
+from photosite.scene.io.stated import Stated, file_units
 from photosite.scene.options import ReadOptions
-from photosite.scene.reduce import Reduction, apply_options
 from photosite.scene.scene import Scene
-from photosite.scene.scene_cube import cube_of_scene
-from photosite.scene.units import Units
-from photosite.scene.weights import MappedWeights, all_finite
+from photosite.scene.scene_cube import Reduction, apply_options, cube_of_scene
+from photosite.scene.weights import MappedWeights, WeightStore, all_finite
 from photosite.values.region import Region
 
 VERSION_KEY = "photosite_scene"
@@ -83,34 +79,24 @@ def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
 
 
 def write(scene: Scene, path: Path, *, cube: bool = False) -> None:
-    """Write photosite's own file, or a plain cube of photon radiance.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
+    """Write photosite's own file, or a plain cube of photon radiance."""
     if cube:
         _write_cube(scene, path)
-    else:
-        write_own(scene, path)
+        return
+    import h5py
+
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        count, rows, cols = scene.weights.shape
+        step = max(1, _BLOCK_BYTES // (4 * count * cols))
+        data = file.create_dataset("weights", scene.weights.shape, "<f4")
+        for first in range(0, rows, step):
+            data[:, first : first + step] = scene.weights[:, first : first + step]
+        _write_rest(file, scene)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChunkedCube(CubeHead):
-    """A cube in a chunked dataset, read in slabs of whole chunks of rows.
-
-    Parameters
-    ----------
-    path, variable
-        File and dataset.
-    axes
-        Which axes hold rows, columns and bands.
-    slab_rows
-        Rows that are read together.
-    scale, no_data
-        As for `RawCube`.
-    """
+class ChunkedCube(SpectralCube):
+    """A cube in a chunked dataset, whose `axes` hold rows, columns and bands, read in slabs of whole chunks of rows."""
 
     path: Path
     variable: str
@@ -149,26 +135,25 @@ def _cube_in(file: Hdf5File, options: ReadOptions) -> SpectralCube:
     beside = {key.rpartition("/")[2].lower(): item for key, item in datasets.items() if item.ndim <= 2}
     lists = _lists(path, attributes, beside)
     axes = _axes(path, data.shape, options.interleave or attributes.get("interleave"), lists, options)
+    bands = data.shape[axes[2]]
+    units = file_units(path, options, next((attributes[key] for key in UNIT_NAMES if key in attributes), None))
+    if "light" in beside:
+        attributes.setdefault("light", read_numbers(path, beside["light"]))
+    stated = Stated(path, attributes)
     return cube_of_dataset(
         path,
         name,
         data,
         axes,
-        units=file_units(path, options, next((attributes[key] for key in UNIT_NAMES if key in attributes), None)),
-        wavelength_nm=_wavelengths(file, attributes, beside, lists, options, data.shape[axes[2]]),
-        attributes=attributes,
-        light=_list(path, "light", attributes, beside),
+        quantity=units.quantity,
+        scale=units.scale * (stated.number("scale", above_0=True) or 1.0),
+        wavelength_nm=_wavelengths(file, attributes, beside, lists, options, bands),
+        **stated.head(bands),
     )
 
 
 def choose_variable(path: Path, shapes: dict[str, tuple[int, ...]], wanted: str | None) -> str:
-    """Return the name of the cube: the variable wanted, or the only one of three axes.
-
-    Raises
-    ------
-    FileError
-        If there is no variable of that name, or none is wanted and there is not exactly one.
-    """
+    """Return the name of the cube: the variable wanted, or the only one of three axes."""
     cubes = [name for name, shape in shapes.items() if len(shape) == 3 and min(shape) > 0]
     listed = ", ".join(f"{name} {shapes[name]}" for name in cubes[:8]) or "none"
     if wanted is not None:
@@ -184,33 +169,14 @@ def choose_variable(path: Path, shapes: dict[str, tuple[int, ...]], wanted: str 
     return cubes[0]
 
 
-def cube_of_dataset(
-    path: Path,
-    name: str,
-    data: Any,
-    axes: tuple[int, int, int],
-    *,
-    units: Units,
-    wavelength_nm: Array,
-    attributes: dict[str, Any],
-    light: Array | None = None,
-    title: str | None = None,
-) -> SpectralCube:
-    """Return a dataset as a cube: in place, in slabs of chunks, or copied if its rows are scattered."""
+def cube_of_dataset(path: Path, name: str, data: Any, axes: tuple[int, int, int], **head: Any) -> SpectralCube:
+    """Return a dataset as a cube: in place, in slabs of chunks, or copied if its rows are scattered.
+
+    `head` are the cube's other fields, `scale` and `no_data` among them.
+    """
     check_stored(path, data)
     rows, cols, bands = (data.shape[axis] for axis in axes)
-    head: dict[str, Any] = {
-        "name": str(path),
-        "shape": (rows, cols, bands),
-        "wavelength_nm": wavelength_nm,
-        "quantity": units.quantity,
-        "light": light,
-        "title": title,
-        "distance_m": _positive(path, attributes, "distance_m"),
-        "width_m": _positive(path, attributes, "width_m"),
-        "scale": units.scale * (_positive(path, attributes, "scale") or 1.0),
-        "no_data": _number(path, attributes, "no_data"),
-    }
+    head |= {"name": str(path), "shape": (rows, cols, bands)}
     interleave = next((kind for kind, where in _AXES.items() if where == axes), None)
     if data.chunks is None and interleave is not None and data.id.get_offset() is not None:
         return RawCube(path=path, dtype=data.dtype, interleave=interleave, offset=data.id.get_offset(), **head)
@@ -233,21 +199,14 @@ def _pieces(data: Any, axes: tuple[int, int, int]) -> Iterator[Piece]:
             yield band, row, np.moveaxis(part, 2, 0)
 
 
-def _list(path: Path, name: str, attributes: dict[str, Any], beside: dict[str, Any]) -> Array | None:
-    if name not in attributes:
-        return read_numbers(path, beside[name]).ravel() if name in beside else None
-    try:
-        return np.atleast_1d(np.asarray(attributes[name], np.float64)).ravel()
-    except (TypeError, ValueError):
-        raise FileError(path, f"attribute '{name}'", value=attributes[name], expected="a list of numbers") from None
-
-
 def _lists(path: Path, attributes: dict[str, Any], beside: dict[str, Any]) -> dict[str, Array]:
     """Return lists of wavelengths by name. A single number may be a count of bands."""
     found: dict[str, Array] = {}
     for name in WAVELENGTH_NAMES:
         try:
-            values = _list(path, name, attributes, beside)
+            values = Stated(path, attributes).numbers(name)
+            if values is None and name in beside:
+                values = read_numbers(path, beside[name]).ravel()
         except FileError:
             if not found:
                 raise
@@ -275,8 +234,7 @@ def _axes(
         raise FileError(
             path,
             f"has a cube of {shape}, and {shape[fits[0]]} wavelengths fit {where}",
-            hint="Pass {interleave} (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil' (rows, bands, "
-            "columns)",
+            hint="Pass {interleave} (rows, columns, bands), 'bsq' (bands, rows, columns) or 'bil'",
             arguments={"interleave": "bip"},
         )
     return _AXES["bip"]
@@ -308,24 +266,6 @@ def _wavelengths(
     return wavelengths_in_nm(path, None, None, options.wavelength_nm)
 
 
-def _number(path: Path, attributes: dict[str, Any], name: str) -> float | None:
-    value = attributes.get(name)
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = plain(value.ravel())
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise FileError(path, name, value=value, expected="a finite number")
-    return float(value)
-
-
-def _positive(path: Path, attributes: dict[str, Any], name: str) -> float | None:
-    value = _number(path, attributes, name)
-    if value is not None and value <= 0:
-        raise FileError(path, name, value=value, expected="above 0")
-    return value
-
-
 def _write_cube(scene: Scene, path: Path) -> None:
     """Write the scene's radiance at every sample, in single precision and chunks of rows."""
     import h5py
@@ -347,71 +287,31 @@ def _write_cube(scene: Scene, path: Path) -> None:
             data.attrs["light"] = cube.light
 
 
-def write_own(scene: Scene, path: Path) -> None:
-    """Write photosite's own file, some rows at a time.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        count, rows, cols = scene.weights.shape
-        step = max(1, _BLOCK_BYTES // (4 * count * cols))
-        with _Store(file, temporary, scene.weights.shape) as store:
-            for first in range(0, rows, step):
-                store.put(first, scene.weights[:, first : first + step])
-        _write_rest(file, scene)
-
-
 def reduce_to_own(
     reduce: Callable[[Callable[[tuple[int, int, int]], WeightStore]], Reduction], path: Path
 ) -> Reduction:
-    """Reduce a cube into photosite's own file; the weights are written as they are computed.
+    """Reduce a cube into photosite's own file; the weights are written as they are computed, and mapped from it.
 
-    Parameters
-    ----------
-    reduce
-        Returns the reduction, given a function that makes its weight store.
-    path
-        The file to write.
-
-    Returns
-    -------
-    Reduction
-        The weights of its scene are mapped from the file.
+    `reduce` returns the reduction, given a function that makes its weight store.
     """
     import h5py
 
     with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        reduction = reduce(lambda shape: _Store(file, temporary, shape))
+        reduction = reduce(lambda shape: _DatasetStore(file, temporary, shape))
         _write_rest(file, reduction.scene)
     return reduction
 
 
-class _Store:
+class _DatasetStore(WeightStore):
     """Weights written straight into the file."""
 
     def __init__(self, file: Any, path: Path, shape: tuple[int, int, int]) -> None:
+        super().__init__(file.create_dataset("weights", shape, "<f4"))
         self._file, self._path = file, path
-        self._data = file.create_dataset("weights", shape, "<f4")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return
-
-    def put(self, first: int, weights: NDArray[np.float32]) -> None:
-        self._data[:, first : first + weights.shape[1]] = weights
 
     def finish(self) -> NDArray[np.float32]:
         self._file.flush()
-        return MappedWeights(self._path, "<f4", "r", self._data.id.get_offset(), self._data.shape)
+        return MappedWeights(self._path, "<f4", "r", self._weights.id.get_offset(), self._weights.shape)
 
 
 def _write_rest(file: Any, scene: Scene) -> None:
@@ -445,14 +345,18 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
         raise FileError(path, "units", value=attributes.get("units"), expected=f"'{UNITS}' in a scene file")
     names = ("basis", "wavelength_nm", "reflectance")
     spectra = {name: read_numbers(path, datasets[name]) for name in names if name in datasets}
+    stated = Stated(path, attributes)
+    error = stated.number("relative_error")
+    if error is None or error < 0:
+        raise FileError(path, "relative_error", value=error, expected="0 or more")
     try:
         scene = Scene(
             _weights(path, datasets["weights"]),
-            distance_m=_not_negative(path, attributes, "distance_m"),
-            width_m=_not_negative(path, attributes, "width_m") if "width_m" in attributes else None,
+            distance_m=stated.number("distance_m") or 0.0,  # 0 is refused
+            width_m=stated.number("width_m"),
             regions=_regions(file),
             name=str(attributes.get("name", "")),
-            relative_error=_not_negative(path, attributes, "relative_error"),
+            relative_error=error,
             patches="patches" in attributes,
             **spectra,
         )
@@ -476,13 +380,6 @@ def _weights(path: Path, data: Any) -> NDArray[np.float32]:
     return weights
 
 
-def _not_negative(path: Path, attributes: dict[str, Any], name: str) -> float:
-    value = _number(path, attributes, name)
-    if value is None or value < 0:
-        raise FileError(path, name, value=value, expected="0 or more")
-    return value
-
-
 def _regions(file: Hdf5File) -> tuple[Region, ...]:
     data = file.datasets.get("regions")
     if data is None:
@@ -490,9 +387,6 @@ def _regions(file: Hdf5File) -> tuple[Region, ...]:
     places = read_numbers(file.path, data)
     names = np.atleast_1d(np.asarray(file.attributes(data).get("names", ())))
     if places.ndim != 2 or places.shape[1] != 4 or names.shape != (len(places),) or (places % 1).any():
-        raise FileError(
-            file.path, "regions", value=f"{places.shape} with {names.size} names", expected="(n, 4) with n names"
-        )
-    return tuple(
-        Region(str(plain(name)), *(int(place) for place in row)) for name, row in zip(names, places, strict=True)
-    )
+        given = f"{places.shape} with {names.size} names"
+        raise FileError(file.path, "regions", value=given, expected="(n, 4) with n names")
+    return tuple(Region(str(plain(name)), *map(int, row)) for name, row in zip(names, places, strict=True))

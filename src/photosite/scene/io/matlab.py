@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +31,9 @@ from photosite.files.hdf5 import SIGNATURE, Hdf5File, open_hdf5, read_numbers
 from photosite.files.mat import ArrayFile, load_mat
 from photosite.files.temporary import TemporaryFolder
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, Block, CubeHead, RawCube, SpectralCube
+from photosite.scene.cube import Array, Block, RawCube, SpectralCube
 from photosite.scene.io.hdf5 import MATLAB_AXES, UNIT_NAMES, WAVELENGTH_NAMES, choose_variable, cube_of_dataset
-from photosite.scene.io.units import file_units, override_units
+from photosite.scene.io.stated import file_units, override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
@@ -46,18 +46,8 @@ _CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BasisCube(CubeHead):
-    """ISET's basis form: coefficients (rows, cols, K) of spectra, plus a mean spectrum; negative results are 0.
-
-    Parameters
-    ----------
-    coefficients
-        The cube of coefficients.
-    basis
-        (bands, K).
-    mean
-        (bands,).
-    """
+class BasisCube(SpectralCube):
+    """ISET's basis form: coefficients (rows, cols, K) times basis (bands, K) plus mean (bands,), not below 0."""
 
     coefficients: SpectralCube
     basis: Array
@@ -69,36 +59,8 @@ class BasisCube(CubeHead):
             yield first, np.maximum(block @ self.basis.T + self.mean, 0.0)
 
 
-class _Variables(Protocol):
-    """The variables of a MATLAB file; parts of structures have dotted names."""
-
-    path: Path
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the shapes of all numeric variables, as in MATLAB."""
-        ...
-
-    def numbers(self, name: str) -> Array:
-        """Return a small variable."""
-        ...
-
-    def text(self, name: str) -> str | None:
-        """Return a text variable, or None."""
-        ...
-
-    def cube(self, name: str, units: Units, wavelength_nm: Array, **head: Any) -> SpectralCube:
-        """Return a variable (rows, cols, bands)."""
-        ...
-
-
 def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
-    """Open the cube of a MATLAB file.
-
-    Raises
-    ------
-    FileError
-        If the file has no cube, or lacks required data.
-    """
+    """Open the cube of a MATLAB file."""
     with _variables_of(path) as content:
         shapes = content.shapes()
         for prefix in ("", "scene."):
@@ -250,13 +212,14 @@ def _variables_of(path: Path) -> Iterator[_Variables]:
 
 
 class _Version5:
-    """Versions 4 to 7.2."""
+    """The variables of versions 4 to 7.2; parts of structures have dotted names."""
 
     def __init__(self, path: Path, content: dict[str, Any], folder: TemporaryFolder) -> None:
         self.path, self._folder = path, folder
         self._values = dict(_flat("", content))
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of all numeric variables, as in MATLAB."""
         return {
             name: value.shape
             for name, value in self._values.items()
@@ -297,7 +260,7 @@ def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 class _Version73:
-    """HDF5, in which MATLAB stores an array's first axis last."""
+    """The variables of HDF5, in which MATLAB stores an array's first axis last."""
 
     def __init__(self, file: Hdf5File) -> None:
         self.path, self._file = file.path, file
@@ -320,32 +283,18 @@ class _Version73:
         return "".join(chr(int(code)) for code in read_numbers(self.path, data).T.ravel() if 0 < code < 0xD800)
 
     def cube(self, name: str, units: Units, wavelength_nm: Array, **head: Any) -> SpectralCube:
-        attributes = {key: head.pop(key, None) for key in ("distance_m", "width_m")}
-        return cube_of_dataset(
-            self.path,
-            name.replace(".", "/"),
-            self._data[name],
-            MATLAB_AXES,
-            units=units,
-            wavelength_nm=wavelength_nm,
-            attributes=attributes,
-            **head,
-        )
+        head |= {"quantity": units.quantity, "scale": units.scale, "wavelength_nm": wavelength_nm}
+        return cube_of_dataset(self.path, name.replace(".", "/"), self._data[name], MATLAB_AXES, **head)
 
     def _is_text(self, data: Any) -> bool:
         return bool(self._file.attributes(data).get("MATLAB_class") == "char")
 
 
-def write(scene: Scene, path: Path, *, version: str = "5") -> None:
-    """Write ISET's scene file: the basis form in MATLAB's version 5, photons of every sample in version 7.3.
+_Variables = _Version5 | _Version73
 
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    InputError
-        If the version is unknown, or the scene's weights are too large for version 5.
-    """
+
+def write(scene: Scene, path: Path, *, version: str = "5") -> None:
+    """Write ISET's scene file: the basis form in MATLAB's version 5, photons of every sample in version 7.3."""
     writers = {"5": _write_basis_form, "7.3": _write_photon_form}
     if version not in writers:
         raise InputError("version", value=version, expected="'5' or '7.3' for MATLAB files")
@@ -369,12 +318,8 @@ def _write_basis_form(scene: Scene, path: Path) -> None:
         **_about(scene),
     }
     if scene.reflectance is not None:
-        content["illuminant"] = {
-            "type": "illuminant",
-            "name": scene.name,
-            "data": {"photons": scene.light()[:, None]},
-            "spectrum": {"wave": scene.wavelength_nm[:, None]},
-        }
+        spectrum = {"data": {"photons": scene.light()[:, None]}, "spectrum": {"wave": scene.wavelength_nm[:, None]}}
+        content["illuminant"] = {"type": "illuminant", "name": scene.name, **spectrum}
     with atomic_path(path) as temporary:
         savemat(temporary, content, appendmat=False, do_compression=True)
 

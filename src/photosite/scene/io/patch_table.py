@@ -19,7 +19,7 @@ from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.files.small import read_small
 from photosite.scene.bands import band_order, within_range
 from photosite.scene.charts.patches import reflectance_chart
-from photosite.scene.io.units import override_units
+from photosite.scene.io.stated import override_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.units import Units, bright_count, check_reflectances
@@ -40,7 +40,7 @@ _BRIGHTEST_FRACTION, _DARKEST_PERCENT, _CHART_OF = 1.3, 5.0, 6
 
 @dataclass(frozen=True, eq=False)
 class PatchTable:
-    """Named spectra.
+    """Named spectra of a file.
 
     Parameters
     ----------
@@ -52,12 +52,8 @@ class PatchTable:
         (wavelengths,) in the file's order.
     values
         (patches, wavelengths) as in the file.
-    units
-        Units of the values, where the file states them.
-    cols
-        Patches across, where the file states them.
-    title
-        Title in the file.
+    units, cols, title
+        Units of the values, patches across, and title, where the file states them.
     """
 
     path: Path
@@ -73,11 +69,6 @@ def read_text(path: Path) -> str:
     """Read a file's text: UTF-8 (with or without a byte order mark), UTF-16 with one, or else Windows-1252.
 
     Unprintable characters become U+FFFD, so that messages can show them.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is too large.
     """
     content = read_small(path, "a chart's table", LARGEST_BYTES)
     marked = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
@@ -85,22 +76,14 @@ def read_text(path: Path) -> str:
         text = content.decode(marked)
     except UnicodeDecodeError:
         text = content.decode("cp1252", "replace")
-    lines = re.split(r"\r\n|\r|\n", text)
-    return "\n".join(line if line.replace("\t", "").isprintable() else _printable(line) for line in lines)
-
-
-def _printable(line: str) -> str:
-    return "".join(sign if sign.isprintable() or sign == "\t" else "\ufffd" for sign in line)
+    text = re.sub(r"\r\n?", "\n", text)
+    if text.replace("\t", "").replace("\n", "").isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in "\t\n" else "\ufffd" for sign in text)
 
 
 def number(path: Path, text: str, line: int | None, what: str, *, gaps: bool = False) -> float:
-    """Parse a finite number, with a decimal point or comma; with `gaps`, empty text and NaN are NaN.
-
-    Raises
-    ------
-    FileError
-        If the text is not such a number.
-    """
+    """Parse a finite number, with a decimal point or comma; with `gaps`, empty text and NaN are NaN."""
     if gaps and not text.strip():
         return math.nan
     try:
@@ -141,13 +124,9 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
     names, values = tuple(table.names[k] for k in places), values[places]
     title = table.title or table.path.stem
     if units.quantity == "reflectance":
-        if options.illuminant is None or options.mean_luminance_cd_m2 is None:
-            raise FileError(
-                table.path,
-                "has reflectances, which need an illuminant and a luminance",
-                hint="Pass {illuminant} and {mean_luminance_cd_m2}",
-                arguments={"illuminant": "D65", "mean_luminance_cd_m2": 100},
-            )
+        what = "has reflectances, which need an illuminant and a luminance"
+        options.require(table.path, what, illuminant="D65", mean_luminance_cd_m2=100)
+        assert options.illuminant is not None
         light: str | float | Spectrum = options.illuminant
     else:
         light = _even_light(table, units, options)
@@ -175,20 +154,7 @@ def chart_scene(table: PatchTable, options: ReadOptions) -> Scene:
 
 
 def patch_table(scene: Scene, path: Path) -> PatchTable:
-    """Return the named patches of a scene: mean reflectance where it is known, else energy radiance.
-
-    Parameters
-    ----------
-    scene
-        A scene with regions.
-    path
-        The file to be written, for messages.
-
-    Raises
-    ------
-    FileError
-        If the scene has no regions.
-    """
+    """Return the named patches of a scene, to be written: mean reflectance where it is known, else energy radiance."""
     if not scene.regions:
         hint = "Write it as an image (.h5, .exr)"
         raise FileError(path, f"cannot be written: the scene '{scene.name}' has no patches", hint=hint)
@@ -235,7 +201,7 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
         raise FileError(
             table.path,
             f"has an outlier, {brightest:g}, where nearly all values are below {_BRIGHTEST_FRACTION:g}",
-            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
+            where=_place(table, patch, band),
             hint="Correct it, or pass {units} if all are percent",
             arguments={"units": "percent"},
         )
@@ -251,6 +217,10 @@ def _units(table: PatchTable, options: ReadOptions) -> Units:
     )
 
 
+def _place(table: PatchTable, patch: np.intp, band: np.intp) -> str:
+    return f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm"
+
+
 def _selected(table: PatchTable, options: ReadOptions) -> PatchTable:
     """Return the wanted bands, in order of wavelength."""
     wanted = within_range(table.wavelength_nm, options.band_range_nm)
@@ -264,24 +234,19 @@ def _selected(table: PatchTable, options: ReadOptions) -> PatchTable:
 def _without_gaps(table: PatchTable, options: ReadOptions) -> NDArray[np.float64]:
     """Return the values; missing and negative ones are 0 where the options allow it, with a warning."""
     below, gaps = table.values < 0, np.isnan(table.values)
-    if below.any() and options.negative != "zero":
-        patch, band = np.argwhere(below)[0]
-        raise FileError(
-            table.path,
-            f"has a negative value, {table.values[patch, band]:g}",
-            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
-            hint="Measure it again, or pass {negative} to set negative values to 0",
-            arguments={"negative": "zero"},
-        )
-    if gaps.any() and options.no_data != "zero":
-        patch, band = np.argwhere(gaps)[0]
-        raise FileError(
-            table.path,
-            "has a missing value",
-            where=f"patch '{table.names[patch]}' at {table.wavelength_nm[band]:g} nm",
-            hint="Measure it again, or pass {no_data} to set missing values to 0",
-            arguments={"no_data": "zero"},
-        )
+    for wrong, option, replacement, what in (
+        (below, "negative", options.negative, "negative"),
+        (gaps, "no_data", options.no_data, "missing"),
+    ):
+        if wrong.any() and replacement != "zero":
+            patch, band = np.argwhere(wrong)[0]
+            raise FileError(
+                table.path,
+                f"has a {what} value, {table.values[patch, band]:g}",
+                where=_place(table, patch, band),
+                hint=f"Measure it again, or pass {{{option}}} to replace such values by 0",
+                arguments={option: "zero"},
+            )
     counts = ((int(gaps.sum()), "missing"), (int(below.sum()), "negative"))
     if changed := " and ".join(f"{count} {what}" for count, what in counts if count):
         warnings.warn(PhotositeWarning(f"{changed} values are set to 0", where=str(table.path)), stacklevel=2)
@@ -294,33 +259,25 @@ def _layout(table: PatchTable, options: ReadOptions) -> tuple[int, int, list[int
     in_order = list(range(count))
     if options.patch_cols is not None:
         return -(-count // options.patch_cols), options.patch_cols, in_order
+    cols = min(count, table.cols or math.ceil(math.sqrt(1.5 * count)))
     found = [re.fullmatch(r"([A-Za-z]{1,2}) ?0*(\d{1,3})", name) for name in table.names]
     if count > 1 and all(found):
         places = [((len(m[1]), m[1].upper()), int(m[2])) for m in found if m is not None]
-        downs, acrosses = sorted({place[0] for place in places}), sorted({place[1] for place in places})
+        downs, acrosses = {place[0] for place in places}, {place[1] for place in places}
         if len(set(places)) == count == len(downs) * len(acrosses):
             in_order = sorted(in_order, key=places.__getitem__)
-            if table.cols is None and count > _LONGEST_ROW and 1 in (len(downs), len(acrosses)):
-                return _near_square(table, in_order)
-            return len(downs), len(acrosses), in_order
-    cols = min(count, table.cols or math.ceil(math.sqrt(1.5 * count)))
-    return -(-count // cols), cols, in_order
-
-
-def _near_square(table: PatchTable, in_order: list[int]) -> tuple[int, int, list[int]]:
-    """Place patches that are numbered consecutively, without rows."""
-    count = len(in_order)
-    cols = math.ceil(math.sqrt(1.5 * count))
-    names = f"{table.names[in_order[0]]} to {table.names[in_order[-1]]}"
-    warnings.warn(
-        PhotositeWarning(
-            f"the names of the {count} patches, {names}, define no rows; they are placed {cols} across",
-            where=str(table.path),
-            hint="Pass {patch_cols} to choose the number",
-            arguments={"patch_cols": cols},
-        ),
-        stacklevel=2,
-    )
+            if table.cols is not None or count <= _LONGEST_ROW or 1 not in (len(downs), len(acrosses)):
+                return len(downs), len(acrosses), in_order
+            names = f"{table.names[in_order[0]]} to {table.names[in_order[-1]]}"
+            warnings.warn(
+                PhotositeWarning(
+                    f"the names of the {count} patches, {names}, define no rows; they are placed {cols} across",
+                    where=str(table.path),
+                    hint="Pass {patch_cols} to choose the number",
+                    arguments={"patch_cols": cols},
+                ),
+                stacklevel=2,
+            )
     return -(-count // cols), cols, in_order
 
 
@@ -333,25 +290,15 @@ def _even_light(table: PatchTable, units: Units, options: ReadOptions) -> Spectr
     """Return a light under which a chart of these reflectances has the measured radiances."""
     if options.illuminant is not None:
         raise FileError(table.path, "has radiances, which include their light", hint="Leave the illuminant out")
-    if units.quantity == "relative" and options.mean_luminance_cd_m2 is None:
-        raise FileError(
-            table.path,
-            "has relative values, which need a luminance",
-            hint="Pass {mean_luminance_cd_m2}, or the units of a radiance",
-            arguments={"mean_luminance_cd_m2": 100},
-        )
+    if units.quantity == "relative":
+        what = "has relative values, which need a luminance"
+        options.require(table.path, what, ", or the units of a radiance", mean_luminance_cd_m2=100)
     energy = _photons(units, table.wavelength_nm) / photons_from_energy(1.0, table.wavelength_nm)
     return Spectrum(table.wavelength_nm, energy)
 
 
 def checked_names(path: Path, names: list[str], lines: list[int]) -> tuple[str, ...]:
-    """Return the names of patches.
-
-    Raises
-    ------
-    FileError
-        If a name occurs twice; with the line of the second.
-    """
+    """Return the names of patches, once all are different."""
     seen: dict[str, int] = {}
     for name, line in zip(names, lines, strict=True):
         if name in seen:

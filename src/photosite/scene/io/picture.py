@@ -48,13 +48,7 @@ _TURNED: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
 
 
 def read(path: Path, options: ReadOptions) -> Scene:
-    """Read a PNG or JPEG file as a flat print of its colors, under the options' illuminant.
-
-    Raises
-    ------
-    FileError
-        If the file is damaged, its color space or form is unknown, or no luminance is given.
-    """
+    """Read a PNG or JPEG file as a flat print of its colors, under the options' illuminant."""
     with _opened(path, "a PNG or JPEG picture") as picture:
         codes = _png_codes(path, picture) if picture.format == "PNG" else _jpeg_codes(path, picture)
         space = space_of_picture(path, picture)
@@ -72,11 +66,11 @@ def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
 def _png_codes(path: Path, picture: Any) -> NDArray[Any]:
     """Return (rows, cols, 1 or 3) codes of 8 or 16 bits."""
     codes = _decoded_png(path, picture)
-    if codes.shape[2] in (2, 4):
-        if codes[:, :, -1].min() < np.iinfo(codes.dtype).max:
-            raise FileError(path, TRANSPARENT, hint=FLATTEN)
-        return codes[:, :, :-1]
-    return codes
+    if codes.shape[2] in (1, 3):
+        return codes
+    if codes[:, :, -1].min() < np.iinfo(codes.dtype).max:
+        raise FileError(path, TRANSPARENT, hint=FLATTEN)
+    return codes[:, :, :-1]
 
 
 def _decoded_png(path: Path, picture: Any) -> NDArray[Any]:
@@ -106,10 +100,8 @@ def _jpeg_codes(path: Path, picture: Any) -> NDArray[Any]:
 def read_alpha(path: Path) -> NDArray[np.float32]:
     """Read the opacity of a plane, (rows, cols) from 0 (transparent) to 1 (opaque).
 
-    Parameters
-    ----------
-    path
-        A gray picture of 1, 8 or 16 bits, black for 0 and white for 1; or one with an alpha channel, which is used.
+    The file is a gray picture of 1, 8 or 16 bits, black for 0 and white for 1; or one with an alpha channel, which is
+    used.
 
     Raises
     ------
@@ -167,13 +159,7 @@ def _opened(path: Path, kind: str) -> Iterator[Any]:
 
 
 def check_size(path: Path, rows: int, cols: int) -> None:
-    """Check that a picture is not too large for its file, before it is decoded.
-
-    Raises
-    ------
-    FileError
-        If the picture is larger than 4 gigapixels, or than its file can hold.
-    """
+    """Check that a picture is not too large for its file, or above 4 gigapixels, before it is decoded."""
     pixels, size = rows * cols, path.stat().st_size
     if pixels > _MOST_PIXELS:
         raise FileError(path, "size", value=f"{rows} x {cols} pixels", expected="at most 4 gigapixels")
@@ -183,20 +169,9 @@ def check_size(path: Path, rows: int, cols: int) -> None:
 
 
 def scene_of_picture(path: Path, codes: NDArray[Any], space: RgbSpace, options: ReadOptions) -> Scene:
-    """Return the scene of a display picture: (rows, cols, 3) codes of a color space.
-
-    Raises
-    ------
-    FileError
-        If no luminance is given, or the colors cannot become reflectances.
-    """
-    if options.mean_luminance_cd_m2 is None:
-        raise FileError(
-            path,
-            "does not state the luminance of its scene",
-            hint="Pass {mean_luminance_cd_m2}",
-            arguments={"mean_luminance_cd_m2": 40},
-        )
+    """Return the scene of a display picture: (rows, cols, 3) codes of a color space."""
+    options.require(path, "does not state the luminance of its scene", mean_luminance_cd_m2=40)
+    assert options.mean_luminance_cd_m2 is not None
     try:
         return from_rgb(
             space.decoded(codes),
@@ -220,21 +195,8 @@ def scene_of_light(
 ) -> Scene:
     """Return the scene of a picture of light: (rows, cols, 3) linear sRGB of any range, as in Radiance and OpenEXR.
 
-    Parameters
-    ----------
-    path
-        The file, for messages.
-    values
-        Negative where sRGB has no such color.
-    options
-        Mean luminance, where `white_luminance_cd_m2` is None; illuminant; and how to treat negative values.
-    white_luminance_cd_m2
-        Luminance of 1 in all three channels.
-
-    Raises
-    ------
-    FileError
-        If the values are invalid, or outside sRGB and not to be set to 0.
+    Values are negative where sRGB has no such color. White is 1 in all three channels; where its luminance is None,
+    the options give the mean.
     """
     try:
         return from_hdr(
@@ -249,6 +211,6 @@ def scene_of_light(
         )
     except OutsideSrgbError as error:
         hint = "Convert them to sRGB, or pass {negative} to set negative values to 0"
-        raise FileError(path, error.counted, hint=hint, arguments={"negative": "zero"}) from None
+        raise FileError(path, error.what, hint=hint, arguments={"negative": "zero"}) from None
     except InputError as error:
         raise error.in_file(path) from None

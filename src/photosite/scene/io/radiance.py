@@ -33,25 +33,16 @@ def read(path: Path, options: ReadOptions) -> Scene:
     """Read a Radiance picture as the light it shows, with its full range.
 
     Red, green and blue are those of Rec. 709; other PRIMARIES are refused. Values are divided by the file's EXPOSURE.
-
-    Raises
-    ------
-    FileError
-        If the file is damaged, has unsupported colors, or no brightness is given: the options' mean luminance, or
-        units="radiance" for Radiance's own W/sr/m2.
+    The brightness is given by the options' mean luminance, or by units="radiance" for Radiance's own W/sr/m2.
     """
     absolute = options.units is not None and options.units.strip().lower() == "radiance"
     if options.units is not None and not absolute:
         raise FileError(path, "units", value=options.units, expected="'radiance' for a Radiance picture in W/sr/m2")
     if absolute and options.mean_luminance_cd_m2 is not None:
         raise FileError(path, "units and mean_luminance_cd_m2 are both given", hint="Leave one of them out")
-    if options.mean_luminance_cd_m2 is None and not absolute:
-        raise FileError(
-            path,
-            "does not state the luminance of its scene",
-            hint="Pass {mean_luminance_cd_m2}, or {units} if its values are W/sr/m2",
-            arguments={"mean_luminance_cd_m2": 100, "units": "radiance"},
-        )
+    if not absolute:
+        what, or_else = "does not state the luminance of its scene", ", or units='radiance' if its values are W/sr/m2"
+        options.require(path, what, or_else, mean_luminance_cd_m2=100)
     return scene_of_light(path, _values(path), options, _EFFICACY_LM_W if absolute else None)
 
 

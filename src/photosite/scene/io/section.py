@@ -32,19 +32,9 @@ _KEYS = ("source", "options", *FIELDS)
 
 
 def parse_scene(file: Path, data: Mapping[str, Any]) -> SceneRequest | PlanesRequest:
-    """Return the scene, or the planes, that the section asks for.
+    """Return the scene, or the planes, that the section `data["scene"]` asks for.
 
-    Parameters
-    ----------
-    file
-        The camera file, for messages; names of other files are relative to it.
-    data
-        The camera file's fields; `data["scene"]` is the section.
-
-    Raises
-    ------
-    FileError
-        If the section does not describe a scene; with the line.
+    Names of files in it are relative to the camera file. Errors have the line.
     """
     section, line = data["scene"], line_of(data, "scene")
     if isinstance(section, list):

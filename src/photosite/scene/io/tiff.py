@@ -16,21 +16,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, PhotositeError
 from photosite.files.atomic import atomic_path
 from photosite.files.temporary import Piece, write_bands
 from photosite.scene.bands import wavelengths_in_nm
-from photosite.scene.cube import Array, RawCube, SpectralCube
+from photosite.scene.cube import RawCube, SpectralCube
 from photosite.scene.io.color_space import space_of_tiff
 from photosite.scene.io.picture import FLATTEN, ORIENTATION, TRANSPARENT, scene_of_picture, turned
-from photosite.scene.io.units import file_units
+from photosite.scene.io.stated import Stated, file_units
 from photosite.scene.options import ReadOptions
 from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units
 
+_DESCRIBED = ("wavelength_nm", "units", "light", "distance_m", "width_m", "no_data")
 _STRIP_BYTES = 4 << 20
 _HIGHEST_COMPRESSION = 2000
 """Bytes of values to a byte in the file; deflate reaches 1030."""
@@ -49,13 +50,7 @@ _MOST_SAMPLES = 4
 
 
 def open_cube(path: Path, options: ReadOptions) -> SpectralCube | Scene:
-    """Open the cube of a TIFF file, in place or copied where it is compressed; read a picture as a scene.
-
-    Raises
-    ------
-    FileError
-        If the file is damaged, or lacks required data.
-    """
+    """Open the cube of a TIFF file, in place or copied where it is compressed; read a picture as a scene."""
     import tifffile
 
     level = tifffile.logger().level
@@ -85,17 +80,16 @@ def _content(path: Path, file: Any, options: ReadOptions) -> SpectralCube | Scen
     if int(first.photometric) in _COLORS and first.samplesperpixel <= _MOST_SAMPLES:
         if len(pages) > 1:
             raise FileError(path, f"has {len(pages)} pages in color", hint="Save one of them")
-        _check_stored(path, first, size)
-        return _read_picture(path, first, options)
+        return _read_picture(path, first, size, options)
     if len(pages) == 1 and _is_gray_picture(path, first, options):
-        _check_stored(path, first, size)
-        return _read_picture(path, first, options)
+        return _read_picture(path, first, size, options)
     if len(pages) == 1 and len(first.shape) == 3:
         shape, place = _samples(path, first, dtype, size)
     else:
         shape, place = _stack(path, pages, dtype, size)
-    description = _description(path, first, shape[2])
-    values = description.get("wavelength_nm")
+    description = _description(path, first)
+    stated = Stated(path, description)
+    values: ArrayLike | None = stated.numbers("wavelength_nm", shape[2])
     if values is None and len(pages) == shape[2]:
         values = _wavelengths_by_page(pages)
     units = _units(path, options, description.get("units"))
@@ -104,12 +98,9 @@ def _content(path: Path, file: Any, options: ReadOptions) -> SpectralCube | Scen
         shape=shape,
         wavelength_nm=wavelengths_in_nm(path, values, None if values is None else "nm", options.wavelength_nm),
         quantity=units.quantity,
-        light=description.get("light"),
-        distance_m=description.get("distance_m"),
-        width_m=description.get("width_m"),
         title=path.stem,
         scale=units.scale,
-        no_data=description.get("no_data"),
+        **stated.head(shape[2]),
         **place,
     )
 
@@ -120,10 +111,11 @@ def _is_gray_picture(path: Path, page: Any, options: ReadOptions) -> bool:
     alone = page.samplesperpixel == 1 + len(extra) <= 2 and all(kind in _OPACITY for kind in extra)
     gray = int(page.photometric) in _GRAYS and alone and page.dtype in (np.uint8, np.uint16)
     undescribed = gray and options.units is None and options.wavelength_nm is None
-    return undescribed and not _description(path, page, page.samplesperpixel) and _wavelengths_by_page([page]) is None
+    return undescribed and not _description(path, page) and _wavelengths_by_page([page]) is None
 
 
-def _read_picture(path: Path, page: Any, options: ReadOptions) -> Scene:
+def _read_picture(path: Path, page: Any, size: int, options: ReadOptions) -> Scene:
+    _check_stored(path, page, size)
     form = int(page.photometric)
     if form not in (*_GRAYS, _RGB, _PALETTE):
         raise FileError(path, "colors", value=_COLORS.get(form, form), expected="gray, or red, green and blue")
@@ -223,52 +215,29 @@ def _units(path: Path, options: ReadOptions, stated: str | None) -> Units:
         raise FileError(path, what, hint=error.hint, arguments=error.arguments) from None
 
 
-def _description(path: Path, page: Any, bands: int) -> dict[str, Any]:
+def _description(path: Path, page: Any) -> dict[str, Any]:
     """Return the JSON description of a cube; the file beside it overrides the page's."""
     own, beside = (page.description or "").lstrip(), path.with_suffix(".json")
     found: dict[str, Any] = {}
     if own.startswith("{"):
         try:
-            found = _parsed(path, own, bands)
+            found = _parsed(path, own)
         except FileError:
             if not beside.is_file():  # which may replace it
                 raise
     if beside.is_file():
-        found |= _parsed(beside, beside.read_text(encoding="utf-8", errors="replace"), bands)
+        found |= _parsed(beside, beside.read_text(encoding="utf-8", errors="replace"))
     return found
 
 
-def _parsed(where: Path, text: str, bands: int) -> dict[str, Any]:
+def _parsed(where: Path, text: str) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
         raise FileError(where, "has a description that is not valid JSON") from None
     if not isinstance(content, dict):
         raise FileError(where, "has a description that is not a JSON object")
-    found: dict[str, Any] = {}
-    for name in ("wavelength_nm", "light"):
-        if content.get(name) is not None:
-            found[name] = _numbers(where, name, content[name], bands)
-    for name in ("distance_m", "width_m", "no_data"):
-        if content.get(name) is not None:
-            found[name] = float(_numbers(where, name, [content[name]], 1)[0])
-            if name != "no_data" and found[name] <= 0:
-                raise FileError(where, name, value=found[name], expected="above 0")
-    if content.get("units") is not None:
-        found["units"] = str(content["units"])
-    return found
-
-
-def _numbers(path: Path, name: str, values: Any, count: int) -> Array:
-    good = isinstance(values, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    try:
-        array = np.array(values if good else [], np.float64)
-    except OverflowError:
-        array = np.array([np.inf])
-    if array.shape != (count,) or not np.isfinite(array).all():
-        expected = f"{count} finite numbers, one for each band" if count > 1 else "a finite number"
-        raise FileError(path, name, value=values if count > 1 else values[0], expected=expected)
-    return array
+    return {name: content[name] for name in _DESCRIBED if content.get(name) is not None}
 
 
 def _wavelengths_by_page(pages: list[Any]) -> list[float] | None:
@@ -278,13 +247,7 @@ def _wavelengths_by_page(pages: list[Any]) -> list[float] | None:
 
 
 def write(scene: Scene, path: Path) -> None:
-    """Write photon radiance in single precision, a page a band, strip by strip.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    """
+    """Write photon radiance in single precision, a page a band, strip by strip."""
     import tifffile
 
     cube = cube_of_scene(scene)

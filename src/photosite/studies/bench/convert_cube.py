@@ -16,11 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from photosite.scene.cube import Block, CubeHead, SpectralCube
-from photosite.scene.io.convert import convert
-from photosite.scene.io.files import open_cube
+from photosite.scene.cube import Block, SpectralCube
+from photosite.scene.io.files import convert, open_cube
 from photosite.scene.io.hdf5 import reduce_to_own
-from photosite.scene.reduce import Reduction, reduce_cube
+from photosite.scene.scene_cube import Reduction, reduce_cube
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
 BANDS = 200
@@ -57,7 +56,7 @@ def write_cube(path: Path, rows: int, cols: int = COLS) -> None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RepeatedCube(CubeHead):
+class RepeatedCube(SpectralCube):
     """A cube repeated several times, one copy below the other.
 
     Parameters

@@ -19,7 +19,7 @@ from photosite.develop.develop import develop
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget, signal_at_snr_e
-from photosite.scene.pictures import from_srgb
+from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, frame_key
@@ -170,7 +170,7 @@ def hdr_scene() -> Scene:
     >>> scene.shape, float(scene.weights[0, -1, -1] * 2048), len(scene.regions)
     ((360, 512), 1.0, 12)
     """
-    print_ = from_srgb(portrait().picture, ILLUMINANT)
+    print_ = from_rgb(portrait().picture, ILLUMINANT)
     white = Scene.uniform(print_.basis.sum(axis=0), print_.wavelength_nm).mean_luminance_cd_m2()
     n = _SAMPLES_PER_PIXEL
     _, rows, cols = print_.weights.shape

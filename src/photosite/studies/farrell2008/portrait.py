@@ -20,7 +20,7 @@ from photosite.camera.camera import Camera
 from photosite.develop.develop import develop
 from photosite.errors import FileError
 from photosite.frames.raw_frame import RawFrame
-from photosite.scene.pictures import from_srgb
+from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT
@@ -108,7 +108,7 @@ def portrait_scene(luminance_cd_m2: float) -> Scene:
     >>> scene.weights.shape, round(region_luminance_cd_m2(scene, FACE), 1)
     ((3, 600, 512), 11.3)
     """
-    scene = from_srgb(portrait().picture, ILLUMINANT, luminance_cd_m2, name="portrait")
+    scene = from_rgb(portrait().picture, ILLUMINANT, luminance_cd_m2, name="portrait")
     return replace(scene, regions=(FACE,))
 
 
@@ -233,7 +233,7 @@ def white_surface_electrons(camera: Camera, scene: Scene, exposure_s: float) -> 
     Parameters
     ----------
     scene
-        From `photosite.scene.pictures.from_srgb`: its basis spectra add up to that of white.
+        From `photosite.scene.pictures.from_rgb`: its basis spectra add up to that of white.
     """
     white = Scene.uniform(scene.basis.sum(axis=0), scene.wavelength_nm, scene.distance_m)
     tile = camera.sensor.array.cfa
