@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ _UNIT_NAMES = {
     **dict.fromkeys(("angstrom", "angstroms", "a"), "angstrom"),
     **dict.fromkeys(("mm", "millimeter", "millimeters"), "mm"),
 }
-_HINT = {"hint": "Pass them in nm: {wavelength_nm}", "arguments": {"wavelength_nm": [400, 410, 420]}}
+_HINT: dict[str, Any] = {"hint": "Pass them in nm: {wavelength_nm}", "arguments": {"wavelength_nm": [400, 410, 420]}}
 
 
 def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wanted: ArrayLike | None) -> Array:
@@ -93,13 +94,7 @@ def within_range(wavelength_nm: Array, band_range_nm: ArrayLike | None) -> NDArr
 
 
 def band_order(name: str, wavelength_nm: Array, *, sort: bool) -> NDArray[np.intp]:
-    """Return the indices (bands,) that sort bands by wavelength.
-
-    Raises
-    ------
-    FileError
-        If they are not sorted and `sort` is false, or two bands have one wavelength.
-    """
+    """Return the indices (bands,) that sort bands by wavelength."""
     order = np.argsort(wavelength_nm, kind="stable")
     if (np.diff(wavelength_nm[order]) == 0).any():
         at = int(order[int(np.argmax(np.diff(wavelength_nm[order]) == 0))])

@@ -62,11 +62,6 @@ def check_built_in(name: str, **options: Any) -> dict[str, Any]:
 def built_in_scene(name: str, **options: Any) -> Scene:
     """Return a built-in scene, by default under the 2008 paper's light.
 
-    Raises
-    ------
-    InputError
-        If an option is unknown or invalid.
-
     Examples
     --------
     >>> built_in_scene("slanted-edge", contrast=10, rows=20, cols=30).shape

@@ -132,13 +132,7 @@ class RawCube(SpectralCube):
     keep: TemporaryFolder | None = None
 
     def blocks(self, rows: int) -> Iterator[Block]:
-        """See `SpectralCube`.
-
-        Raises
-        ------
-        FileError
-            If the file ends before the cube does.
-        """
+        """See `SpectralCube`."""
         total, cols, bands = self.shape
         rows = min(rows, total)
         by_band = self.interleave != "bip"
@@ -204,11 +198,6 @@ class SelectedBands(SpectralCube):
 
 def select_bands(cube: SpectralCube, wanted: NDArray[np.bool_]) -> SpectralCube:
     """Return a cube of the wanted bands (bands,); the cube itself where all are wanted.
-
-    Raises
-    ------
-    FileError
-        If no band is left.
 
     Examples
     --------

@@ -97,11 +97,6 @@ class ReadOptions(Validated):
         What to do with its colours that the method cannot represent, as for `photosite.pictures.from_rgb`; None:
         "refuse".
 
-    Raises
-    ------
-    InputError
-        If an option is unknown or invalid.
-
     Examples
     --------
     >>> ReadOptions(tolerance=2)

@@ -97,13 +97,7 @@ def _centring(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_corners(corners: Corners, shape: tuple[int, int]) -> None:
-    """Check the four corners of a chart in a frame of (rows, cols) pixels.
-
-    Raises
-    ------
-    InputError
-        If they are not finite, are outside the frame, or are not the corners of a convex shape in order.
-    """
+    """Check the four corners of a chart in a frame of (rows, cols) pixels."""
     points = np.asarray(corners, dtype=np.float64)
     if points.shape != (4, 2) or not np.isfinite(points).all():
         raise InputError("corners", value=corners, expected="four of (row, col) in pixels")

@@ -89,11 +89,6 @@ def plain_srgb(values: Array) -> Array:
 def linear_srgb_of(codes: NDArray[Any], space: str, *, linear: bool) -> Array:
     """Return (rows, cols, 3) codes or values of a space as linear sRGB; below 0 or above 1 outside its gamut.
 
-    Raises
-    ------
-    InputError
-        If the space is unknown.
-
     Examples
     --------
     >>> linear_srgb_of(np.array([[[1.0, 1.0, 1.0]]]), "Display P3", linear=False).round(4)
@@ -143,11 +138,6 @@ def primaries_to_srgb(primaries: ArrayLike, white: ArrayLike) -> Array:
         x, y of red, of green and of blue: six numbers.
     white
         x, y of red = green = blue.
-
-    Raises
-    ------
-    InputError
-        If they are not valid primaries.
 
     Examples
     --------

@@ -43,13 +43,7 @@ class Placement:
         return tuple(found)
 
     def whole_pixels(self, name: str, rows: tuple[float, float], cols: tuple[float, float]) -> Region:
-        """Return the whole pixels between two rows and two columns in pixels, within the frame.
-
-        Raises
-        ------
-        InputError
-            If no pixel is between them.
-        """
+        """Return the whole pixels between two rows and two columns in pixels, within the frame."""
         r0, r1 = self._inside(*rows, self.shape[0])
         c0, c1 = self._inside(*cols, self.shape[1])
         if r0 >= r1 or c0 >= c1:

@@ -151,11 +151,6 @@ def _error(c: Array, wanted: Array, weigh: Array, powers: Array) -> tuple[Array,
 def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.float32], Array, float]:
     """Return weights (K, rows, cols), smooth reflectances (K, wavelengths) and relative RMS error of linear sRGB.
 
-    Raises
-    ------
-    InputError
-        If a colour has no smooth reflectance, or the tolerance is not between 0 and 1.
-
     Examples
     --------
     >>> weights, reflectance, _ = raised(np.full((2, 3, 3), 0.5), _RAISED_NM, 1e-4)

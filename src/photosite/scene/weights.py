@@ -90,13 +90,7 @@ class WeightStore:
 
 
 def temporary_store(shape: tuple[int, int, int]) -> WeightStore:
-    """Return memory for weights (K, rows, cols) up to 256 MiB, else a temporary file that is deleted with them.
-
-    Raises
-    ------
-    InputError
-        If the disk has no space for the file.
-    """
+    """Return memory for weights (K, rows, cols) up to 256 MiB, else a temporary file that is deleted with them."""
     size = 4 * int(np.prod(shape, dtype=np.int64))
     return WeightStore(np.empty(shape, np.float32)) if size <= _LARGE_BYTES else _FileStore(shape, size)
 

@@ -153,13 +153,7 @@ def not_reduced(path: Path, scene: SpectralCube | Scene, options: ReadOptions) -
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of a file, by its first bytes and then by its suffix.
-
-    Raises
-    ------
-    FileError
-        If there is no such file, or its format is unknown.
-    """
+    """Return the format of a file, by its first bytes and then by its suffix."""
     try:
         head = _first_bytes(path)
     except OSError as error:

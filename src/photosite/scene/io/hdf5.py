@@ -346,9 +346,9 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
     names = ("basis", "wavelength_nm", "reflectance")
     spectra = {name: read_numbers(path, datasets[name]) for name in names if name in datasets}
     stated = Stated(path, attributes)
-    error = stated.number("relative_error")
-    if error is None or error < 0:
-        raise FileError(path, "relative_error", value=error, expected="0 or more")
+    lost = stated.number("relative_error")
+    if lost is None or lost < 0:
+        raise FileError(path, "relative_error", value=lost, expected="0 or more")
     try:
         scene = Scene(
             _weights(path, datasets["weights"]),
@@ -356,7 +356,7 @@ def _read_own(file: Hdf5File, options: ReadOptions) -> Scene:
             width_m=stated.number("width_m"),
             regions=_regions(file),
             name=str(attributes.get("name", "")),
-            relative_error=error,
+            relative_error=lost,
             patches="patches" in attributes,
             **spectra,
         )

@@ -61,13 +61,7 @@ class Stated:
 
 
 def file_units(path: Path, options: ReadOptions, stated: Any) -> Units:
-    """Return the units of a file's values; the caller's override those that the file states, if any.
-
-    Raises
-    ------
-    FileError
-        If neither gives units, or the file's are unknown.
-    """
+    """Return the units of a file's values; the caller's override those that the file states, if any."""
     if options.units is not None:
         return override_units(path, options.units, stated)
     if stated is None:
@@ -80,13 +74,7 @@ def file_units(path: Path, options: ReadOptions, stated: Any) -> Units:
 
 
 def override_units(path: Path, given: str, stated: Any, own: Units | None = None) -> Units:
-    """Return the caller's units; warn where the file states others. `own` are the file's where the text does not tell.
-
-    Raises
-    ------
-    InputError
-        If the caller's units are unknown.
-    """
+    """Return the caller's units; warn where the file states others. `own` are the file's where the text does not tell."""
     units = parse_units(given)
     if own is None:
         try:
