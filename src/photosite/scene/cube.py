@@ -27,7 +27,7 @@ Interleave = Literal["bsq", "bil", "bip"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpectralCube(ABC):
-    """A cube: what is known before its values are read, and the values block by block.
+    """A cube: its shape, wavelengths and quantity, and its values block by block.
 
     Parameters
     ----------

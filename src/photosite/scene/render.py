@@ -310,7 +310,7 @@ def _nodes(mitsuba: Any, state: Any, kind: str) -> list[Any]:
 
 
 def _as_spectral(mitsuba: Any, film: Any, names: list[str], first_nm: float, width_nm: float, shape: Shape) -> None:
-    """Turn a film of any kind into one that integrates radiance over bands, pixel by pixel."""
+    """Turn a film into one that integrates radiance over bands, pixel by pixel."""
     for name in list(film.keys()):
         if name not in _FILM_KEEPS or (name.startswith("crop") and shape != (None, None)):
             del film[name]

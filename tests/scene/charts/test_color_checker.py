@@ -1,4 +1,4 @@
-"""The ColorChecker: published colours, and the luminance asked for."""
+"""The ColorChecker: published colours, regions and luminance."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_macbeth_mean_luminance_is_that_of_its_patches() -> None:
     assert np.argmax(patches) == charts.MACBETH_NAMES.index("white")
 
 
-def test_macbeth_regions_lie_inside_their_patches_and_black_between() -> None:
+def test_macbeth_regions_are_inside_their_patches_with_black_between() -> None:
     chart = charts.macbeth()
     for index, region in enumerate(chart.regions):
         weights = chart.weights[:, region.r0 - 4 : region.r1 + 4, region.c0 - 4 : region.c1 + 4]
@@ -40,7 +40,7 @@ def test_macbeth_regions_lie_inside_their_patches_and_black_between() -> None:
     assert not chart.weights[:, :, 30:36][:, :, 2:4].any()
 
 
-def test_macbeth_regions_of_a_frame_follow_the_cover_rule() -> None:
+def test_macbeth_regions_of_a_frame_that_the_chart_fills() -> None:
     regions = charts.macbeth_regions(132 * 3, 196 * 3)
     chart = charts.macbeth()
     assert [(r.r0, r.c1) for r in regions] == [(3 * r.r0, 3 * r.c1) for r in chart.regions]

@@ -1,4 +1,4 @@
-"""The ColorChecker SG: raised reflectances have the published colours."""
+"""The ColorChecker SG: its smooth reflectances have the published colours."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from photosite.scene import charts
 
 @pytest.mark.parametrize(("edition", "table"), [("after 2014", "After"), ("before 2014", "Before")])
 @pytest.mark.parametrize(("step", "bound"), [(5.0, 0.02), (10.0, 0.15)])
-def test_integrated_again_every_patch_has_its_published_lab(
-    edition: str, table: str, step: float, bound: float
-) -> None:
+def test_every_patch_has_its_published_lab(edition: str, table: str, step: float, bound: float) -> None:
     """By colour-science, from spectra to L*a*b* and CIEDE2000."""
     colour = colour_science()
     published = colour.CCS_COLOURCHECKERS[f"ColorCheckerSG - {table} November 2014"]
@@ -29,7 +27,7 @@ def test_integrated_again_every_patch_has_its_published_lab(
     assert colour.delta_E(lab, wanted_lab, method="CIE 2000").max() < bound
 
 
-def test_the_chart_holds_its_reflectances_and_says_how_they_came() -> None:
+def test_the_chart_has_its_reflectances_and_their_source_in_its_name() -> None:
     chart = charts.color_checker_sg("D50", 55.0)
     assert "raised" in chart.name
     assert [r.name for r in chart.regions] == list(charts.SG_NAMES)
@@ -44,9 +42,10 @@ def test_the_chart_holds_its_reflectances_and_says_how_they_came() -> None:
 
 
 def test_the_middle_of_the_chart_is_a_color_checker_classic() -> None:
-    """The SG holds the Classic's 24 colours at E2 to J5: raised from one maker's table, measured on another's chart.
+    """The SG has the Classic's 24 colours at E2 to J5, smooth here and measured there.
 
-    Neighbours differ by 20 and more, so a patch out of its place would show."""
+    Neighbours differ by 20 and more, so a misplaced patch would be found.
+    """
     colour = colour_science()
     light = photons_from_energy(illuminant("D50"), DEFAULT_WAVELENGTH_NM)
     names = [f"{letter}{number}" for number in range(2, 6) for letter in "EFGHIJ"]

@@ -1,4 +1,4 @@
-"""Charts of any reflectances, and of greys over decades."""
+"""Charts of any reflectances, and of greys over several decades."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_every_patch_has_its_reflectance_under_the_light() -> None:
     assert chart.name == "chart, illuminant FL11"
 
 
-def test_regions_run_along_the_rows_and_are_of_one_colour() -> None:
+def test_regions_are_in_order_of_rows_and_of_one_colour() -> None:
     chart = charts.reflectance_chart(reflectances(5), GRID, rows=2, cols=3, names=list("abcde")).under("A")
     assert [r.name for r in chart.regions] == list("abcde")
     assert chart.regions[3].r0 == chart.regions[0].r0 + 32
@@ -43,7 +43,7 @@ def test_regions_run_along_the_rows_and_are_of_one_colour() -> None:
     assert not chart.weights[:, 36:64, 68:].any()  # the sixth place stays black
 
 
-def test_the_fewest_spectra_are_held() -> None:
+def test_the_basis_is_the_fewest_spectra() -> None:
     greys = np.linspace(0.05, 0.9, 30)[:, None] * np.ones(GRID.size)
     assert len(charts.reflectance_chart(greys, GRID, rows=5, cols=6).weights) == 1
     assert len(charts.reflectance_chart(reflectances(100), GRID, rows=10, cols=10).weights) <= GRID.size
@@ -80,7 +80,7 @@ def test_a_black_chart_has_no_luminance() -> None:
         chart.under("A", 40)
 
 
-def test_greys_keep_six_decades_and_name_their_density() -> None:
+def test_greys_cover_six_decades_and_are_named_by_density() -> None:
     chart = charts.hdr_patches("D65", 1000.0, decades=6, patches=36)
     levels = np.array([chart.weights[0, r.r0, r.c0] for r in chart.regions], np.float64)
     assert levels[0] / levels[-1] == pytest.approx(1e6, rel=1e-6)
@@ -88,6 +88,6 @@ def test_greys_keep_six_decades_and_name_their_density() -> None:
     assert -np.log10(levels) == pytest.approx([float(r.name.split()[1]) for r in chart.regions], abs=0.005)
     seen = [float(luminance_cd_m2(chart.radiance(r.r0, r.c0), chart.wavelength_nm)) for r in chart.regions]
     assert np.mean(seen) == pytest.approx(1000.0, rel=1e-6)
-    # Neighbours in order touch: dark patches are far from bright ones.
+    # Successive patches are neighbours, so that dark ones are far from bright ones.
     corners = np.array([(r.r0, r.c0) for r in chart.regions])
     assert (np.abs(np.diff(corners, axis=0)).sum(axis=1) == 32).all()

@@ -70,7 +70,7 @@ def test_names_of_channels(name: str, kind: str, wavelength_nm: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["R", "A", "S4.500nm", "S0.nm", "S0.500.0nm.x.nmx", "depth.Z", "S0.0,0nm", "S0.500"])
-def test_other_names_are_none(name: str) -> None:
+def test_other_names_are_not_spectral(name: str) -> None:
     assert spectral_channel(name) is None
 
 
@@ -167,7 +167,7 @@ def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
     assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
 
 
-def test_reflectances_are_lit(tmp_path: Path) -> None:
+def test_reflectances_are_under_the_illuminant(tmp_path: Path) -> None:
     reflectance = np.random.default_rng(2).uniform(0.1, 0.9, (5, 6, GRID.size)).astype(np.float32)
     file = spectral(tmp_path / "a.exr", reflectance, layer="T")
     scene = read_scene(file, illuminant="D65", mean_luminance_cd_m2=80, tolerance=1e-6)
@@ -197,7 +197,7 @@ def test_wavelengths_of_the_caller(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("half", "within"), [(False, 1e-6), (True, 5e-4)])
-def test_reversal(tmp_path: Path, half: bool, within: float) -> None:
+def test_round_trip(tmp_path: Path, half: bool, within: float) -> None:
     whole = ps.charts.macbeth("A", 40, distance_m=1.37, width_m=0.31)
     chart = replace(whole, weights=whole.weights[:, ::4, ::4], regions=())
     file = tmp_path / "chart.exr"
@@ -308,7 +308,7 @@ def test_truncated_file(tmp_path: Path, keep: float, parts: int, capfd: pytest.C
     assert capfd.readouterr() == ("", "")
 
 
-def test_file_whose_writer_was_stopped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_file_of_an_interrupted_writer(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """The offsets of the last rows, which are written at the end, are 0."""
     file = spectral(tmp_path / "a.exr", some_radiance(), emissiveUnits=PER_NM)
     content = bytearray(file.read_bytes())

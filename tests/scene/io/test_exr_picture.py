@@ -1,4 +1,4 @@
-"""OpenEXR: pictures of red, green and blue, raised to spectra."""
+"""OpenEXR: pictures of red, green and blue as spectra."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_picture_keeps_its_range_and_its_white_luminance(tmp_path: Path) -> None
     rgb = some_picture()
     scene = read_scene(picture(tmp_path / "a.exr", rgb, whiteLuminance=200.0))
     assert_allclose(scene.weights, np.moveaxis(rgb, 2, 0), rtol=1e-6)
-    # The matrix has four decimals, and the raised spectra turn colours by a little: 1 % of the brightest of the three.
+    # The matrix has four decimals, and the spectra shift colours slightly: 1 % of the brightest channel.
     assert (np.abs(linear_srgb_of(scene) - 200 * rgb) < 0.01 * 200 * rgb.max(axis=2, keepdims=True)).all()
     white = read_scene(picture(tmp_path / "b.exr", np.ones((2, 2, 3)), whiteLuminance=200.0))
     assert luminance_cd_m2(white.radiance(0, 0), white.wavelength_nm) == pytest.approx(200, rel=1e-9)

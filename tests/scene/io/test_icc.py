@@ -87,7 +87,7 @@ def test_other_curves_and_colorants_are_transformed(profile: Profile, colorants:
 
 
 def test_a_profile_of_tables_is_transformed(profile: Profile) -> None:
-    """A lookup table of 33 nodes that swaps nothing but makes light the square of the code, in XYZ."""
+    """A lookup table of 33 nodes to XYZ, in which light is the square of the code."""
     made = profile("A scanner", extra={b"A2B0": squares_table()}, without=b"TRC")
     space = space_of_profile(HERE, made)
     assert space.profile == made

@@ -99,7 +99,7 @@ def test_wavelength_and_value_in_turn(tmp_path: Path) -> None:
     assert (error.line, "other wavelengths" in error.what) == (7, True)
 
 
-def test_the_table_with_spectra_is_found_behind_others(tmp_path: Path) -> None:
+def test_the_first_table_with_spectra_is_read(tmp_path: Path) -> None:
     colours = (
         "CGATS.17\nBEGIN_DATA_FORMAT\nSAMPLE_ID LAB_L LAB_A LAB_B\nEND_DATA_FORMAT\nBEGIN_DATA\n1 2 3 4\nEND_DATA\n"
     )
@@ -107,7 +107,7 @@ def test_the_table_with_spectra_is_found_behind_others(tmp_path: Path) -> None:
     assert_allclose(reflectances(scene), VALUES, atol=2e-5)
 
 
-def test_sets_that_run_over_lines(tmp_path: Path) -> None:
+def test_sets_over_several_lines(tmp_path: Path) -> None:
     text = cgats_text()
     head, body = text.split("BEGIN_DATA\n")
     body = body.replace('" 0', '"\n   0')
@@ -211,7 +211,7 @@ def test_order_of_the_file_and_patches_across(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["chart.csv", "chart.cgats", "chart.tsv"])
-def test_reversal(tmp_path: Path, name: str) -> None:
+def test_round_trip(tmp_path: Path, name: str) -> None:
     chart = ps.charts.macbeth("D65", 100)
     write_scene(chart, tmp_path / name)
     back = read_scene(tmp_path / name, **LIGHT)
@@ -224,7 +224,7 @@ def test_reversal(tmp_path: Path, name: str) -> None:
         assert np.linalg.norm(there - here) < 1e-3 * np.linalg.norm(here), part.name
 
 
-def test_reversal_of_radiance(tmp_path: Path) -> None:
+def test_round_trip_of_radiance(tmp_path: Path) -> None:
     from dataclasses import replace
 
     chart = replace(ps.charts.macbeth("A", 40), reflectance=None)
@@ -310,8 +310,8 @@ def test_negative_values_and_unsorted_bands_on_request(tmp_path: Path) -> None:
     assert_allclose(reflectances(read_scene(back, sort_bands=True, **LIGHT)), VALUES, atol=2e-5)
 
 
-def test_one_outlier_does_not_make_percent_of_a_chart(tmp_path: Path) -> None:
-    """Thirty fractions and one misplaced decimal point, or more."""
+def test_one_outlier_is_an_error_not_percent(tmp_path: Path) -> None:
+    """Thirty fractions, one with a misplaced decimal point or worse."""
     values = np.tile(VALUES, (5, 1))
     names = [f"{name} {k}" for k in range(5) for name in NAMES]
     for slip in (7.5, 1e30):

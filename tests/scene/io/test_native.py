@@ -24,7 +24,7 @@ def chart(tmp_path: Path) -> Path:
     return tmp_path / "chart.h5"
 
 
-def test_weights_lie_in_one_piece_and_are_mapped(chart: Path) -> None:
+def test_weights_are_contiguous_and_mapped(chart: Path) -> None:
     scene = read_scene(chart)
     assert isinstance(scene.weights.base, MappedWeights)
     with h5py.File(chart) as file:
@@ -35,21 +35,21 @@ def test_weights_lie_in_one_piece_and_are_mapped(chart: Path) -> None:
     assert np.array_equal(raw, scene.weights.ravel())
 
 
-def test_a_file_may_be_replaced_by_the_scene_that_is_mapped_from_it(chart: Path) -> None:
+def test_a_mapped_scene_can_replace_its_own_file(chart: Path) -> None:
     scene = read_scene(chart)
     scene.scaled(2.0).save(chart)
     assert np.array_equal(read_scene(chart).weights, scene.weights)
     assert read_scene(chart).basis == pytest.approx(2 * scene.basis)
 
 
-def test_writing_goes_by_rows(chart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_are_written_by_rows(chart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = read_scene(chart)
     monkeypatch.setattr(hdf5, "_BLOCK_BYTES", 1)
     scene.save(chart.with_name("other.h5"))
     assert np.array_equal(read_scene(chart.with_name("other.h5")).weights, scene.weights)
 
 
-def test_a_name_may_be_empty_or_of_any_letters(tmp_path: Path) -> None:
+def test_names_can_be_empty_or_of_any_letters(tmp_path: Path) -> None:
     for name in ("", "Ångström 測定"):
         scene = Scene.uniform([1e14, 1e14], [500, 600], name=name)
         scene.save(tmp_path / "a.h5")

@@ -82,7 +82,7 @@ def test_radiance_files_keep_eight_decades(tmp_path: Path, runs: bool) -> None:
     assert scene.reflectance is None
 
 
-def test_radiance_s_own_units_and_exposure(tmp_path: Path) -> None:
+def test_units_of_radiance_and_exposure(tmp_path: Path) -> None:
     """White of 1 W/sr/m2 is 179 cd/m2; EXPOSURE multiplies. 0.501953125 = 128.5 / 256 is the middle of a step."""
     white = np.full((2, 9, 3), 0.501953125)
     scene = read_scene(hdr(tmp_path / "a.hdr", white, "EXPOSURE=2\nEXPOSURE=2.0\n"), units="radiance")

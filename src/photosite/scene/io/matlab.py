@@ -62,39 +62,34 @@ class BasisCube(SpectralCube):
 def open_cube(path: Path, options: ReadOptions) -> SpectralCube:
     """Open the cube of a MATLAB file."""
     with _variables_of(path) as content:
-        shapes = content.shapes()
         for prefix in ("", "scene."):
             data = f"{prefix}data." if prefix else ""
-            if options.variable is None and f"{prefix}mcCOEF" in shapes:
-                return _basis_form(content, shapes, options, prefix)
-            if options.variable is None and f"{data}photons" in shapes:
-                return _photon_form(content, shapes, options, prefix, f"{data}photons")
-        return _any_cube(content, shapes, options)
+            if options.variable is None and f"{prefix}mcCOEF" in content.shapes:
+                return _basis_form(content, options, prefix)
+            if options.variable is None and f"{data}photons" in content.shapes:
+                return _photon_form(content, options, prefix, f"{data}photons")
+        return _any_cube(content, options)
 
 
-def _photon_form(
-    content: _Variables, shapes: dict[str, tuple[int, ...]], options: ReadOptions, prefix: str, name: str
-) -> SpectralCube:
-    _three_axes(content.path, name, shapes[name])
+def _photon_form(content: _Variables, options: ReadOptions, prefix: str, name: str) -> SpectralCube:
+    _three_axes(content, name)
     keys = (f"{prefix}{key}" for key in ("wave", "spectrum.wave", "wavelength"))
-    place = next((key for key in keys if key in shapes), None)
+    place = next((key for key in keys if key in content.shapes), None)
     values = None if place is None else content.numbers(place).ravel()
     grid = wavelengths_in_nm(content.path, values, None if values is None else "nm", options.wavelength_nm)
-    return content.cube(name, _iset_units(content.path, options), grid, **_iset_head(content, shapes, prefix, grid))
+    return content.cube(name, _iset_units(content.path, options), grid, **_iset_head(content, prefix, grid))
 
 
-def _basis_form(
-    content: _Variables, shapes: dict[str, tuple[int, ...]], options: ReadOptions, prefix: str
-) -> SpectralCube:
+def _basis_form(content: _Variables, options: ReadOptions, prefix: str) -> SpectralCube:
     path = content.path
     for name in ("basis.basis", "basis.wave"):
-        if name not in shapes:
+        if name not in content.shapes:
             raise FileError(path, f"has coefficients (mcCOEF) without {name}")
     basis, wave = content.numbers("basis.basis"), content.numbers("basis.wave").ravel()
-    rows, cols, count = _three_axes(path, "mcCOEF", shapes["mcCOEF"])
+    rows, cols, count = _three_axes(content, "mcCOEF")
     if basis.ndim != 2 or basis.shape != (wave.size, count):
         raise FileError(path, "basis.basis", value=basis.shape, expected=f"({wave.size}, {count}): wavelengths, mcCOEF")
-    mean = content.numbers("imgMean").ravel() if "imgMean" in shapes else np.zeros(0)
+    mean = content.numbers("imgMean").ravel() if "imgMean" in content.shapes else np.zeros(0)
     if mean.size not in (0, wave.size):
         raise FileError(path, "imgMean", value=f"{mean.size} values", expected=f"{wave.size} values, one a wavelength")
     grid = wavelengths_in_nm(path, wave, "nm", options.wavelength_nm)
@@ -107,7 +102,7 @@ def _basis_form(
         coefficients=content.cube("mcCOEF", _PHOTONS, np.arange(1.0, count + 1)),
         basis=basis * units.scale,
         mean=(mean if mean.size else np.zeros(wave.size)) * units.scale,
-        **_iset_head(content, shapes, prefix, grid),
+        **_iset_head(content, prefix, grid),
     )
 
 
@@ -115,31 +110,32 @@ def _iset_units(path: Path, options: ReadOptions) -> Units:
     return _PHOTONS if options.units is None else override_units(path, options.units, "photons", _PHOTONS)
 
 
-def _three_axes(path: Path, name: str, shape: tuple[int, ...]) -> tuple[int, int, int]:
+def _three_axes(content: _Variables, name: str) -> tuple[int, int, int]:
+    shape = content.shapes[name]
     if len(shape) != 3 or 0 in shape:  # MATLAB drops a last axis of one band
-        raise FileError(path, name, value=shape, expected="(rows, columns, bands), two bands or more")
+        raise FileError(content.path, name, value=shape, expected="(rows, columns, bands), two bands or more")
     return shape[0], shape[1], shape[2]
 
 
-def _iset_head(content: _Variables, shapes: dict[str, tuple[int, ...]], prefix: str, grid: Array) -> dict[str, Any]:
-    distance = _positive(content, shapes, f"{prefix}{'distance' if prefix else 'dist'}")
+def _iset_head(content: _Variables, prefix: str, grid: Array) -> dict[str, Any]:
+    distance = _positive(content, f"{prefix}{'distance' if prefix else 'dist'}")
     name = f"{prefix}{'wAngular' if prefix else 'fov'}"
-    fov = _positive(content, shapes, name)
+    fov = _positive(content, name)
     width = None
     if fov is not None and distance is not None:
         if fov >= 180:
             raise FileError(content.path, name, value=fov, expected="below 180 degrees")
         width = 2 * distance * math.tan(math.radians(fov) / 2)
     return {
-        "light": _iset_light(content, shapes, prefix, grid),
+        "light": _iset_light(content, prefix, grid),
         "distance_m": distance,
         "width_m": width,
         "title": content.text(f"{prefix}name"),
     }
 
 
-def _positive(content: _Variables, shapes: dict[str, tuple[int, ...]], name: str) -> float | None:
-    if name not in shapes or math.prod(shapes[name]) == 0:
+def _positive(content: _Variables, name: str) -> float | None:
+    if name not in content.shapes or math.prod(content.shapes[name]) == 0:
         return None
     value = content.numbers(name).ravel()
     if value.size != 1 or not np.isfinite(value[0]) or value[0] <= 0:
@@ -147,24 +143,25 @@ def _positive(content: _Variables, shapes: dict[str, tuple[int, ...]], name: str
     return float(value[0])
 
 
-def _iset_light(content: _Variables, shapes: dict[str, tuple[int, ...]], prefix: str, grid: Array) -> Array | None:
-    """Return the illuminant in photons at the scene's wavelengths; None where there is none, or it is unusable.
+def _iset_light(content: _Variables, prefix: str, grid: Array) -> Array | None:
+    """Return the illuminant in photons at the scene's wavelengths; None where it is missing or unusable.
 
     ISET's illuminant is the light from a perfect white, on the scale of the scene's photons.
     """
     path, base = content.path, f"{prefix}illuminant."
-    name = next((f"{base}{key}" for key in ("data.photons", "data") if f"{base}{key}" in shapes), None)
+    name = next((f"{base}{key}" for key in ("data.photons", "data") if f"{base}{key}" in content.shapes), None)
     if name is None:
         return None
-    if len(shapes[name]) > 2:
+    if len(content.shapes[name]) > 2:
         return _ignored_light(path, "differs over the scene")
     # Old files stored photons as integers between a minimum and a maximum, and energy under the name of photons.
     if name.endswith("photons"):
-        if f"{base}data.min" in shapes:
+        if f"{base}data.min" in content.shapes:
             return _ignored_light(path, "is packed between a minimum and a maximum")
         if content.text(f"{base}type") is None:
             return _ignored_light(path, "has no type, so that its photons may be energy")
-    place = next((f"{base}{key}" for key in ("spectrum.wave", "wavelength", "wave") if f"{base}{key}" in shapes), None)
+    keys = (f"{base}{key}" for key in ("spectrum.wave", "wavelength", "wave"))
+    place = next((key for key in keys if key in content.shapes), None)
     values = content.numbers(name).ravel()
     wave = grid if place is None else content.numbers(place).ravel()
     if values.size != wave.size or not np.isfinite(values).all() or values.min() < 0:
@@ -181,15 +178,15 @@ def _ignored_light(path: Path, why: str) -> Array | None:
     return None
 
 
-def _any_cube(content: _Variables, shapes: dict[str, tuple[int, ...]], options: ReadOptions) -> SpectralCube:
+def _any_cube(content: _Variables, options: ReadOptions) -> SpectralCube:
     path = content.path
-    name = choose_variable(path, shapes, options.variable)
+    name = choose_variable(path, content.shapes, options.variable)
     texts = {key: content.text(key) for key in (*UNIT_NAMES, "wavelength_units", "wavelength_unit")}
     units = file_units(path, options, next((texts[key] for key in UNIT_NAMES if texts[key] is not None), None))
-    low = {key.rpartition(".")[2].lower(): key for key in shapes if key != name}
+    low = {key.rpartition(".")[2].lower(): key for key in content.shapes if key != name}
     values, unit = None, texts["wavelength_units"] or texts["wavelength_unit"]
     for wanted in WAVELENGTH_NAMES:
-        if wanted in low and math.prod(shapes[low[wanted]]) == shapes[name][2]:
+        if wanted in low and math.prod(content.shapes[low[wanted]]) == content.shapes[name][2]:
             values, unit = content.numbers(low[wanted]).ravel(), "nm" if wanted.endswith("_nm") else unit
             break
     return content.cube(name, units, wavelengths_in_nm(path, values, unit, options.wavelength_nm))
@@ -212,15 +209,12 @@ def _variables_of(path: Path) -> Iterator[_Variables]:
 
 
 class _Version5:
-    """The variables of versions 4 to 7.2; parts of structures have dotted names."""
+    """The variables of versions 4 to 7.2, and the shapes of numeric ones; parts of structures have dotted names."""
 
     def __init__(self, path: Path, content: dict[str, Any], folder: TemporaryFolder) -> None:
         self.path, self._folder = path, folder
         self._values = dict(_flat("", content))
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the shapes of all numeric variables, as in MATLAB."""
-        return {
+        self.shapes: dict[str, tuple[int, ...]] = {
             name: value.shape
             for name, value in self._values.items()
             if isinstance(value, ArrayFile) or (isinstance(value, np.ndarray) and value.dtype.kind in "fiu")
@@ -265,9 +259,7 @@ class _Version73:
     def __init__(self, file: Hdf5File) -> None:
         self.path, self._file = file.path, file
         self._data = {name.replace("/", "."): data for name, data in file.datasets.items() if not name.startswith("#")}
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        return {
+        self.shapes: dict[str, tuple[int, ...]] = {
             name: data.shape[::-1]
             for name, data in self._data.items()
             if data.dtype.kind in "fiu" and not self._is_text(data)

@@ -74,7 +74,7 @@ def file_units(path: Path, options: ReadOptions, stated: Any) -> Units:
 
 
 def override_units(path: Path, given: str, stated: Any, own: Units | None = None) -> Units:
-    """Return the caller's units; warn where the file states others. `own` are the file's where the text does not tell."""
+    """Return the caller's units; warn where the file states others: `own`, or else those of the text `stated`."""
     units = parse_units(given)
     if own is None:
         try:
