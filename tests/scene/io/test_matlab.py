@@ -68,8 +68,7 @@ def test_a_cube_stored_by_bands_is_copied_where_a_slab_of_rows_is_too_large(
     assert not spooled.exists()
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
-@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize(("dtype", "compressed"), [(np.uint8, False), (np.uint16, True), (np.float64, False)])
 def test_a_cube_of_version_5(tmp_path: Path, dtype: type, compressed: bool) -> None:
     array = (CUBE * 100).astype(dtype)
     savemat(tmp_path / "a.mat", {"ref": array, "wavelength_nm": GRID}, do_compression=compressed)
@@ -205,29 +204,31 @@ def test_scenes_too_large_for_version_5(tmp_path: Path, monkeypatch: pytest.Monk
     assert (caught.value.what, caught.value.value) == ("version", "6")
 
 
-@pytest.mark.parametrize("version", ["5", "7.3"])
+INVALID: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({"rad": CUBE, "bands": GRID}, {}, "units"),
+    ({"rad": CUBE}, UNITS, "wavelength"),
+    ({"rad": CUBE, "bands": GRID[1:]}, UNITS, "wavelength"),
+    ({"rad": CUBE, "bands": GRID[::-1]}, UNITS, "wavelength"),
+    ({"rad": CUBE, "lambda": GRID / 1000}, UNITS, "wavelength"),
+    ({"rad": CUBE, "wavelength_nm": GRID / 1000}, UNITS, "wavelength"),
+    ({"a": CUBE, "b": CUBE, "wave": GRID}, UNITS, "has 2 cubes: a (6, 5, 7), b"),
+    ({"a": CUBE, "wave": GRID}, {"variable": "c"}, "has no cube 'c'"),
+    ({"a": CUBE[:, :, 0], "wave": GRID}, UNITS, "has no cube"),
+    ({"photons": CUBE[:, :, 0], "wave": GRID}, {}, "photons"),
+    ({"photons": CUBE, "wave": GRID[1:]}, {}, "wavelength"),
+    ({"photons": CUBE}, {}, "wavelength"),
+    ({"photons": CUBE, "wave": GRID, "fov": 200.0, "dist": 1.0}, {}, "fov"),
+    ({"photons": CUBE, "wave": GRID, "dist": -1.0}, {}, "dist"),
+    ({"photons": -CUBE, "wave": GRID}, {}, "negative"),
+    ({"photons": CUBE * np.nan, "wave": GRID}, {}, ""),
+    ({"mcCOEF": CUBE}, {}, "without basis.basis"),
+    ({"mcCOEF": CUBE, "basis/basis": np.ones((9, 3)), "basis/wave": GRID}, {}, "basis.basis"),
+]
+
+
 @pytest.mark.parametrize(
-    ("content", "options", "about"),
-    [
-        ({"rad": CUBE, "bands": GRID}, {}, "units"),
-        ({"rad": CUBE}, UNITS, "wavelength"),
-        ({"rad": CUBE, "bands": GRID[1:]}, UNITS, "wavelength"),
-        ({"rad": CUBE, "bands": GRID[::-1]}, UNITS, "wavelength"),
-        ({"rad": CUBE, "lambda": GRID / 1000}, UNITS, "wavelength"),
-        ({"rad": CUBE, "wavelength_nm": GRID / 1000}, UNITS, "wavelength"),
-        ({"a": CUBE, "b": CUBE, "wave": GRID}, UNITS, "has 2 cubes: a (6, 5, 7), b"),
-        ({"a": CUBE, "wave": GRID}, {"variable": "c"}, "has no cube 'c'"),
-        ({"a": CUBE[:, :, 0], "wave": GRID}, UNITS, "has no cube"),
-        ({"photons": CUBE[:, :, 0], "wave": GRID}, {}, "photons"),
-        ({"photons": CUBE, "wave": GRID[1:]}, {}, "wavelength"),
-        ({"photons": CUBE}, {}, "wavelength"),
-        ({"photons": CUBE, "wave": GRID, "fov": 200.0, "dist": 1.0}, {}, "fov"),
-        ({"photons": CUBE, "wave": GRID, "dist": -1.0}, {}, "dist"),
-        ({"photons": -CUBE, "wave": GRID}, {}, "negative"),
-        ({"photons": CUBE * np.nan, "wave": GRID}, {}, ""),
-        ({"mcCOEF": CUBE}, {}, "without basis.basis"),
-        ({"mcCOEF": CUBE, "basis/basis": np.ones((9, 3)), "basis/wave": GRID}, {}, "basis.basis"),
-    ],
+    ("version", "content", "options", "about"),
+    [("7.3", *case) for case in INVALID] + [("5", *case) for case in INVALID[::4]],
 )
 def test_invalid_files(
     tmp_path: Path, version: str, content: dict[str, Any], options: dict[str, Any], about: str

@@ -118,9 +118,11 @@ def _lay(
     c0, c1 = max(math.ceil(along - radius - 0.5), 0), min(math.floor(along + radius - 0.5) + 1, bare.shape[1])
     if r0 >= r1 or c0 >= c1:
         return
+    part = bare[r0:r1, c0:c1]
+    if not part.any():
+        return
     y = np.arange(r0, r1) + (0.5 - down)
     x = np.arange(c0, c1) + (0.5 - along)
-    part = bare[r0:r1, c0:c1]
     new = (y * y)[:, None] + (x * x)[None, :] <= radius * radius
     new &= part
     grey[r0:r1, c0:c1][new] = shade
