@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from scene_files import radiance
 
 import photosite as ps
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
@@ -53,10 +54,6 @@ def small_chart() -> Scene:
     chart = ps.charts.macbeth("A", 40, wavelength_nm=GRID)
     regions = tuple(Region(r.name, r.r0 // 4, r.r1 // 4, r.c0 // 4, r.c1 // 4) for r in chart.regions)
     return replace(chart, weights=chart.weights[:, ::4, ::4], regions=regions).with_nominal_luminance(40)
-
-
-def radiance(scene: Scene) -> np.ndarray:
-    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
 
 
 def difference(one: Scene, other: Scene) -> float:

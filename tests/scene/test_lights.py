@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_files import radiance
 
 from photosite.color.illuminants import illuminant
 from photosite.color.spectrum import photons_from_energy
@@ -28,10 +29,6 @@ def direct(scene: Scene, lights: list[tuple[str, float, np.ndarray]]) -> np.ndar
     reflectance = np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.reflectance)
     light = sum(spread[:, :, None] * white(name, cd, scene.wavelength_nm) for name, cd, spread in lights)
     return reflectance * light
-
-
-def radiance(scene: Scene) -> np.ndarray:
-    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scene_files import radiance
 
 import photosite.scene.reduction as reduction_module
 import photosite.scene.weights as store_module
@@ -16,7 +17,6 @@ from photosite.color.tristimulus import luminance_cd_m2
 from photosite.errors import FileError, InputError
 from photosite.scene.cube import ArrayCube, Block, SpectralCube
 from photosite.scene.options import ReadOptions
-from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import reduce_cube
 from photosite.scene.weights import MappedWeights
 
@@ -33,10 +33,6 @@ def values(rows: int = 23, cols: int = 17, materials: int = 9) -> np.ndarray:
 def cube_of(array: np.ndarray, quantity: str = "photon radiance", **more: object) -> ArrayCube:
     given = {"name": "cube", "wavelength_nm": GRID, "values": array, "quantity": quantity} | more
     return ArrayCube(shape=array.shape, **given)  # type: ignore[arg-type]
-
-
-def radiance(scene: Scene) -> np.ndarray:
-    return np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis)
 
 
 def rms(array: np.ndarray) -> float:

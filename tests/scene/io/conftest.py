@@ -1,19 +1,14 @@
-"""ICC profiles for the tests of pictures; `icc_profiles` is importable beside them."""
+"""ICC profiles for the tests of pictures."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
+from icc_profiles import written
 
 
 @pytest.fixture(scope="session")
 def profile() -> Callable[..., bytes]:
     """Return `written(name, colorants, curve, extra, without)`."""
-    from icc_profiles import written
-
     return written

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import whole
 
 from photosite.color.spectrum import photons_from_energy
 from photosite.errors import FileError, InputError, PhotositeWarning
@@ -33,10 +34,6 @@ def error_of(path: Path, **options: object) -> FileError:
         read_scene(path, **options)
     assert "\n" not in str(caught.value)
     return caught.value
-
-
-def whole(path: Path, **options: object) -> np.ndarray:
-    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(3)])
 
 
 @pytest.mark.parametrize(

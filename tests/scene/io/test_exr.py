@@ -7,11 +7,11 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import error_of, radiance
 
 import photosite as ps
 from photosite.color.spectrum import photons_from_energy
@@ -42,10 +42,6 @@ def spectral(path: Path, values: np.ndarray, grid: np.ndarray = GRID, layer: str
 def some_radiance(rows: int = 37, cols: int = 20) -> np.ndarray:
     """W/m2/sr/nm."""
     return np.random.default_rng(5).uniform(1e-3, 2e-3, (rows, cols, GRID.size)).astype(np.float32)
-
-
-def radiance_of(scene: Scene) -> np.ndarray:
-    return np.tensordot(scene.weights.astype(float), scene.basis, axes=(0, 0))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +80,7 @@ def test_energy_radiance_becomes_photons(tmp_path: Path) -> None:
     energy = some_radiance()
     file = spectral(tmp_path / "render.exr", energy, emissiveUnits=PER_NM)
     scene = read_scene(file, tolerance=1e-6)
-    assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
+    assert_allclose(radiance(scene), photons_from_energy(energy, GRID), rtol=2e-5)
     assert (scene.name, scene.width_m) == ("render", None)
 
 
@@ -92,7 +88,7 @@ def test_prefix_of_the_units_counts(tmp_path: Path) -> None:
     energy = some_radiance()
     watts = read_scene(spectral(tmp_path / "a.exr", energy, emissiveUnits=PER_NM))
     milli = read_scene(spectral(tmp_path / "b.exr", energy, emissiveUnits=f"m{PER_NM}"))
-    assert_allclose(radiance_of(milli) * 1000, radiance_of(watts), rtol=1e-5)
+    assert_allclose(radiance(milli) * 1000, radiance(watts), rtol=1e-5)
 
 
 def test_bands_come_in_order_of_wavelength(tmp_path: Path) -> None:
@@ -164,7 +160,7 @@ def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
     OpenEXR.File({"emissiveUnits": PER_NM}, planes).write(str(tmp_path / "a.exr"))
     with pytest.warns(PhotositeWarning, match="S1 to S3 are ignored"):
         scene = read_scene(tmp_path / "a.exr", tolerance=1e-6)
-    assert_allclose(radiance_of(scene), photons_from_energy(energy, GRID), rtol=2e-5)
+    assert_allclose(radiance(scene), photons_from_energy(energy, GRID), rtol=2e-5)
 
 
 def test_reflectances_are_under_the_illuminant(tmp_path: Path) -> None:
@@ -203,10 +199,10 @@ def test_round_trip(tmp_path: Path, half: bool, within: float) -> None:
     file = tmp_path / "chart.exr"
     write_scene(chart, file, half=half)
     values = np.concatenate([block for _, block in open_cube(file).blocks(50)])
-    expected = radiance_of(chart)
+    expected = radiance(chart)
     assert_allclose(photons_from_energy(values, chart.wavelength_nm), expected, rtol=within, atol=within * 1e-6)
     back = read_scene(file)
-    error = np.sqrt(np.mean((radiance_of(back) - expected) ** 2) / np.mean(expected**2))
+    error = np.sqrt(np.mean((radiance(back) - expected) ** 2) / np.mean(expected**2))
     assert error < 1.2e-3
     assert back.relative_error < 1e-3
     assert (back.distance_m, back.width_m, back.name) == (1.37, 0.31, chart.name)
@@ -233,7 +229,7 @@ def test_rows_are_written_by_their_bytes(
     row = 8 * shape[1] * GRID.size
     assert sum(taken) == 2 * row * shape[0]  # once for the brightest value
     assert max(taken) == min(max(40_000 // row, 1), shape[0]) * row
-    assert_allclose(radiance_of(read_scene(tmp_path / "a.exr")), radiance_of(scene), rtol=1e-3)
+    assert_allclose(radiance(read_scene(tmp_path / "a.exr")), radiance(scene), rtol=1e-3)
 
 
 def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> None:
@@ -247,15 +243,6 @@ def test_half_precision_takes_the_unit_that_holds_the_scene(tmp_path: Path) -> N
             write_scene(scene, tmp_path / "a.exr", half=True)
             assert OpenEXR.File(str(tmp_path / "a.exr")).header()["emissiveUnits"] == unit
             assert_allclose(read_scene(tmp_path / "a.exr").radiance(0, 0), factor, rtol=5e-4)
-
-
-def error_of(path: Path, **options: Any) -> FileError:
-    with pytest.raises(FileError) as caught:
-        read_scene(path, **options)
-    assert caught.value.path == str(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 420
-    return caught.value
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import error_of, whole
 
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import InputError, PhotositeWarning
 from photosite.scene.cube import RawCube
 from photosite.scene.io.files import open_cube, read_scene, write_scene
 from photosite.scene.io.hdf5 import ChunkedCube
@@ -27,18 +28,6 @@ def saved(path: Path, array: Any = CUBE, attributes: dict[str, Any] | None = Non
         data = file.create_dataset("run/cube", data=array, **how)
         data.attrs.update({"wavelength_nm": GRID, "units": "W/sr/m2/nm"} if attributes is None else attributes)
     return path
-
-
-def error_of(path: Path, **options: Any) -> FileError:
-    with pytest.raises(FileError) as caught:
-        read_scene(path, **options)
-    assert caught.value.path == str(path)
-    assert "\n" not in str(caught.value)
-    return caught.value
-
-
-def whole(path: Path, **options: Any) -> np.ndarray:
-    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(5)])
 
 
 @pytest.mark.parametrize("interleave", ORDERS)

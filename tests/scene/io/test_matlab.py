@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import whole
 from scipy.io import loadmat, savemat
 
 from photosite.color.spectrum import energy_from_photons, photons_from_energy
@@ -22,10 +23,6 @@ GRID = np.arange(400.0, 701, 50)
 RNG = np.random.default_rng(6)
 CUBE = RNG.uniform(1, 2, (6, 5, GRID.size))
 UNITS = {"units": "W/sr/m2/nm"}
-
-
-def whole(path: Path, **options: Any) -> np.ndarray:
-    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(4)])
 
 
 def save73(path: Path, content: dict[str, Any], **how: Any) -> Path:

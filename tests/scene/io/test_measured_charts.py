@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import error_of
 
 import photosite as ps
 from photosite.color.spectrum import photons_from_energy
@@ -19,15 +20,6 @@ LIGHT = {"illuminant": "D65", "mean_luminance_cd_m2": 100.0}
 GRID = [400, 500, 600, 700]
 NAMES = ["white", "light grey", "grey", "red", "green", "blue"]
 VALUES = np.round(np.random.default_rng(7).uniform(0.05, 0.9, (6, 4)), 4)
-
-
-def error_of(path: Path, **options: object) -> FileError:
-    with pytest.raises(FileError) as caught:
-        read_scene(path, **options)
-    assert caught.value.path == str(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 350
-    return caught.value
 
 
 def reflectances(scene: Scene) -> np.ndarray:

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from scene_files import error_of
 
 from photosite.color.tristimulus import luminance_cd_m2
-from photosite.errors import FileError
 from photosite.scene.io.files import read_scene
 from photosite.scene.pictures import from_hdr
 
 RNG = np.random.default_rng(8)
-
-
-def error_of(path: Path, **options: Any) -> FileError:
-    with pytest.raises(FileError) as caught:
-        read_scene(path, **options)
-    assert caught.value.path == str(path)
-    assert "\n" not in str(caught.value)
-    return caught.value
 
 
 def encoded(values: np.ndarray) -> np.ndarray:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 from numpy.testing import assert_allclose
+from scene_files import error_of, whole
 
-from photosite.errors import FileError
 from photosite.scene.io import tiff
-from photosite.scene.io.files import open_cube, read_scene
+from photosite.scene.io.files import open_cube
 from photosite.scene.scene import Scene
 
 GRID = np.arange(400.0, 701, 50)
@@ -33,18 +33,6 @@ def stack(path: Path, array: np.ndarray = CUBE, description: dict[str, Any] | st
             first = text if band == 0 else None
             file.write(array[:, :, band], photometric="minisblack", description=first, metadata=None, **how)
     return path
-
-
-def error_of(path: Path, **options: Any) -> FileError:
-    with pytest.raises(FileError) as caught:
-        read_scene(path, **options)
-    assert caught.value.path == str(path)
-    assert "\n" not in str(caught.value)
-    return caught.value
-
-
-def whole(path: Path, **options: Any) -> np.ndarray:
-    return np.concatenate([block.copy() for _, block in open_cube(path, **options).blocks(8)])
 
 
 @pytest.mark.parametrize(
