@@ -1,6 +1,6 @@
 """Spectral cubes: images of many bands, read a few rows at a time from memory or from a file.
 
-A reader fills the header and converts the values to SI. `photosite.scene.reduce` makes scenes of cubes.
+A reader fills the header and converts the values to SI. `photosite.scene.scene_cube` makes scenes of cubes.
 """
 
 from __future__ import annotations
