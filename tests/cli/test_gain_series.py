@@ -76,15 +76,14 @@ def test_json_sensors_and_report(photosite: Any, shot: tuple[Path, GainSeriesLab
     assert page.count("<svg") + page.count("data:image/svg+xml") >= 1
 
 
-def test_interrupted_run_resumes(photosite: Any, shot: tuple[Path, GainSeriesLab], tmp_path: Path) -> None:
-    """The first run leaves sums of each setting, or none where it removes them at its end."""
-    first = photosite("calibrate", shot[0], "--checkpoint", tmp_path / "sums", "--json").json
-    assert sorted(p.name for p in (tmp_path / "sums").iterdir() if p.is_dir()) in (
-        [],
-        sorted(f"gain{s}" for s in SETTINGS),
-    )
-    again = photosite("calibrate", shot[0], "--checkpoint", tmp_path / "sums", "--json").json
-    assert again["settings"] == first["settings"]
+def test_checkpoints_are_used_and_removed(
+    photosite: Any, shot: tuple[Path, GainSeriesLab], series: GainSeries, tmp_path: Path
+) -> None:
+    """Tests of `photosite.calibration.reduction.checkpoint` interrupt a calibration."""
+    done = photosite("calibrate", shot[0], "--checkpoint", tmp_path / "sums", "--json")
+    assert done.json["settings"] == json.loads(json.dumps(series.to_dict()["settings"]))
+    assert (tmp_path / "sums").is_dir()
+    assert not [path for path in (tmp_path / "sums").rglob("*") if path.is_file()]
 
 
 @pytest.mark.usefixtures("calibrated_once")

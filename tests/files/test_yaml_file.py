@@ -30,7 +30,7 @@ def test_aliases_are_read():
     assert dict(data["other"]) == {"x": 1, "y": 2}
 
 
-@pytest.mark.parametrize("content", ["&a [*a]", "[" * 1500, "{a: " * 1000 + "1" + "}" * 1000])
+@pytest.mark.parametrize("content", ["&a [*a]", "[" * 5000, "{a: " * 3000 + "1" + "}" * 3000, "- " * 5000])
 def test_content_that_contains_itself_or_nests_too_deeply_is_an_error(content):
     with pytest.raises(FileError):
         parse_yaml(content, "deep.yaml")

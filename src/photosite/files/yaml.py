@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -17,6 +18,10 @@ LARGEST_BYTES = 1 << 22
 
 _MOST_VALUES = 1_000_000
 """Limit of values in a document, aliases expanded."""
+
+
+_DEEPEST = 200
+"""Limit of open brackets."""
 
 
 def read_yaml(file: Path, what: str) -> Any:
@@ -39,6 +44,11 @@ def parse_yaml(content: str, path: str | PathLike[str]) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
+    depth = 0
+    for bracket in re.finditer(r"[\[\]{}]", content):  # ruamel's scanner takes seconds for a thousand open brackets
+        depth += 1 if bracket[0] in "[{" else -1
+        if depth > _DEEPEST:
+            raise FileError(path, "nests too deeply")
     try:
         data = YAML(typ="rt").load(content)
     except MarkedYAMLError as error:
