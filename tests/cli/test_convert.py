@@ -50,8 +50,8 @@ def test_each_missing_option_is_asked_for(photosite: Any, bare: Path) -> None:
     steps = [
         ("does not state the units", ["--units", "reflectance"]),
         ("has no wavelengths of its bands", ["--wavelengths", "400:600:100"]),
-        ("holds reflectances. Pass the light", ["--illuminant", "D65"]),
-        ("holds reflectances. Pass the luminance", ["--luminance", "100"]),
+        ("holds reflectances. Pass --illuminant D65 and --luminance 100", ["--illuminant", "D65"]),
+        ("holds reflectances. Pass --luminance 100", ["--luminance", "100"]),
         ("has no data at row 4, column 5, band 2 (500 nm)", ["--no-data", "zero"]),
         ("the first at row 6, column 7, band 3 (600 nm)", ["--negative", "zero"]),
     ]
