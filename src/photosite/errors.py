@@ -18,7 +18,8 @@ from __future__ import annotations
 import copy
 import difflib
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike, fspath
 from types import MappingProxyType
 from typing import Any, Protocol, Self
@@ -235,6 +236,23 @@ class CalibrationError(PhotositeError):
 
 class PhotositeWarning(_Fields, UserWarning):
     """The result is valid within a limitation that the user should know."""
+
+
+@contextmanager
+def in_file(path: str | PathLike[str], line: int | None = None) -> Iterator[None]:
+    """Raise an `InputError` as a `FileError` of the file that the value is from.
+
+    Examples
+    --------
+    >>> with in_file("lens.yaml", 3):
+    ...     raise InputError("f_number", value=0, expected="above 0")
+    Traceback (most recent call last):
+    photosite.errors.FileError: lens.yaml:3: f_number must be above 0, got 0
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error.in_file(path, line) from None
 
 
 def _short(value: Any) -> str:

@@ -164,15 +164,17 @@ def test_magnification_per_wavelength_scales_the_whole_image() -> None:
 
 
 def test_magnification_applies_up_to_any_corner() -> None:
-    sensor = ps.load_sensor("nikon-d200").with_(rows=260, cols=260)  # corner at 1.1 mm, beyond the 1 mm of the table
+    # Corner at 1.1 mm, beyond the 1 mm of the table.
+    sensor = ps.load_sensor("nikon-d200").with_(rows=65, cols=65, width_um=24.2, height_um=24.2)
+    scene = ps.charts.macbeth()
     color = LateralColor.from_magnification([450, 650], [1.0004, 0.9997])
     camera = ps.Camera(Lens(DiffractionLimited(8, 50), lateral_color=color), sensor)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        camera.mean_electrons(ps.charts.macbeth(), 0.1)
+        camera.mean_electrons(scene, 0.1)
     far = LateralColor(np.array([450.0, 650.0]), FieldPoints(height_mm=np.array([1.0])), np.array([[0.4], [-0.3]]))
     with pytest.warns(PhotositeWarning, match="known up to"):
-        ps.Camera(Lens(DiffractionLimited(8, 50), lateral_color=far), sensor).mean_electrons(ps.charts.macbeth(), 0.1)
+        ps.Camera(Lens(DiffractionLimited(8, 50), lateral_color=far), sensor).mean_electrons(scene, 0.1)
 
 
 def test_lateral_color_is_added_to_the_distorted_image() -> None:

@@ -45,7 +45,7 @@ def design(**changes: object) -> LensDesign:
 
 
 def test_every_node_has_unit_energy() -> None:
-    spread = design().point_spread(BASE, 2.0, None)
+    spread = design(nodes=7).point_spread(BASE, 2.0, None)
     assert isinstance(spread, FieldPsf)
     zero = np.zeros(1)
     for wavelength in (400.0, 450.0, 512.0, 650.0):
@@ -55,16 +55,16 @@ def test_every_node_has_unit_energy() -> None:
 
 @pytest.mark.parametrize("rank", [1, 2, 5])
 def test_energy_is_conserved_at_any_rank_between_nodes(rank: int) -> None:
-    spread = design(rank=rank).point_spread(BASE, 2.0, None)
+    spread = design(rank=rank, nodes=5).point_spread(BASE, 2.0, None)
     assert isinstance(spread, FieldPsf)
     assert len(spread.modes) == rank
     dc = np.array([mode.otf(np.zeros(1), np.zeros(1), 550.0)[0] for mode in spread.modes])
-    middle = 0.5 * (spread.weights[:, 3, 4] + spread.weights[:, 4, 4])
+    middle = 0.5 * (spread.weights[:, 1, 3] + spread.weights[:, 2, 3])
     assert abs(dc @ middle - 1) < 1e-12
 
 
 def test_stated_error_is_the_svd_error() -> None:
-    lens = design(tolerance=0.02)
+    lens = design(tolerance=0.02, nodes=7)
     exact = lens.node_psfs()
     found = lens.low_rank
     summed = np.tensordot(found.weights.T, found.modes, axes=1)
@@ -168,7 +168,7 @@ def test_a_grid_need_not_be_symmetric_nor_sorted() -> None:
 
 
 def test_field_angles_become_heights_at_the_image_distance() -> None:
-    lens = design(unit="deg", nodes=9)
+    lens = design(unit="deg", nodes=3)
     near, far = lens.point_spread(BASE, 0.2, None), lens.point_spread(BASE, math.inf, None)
     assert isinstance(near, FieldPsf)
     assert isinstance(far, FieldPsf)
@@ -186,7 +186,7 @@ def test_one_field_point_gives_a_plane_psf() -> None:
 
 
 def test_psf_is_linear_between_wavelengths_with_the_diffraction_cutoff() -> None:
-    spread = design(rank=2).point_spread(BASE, math.inf, None)
+    spread = design(rank=2, nodes=3).point_spread(BASE, math.inf, None)
     assert isinstance(spread, FieldPsf)
     mode = spread.modes[0]
     f = np.array([1.5e5])
@@ -198,7 +198,7 @@ def test_psf_is_linear_between_wavelengths_with_the_diffraction_cutoff() -> None
 
 
 def test_objects_out_of_focus_are_rejected() -> None:
-    lens = design()
+    lens = design(nodes=3)
     assert isinstance(lens.point_spread(BASE, 2.0, 2.0), FieldPsf)
     assert isinstance(lens.point_spread(BASE, 2.01, 2.0), FieldPsf)  # 0.1 waves
     with raises(InputError, "distance_m"):

@@ -45,8 +45,7 @@ def point_spread(spread: PlanePsf | RadialPsf, wavelength_nm: float, count: int)
     return np.fft.fftshift(image)
 
 
-@pytest.mark.parametrize("f_number", [2.8, 8.0])
-@pytest.mark.parametrize("wavelength_nm", [450.0, 650.0])
+@pytest.mark.parametrize(("f_number", "wavelength_nm"), [(2.8, 450.0), (8.0, 650.0)])
 def test_sampled_circle_has_the_airy_pattern_and_its_mtf(f_number: float, wavelength_nm: float) -> None:
     lens = DiffractionLimited(f_number, 50)
     spread = Wavefront(pupil=NEARLY_ROUND).point_spread(lens, 1.2)
@@ -97,13 +96,15 @@ def test_defocus_against_hopkins_by_three_methods(rim_waves: float) -> None:
     assert plane_otf(plane, 0.6 * s, 0.8 * s, 500.0) == pytest.approx(exact.astype(complex), abs=1e-4)
 
 
-@pytest.mark.parametrize("waves", [{(4, 0): 0.15}, {(2, 0): 0.2, (6, 0): 0.1}, {(4, 0): 0.5, (2, 0): -0.3}])
-@pytest.mark.parametrize("obscuration", [0.0, 0.35])
+@pytest.mark.parametrize(
+    ("waves", "obscuration"),
+    [({(4, 0): 0.15}, 0.0), ({(2, 0): 0.2, (6, 0): 0.1}, 0.35), ({(4, 0): 0.5, (2, 0): -0.3}, 0.35)],
+)
 def test_quadrature_and_transforms_agree_on_spherical_aberration(
     waves: dict[tuple[int, int], float], obscuration: float
 ) -> None:
     pupil = Pupil(obscuration=obscuration)
-    s = np.linspace(0, 1, 61)
+    s = np.linspace(0, 1, 31)
     exact = annular_otf(s, waves, obscuration, 60)
     count = cells_for(largest_slope(pupil, waves))
     by_transforms = PupilAutocorrelation(pupil, tuple(waves), count).otf(waves)
@@ -117,8 +118,8 @@ def test_quadrature_and_transforms_agree_on_spherical_aberration(
 
 
 def test_strong_defocus_by_transforms_against_hopkins() -> None:
-    """Up to 32 waves, the sampling limit, and beyond by the same rays at a longer wavelength."""
-    for rim_waves, tolerance in ((10.0, 2e-4), (32.0, 6e-4), (80.0, 8e-3)):
+    """At 32 waves, the sampling limit, and beyond by the same rays at a longer wavelength."""
+    for rim_waves, tolerance in ((32.0, 6e-4), (80.0, 8e-3)):
         coefficient = {4: rim_waves / math.sqrt(12)}
         spread = Wavefront(coefficient, unit="waves", reference_nm=550, pupil=NEARLY_ROUND).point_spread(LENS, FAR)
         s = np.linspace(0, 4 / rim_waves, 400)
@@ -129,8 +130,7 @@ def test_strong_defocus_by_transforms_against_hopkins() -> None:
 TERMS = [(n, m) for n in range(2, 5) for m in range(-n, n + 1, 2)]
 
 
-@pytest.mark.parametrize("term", TERMS)
-@pytest.mark.parametrize("rms", [0.02, 0.05])
+@pytest.mark.parametrize(("term", "rms"), [*((term, 0.05) for term in TERMS), ((2, 0), 0.02), ((3, 1), 0.02)])
 def test_strehl_ratio_against_marechal(term: tuple[int, int], rms: float) -> None:
     """exp(-(2 pi rms)^2): it omits at most 1.3 (2 pi rms)^4 / 24 and the third moment of the phase."""
     wavefront = Wavefront({term: rms}, index="nm", unit="waves", reference_nm=550, pupil=NEARLY_ROUND)
@@ -204,7 +204,7 @@ def test_psf_has_unit_energy_and_is_not_negative(wavefront: Wavefront) -> None:
     spread = wavefront.point_spread(LENS, FAR)
     at_zero = plane_otf(spread, np.zeros(1), np.zeros(1), 550.0)[0]
     assert abs(at_zero - 1) < 1e-12
-    psf = point_spread(spread, 550.0, 256)
+    psf = point_spread(spread, 550.0, 128)
     assert psf.sum() * (math.pi / 4) / 4 == pytest.approx(1, abs=1e-9)
     assert psf.min() > -1e-6 * psf.max()
     f = np.random.default_rng(3).uniform(-0.7, 0.7, (2, 300))
@@ -296,21 +296,8 @@ def test_indices_against_the_published_tables() -> None:
     """Noll 1976, table I; the University of Arizona's Fringe list."""
     noll = [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (3, -1), (3, 1), (3, -3), (3, 3), (4, 0), (4, 2), (4, -2)]
     assert list(zernike_terms(dict.fromkeys(range(1, 14), 1.0))) == noll
-    fringe = [
-        (0, 0),
-        (1, 1),
-        (1, -1),
-        (2, 0),
-        (2, 2),
-        (2, -2),
-        (3, 1),
-        (3, -1),
-        (4, 0),
-        (3, 3),
-        (3, -3),
-        (4, 2),
-        (4, -2),
-    ]
+    fringe = [(0, 0), (1, 1), (1, -1), (2, 0), (2, 2), (2, -2), (3, 1), (3, -1), (4, 0), (3, 3), (3, -3)]
+    fringe += [(4, 2), (4, -2)]
     assert list(zernike_terms(dict.fromkeys(range(1, 14), 1.0), "fringe")) == fringe
     # Fringe 9 is 6 r^4 - 6 r^2 + 1, whose RMS is 1 / sqrt 5; Fringe 7 is (3 r^3 - 2 r) cos, 1 / sqrt 8.
     peak = zernike_terms({9: 1.0, 7: 1.0}, "fringe")

@@ -66,7 +66,7 @@ def test_schema() -> None:
         ("[read_noise_mv, dsnu_mv]", "[[2, 0.5], [0.5, 1]]", "correlation"),
         ("[read_noise_mv, dsnu_mv]", "[[0.5, 0.5], [0.5, 1]]", "correlation"),
         ("[read_noise_mv, dsnu_mv]", "[[1, .nan], [.nan, 1]]", "correlation"),
-        ("[read_noise_mv, dsnu_mv]", "[[1, x], [x, 1]]", "1"),
+        ("[read_noise_mv, dsnu_mv]", "[[1, x], [x, 1]]", "correlation[0][1]"),
         ("[read_noise_mv, read_noise_mv]", "[[1, 0], [0, 1]]", "names"),
         ("[read_noise_mv]", "[[1]]", "names"),
         ("[read_noise_mv, dsnu]", "[[1, 0], [0, 1]]", "a sensor has no value 'dsnu'"),

@@ -120,7 +120,7 @@ WRONG = [
     ("bits: 12", "bits: 40", "bits", "readout", "bits:"),
     ("[R, G], [G, B]", "[R, G], [G, X]", "X of array.cfa is missing", "channels", None),
     ("[380, 390,", "[390, 380,", "the entries", "channels.R.wavelength_nm", "wavelength_nm:"),
-    ("[380, 390,", "[390,", "quantum_efficiency", "channels.R", "  R:"),
+    ("[380, 390,", "[390,", "quantum_efficiency", "channels.R", "quantum_efficiency:"),
     ("photosite_sensor: 1", "photosite_sensor: 2", "photosite_sensor", None, "photosite_sensor"),
 ]
 

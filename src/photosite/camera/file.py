@@ -185,4 +185,4 @@ def _of_file(error: InputError | FileError, key: str, file: Path, data: Mapping[
     """Return an error in a field's value, or in the file that it names, as one of the camera file."""
     if isinstance(error, FileError):
         return FileError(file, str(error), line_of(data, key), where=key)
-    return error.within(key).in_file(file, line_of(data, key))
+    return (error if error.what == key else error.within(key)).in_file(file, line_of(data, key))

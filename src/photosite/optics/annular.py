@@ -25,17 +25,8 @@ _SLOPE_LEVELS = (1.0, 2.0, 3.0, 4.5, 6.0, 9.0, LARGEST_ANNULAR_SLOPE)
 
 
 def defocused_otf(s: Array, waves_at_rim: float) -> Array:
-    """Return the OTF of a circular pupil with the wavefront W r^2.
+    """Return the OTF of a circular pupil with the wavefront W r^2, W in waves, at frequencies of any shape.
 
-    Parameters
-    ----------
-    s
-        Frequencies relative to the cutoff, of any shape.
-    waves_at_rim
-        W.
-
-    Notes
-    -----
     (4 / pi) integral from s to 1 of sqrt(1 - u^2) cos(8 pi W s (u - s)) du (H. H. Hopkins, Proc. R. Soc. A 231 (1955)
     91). The substitution u = cos(angle) makes it smooth; Gauss-Legendre nodes are enough for its oscillations.
 
@@ -60,16 +51,7 @@ def defocused_otf(s: Array, waves_at_rim: float) -> Array:
 def aberration_free_otf(s: Array, obscuration: float = 0.0) -> Array:
     """Return the OTF of an annulus without aberrations: the overlap of two annuli over the area of one.
 
-    Parameters
-    ----------
-    s
-        Frequencies relative to the cutoff, of any shape.
-    obscuration
-        Inner radius over outer radius.
-
-    References
-    ----------
-    E. L. O'Neill, J. Opt. Soc. Am. 46 (1956) 285, written with the overlaps of discs.
+    See E. L. O'Neill, J. Opt. Soc. Am. 46 (1956) 285. `obscuration` is the inner radius over the outer radius.
 
     Examples
     --------
@@ -84,13 +66,7 @@ def aberration_free_otf(s: Array, obscuration: float = 0.0) -> Array:
 
 
 class AnnularOtf:
-    """OTFs of one annular pupil, tabulated over frequency for each wavefront.
-
-    Parameters
-    ----------
-    obscuration
-        Inner radius over outer radius.
-    """
+    """OTFs of one annular pupil, tabulated over frequency for each wavefront."""
 
     def __init__(self, obscuration: float) -> None:
         self._obscuration = obscuration
@@ -125,6 +101,9 @@ class AnnularOtf:
 def overlap_quadrature(s: Array, terms: tuple[Term, ...], obscuration: float, count: int) -> tuple[Array, Array]:
     """Return quadrature nodes and weights over the overlap of two shifted annuli.
 
+    An annulus is a disc less a disc. The overlap of two annuli is therefore that of discs of radius 1 and 1, less twice
+    that of 1 and the inner radius, plus that of the inner radius and itself.
+
     Parameters
     ----------
     s
@@ -138,15 +117,9 @@ def overlap_quadrature(s: Array, terms: tuple[Term, ...], obscuration: float, co
 
     Returns
     -------
-    difference
-        (terms, frequencies, nodes) Zernike values of one copy less those of the other.
-    weight
-        (frequencies, nodes): the OTF is the sum of weight * cos(2 pi waves . difference).
-
-    Notes
-    -----
-    An annulus is a disc less a disc. The overlap of two annuli is therefore that of discs of radius 1 and 1, less twice
-    that of 1 and the inner radius, plus that of the inner radius and itself.
+    difference, weight
+        (terms, frequencies, nodes) Zernike values of one copy less those of the other, and (frequencies, nodes): the
+        OTF is the sum of weight * cos(2 pi waves . difference).
     """
     pieces = [_disc_quadrature(s, 1.0, 1.0, 1.0, count)]
     if obscuration:
@@ -184,8 +157,7 @@ def _disc_quadrature(s: Array, large: float, small: float, factor: float, count:
     """Return x, y and weights, (frequencies, nodes), over the overlap of a disc at -s and a smaller one at s.
 
     Rows are at y = small sin(angle), where chords are smooth. Up to the corners where the circles meet, a row ends on
-    the large disc; beyond, if the centre of the small disc is inside, on the small one. The lower half equals the
-    upper.
+    the large disc; beyond, if the small disc's centre is inside, on the small one. The lower half equals the upper.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         meet = np.where(s > 0, ((2 * s) ** 2 + small**2 - large**2) / (4 * s), 0.0 if large == small else -np.inf)
@@ -193,10 +165,8 @@ def _disc_quadrature(s: Array, large: float, small: float, factor: float, count:
     nodes, weights = _gauss_legendre(count)
     nodes, weights = (nodes + 1) / 2, weights / 2
     pieces = []
-    for on_large, begin, end in (
-        (True, np.zeros_like(s), corner),
-        (False, corner, np.where(meet < 0, math.pi / 2, corner)),
-    ):
+    full = np.where(meet < 0, math.pi / 2, corner)
+    for on_large, begin, end in ((True, np.zeros_like(s), corner), (False, corner, full)):
         angle = begin[:, None] + (end - begin)[:, None] * nodes
         half = small * np.cos(angle)
         y = small * np.sin(angle)
@@ -206,4 +176,5 @@ def _disc_quadrature(s: Array, large: float, small: float, factor: float, count:
         x = low[..., None] + length[..., None] * nodes
         weight = (2 * factor * (end - begin)[:, None] * weights * half * length)[..., None] * weights
         pieces.append((x, np.broadcast_to(y[..., None], x.shape), weight))
-    return tuple(np.concatenate([p[k].reshape(s.size, -1) for p in pieces], axis=1) for k in range(3))  # type: ignore[return-value]
+    x, y, weight = (np.concatenate([p[k].reshape(s.size, -1) for p in pieces], axis=1) for k in range(3))
+    return x, y, weight

@@ -34,17 +34,7 @@ _MARGIN = 12
 
 @dataclass(frozen=True, eq=False)
 class PupilAutocorrelation:
-    """OTFs of one pupil under wavefronts of the same few terms.
-
-    Parameters
-    ----------
-    pupil
-        The pupil.
-    terms
-        Zernike terms of the wavefront.
-    count
-        Cells across the pupil.
-    """
+    """OTFs of one pupil under wavefronts of the same few Zernike terms, with `count` cells across the pupil."""
 
     pupil: Pupil
     terms: tuple[Term, ...]
@@ -85,14 +75,8 @@ class PupilAutocorrelation:
 class SampledOtf:
     """The OTF of a pupil with a wavefront: (sy, sx) relative frequencies -> complex values.
 
-    Parameters
-    ----------
-    pupil
-        The pupil, for its exact aberration-free OTF.
-    count
-        Frequency steps from 0 to the cutoff.
-    change_real, change_imag
-        Spline coefficients of the change by the wavefront, see `_centred`.
+    `count` is the number of steps from 0 to the cutoff. `change_real` and `change_imag` are spline coefficients of the
+    change that the wavefront makes, see `_centred`.
     """
 
     pupil: Pupil

@@ -39,9 +39,9 @@ def check_number(
     whole: bool = False,
     hint: str | None = None,
 ) -> None:
-    """Raise `InputError` unless the value is one number within the bounds.
+    """Raise `InputError` unless the value is one number within the bounds, which `expected` states in words.
 
-    `expected` states the bounds in words. Booleans and text are not numbers; NumPy scalars are.
+    Booleans and text are not numbers; NumPy scalars are.
 
     Examples
     --------
@@ -56,14 +56,9 @@ def check_number(
 
 
 def number_array(name: str, values: ArrayLike | None, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return a list or array of real numbers as floats, of one dimension or more.
+    """Return a list or array of real numbers as floats, of one dimension or more; raise `InputError` for other values.
 
     With `shape`, the numbers must be finite and have that shape: one for each point of the field.
-
-    Raises
-    ------
-    InputError
-        If the values are not numbers, or do not have the shape.
     """
     try:
         array = np.asarray(values)
@@ -83,13 +78,7 @@ def number_array(name: str, values: ArrayLike | None, shape: tuple[int, ...] | N
 
 
 def camera_wavelengths(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
-    """Return increasing wavelengths as an array; reject values below 100 nm, which are probably in um.
-
-    Raises
-    ------
-    InputError
-        If the values are not increasing wavelengths in nm.
-    """
+    """Return increasing wavelengths as an array; raise `InputError` for others, or below 100 nm, as um are."""
     try:
         grid = wavelength_grid(wavelength_nm)
     except InputError:
@@ -97,21 +86,13 @@ def camera_wavelengths(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         raise InputError("wavelength_nm", value=wavelength_nm, expected="a list of positive numbers in nm") from None
     if grid[0] < _SHORTEST_NM:
-        raise InputError(
-            "wavelength_nm",
-            value=grid[0],
-            expected=f"{_SHORTEST_NM:g} nm or more",
-            hint="If the values are in um, multiply them by 1000",
-        )
+        hint = "If the values are in um, multiply them by 1000"
+        raise InputError("wavelength_nm", value=grid[0], expected=f"{_SHORTEST_NM:g} nm or more", hint=hint)
     return grid
 
 
 def check_height_unit(name: str, last_mm: float) -> None:
     """Raise `InputError` for image heights that end within 0.05 mm of the axis, as heights given in m do."""
     if 0 < last_mm < LOWEST_HEIGHT_MM:
-        raise InputError(
-            name,
-            value=last_mm,
-            expected=f"image heights up to {LOWEST_HEIGHT_MM} mm or more",
-            hint="If the heights are in m, multiply them by 1000",
-        )
+        expected = f"image heights up to {LOWEST_HEIGHT_MM} mm or more"
+        raise InputError(name, value=last_mm, expected=expected, hint="If the heights are in m, multiply them by 1000")

@@ -80,13 +80,7 @@ class DiffractionLimited:
             raise InputError("falloff", value=self.falloff, expected="'none' or 'cos4'")
 
     def magnification(self, distance_m: float) -> float:
-        """Return |m| = f / (d - f).
-
-        Raises
-        ------
-        InputError
-            If the object is not beyond the focal length.
-        """
+        """Return |m| = f / (d - f); raise `InputError` for an object within the focal length."""
         focal_m = self.focal_length_mm * 1e-3
         if isinstance(distance_m, bool | str) or not distance_m > focal_m:
             expected = f"above the focal length of {focal_m} m"
@@ -100,11 +94,8 @@ class DiffractionLimited:
     def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
         """Return on-axis irradiance over radiance, (wavelengths,) sr, transmittance included."""
         grid = wavelength_grid(wavelength_nm)
-        passed = (
-            self.transmittance.at(grid)
-            if isinstance(self.transmittance, Spectrum)
-            else np.full(grid.shape, float(self.transmittance))
-        )
+        glass = self.transmittance
+        passed = glass.at(grid) if isinstance(glass, Spectrum) else np.full(grid.shape, float(glass))
         return passed * (math.pi / (1 + 4 * self.working_f_number(distance_m) ** 2))
 
     def cutoff_per_m(self, wavelength_nm: float, distance_m: float) -> float:

@@ -103,14 +103,13 @@ class Distortion:
 
     @classmethod
     def polynomial(cls, k1: float, k2: float = 0.0, k3: float = 0.0, *, max_field_deg: float = 45.0) -> Distortion:
-        """Return the distortion from the radial terms of a camera calibration.
-
-        real = ideal (1 + k1 u^2 + k2 u^4 + k3 u^6)
+        """Return the distortion real = ideal (1 + k1 u^2 + k2 u^4 + k3 u^6) of a camera calibration.
 
         Parameters
         ----------
         k1, k2, k3
-            Coefficients for u = ideal height over image distance, the tangent of the field angle.
+            Radial coefficients as in OpenCV (D. C. Brown, Photogrammetric Engineering 37 (1971) 855), for the tangent
+            of the field angle u, ideal height over image distance.
         max_field_deg
             Largest field angle of validity, at least that of the frame's corner.
 
@@ -118,10 +117,6 @@ class Distortion:
         ------
         InputError
             If the image folds back before max_field_deg, or a value is out of range.
-
-        References
-        ----------
-        D. C. Brown, Photogrammetric Engineering 37 (1971) 855; k1, k2, k3 as in OpenCV and most calibration tools.
 
         Examples
         --------
@@ -223,14 +218,7 @@ def combined_mapping(
 ) -> RadialMapping | None:
     """Return distortion and lateral colour as one mapping; None if both are None.
 
-    Parameters
-    ----------
-    distortion
-        Distortion at the reference wavelength.
-    lateral_color
-        Displacements from it.
-    image_distance_m
-        Distance from the lens to the sensor, which turns field angles into heights.
+    The image distance turns field angles into heights.
     """
     achromatic = None
     if distortion is not None:

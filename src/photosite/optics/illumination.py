@@ -57,19 +57,9 @@ class IlluminationTable:
         object.__setattr__(self, "relative", relative / relative[0])
 
     def at(self, image_height_m: Array, table_height_m: Array) -> Array:
-        """Return the relative illumination at image heights.
+        """Return the relative illumination at image heights, with a warning for heights more than 2 % beyond the table.
 
-        Parameters
-        ----------
-        image_height_m
-            Distances from the axis, any shape.
-        table_height_m
-            (n,) real image heights of the table's field points.
-
-        Warns
-        -----
-        PhotositeWarning
-            If an image height is more than 2 % beyond the table.
+        `table_height_m` are the (n,) real image heights of the table's field points.
         """
         farthest = float(np.max(image_height_m, initial=0.0))
         if farthest > _TOLERATED_REACH * table_height_m[-1]:

@@ -144,10 +144,7 @@ class LensDesign:
     ) -> PointSpread:
         """Return a `FieldPsf`, or a `PlanePsf` for a single field point.
 
-        Raises
-        ------
-        InputError
-            If the object is out of focus by more than a quarter wave: these PSFs apply in focus.
+        Raises `InputError` if the object is out of focus by more than a quarter wave: these PSFs apply in focus.
         """
         self._check_focus(base, distance_m, focus_distance_m)
         image_m = base.focal_length_mm * 1e-3 * (1 + base.magnification(focus_distance_m or distance_m))
@@ -250,9 +247,7 @@ class LensDesign:
         return max(encircled_radius(part, spacing_m, _ENCLOSED) for part in self.psf.reshape(-1, *self.psf.shape[2:]))
 
     def _cutoffs_per_m(self, working_f_number: float) -> Array:
-        """Return (L,) cutoffs: diffraction's and a quarter more, for pupils that grow off axis, or the Nyquist
-        limit.
-        """
+        """Return (L,) cutoffs: diffraction's and a quarter more, for pupils that grow off axis, up to Nyquist."""
         nyquist = math.sqrt(0.5) / (self.spacing_um * 1e-6)
         mean = self.psf.mean(axis=0)
         angle = np.linspace(0, math.pi, 16, endpoint=False)

@@ -22,10 +22,8 @@ class LowRank:
 
     Parameters
     ----------
-    weights
-        (R, nodes).
-    modes
-        (R, ...) of the shape of one node's samples.
+    weights, modes
+        (R, nodes), and (R, ...) of the shape of one node's samples.
     relative_error
         RMS of the omitted part over the RMS of all samples.
     error_by_rank
@@ -52,11 +50,6 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, compa
     compared
         (nodes, ...) the samples to compare, such as blurred ones: modes are chosen for them, and errors are theirs.
         None: the samples themselves.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not between 0 and 1, or the rank not between 1 and the number of nodes.
 
     References
     ----------

@@ -57,12 +57,8 @@ class RadialMapping:
         grid, ideal, real = (np.asarray(a, np.float64) for a in (self.wavelength_nm, self.ideal_m, self.real_m))
         vectors = grid.ndim == ideal.ndim == 1
         if not vectors or grid.size < 1 or ideal.size < 2 or real.shape != (grid.size, ideal.size):
-            raise InputError(
-                "real_m",
-                value=real.shape,
-                expected=f"of shape (L, n) for wavelength_nm (L,) and ideal_m (n,), n >= 2, here {grid.shape} and "
-                f"{ideal.shape}",
-            )
+            expected = f"of shape (L, n), n >= 2, for wavelength_nm {grid.shape} and ideal_m {ideal.shape}"
+            raise InputError("real_m", value=real.shape, expected=expected)
         for name, values in (("wavelength_nm", grid), ("ideal_m", ideal), ("real_m", real)):
             if not np.isfinite(values).all():
                 raise InputError(name, value=values.tolist(), expected="finite")
@@ -76,14 +72,7 @@ class RadialMapping:
 class HeightCurve:
     """Real image height as a function of ideal image height at one wavelength, both in m.
 
-    Parameters
-    ----------
-    tabulated
-        The curve up to the last tabulated height.
-    last_m
-        Last tabulated ideal height.
-    end_slope
-        Slope of the straight line beyond it.
+    `tabulated` is the curve up to `last_m`, the last tabulated ideal height; beyond, it is straight, with `end_slope`.
     """
 
     tabulated: Callable[[Any], Any]
@@ -131,7 +120,6 @@ def image_height(mapping: RadialMapping, wavelength_nm: float) -> HeightCurve:
 
 
 def _odd_spline(ideal: Array, real: Array) -> Callable[[Any], Any]:
-    """Return ideal height times a spline of real over ideal height in the squared ideal height."""
     from scipy.interpolate import CubicSpline
 
     ratio = real[1:] / ideal[1:]
@@ -142,23 +130,9 @@ def _odd_spline(ideal: Array, real: Array) -> Callable[[Any], Any]:
 
 
 def inverse_scale(mapping: RadialMapping, wavelength_nm: float, reach_m: float) -> tuple[Array, float]:
-    """Return ideal over real image height, evenly spaced in squared real height.
+    """Return ideal over real image height, evenly spaced in squared real height, and that spacing in m^2.
 
-    Parameters
-    ----------
-    mapping
-        The mapping of the lens.
-    wavelength_nm
-        Wavelength of the light.
-    reach_m
-        Largest real height that is needed.
-
-    Returns
-    -------
-    scale
-        (4097,) at squared real heights from 0 to reach_m squared.
-    step_m2
-        Step of the squared heights, m^2.
+    The (4097,) values reach from the axis to `reach_m`, the largest real height that is needed.
 
     Examples
     --------
@@ -183,26 +157,11 @@ def inverse_scale(mapping: RadialMapping, wavelength_nm: float, reach_m: float) 
 def wavelength_nodes(
     mapping: RadialMapping, wavelength_nm: Array, reach_m: float, step_m: float
 ) -> tuple[Array, Array]:
-    """Return a few wavelengths whose images represent all, and the weights of each wavelength on them.
+    """Return a few of the (wavelengths,), whose images represent all, and the (nodes, wavelengths) weights on them.
 
-    Parameters
-    ----------
-    mapping
-        The mapping of the lens.
-    wavelength_nm
-        (wavelengths,) increasing: wavelengths of the light.
-    reach_m
-        Largest ideal image height that is needed.
-    step_m
-        Largest distance between the images of neighbouring nodes, at the height where it is largest, for linear weights
-        on two nodes.
-
-    Returns
-    -------
-    nodes_nm
-        (nodes,) increasing. If as many nodes as wavelengths are needed, the wavelengths themselves.
-    weights
-        (nodes, wavelengths): sums over the nodes are 1; cubic weights may be negative.
+    `reach_m` is the largest ideal image height that is needed. `step_m` is the largest distance between the images of
+    neighbouring nodes, where it is largest, for linear weights on two nodes. Weights sum to 1 over the nodes; cubic
+    ones may be negative.
 
     Notes
     -----

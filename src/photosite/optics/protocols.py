@@ -54,15 +54,8 @@ class Blur(Protocol):
     """
 
     def point_spread(self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None) -> PointSpread:
-        """Return the point spread function for an object.
+        """Return the point spread function for an object at `distance_m`.
 
-        Parameters
-        ----------
-        base
-            f-number and focal length.
-        distance_m
-            Distance from the lens to the object.
-        focus_distance_m
-            Distance of the object plane in focus; None: the object is in focus.
+        The plane at `focus_distance_m` is in focus; None: the object. `base` has f-number and focal length.
         """
         ...

@@ -183,9 +183,7 @@ class Pupil:
         return open_
 
     def _rows(self, angle_rad: float) -> tuple[Array, Array]:
-        """Return offsets and weights of chords along an angle; rows are split at corners, where the length has a
-        kink.
-        """
+        """Return offsets and weights of chords along an angle, split at corners, where the length has a kink."""
         corners = [(self.obscuration, math.pi / 2 + angle_rad), (-self.obscuration, math.pi / 2 + angle_rad)]
         start = math.radians(self.rotation_deg)
         corners += [(1.0, start + 2 * math.pi * k / self.blades) for k in range(self.blades)]
@@ -296,9 +294,7 @@ class Pupil:
 
     @cached_property
     def _correlation(self) -> Array:
-        """Return the (2 n + 2, 2 n + 2) autocorrelation of the cells at whole lags from -n to n, with a border of
-        zeros.
-        """
+        """Return the autocorrelation of the cells at whole lags from -n to n, with a border of zeros."""
         assert self.amplitude is not None
         a = self.amplitude[::-1]
         n = len(a)

@@ -29,33 +29,15 @@ _SMALLEST_SPACING_UM = 0.01
 
 
 def sample_positions(count: int, spacing: float) -> Array:
-    """Return (count,) positions of samples on an axis.
-
-    Examples
-    --------
-    >>> sample_positions(4, 0.5)
-    array([-1. , -0.5,  0. ,  0.5])
-    """
+    """Return (count,) positions of samples on an axis, 0 at count // 2."""
     positions: Array = (np.arange(count, dtype=np.float64) - count // 2) * spacing
     return positions
 
 
 def sampled_otf(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Array) -> Complex:
-    """Return the OTF of a sampled PSF at any frequencies: the Fourier sum of its samples.
+    """Return the OTF of a sampled PSF: the Fourier sum of its (n, n) samples, 0 beyond half the sampling frequency.
 
-    Parameters
-    ----------
-    samples
-        (n, n).
-    spacing_m
-        Distance between samples.
-    fy_per_m, fx_per_m
-        Frequencies that broadcast; a column and a row are fastest.
-
-    Returns
-    -------
-    ndarray
-        Complex, of the broadcast shape; 0 beyond half the sampling frequency on an axis.
+    The frequencies broadcast; a column and a row are fastest.
 
     Examples
     --------
@@ -102,12 +84,9 @@ def check_spacing(spacing_um: float | None) -> None:
 
 
 def normalised(samples: Array, where: str) -> Array:
-    """Return samples divided by their sum.
+    """Return samples divided by their sum; raise `InputError`, whose `where` names the PSF, if they are no PSF.
 
-    Raises
-    ------
-    InputError
-        If they hold NaN, do not sum to more than 0, or fall below -2 % of the peak; `where` names the PSF.
+    They are none with NaN, a sum that is not above 0, or a value below -2 % of the peak.
     """
     if not np.isfinite(samples).all():
         raise InputError("psf", where=where, expected="finite")
@@ -121,25 +100,9 @@ def normalised(samples: Array, where: str) -> Array:
 
 
 def resampled(samples: Array, origin: tuple[float, float], spacing: float, count: int, to_spacing: float) -> Array:
-    """Return samples on another grid: sums of sinc functions, 0 beyond the given samples.
+    """Return (count, count) samples of the same energy on another grid: sums of sinc functions, 0 beyond the samples.
 
-    Parameters
-    ----------
-    samples
-        (rows, cols).
-    origin
-        (row, col) of the origin.
-    spacing
-        Distance between samples.
-    count
-        New samples on each axis.
-    to_spacing
-        Distance between new samples, in the same unit; at most `spacing`, to avoid aliasing.
-
-    Returns
-    -------
-    ndarray
-        (count, count), of the same energy.
+    `origin` is the (row, col) of the origin. `to_spacing` is at most `spacing`, to avoid aliasing.
     """
     matrices = []
     for axis in (0, 1):
@@ -151,13 +114,7 @@ def resampled(samples: Array, origin: tuple[float, float], spacing: float, count
 
 
 class RotatablePsf:
-    """One sampled PSF that can be rotated about its origin.
-
-    Parameters
-    ----------
-    samples
-        (n, n).
-    """
+    """One PSF of (n, n) samples that can be rotated about its origin."""
 
     def __init__(self, samples: Array) -> None:
         from scipy.ndimage import spline_filter

@@ -15,20 +15,8 @@ from numpy.typing import NDArray
 
 from photosite.color.spectrum import Spectrum
 from photosite.errors import InputError
-from photosite.optics.annular import (
-    LARGEST_ANNULAR_SLOPE,
-    AnnularOtf,
-    Waves,
-    aberration_free_otf,
-    defocused_otf,
-)
-from photosite.optics.autocorrelation import (
-    LARGEST_SLOPE,
-    PupilAutocorrelation,
-    SampledOtf,
-    cells_for,
-    largest_slope,
-)
+from photosite.optics.annular import LARGEST_ANNULAR_SLOPE, AnnularOtf, Waves, aberration_free_otf, defocused_otf
+from photosite.optics.autocorrelation import LARGEST_SLOPE, PupilAutocorrelation, SampledOtf, cells_for, largest_slope
 from photosite.optics.checks import camera_wavelengths, check_number, check_type
 from photosite.optics.diffraction import AIRY_REACH_PERIODS, DiffractionLimited
 from photosite.optics.point_spread import PlanePsf, RadialPsf
@@ -145,22 +133,14 @@ class Wavefront:
     def point_spread(
         self, base: DiffractionLimited, distance_m: float, focus_distance_m: float | None = None
     ) -> RadialPsf | PlanePsf:
-        """Return the PSF on the sensor.
+        """Return the PSF on the sensor, a `RadialPsf` if pupil and wavefront are rotationally symmetric.
 
         Parameters
         ----------
         base
             f-number and focal length.
-        distance_m
-            Distance of the object.
-        focus_distance_m
-            Distance in focus; None: the object's.
-
-        Returns
-        -------
-        RadialPsf or PlanePsf
-            A `RadialPsf` if pupil and wavefront are rotationally symmetric. The OTF of each wavelength is computed when
-            first used, and cached.
+        distance_m, focus_distance_m
+            Distance of the object, and of the plane in focus; None: the object's.
         """
         otf = _WavefrontOtf(self, base, distance_m, focus_distance_m)
         if self.pupil.rotationally_symmetric and all(m == 0 for _, m in self.terms_nm):

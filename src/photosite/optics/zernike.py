@@ -98,13 +98,7 @@ def _whole(value: object) -> bool:
 
 
 def noll_to_nm(j: int) -> Term:
-    """Return (n, m) of Noll's index j, from 1: orders n in turn, |m| rising, m > 0 for even j.
-
-    Examples
-    --------
-    >>> [noll_to_nm(j) for j in (1, 2, 3, 4, 5, 8, 11)]
-    [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (3, 1), (4, 0)]
-    """
+    """Return (n, m) of Noll's index j, from 1: orders n in turn, |m| rising, m > 0 for even j."""
     n = (math.isqrt(8 * j - 7) - 1) // 2
     k = j - n * (n + 1) // 2 - 1
     m = 2 * (k // 2) + 1 if n % 2 else 2 * ((k + 1) // 2)
@@ -112,13 +106,7 @@ def noll_to_nm(j: int) -> Term:
 
 
 def fringe_to_nm(j: int) -> Term:
-    """Return (n, m) of the Fringe index j, from 1: groups of equal (n + |m|) / 2, |m| falling, m > 0 first.
-
-    Examples
-    --------
-    >>> [fringe_to_nm(j) for j in (1, 2, 3, 4, 5, 6, 7, 9)]
-    [(0, 0), (1, 1), (1, -1), (2, 0), (2, 2), (2, -2), (3, 1), (4, 0)]
-    """
+    """Return (n, m) of the Fringe index j, from 1: groups of equal (n + |m|) / 2, |m| falling, m > 0 first."""
     group = math.isqrt(j - 1)
     k = j - group * group - 1
     n = group + k // 2

@@ -22,12 +22,7 @@ _PRNU, _DSNU, _DARK_CURRENT = range(3)
 class Pattern:
     """One value per pixel, `deviates * scale`; deviates of shape (1, 1) stand for all pixels.
 
-    Parameters
-    ----------
-    deviates
-        (rows, cols) int16, so that a 150-megapixel chip stays small.
-    scale
-        Value of a deviate of 1.
+    16-bit deviates keep a 150-megapixel chip small.
     """
 
     deviates: NDArray[np.int16]
@@ -44,12 +39,10 @@ class Chip:
 
     Parameters
     ----------
-    prnu
-        Relative deviation of the response to light.
-    offset_e
-        DSNU: electrons added to every reading.
+    prnu, offset_e
+        Relative deviation of the response to light; DSNU, electrons added to every reading.
     dark_rate_e_per_s
-        (rows, cols) float32 dark current, or (1, 1) for all pixels.
+        (rows, cols) dark current, or (1, 1) for all pixels.
     """
 
     prnu: Pattern

@@ -7,9 +7,10 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from photosite.errors import InputError
+from photosite.values.validated import Section
 
 ROUNDING = 1e-5
 """Tolerance for symmetry and positive semi-definiteness of correlations that were written with rounding."""
@@ -17,7 +18,7 @@ ROUNDING = 1e-5
 _DIGITS = 10
 
 
-class Covariance(BaseModel):
+class Covariance(Section):
     """Correlations of measured values; with the values' standard uncertainties they give the covariance.
 
     Values with a common source, such as volts that were divided by one system gain, have correlated errors.
@@ -28,8 +29,6 @@ class Covariance(BaseModel):
     >>> shared.without({"read_noise_mv"}) is None
     True
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     names: Annotated[tuple[str, ...], Field(min_length=2)]
     correlation: tuple[tuple[float, ...], ...]
@@ -63,10 +62,8 @@ class Covariance(BaseModel):
             raise InputError("correlation", expected="finite and from -1 to 1")
         if np.abs(np.diag(matrix) - 1.0).max() > ROUNDING or np.abs(matrix - matrix.T).max() > ROUNDING:
             raise InputError("correlation", expected="symmetric, with 1 on the diagonal")
-        lowest = float(np.linalg.eigvalsh(matrix).min())
-        if lowest < -n * ROUNDING:
-            expected = f"positive semi-definite; its lowest eigenvalue is {lowest:.3g}"
-            raise InputError("correlation", expected=expected)
+        if (lowest := float(np.linalg.eigvalsh(matrix).min())) < -n * ROUNDING:
+            raise InputError("correlation", expected=f"positive semi-definite; its lowest eigenvalue is {lowest:.3g}")
         return self
 
     def without(self, names: set[str]) -> Covariance | None:
@@ -86,11 +83,11 @@ class Covariance(BaseModel):
         >>> shared.matrix(["b", "other", "a"], [1.0, 3.0, 2.0]).tolist()
         [[1.0, 0.0, 1.0], [0.0, 9.0, 0.0], [1.0, 0.0, 4.0]]
         """
-        index = {name: k for k, name in enumerate(self.names)}
+        known = [(i, self.names.index(name)) for i, name in enumerate(names) if name in self.names]
         correlation = np.eye(len(names))
-        for i, a in enumerate(names):
-            for j, b in enumerate(names):
-                if i != j and a in index and b in index:
-                    correlation[i, j] = self.correlation[index[a]][index[b]]
+        for i, a in known:
+            for j, b in known:
+                if i != j:
+                    correlation[i, j] = self.correlation[a][b]
         scale = np.asarray(standard_uncertainty, dtype=np.float64)
         return correlation * np.outer(scale, scale)

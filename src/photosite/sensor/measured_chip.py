@@ -39,18 +39,16 @@ class DefectKind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Defective pixels; a pixel can have several entries.
+    """Defective pixels, arrays (n,); a pixel can have several entries.
 
     Parameters
     ----------
     row, col
-        (n,) position on the chip.
-    kind
-        (n,) uint8, a `DefectKind`.
-    value
-        (n,) measured value; see `DefectKind` for quantity and unit.
+        Position on the chip.
+    kind, value
+        A `DefectKind`, and the value that it defines.
     deviation
-        (n,) distance from the channel's median, in standard deviations of the channel's map; for BLINKING the distance
+        Distance from the channel's median, in standard deviations of the channel's map; for BLINKING the distance
         between the levels in units of the noise within them, for NOISY the noise in units of the channel's.
     """
 
@@ -72,31 +70,22 @@ class Defects:
         return Defects(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
     def counts(self) -> Mapping[str, int]:
-        """Return the number of entries of each kind, by its name in lower case.
-
-        Examples
-        --------
-        >>> one = np.array([1])
-        >>> Defects(one, one, np.array([DefectKind.HOT], np.uint8), one * 1.0, one * 9.0).counts()["hot"]
-        1
-        """
+        """Return the number of entries of each kind, by its name in lower case."""
         return {kind.name.lower(): int(np.count_nonzero(self.kind == kind)) for kind in DefectKind}
 
 
 @dataclass(frozen=True, eq=False)
 class Blinking:
-    """Blinking pixels (random telegraph noise between two levels), as a simulation needs them.
+    """Blinking pixels (random telegraph noise between two levels), arrays (n,).
 
     Parameters
     ----------
     row, col
-        (n,) position on the chip.
-    amplitude_dn
-        (n,) distance between the levels.
-    high_fraction
-        (n,) fraction of the frames in the upper level.
+        Position on the chip.
+    amplitude_dn, high_fraction
+        Distance between the levels, and fraction of the frames in the upper one.
     noise_dn
-        (n,) temporal standard deviation within a level, without rounding and shot noise of the dark current.
+        Temporal standard deviation within a level, without rounding and shot noise of the dark current.
     """
 
     row: NDArray[np.int64]
@@ -123,10 +112,9 @@ def no_blinking() -> Blinking:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredChip:
-    """The maps of one chip, (rows, cols) float32 each, in digital numbers.
+    """The maps of one chip, (rows, cols) float32 each, in digital numbers; `..._uncertainty` is the measurement's.
 
-    The maps are not smoothed, clipped or shrunk towards the mean: a map's spread is that of the chip and of its
-    measurement. `..._uncertainty` is the measurement's.
+    They are neither smoothed nor clipped: a map's spread is that of the chip and of its measurement.
 
     Parameters
     ----------
@@ -151,8 +139,6 @@ class MeasuredChip:
         System gain of these maps, or None.
     reference_exposure_s
         Exposure time of the dark frames for `read_noise_dn`.
-    defects, blinking
-        Defective and blinking pixels.
 
     Raises
     ------
@@ -204,17 +190,9 @@ class MeasuredChip:
         return {name: values for name, values in found.items() if values is not None}
 
     def save(self, path: str | PathLike[str]) -> Maps:
-        """Write the maps to an HDF5 file.
+        """Write the maps to an HDF5 file; raise `FileError` if it cannot be written.
 
-        Returns
-        -------
-        Maps
-            Name and SHA-256 of the file, for a sensor file: `sensor.with_(maps=chip.save("mine.maps.h5"))`.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written.
+        The name and SHA-256 that it returns go into a sensor file: `sensor.with_(maps=chip.save("mine.maps.h5"))`.
         """
         from photosite.sensor.io.maps_file import write_maps
 

@@ -8,10 +8,9 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from photosite.errors import InputError, did_you_mean
-from photosite.files.validation import validation_error
 from photosite.sensor.covariance import Covariance
 from photosite.sensor.optical_stack import OpticalStack
 from photosite.sensor.quantity import (
@@ -20,12 +19,12 @@ from photosite.sensor.quantity import (
     NotNegative,
     Positive,
     ResponseSpread,
-    Section,
     UnitInterval,
     check_length,
 )
-from photosite.values.cfa import Cfa, cfa_from, channel_names
+from photosite.values.cfa import MONOCHROME, Cfa, cfa_from, channel_names
 from photosite.values.measured import Measured
+from photosite.values.validated import Section, input_error
 
 
 class Array(Section):
@@ -33,12 +32,7 @@ class Array(Section):
 
     rows: int = Field(gt=0, le=65_536, strict=True)
     cols: int = Field(gt=0, le=65_536, strict=True)
-    cfa: Cfa = (("M",),)
-
-    @field_validator("cfa", mode="before")
-    @classmethod
-    def _tile(cls, raw: Any) -> Cfa:
-        return cfa_from(raw)
+    cfa: Annotated[Cfa, BeforeValidator(cfa_from)] = MONOCHROME
 
 
 class Pixel(Section):
@@ -77,13 +71,8 @@ class Channel(Section):
         >>> Channel(wavelength_nm=(500, 510), quantum_efficiency=(0.2, 0.4)).quantum_efficiency_at([490, 505])
         array([0. , 0.3])
         """
-        return np.interp(
-            np.asarray(wavelength_nm, dtype=np.float64),
-            self.wavelength_nm,
-            self.quantum_efficiency,
-            left=0.0,
-            right=0.0,
-        )
+        grid = np.asarray(wavelength_nm, dtype=np.float64)
+        return np.interp(grid, self.wavelength_nm, self.quantum_efficiency, left=0.0, right=0.0)
 
     @property
     def responds_nm(self) -> tuple[float, float] | None:
@@ -203,12 +192,7 @@ class Sensor(Section):
         return grid, self.response_at(channel, grid)
 
     def measured(self, name: str) -> Measured:
-        """Return a value by the name of its field, from any section.
-
-        Raises
-        ------
-        InputError
-            If there is no such value.
+        """Return a value by the name of its field, from any section; raise `InputError` if there is none.
 
         Examples
         --------
@@ -216,33 +200,16 @@ class Sensor(Section):
         >>> ps.load_sensor("nikon-d200").measured("read_noise_mv").value
         0.52
         """
-        found = {
-            key: value
-            for section in (self.pixel, self.noise, self.readout)
-            for key, value in section
-            if isinstance(value, Measured)
-        }
+        sections = self.pixel, self.noise, self.readout
+        found = {key: value for section in sections for key, value in section if isinstance(value, Measured)}
         if name not in found:
             raise InputError(f"a sensor has no value '{name}'", hint=did_you_mean(name, found))
         return found[name]
 
     def covariance_of(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """Return the covariance of measured values, from their standard uncertainties and the file's correlations.
+        """Return the (n, n) covariance of values of `pixel`, `noise` and `readout`, in the fields' units.
 
-        Parameters
-        ----------
-        names
-            Fields of `pixel`, `noise` and `readout`. Those that are not in `covariance` are independent.
-
-        Returns
-        -------
-        ndarray
-            (names, names), in the fields' units.
-
-        Raises
-        ------
-        InputError
-            If there is no such value.
+        Values that are not in the file's `covariance` are independent. Raises `InputError` for an unknown name.
 
         Examples
         --------
@@ -337,16 +304,10 @@ class Sensor(Section):
         try:
             return Sensor.model_validate(data)
         except ValidationError as error:
-            raise validation_error(Sensor, error) from None
+            raise input_error(error) from None
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the sensor file (YAML), with its maps if it has any.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written.
-        """
+        """Write the sensor file (YAML), with its maps if it has any; raise `FileError` if it cannot be written."""
         from photosite.sensor.io.sensor_file import write_sensor
 
         write_sensor(self, path)

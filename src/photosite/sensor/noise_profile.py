@@ -39,10 +39,8 @@ class NoiseProfile:
         ISO or gain as the file or the frames state it, or None.
     black_level_dn, white_level_dn
         The levels that 0 and 1 stand for, or None.
-    camera
-        The camera's name, "" if unknown.
-    notes
-        Assumptions and losses.
+    camera, notes
+        Name of the camera, "" if unknown; assumptions and losses.
 
     Raises
     ------
@@ -80,13 +78,7 @@ class NoiseProfile:
 
     @property
     def span_dn(self) -> float:
-        """White level minus black level.
-
-        Raises
-        ------
-        InputError
-            If the levels are unknown.
-        """
+        """White level minus black level; raises `InputError` if they are unknown."""
         if self.black_level_dn is None or self.white_level_dn is None:
             hint = "Name a sensor that states them"
             raise InputError("the noise profile does not state its black and white level", hint=hint)
@@ -94,20 +86,14 @@ class NoiseProfile:
 
     @property
     def system_gain_dn_per_e(self) -> Measured:
-        """System gain K, DN per electron: slope times (white - black), mean over channels.
-
-        This assumes that the slope is photon noise alone.
-        """
+        """System gain K, if the slope is photon noise alone: slope times (white - black), mean over channels."""
         return _scaled(_mean(self.slope), self.span_dn)
 
     @property
     def dark_noise_dn(self) -> Measured:
-        """Noise of a dark frame over its pixels, DN, rounding included: sqrt(offset) times (white - black).
+        """Noise of a dark frame over its pixels, rounding included: sqrt(offset) times (white - black).
 
-        Raises
-        ------
-        InputError
-            If the offset is negative.
+        Raises `InputError` if the offset is negative.
         """
         return _root(_scaled(_mean(self.offset), self.span_dn**2), "offset")
 
@@ -164,19 +150,13 @@ class NoiseProfile:
 
 
 def profile_at_setting(profiles: Sequence[NoiseProfile], setting: float | None) -> NoiseProfile:
-    """Return the profile of a gain setting; None selects the only one.
-
-    Raises
-    ------
-    InputError
-        If no profile has that setting, or there are several and `setting` is None.
-    """
-    settings = ", ".join("not stated" if p.gain_setting is None else f"{p.gain_setting:g}" for p in profiles)
+    """Return the profile of a gain setting, or the only one for None; raise `InputError` if there is none."""
     if setting is None and len(profiles) == 1:
         return profiles[0]
     for profile in profiles:
         if setting is not None and profile.gain_setting == setting:
             return profile
+    settings = ", ".join("not stated" if p.gain_setting is None else f"{p.gain_setting:g}" for p in profiles)
     raise InputError("gain_setting", value=setting, expected=f"one of the noise profiles': {settings}")
 
 
@@ -201,18 +181,10 @@ def _root(variance: Measured, what: str) -> Measured:
 
 
 def sensor_noise_profile(sensor: Sensor, exposure_s: float = 0.0, gain_setting: float | None = None) -> NoiseProfile:
-    """Return the noise profile of a sensor's description.
+    """Return the noise profile of a sensor's description, with propagated uncertainties.
 
-    The offset is read noise, DSNU, the dark current's shot noise and rounding.
-
-    Parameters
-    ----------
-    sensor
-        The sensor; its uncertainties are propagated.
-    exposure_s
-        Exposure time, for the dark current's shot noise.
-    gain_setting
-        Gain setting that the description is valid for.
+    The offset is read noise, DSNU, the dark current's shot noise in `exposure_s`, and rounding. `gain_setting` is the
+    one that the description is valid for.
 
     Examples
     --------

@@ -22,16 +22,9 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from photosite.errors import InputError, did_you_mean
-from photosite.sensor.quantity import (
-    Increasing,
-    NotNegative,
-    Positive,
-    Section,
-    UnitInterval,
-    check_length,
-    is_number,
-)
+from photosite.sensor.quantity import Increasing, NotNegative, Positive, UnitInterval, check_length, is_number
 from photosite.values.measured import Measured
+from photosite.values.validated import Section
 
 Kernel = tuple[tuple[float, ...], ...]
 """Rows by columns: how the electrons of the centre pixel are distributed over its neighbourhood."""
@@ -102,7 +95,7 @@ class Transmittance(Section):
 class LowPassFilter(Section):
     """A birefringent low-pass filter: four spots of equal light, at half the split to either side on each axis.
 
-    Its transfer function is cos(pi f split) on each axis; 0 is no split.
+    Its transfer function is cos(pi f split) on each axis.
     """
 
     split_x_um: NotNegative = Measured(0.0)
@@ -184,15 +177,12 @@ class Crosstalk(Section):
         for name, kernel in (kernels or {}).items():
             size = len(kernel)
             if size % 2 == 0 or size > _LARGEST_KERNEL or any(len(row) != size for row in kernel):
-                lengths = sorted({len(row) for row in kernel} or {0})
-                found = f"{size} rows of {lengths[0]}" + (f" to {lengths[-1]}" if len(lengths) > 1 else "")
                 expected = f"square and odd, from 1 x 1 to {_LARGEST_KERNEL} x {_LARGEST_KERNEL}"
-                raise InputError(f"kernel of {name}", value=found, expected=expected)
+                raise InputError(f"kernel of {name}", value=[len(row) for row in kernel], expected=expected)
             shares = np.array(kernel)
             if not (np.isfinite(shares).all() and (shares >= 0).all()):
                 raise InputError(f"kernel of {name}", value=float(shares.min()), expected="0 or above everywhere")
-            total = float(shares.sum())
-            if abs(total - 1.0) > SUM_TOLERANCE:
+            if abs((total := float(shares.sum())) - 1.0) > SUM_TOLERANCE:
                 hint = "Divide it by its sum, and include losses in the quantum efficiency"
                 raise InputError(f"sum of the kernel of {name}", value=total, expected="1", hint=hint)
         return kernels
@@ -228,10 +218,9 @@ class OpticalStack(Section):
 
     def transmittance_at(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
         """Return the (wavelengths,) transmittance of all filters together."""
-        product = np.ones(np.shape(wavelength_nm))
-        for found in self.filters.values():
-            product = product * found.at(wavelength_nm)
-        return product
+        return math.prod(
+            (found.at(wavelength_nm) for found in self.filters.values()), start=np.ones(np.shape(wavelength_nm))
+        )
 
     def knots_nm(self) -> NDArray[np.float64]:
         """Return the wavelengths of all entries of the filters' tables."""
@@ -240,22 +229,12 @@ class OpticalStack(Section):
     def check(
         self, responds_nm: Mapping[str, tuple[float, float] | None], shape: tuple[int, int], tile: tuple[int, int]
     ) -> None:
-        """Check that the stack is consistent with the sensor.
+        """Raise `InputError` unless the stack is consistent with the sensor.
 
-        Parameters
-        ----------
-        responds_nm
-            First and last wavelength of each channel's response; None for a channel without response.
-        shape, tile
-            (rows, cols) of the array and of its colour filter array's tile.
-
-        Raises
-        ------
-        InputError
-            If tables have other channels than the sensor, a filter's table does not cover a channel's response, or the
-            array is smaller than a tile and has crosstalk.
+        Tables must have the sensor's channels, filters must cover each channel's response (first and last wavelength),
+        and an array with crosstalk must not be smaller than the tile of its colour filter array.
         """
-        self._check_names(list(responds_nm))
+        self._check_channels(list(responds_nm))
         for name, filter_ in self.filters.items():
             for channel, ends in responds_nm.items():
                 if ends is None or filter_.wavelength_nm is None:
@@ -273,18 +252,17 @@ class OpticalStack(Section):
             expected = f"at least one tile, {tile[0]} x {tile[1]} pixels, with optical_stack.crosstalk"
             raise InputError("the array", value=shape, expected=expected)
 
-    def _check_names(self, channels: list[str]) -> None:
-        tables: dict[str, Any] = {}
-        if self.angular_response is not None:
-            tables["angular_response.relative_response"] = self.angular_response.relative_response
-        if self.crosstalk is not None:
-            tables |= {"crosstalk.optical": self.crosstalk.optical, "crosstalk.electrical": self.crosstalk.electrical}
+    def _check_channels(self, channels: list[str]) -> None:
+        angular, crosstalk = self.angular_response, self.crosstalk
+        tables: dict[str, Any] = {
+            "angular_response.relative_response": angular and angular.relative_response,
+            "crosstalk.optical": crosstalk and crosstalk.optical,
+            "crosstalk.electrical": crosstalk and crosstalk.electrical,
+        }
         for place, table in tables.items():
-            if not isinstance(table, dict):
-                continue
-            where = f"optical_stack.{place}"
-            for name in table:
-                if name not in channels:
-                    raise InputError(f"unknown channel '{name}'", where=where, hint=did_you_mean(name, channels))
-            if missing := [name for name in channels if name not in table]:
-                raise InputError(f"the channels {', '.join(missing)} are missing", where=where)
+            names = table if isinstance(table, dict) else channels
+            if unknown := [name for name in names if name not in channels]:
+                hint = did_you_mean(unknown[0], channels)
+                raise InputError(f"unknown channel '{unknown[0]}'", where=f"optical_stack.{place}", hint=hint)
+            if missing := [name for name in channels if name not in names]:
+                raise InputError(f"the channels {', '.join(missing)} are missing", where=f"optical_stack.{place}")

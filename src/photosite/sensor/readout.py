@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from numbers import Integral
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from photosite.sensor.chip import draw_chip
 from photosite.sensor.io.maps_file import load_measured_chip
 from photosite.sensor.measured_chip import Blinking, MeasuredChip
 from photosite.sensor.model import Sensor
+from photosite.values.validated import check_choice
 
 Rectangle = tuple[int, int, int, int]
 """(r0, r1, c0, c1): rows r0 to r1 and columns c0 to c1, the second of each excluded."""
@@ -45,15 +46,13 @@ def digital_numbers(
     region: Rectangle | None = None,
     device: Device = "cpu",
 ) -> NDArray[np.uint16]:
-    """Return one frame of a sensor, or a rectangle of it.
+    """Return one frame of a sensor, or a rectangle of it, (rows, cols).
 
     The equations are those of `photosite.engine.pixel_model`. A sensor with measured maps takes PRNU, dark current,
     offset and read noise of each pixel from them. Otherwise the fixed pattern is drawn from the sensor's serial.
 
     Parameters
     ----------
-    sensor
-        The sensor.
     mean_electrons
         (rows, cols) float32 electrons from light, not negative.
     exposure_s
@@ -66,11 +65,6 @@ def digital_numbers(
         (r0, r1, c0, c1) of the chip; None is the whole chip. Its digital numbers are those of the whole frame.
     device
         "cpu", or "cuda" for an NVIDIA GPU (extra `gpu`).
-
-    Returns
-    -------
-    ndarray
-        (rows, cols) uint16, of the region if there is one.
 
     Raises
     ------
@@ -100,11 +94,9 @@ def digital_numbers(
             raise InputError(name, value=number, expected=f"an integer from 0 to 2^{bits} - 1")
     r0, r1, c0, c1 = region or (0, rows, 0, cols)
     if not (0 <= r0 < r1 <= rows and 0 <= c0 < c1 <= cols):
-        raise InputError(
-            "region", value=region, expected=f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
-        )
-    if device not in get_args(Device):
-        raise InputError("device", value=device, expected=f"one of {', '.join(get_args(Device))}")
+        expected = f"(r0, r1, c0, c1) with r0 < r1 <= {rows} and c0 < c1 <= {cols}"
+        raise InputError("region", value=region, expected=expected)
+    check_choice("device", device, Device)
     part = slice(r0, r1), slice(c0, c1)
     photo_e = np.ascontiguousarray(mean_electrons[part], np.float32)
     exposure = Exposure(
@@ -122,12 +114,8 @@ def digital_numbers(
     if (measured := load_measured_chip(sensor)) is None:
         return _expose_drawn(photo_e, *_drawn_maps(sensor, part), exposure, device)
     if device != "cpu":
-        raise InputError(
-            "device",
-            value=device,
-            expected="'cpu' for a measured chip",
-            hint="Use with_(maps=None) to simulate a drawn chip on the GPU",
-        )
+        hint = "Use with_(maps=None) to simulate a drawn chip on the GPU"
+        raise InputError("device", value=device, expected="'cpu' for a measured chip", hint=hint)
     maps = _measured_maps(measured, sensor, part, exposure)
     with threads_for(photo_e.size):
         out = expose_measured(photo_e, maps, exposure)
@@ -182,20 +170,11 @@ def _measured_maps(chip: MeasuredChip, sensor: Sensor, part: tuple[slice, slice]
 
     The maps replace read noise, DSNU, PRNU and dark voltage of the sensor's description. A map that was not measured is
     constant: no PRNU, or the dark current of the description.
-
-    Raises
-    ------
-    InputError
-        If the maps are not of the sensor's size.
     """
     size = sensor.array.rows, sensor.array.cols
     if chip.shape != size:
-        raise InputError(
-            "maps",
-            value=chip.shape,
-            expected=f"of the sensor's size {size}",
-            hint="Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip",
-        )
+        hint = "Give the sensor the size of its maps, or use with_(maps=None) to simulate a drawn chip"
+        raise InputError("maps", value=chip.shape, expected=f"of the sensor's size {size}", hint=hint)
     gain = float(chip.system_gain_dn_per_e or sensor.system_gain_dn_per_e)
     constant_dark = np.float32(sensor.electrons(sensor.noise.dark_voltage_mv_per_s.value) * gain)
     shape = part[0].stop - part[0].start, part[1].stop - part[1].start

@@ -1,30 +1,62 @@
-"""Base of option objects: Pydantic models whose errors are photosite's own."""
+"""Base classes of Pydantic models, with errors that are photosite's own."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from photosite.errors import InputError, did_you_mean
 
-PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 _EXPECTED = {
     "greater_than": "above {gt:g}",
     "greater_than_equal": "{ge:g} or more",
     "less_than": "below {lt:g}",
     "less_than_equal": "at most {le:g}",
-    "finite_number": "finite",
+    "finite_number": "a finite number",
     "literal_error": "{expected}",
     "float_type": "a number",
+    "float_parsing": "a number",
     "int_type": "a whole number",
+    "int_from_float": "a whole number",
     "bool_type": "true or false",
     "string_type": "text",
+    "tuple_type": "a list",
+    "dict_type": "a mapping",
+    "too_short": "a list with at least {min_length} entries",
+    "string_too_short": "text with at least {min_length} characters",
+    "string_pattern_mismatch": "text that matches {pattern}",
     "value_error": "{error}",
 }
 """The condition that each kind of Pydantic error states."""
+
+_UNKNOWN_FIELD = "unknown_field"
+
+
+class Section(BaseModel):
+    """Fields of a file: immutable, and without unknown fields."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reject_unknown_names(cls, raw: Any) -> Any:
+        fields = list(cls.model_fields)
+        if isinstance(raw, cls):
+            return raw
+        if not isinstance(raw, Mapping):
+            raise ValueError(f"a mapping {{{', '.join(fields)}}}")
+        for name in raw:
+            if name not in fields:
+                unknown = InputError(f"unknown field '{name}'", hint=did_you_mean(str(name), fields))
+                raise located(unknown, name, kind=_UNKNOWN_FIELD)
+        return raw
 
 
 class Validated(BaseModel):
@@ -36,20 +68,14 @@ class Validated(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", arbitrary_types_allowed=True)
 
     def __init__(self, **options: Any) -> None:
+        for name in options:
+            if name not in type(self).model_fields:
+                raise self.unknown(name)
         plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in options.items()}
         try:
             super().__init__(**plain)
         except ValidationError as error:
-            raise self._input_error(error) from None
-
-    @classmethod
-    def _input_error(cls, error: ValidationError) -> InputError:
-        first = error.errors()[0]
-        name = str(first["loc"][0]) if first["loc"] else "options"
-        if first["type"] == "extra_forbidden":
-            return cls.unknown(name)
-        expected = _EXPECTED.get(first["type"], "valid").format(**first.get("ctx", {}))
-        return InputError(name, value=first["input"], expected=expected)
+            raise input_error(error) from None
 
     @classmethod
     def unknown(cls, name: str) -> InputError:
@@ -68,6 +94,49 @@ class Validated(BaseModel):
             for name, value in values.items()
             if value is not defaults[name] and (defaults[name] is None or value != defaults[name])
         }
+
+
+def located(error: InputError, *location: int | str, kind: str = "value_error") -> ValidationError:
+    """Return an error to raise in a validator, with the location below the validated value."""
+    cause = {"error": error}
+    details = InitErrorDetails(type=PydanticCustomError(kind, "invalid", cause), loc=location, input=None)
+    return ValidationError.from_exception_data("located", [details])
+
+
+def input_error(error: ValidationError) -> InputError:
+    """Return the first error of a validation; `where` is the section of the field.
+
+    Examples
+    --------
+    >>> class Lens(Section):
+    ...     f_number: PositiveNumber
+    >>> try:
+    ...     Lens.model_validate({"f_number": -8})
+    ... except ValidationError as error:
+    ...     print(input_error(error))
+    f_number must be above 0, got -8
+    """
+    first = error.errors()[0]
+    location, kind, context = first["loc"], first["type"], first.get("ctx", {})
+    parents, field = location[:-1], location[-1] if location else ""
+    found = context.get("error")
+    if isinstance(found, InputError):
+        if kind != _UNKNOWN_FIELD and found.what != field:
+            parents = location
+    elif kind == "missing":
+        found = InputError(f"field '{field}' is missing")
+    else:
+        named = max((k for k, part in enumerate(location) if isinstance(part, str)), default=0)
+        expected = _EXPECTED.get(kind, first["msg"].removeprefix("Input should be ")).format(**context)
+        found, parents = (
+            InputError(_dotted(location[named:]), value=first["input"], expected=expected),
+            location[:named],
+        )
+    return found.within(_dotted(parents)) if parents else found
+
+
+def _dotted(location: tuple[int | str, ...]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
 
 
 def check_choice(name: str, value: object, choices: Any) -> None:

@@ -273,7 +273,7 @@ def test_illumination_that_differs_with_wavelength_gives_a_warning(tmp_path: Pat
 @pytest.mark.parametrize(
     ("name", "old", "new", "error"),
     [
-        ("ISETPARMS.TXT", "efl=5.999968", "", ("does not set efl", None)),
+        ("ISETPARMS.TXT", "efl=5.999968", "", ("field 'efl' is missing", None)),
         ("ISETPARMS.TXT", "efl=5.999968", "efl=-6", ("efl", 13)),
         ("ISETPARMS.TXT", "efl=5.999968", "efl=six", ("efl", 13)),
         ("ISETPARMS.TXT", "=580.0", "=0.5800", ("refWave", 11)),

@@ -15,16 +15,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, StrictBool, StrictInt
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, in_file
+from photosite.files.validation import validated
 from photosite.files.yaml import line_of, read_yaml
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io import zemax
-from photosite.optics.io.parser import Number, Parser, PositiveNumber, Section
 from photosite.optics.io.psf_listing import Axes, FirstRow, Layout, PsfListing, lens_design_of, read_grid
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.sampled_psf import check_spacing
+from photosite.values.validated import Number, PositiveNumber, Section
 
 VERSION_KEY = "photosite_lens_design"
 _SUFFIXES = (".txt", ".dat", ".psf")
@@ -51,8 +52,7 @@ class _File(Section):
             check_spacing(self.spacing_um)
             changes["spacing_um"] = float(self.spacing_um)
         for field, unit in ((self.field_deg, "deg"), (self.field_mm, "mm")):
-            if field is not None:
-                changes |= {"field": field, "field_unit": unit}
+            changes |= {"field": field, "field_unit": unit} if field is not None else {}
         if self.origin is not None:
             (row, col), (rows, cols) = self.origin, listing.samples.shape
             if not (1 <= row <= rows and 1 <= col <= cols):
@@ -69,31 +69,20 @@ class _Index(Section):
     program: Literal["zemax", "grid"] = "zemax"
     axes: Axes = "image"
     first_row: FirstRow = "top"
-    symmetric: Annotated[bool, Field(strict=True)] | None = None
+    symmetric: StrictBool | None = None
     tolerance: Number | None = None
-    rank: Annotated[int, Field(strict=True)] | None = None
+    rank: StrictInt | None = None
     detail_um: Number | None = None
-    nodes: Annotated[int, Field(strict=True)] | None = None
+    nodes: StrictInt | None = None
     files: Annotated[tuple[_File, ...], Field(min_length=1)]
     provenance: Any = None
 
 
 def read_folder(path: Path, first_row: FirstRow = "top", **options: Any) -> LensDesign:
-    """Read a folder of Zemax listings that each state wavelength, field and spacing.
+    """Read a folder of Zemax listings (.txt, .dat or .psf) that each state wavelength, field and spacing.
 
-    Parameters
-    ----------
-    path
-        The folder; its files end in .txt, .dat or .psf.
-    first_row
-        See `Layout`.
-    **options
-        Options of `LensDesign`.
-
-    Raises
-    ------
-    FileError
-        If there is no listing of a PSF, or one is wrong.
+    `first_row` is that of `Layout`; other options are those of `LensDesign`. Raises `FileError` if there is no listing
+    of a PSF, or one is invalid.
     """
     listings = [zemax.read_psf(file) for file in sorted(path.iterdir()) if zemax.is_psf_file(file, _SUFFIXES)]
     if not listings:
@@ -104,20 +93,15 @@ def read_folder(path: Path, first_row: FirstRow = "top", **options: Any) -> Lens
 def read_index(path: Path, first_row: FirstRow | None = None, **options: Any) -> LensDesign:
     """Read an index; the arguments override its entries.
 
-    Raises
-    ------
-    FileError
-        If the index or a file that it names is wrong, or a PSF is missing.
+    Raises `FileError` if the index or a file that it names is invalid, or a PSF is missing.
     """
     data = read_yaml(path, "an index of PSF files")
     if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
         raise FileError(path, f"is not an index of PSF files: it has no '{VERSION_KEY}: 1'")
-    index = Parser(path, data).validated(_Index, data)
+    index: _Index = validated(_Index, data, path)
     listings = []
     for number, file in enumerate(index.files):
-        try:
+        with in_file(path, line_of(data["files"], number)):
             listings.append(file.listing(path.parent, index.program))
-        except InputError as error:
-            raise error.in_file(path, line_of(data["files"], number)) from None
     stated = index.model_dump(include={"symmetric", "tolerance", "rank", "detail_um", "nodes"}, exclude_none=True)
     return lens_design_of(path, listings, Layout(index.axes, first_row or index.first_row), {**stated, **options})

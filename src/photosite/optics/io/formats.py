@@ -28,14 +28,12 @@ class Format:
         Name of the format; `program` in an optics file selects by it.
     holds
         Kind of value: "lens", "OTFs", "PSFs", "lens design", "relative illumination", "distortion", "pupil amplitude".
-    read
-        path, **options -> value.
+    read, write
+        path, **options -> value; value, path -> None, or None if the format is only read.
     suffixes
         Suffixes of file names; none if `matches` decides.
     options
         Options of `read` that mean something for this format.
-    write
-        value, path -> None; None if the format is only read.
     matches
         Whether a path is of this format; None: by its suffix, if it has any.
     """
@@ -110,23 +108,17 @@ def read(
 
     Parameters
     ----------
-    holds
-        Kind of value, see `Format`.
-    file
-        The file, relative to `folder`.
-    program
-        Name of the format; None: the first that fits.
-    folder
-        Folder of the file.
+    holds, program
+        Kind of value, and name of the format, see `Format`. None: the first that fits.
+    file, folder
+        The file, relative to a folder.
     **options
-        Options of the format.
+        Options of the format; an unknown one raises `InputError`.
 
     Raises
     ------
     FileError
         If no format fits, or the file is invalid.
-    InputError
-        If the format has no such option.
     """
     path = folder / file
     known = [entry for entry in FORMATS if entry.holds == holds and program in (None, entry.name)]
@@ -202,7 +194,7 @@ def read_lens_design(path: str | PathLike[str], **options: Any) -> LensDesign:
 
 
 def read_otf_table(path: str | PathLike[str], **options: Any) -> OtfTable:
-    """Return a table of OTFs, see `photosite.optics.io.tables.read_otf`."""
+    """Return a table of OTFs from a CSV file, see `photosite.optics.io.tables.read_otf`."""
     table: OtfTable = read("OTFs", path, **options)
     return table
 
@@ -222,18 +214,6 @@ def read_psf_table(path: str | PathLike[str], **options: Any) -> PsfTable:
     ------
     FileError
         If the file is missing or damaged, lacks its spacing or wavelengths, or its content is invalid.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import numpy as np
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = Path(folder.name) / "psf.npz"
-    >>> x = np.arange(-8, 9) * 0.5
-    >>> gauss = np.exp(-(x[:, None] ** 2 + x**2) / 2) / (8 * np.pi)
-    >>> np.savez(path, psf=gauss, spacing_um=0.5, wavelength_nm=550.0)
-    >>> read_psf_table(path, normalise=True).samples.shape
-    (1, 17, 17)
     """
     table: PsfTable = read("PSFs", path, **options)
     return table

@@ -29,12 +29,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path, PureWindowsPath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
-from photosite.errors import FileError, InputError, PhotositeWarning
+from photosite.errors import FileError, InputError, PhotositeWarning, in_file
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
 from photosite.optics.field_points import FieldPoints
@@ -44,6 +45,7 @@ from photosite.optics.io.listing import NUMBER, number, read_text, rows_of_numbe
 from photosite.optics.io.psf_listing import FirstRow, Layout, PsfListing, lens_design_of, read_grid
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
+from photosite.values.validated import input_error
 
 Array = NDArray[np.float64]
 
@@ -66,154 +68,95 @@ _SAMPLE_DIGITS = 2
 """Decimals of a chief ray's position in samples, which the seven digits of the heights support."""
 
 
-@dataclass(frozen=True)
-class Parameters:
-    """The assignments of ISETPARMS.txt, in its units.
+def _float(text: str) -> float:
+    return number(text.strip()) if re.fullmatch(NUMBER, text.strip()) else math.nan
 
-    Parameters
-    ----------
-    program
-        The program whose macro wrote the file: Zemax's writes the number of heights, CODE V's a range.
-    base_name
-        Beginning of the names of the other files; may include a Windows folder.
-    lens_file
-        Name of the design.
-    focal_length_mm, f_number
-        Effective focal length, and its ratio to the entrance pupil's diameter.
-    magnification
-        0 for far objects, otherwise negative.
-    object_distance_mm
-        Distance from the first surface.
-    reference_nm
-        Reference wavelength of the design.
-    wavelengths_nm
-        First, step, last.
-    heights, largest_height_mm
-        Number of ideal image heights, evenly spaced from 0 to the largest.
-    samples, spacing_mm
-        Requested samples of PSFs.
-    """
 
-    program: Literal["zemax", "codev"]
-    base_name: str
-    lens_file: str
-    focal_length_mm: float
-    f_number: float
-    magnification: float
-    object_distance_mm: float
-    reference_nm: float
-    wavelengths_nm: tuple[float, float, float]
-    heights: int
-    largest_height_mm: float
-    samples: int
-    spacing_mm: float
+def _range(text: str) -> tuple[float, float, float]:
+    """Return first, step and last of first:step:last, NaN for other text."""
+    parts = tuple(map(_float, text.split(":")))
+    return parts if len(parts) == 3 else (math.nan, math.nan, math.nan)
+
+
+def _wavelengths(text: str) -> tuple[float, float, float]:
+    first, step, last = _range(text) if ":" in text else (_float(text), 0.0, _float(text))
+    if not (0 < first <= last and math.isfinite(step)):
+        raise ValueError("first:step:last in nm, increasing")
+    return first, step, last
+
+
+Value = Annotated[float, BeforeValidator(_float), Field(allow_inf_nan=False)]
+Positive = Annotated[Value, Field(gt=0)]
+Count = Annotated[int, Field(ge=2, le=_MOST_HEIGHTS)]
+
+
+class Parameters(BaseModel, frozen=True):
+    """The assignments of ISETPARMS.txt, in its units."""
+
+    program: Literal["zemax", "codev"] = "zemax"
+    """The program whose macro wrote the file: Zemax's writes the number of heights, CODE V's a range."""
+    base_name: str = Field(alias="baseLensFileName")
+    """Beginning of the names of the other files; may include a Windows folder."""
+    lens_file: str = Field("", alias="lensFile")
+    focal_length_mm: Positive = Field(alias="efl")
+    f_number: Positive = Field(alias="fnumber")
+    """Ratio of the effective focal length to the diameter of the entrance pupil."""
+    magnification: Value = Field(alias="mag")
+    """0 for far objects, otherwise negative."""
+    object_distance_mm: Positive = Field(alias="objDist")
+    """Distance from the first surface."""
+    wavelengths_nm: Annotated[tuple[float, float, float], BeforeValidator(_wavelengths)] = Field(alias="wave")
+    """First, step, last."""
+    reference_nm: Positive = Field(alias="refWave")
+    heights: Count = Field(alias="imgHeightNum")
+    """Number of ideal image heights, evenly spaced from 0 to the largest."""
+    largest_height_mm: Positive = Field(alias="imgHeightMax")
+    samples: Count = Field(alias="psfSize")
+    """Requested samples of PSFs on each axis."""
+    spacing_mm: Positive = Field(alias="psfSpacing")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _heights(cls, raw: dict[str, str]) -> dict[str, str]:
+        """Replace CODE V's range of heights by their number and the largest."""
+        if "imgHeight" not in raw:
+            return raw
+        first, step, last = _range(raw["imgHeight"])
+        if not (first == 0 and 0 < step <= last <= _MOST_HEIGHTS * step):
+            expected = f"0:step:last in mm, at most {_MOST_HEIGHTS} heights"
+            raise InputError("imgHeight", value=raw["imgHeight"], expected=expected)
+        return raw | {"program": "codev", "imgHeightNum": str(round(last / step) + 1), "imgHeightMax": str(last)}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        first, _, last = self.wavelengths_nm
+        if not first - _SAME_NM <= self.reference_nm <= last + _SAME_NM:
+            expected = f"in nm, from {first:g} to {last:g} as in wave"
+            raise InputError("refWave", value=self.reference_nm, expected=expected)
+        return self
 
 
 def read_parameters(path: Path) -> Parameters:
-    """Read ISETPARMS.txt.
-
-    Raises
-    ------
-    FileError
-        If an assignment is missing or invalid; with the line.
-    """
-    file = _Assignments(path)
-    if file.several_distances:
-        raise FileError(path, "holds several object distances (the 3D macro)", hint="Export with the 2D macro")
-    heights, largest = file.heights()
-    reference, waves = file.positive("refWave"), file.wavelengths()
-    if not waves[0] - _SAME_NM <= reference <= waves[2] + _SAME_NM:
-        raise file.error("refWave", f"in nm, from {waves[0]:g} to {waves[2]:g} as in wave")
-    return Parameters(
-        program="codev" if "imgHeight" in file.values else "zemax",
-        base_name=file.text("baseLensFileName"),
-        lens_file=file.text("lensFile") if "lensFile" in file.values else "",
-        focal_length_mm=file.positive("efl"),
-        f_number=file.positive("fnumber"),
-        magnification=file.numbers("mag", 1)[0],
-        object_distance_mm=file.positive("objDist"),
-        reference_nm=reference,
-        wavelengths_nm=waves,
-        heights=heights,
-        largest_height_mm=largest,
-        samples=file.count("psfSize"),
-        spacing_mm=file.positive("psfSpacing"),
-    )
-
-
-class _Assignments:
-    """The assignments of a file, with their lines."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.values: dict[str, tuple[str, int]] = {}
-        self.several_distances = False
-        for index, line in enumerate(read_text(path, "ISETPARMS.txt")):
-            if (match := _ASSIGNMENT.match(line)) is None:
-                continue
-            name, element, quoted, bare = match.groups()
-            if element is not None:
-                self.several_distances |= name == "objDist"
-                continue
-            self.values[name] = ((bare if quoted is None else quoted).strip(), index + 1)
-
-    def text(self, name: str) -> str:
-        if name not in self.values:
-            raise FileError(self.path, f"does not set {name}", hint="Export the whole set again")
-        return self.values[name][0]
-
-    def error(self, name: str, expected: str) -> FileError:
-        value, line = self.values[name]
-        return FileError(self.path, name, line, value=value, expected=expected)
-
-    def numbers(self, name: str, count: int) -> list[float]:
-        """Return a number, or `count` numbers separated by colons."""
-        parts = [part.strip() for part in self.text(name).split(":")]
-        if len(parts) == count and all(re.fullmatch(NUMBER, part) for part in parts):
-            values = [number(part) for part in parts]
-            if all(map(math.isfinite, values)):
-                return values
-        raise self.error(name, "a number" if count == 1 else "first:step:last")
-
-    def positive(self, name: str) -> float:
-        value = self.numbers(name, 1)[0]
-        if value <= 0:
-            raise self.error(name, "above 0")
-        return value
-
-    def count(self, name: str) -> int:
-        value = self.numbers(name, 1)[0]
-        if value != int(value) or not 2 <= value <= _MOST_HEIGHTS:
-            raise self.error(name, f"a whole number from 2 to {_MOST_HEIGHTS}")
-        return int(value)
-
-    def wavelengths(self) -> tuple[float, float, float]:
-        if ":" not in self.text("wave"):
-            alone = self.positive("wave")
-            return alone, 0.0, alone
-        first, step, last = self.numbers("wave", 3)
-        if not 0 < first <= last:
-            raise self.error("wave", "first:step:last in nm, increasing")
-        return first, step, last
-
-    def heights(self) -> tuple[int, float]:
-        """Return the number of heights, and the largest."""
-        if "imgHeight" not in self.values:
-            return self.count("imgHeightNum"), self.positive("imgHeightMax")
-        first, step, last = self.numbers("imgHeight", 3)
-        if first != 0 or not 0 < step <= last or last / step > _MOST_HEIGHTS:
-            raise self.error("imgHeight", f"0:step:last in mm, at most {_MOST_HEIGHTS} heights")
-        return round(last / step) + 1, last
+    """Read ISETPARMS.txt; raise `FileError` with the line if an assignment is missing or invalid."""
+    values: dict[str, str] = {}
+    lines: dict[str, int] = {}
+    for index, line in enumerate(read_text(path, "ISETPARMS.txt"), start=1):
+        if (match := _ASSIGNMENT.match(line)) is None:
+            continue
+        name, element, quoted, bare = match.groups()
+        if element is None:
+            values[name], lines[name] = (bare if quoted is None else quoted).strip(), index
+        elif name == "objDist":
+            raise FileError(path, "holds several object distances (the 3D macro)", hint="Export with the 2D macro")
+    try:
+        return Parameters.model_validate(values)
+    except ValidationError as error:
+        found = input_error(error)
+        raise found.in_file(path, lines.get(found.what)) from None
 
 
 def find_set(path: str | PathLike[str]) -> Path | None:
-    """Return the ISETPARMS.txt that the path is, or that is in the folder, or None.
-
-    Raises
-    ------
-    FileError
-        If the folder holds several.
-    """
+    """Return the ISETPARMS.txt that the path is, or that is in the folder, or None; raise `FileError` for several."""
     source = Path(path)
     if source.is_dir():
         found = sorted(file for file in _files(source) if file.name.lower().endswith("isetparms.txt"))
@@ -232,17 +175,10 @@ def _is_parameters(path: Path) -> bool:
 
 
 def read_ray_trace(path: str | PathLike[str]) -> RayTrace:
-    """Read the set of files that ISET's macros write; PSFs are read when used.
+    """Read ISETPARMS.txt, or its folder, and the other files of the set; PSFs are read when used.
 
-    Parameters
-    ----------
-    path
-        ISETPARMS.txt, or its folder.
-
-    Raises
-    ------
-    FileError
-        If the parameters or the distorted heights are missing or invalid.
+    Raises `FileError` if the parameters or the distorted heights are missing or invalid, as the methods of the result
+    do for the other files.
     """
     source = Path(path)
     parameters = find_set(source)
@@ -267,20 +203,14 @@ class RayTrace:
 
     Parameters
     ----------
-    path
-        ISETPARMS.txt.
-    parameters
-        Its content.
-    base
-        Beginning of the names of the other files.
-    names
-        Files of the folder by their names in lower case.
+    path, parameters
+        ISETPARMS.txt, and its content.
+    base, names
+        Beginning of the names of the other files; files of the folder by their names in lower case.
     wavelength_nm
         (L,).
-    ideal_mm
-        (F,) ideal image heights, from 0.
-    real_mm
-        (F, L) chief-ray positions on the sensor.
+    ideal_mm, real_mm
+        (F,) ideal image heights, from 0, and (F, L) chief-ray positions on the sensor.
 
     Examples
     --------
@@ -297,16 +227,10 @@ class RayTrace:
     real_mm: Array
 
     def lens(self) -> Lens:
-        """Return the lens: PSFs, distortion, lateral colour, relative illumination, focus.
-
-        Raises
-        ------
-        FileError
-            If a file is missing or invalid.
-        """
+        """Return the lens: PSFs, distortion, lateral colour, relative illumination, focus."""
         read = self.parameters
         distortion, color = self.distortion()
-        try:
+        with in_file(self.path):
             combined_mapping(distortion, color, read.focal_length_mm * 1e-3)  # raises if the image folds back
             return Lens(
                 DiffractionLimited(read.f_number, read.focal_length_mm),
@@ -317,8 +241,6 @@ class RayTrace:
                 color,
                 name=PureWindowsPath(read.lens_file or self.base).stem,
             )
-        except InputError as error:
-            raise error.in_file(self.path) from None
 
     @property
     def focus_distance_m(self) -> float:
@@ -334,42 +256,24 @@ class RayTrace:
     def distortion(self, wavelength_nm: float | None = None) -> tuple[Distortion, LateralColor | None]:
         """Return the distortion at a wavelength, and the displacements of the others.
 
-        Parameters
-        ----------
-        wavelength_nm
-            None: the reference wavelength of the design. Linear between the wavelengths of the set.
-
-        Raises
-        ------
-        FileError
-            If the heights are invalid, or the wavelength is outside those of the set.
+        None is the reference wavelength of the design. Heights are linear between the wavelengths of the set.
         """
         first, last = self.wavelength_nm[[0, -1]]
         if wavelength_nm is not None and not first - _SAME_NM <= wavelength_nm <= last + _SAME_NM:
             expected = f"from {first:g} to {last:g}"
             raise FileError(self.path, "wavelength_nm", value=wavelength_nm, expected=expected)
         own = self._at(self.real_mm, wavelength_nm)
-        try:
+        with in_file(self._file("DI")):
             distortion = Distortion.from_real_heights(FieldPoints(height_mm=self.ideal_mm), own, 1.0)
             if self.wavelength_nm.size == 1:
                 return distortion, None
             shift = (self.real_mm.T - own) * 1e3
             return distortion, LateralColor(self.wavelength_nm, FieldPoints(height_mm=own), shift)
-        except InputError as error:
-            raise error.in_file(self._file("DI")) from None
 
     def relative_illumination(self) -> IlluminationTable:
         """Return the relative illumination at the reference wavelength.
 
-        Raises
-        ------
-        FileError
-            If the file is missing or invalid.
-
-        Warns
-        -----
-        PhotositeWarning
-            If another wavelength differs by more than 2 % of the value on the axis.
+        A `PhotositeWarning` says if another wavelength differs by more than 2 % of the value on the axis.
         """
         table = _table(self._file("RI"), self.parameters, self.wavelength_nm.size)
         own = self._at(table)
@@ -379,21 +283,14 @@ class RayTrace:
                 f"that at {self.parameters.reference_nm:g} nm is used for all"
             )
             warnings.warn(PhotositeWarning(what), stacklevel=2)
-        try:
+        with in_file(self._file("RI")):
             return IlluminationTable(FieldPoints(height_mm=self._at(self.real_mm)), own)
-        except InputError as error:
-            raise error.in_file(self._file("RI")) from None
 
     def exit_pupil_mm(self) -> float:
         """Return the distance of the exit pupil from the sensor, at the reference wavelength; inf if telecentric.
 
         It is the least-squares fit to tan(angle) of the chief rays over the field, as `angular_response` of a sensor
         requires.
-
-        Raises
-        ------
-        FileError
-            If the file of chief-ray angles is missing or invalid.
         """
         file = self._file("CRA")
         table = _table(file, self.parameters, self.wavelength_nm.size)
@@ -410,13 +307,8 @@ class RayTrace:
         ----------
         first_row
             Position of the first row of samples on the image surface, y up.
-        options
+        **options
             `tolerance`, `rank`, `detail_um` and `nodes` of `LensDesign`.
-
-        Raises
-        ------
-        FileError
-            If a file is missing or invalid, or is of another wavelength or height than its name states.
         """
         listings = [
             self._listing(f, w, first_row) for f in range(self.ideal_mm.size) for w in range(self.wavelength_nm.size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -40,10 +41,7 @@ _LENGTHS_UM = {
 def read_text(path: str | PathLike[str], what: str) -> list[str]:
     """Return the lines of a text file in UTF-16, UTF-8 or Latin-1, whichever it is.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is too large, or is not text.
+    Raises `FileError` if the file cannot be read, is too large, or is not text.
     """
     file = Path(path)
     text = _decoded(read_small(file, what, LARGEST_BYTES))
@@ -68,13 +66,7 @@ def _decoded(content: bytes) -> str | None:
 
 
 def number(text: str) -> float:
-    """Return a number with a decimal point or comma, and an exponent of E or D.
-
-    Examples
-    --------
-    >>> number("1,25E-003"), number("0.5")
-    (0.00125, 0.5)
-    """
+    """Return a number with a decimal point or comma, and an exponent of E or D, such as 1,25E-003."""
     return float(text.replace(",", ".").replace("D", "E").replace("d", "e"))
 
 
@@ -97,119 +89,11 @@ def micrometers(value: str, unit: str, path: Path, line: int) -> float:
     return length
 
 
-def rows_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
-    """Return (rows, cols) from lines of numbers separated by blanks, tabs, semicolons or commas; skip empty lines.
-
-    Parameters
-    ----------
-    lines
-        Lines of the file.
-    first
-        Index of the first line to read.
-    path
-        The file, for messages.
-    count
-        Number of rows, if known. After these and an empty line, other text is a footer unless rows follow it.
-
-    Raises
-    ------
-    FileError
-        If a line holds other text or a number that is not finite, or rows differ in length; with the line.
-    """
-    rows: list[list[float]] = []
-    commas = _separates_by_comma(lines, first)
-    footer: FileError | None = None
-    ended = False
-    for index in range(first, len(lines)):
-        text = lines[index].replace(";", " ")
-        parts = (text.replace(",", " ") if commas else text).split()
-        if not parts:
-            ended = len(rows) == count
-            continue
-        try:
-            row = _numbers(parts, len(rows[0]) if rows else None, path, index + 1)
-        except FileError as error:
-            if not ended:
-                raise
-            footer = footer or error
-            continue
-        if footer is not None:
-            raise footer
-        rows.append(row)
-    return np.array(rows).reshape(len(rows), -1 if rows else 0)
-
-
-def _numbers(parts: list[str], columns: int | None, path: Path, line: int) -> list[float]:
-    try:
-        row = [number(part.rstrip(",")) for part in parts]
-    except ValueError:
-        bad = next(part for part in parts if not re.fullmatch(NUMBER, part.rstrip(",")))
-        raise FileError(path, "entry", line, value=bad, expected="a number") from None
-    if not all(map(math.isfinite, row)):
-        raise FileError(path, "entry", line, expected="a finite number")
-    if columns is not None and len(row) != columns:
-        raise FileError(path, "numbers in this row", line, value=len(row), expected=f"{columns}, as in the rows before")
-    return row
-
-
-@dataclass
-class TableRows:
-    """Rows of a table, line by line; text after the rows and an empty line is a footer.
-
-    If rows have empty lines between them, an empty line does not end the table. Then invalid lines raise an error, as
-    does a footer that rows follow.
-
-    Parameters
-    ----------
-    path
-        The file, for messages.
-    columns
-        Numbers per row; None: as many as in the first row, at least two.
-    """
-
-    path: Path
-    columns: int | None = None
-    rows: list[list[float]] = field(default_factory=list)
-    _gap: bool = False
-    _spaced: bool = False
-    _footer: FileError | None = None
-
-    def take(self, line: str, number: int) -> None:
-        """Read the next line; raise `FileError` as `table_row` does, unless the line is a footer."""
-        if not line.strip():
-            self._gap = bool(self.rows)
-            return
-        try:
-            row = table_row(line, self.columns, self.path, number)
-        except FileError as error:
-            if self._spaced or not self._gap:
-                raise
-            self._footer = self._footer or error
-            return
-        if row is None:
-            return
-        if self._footer is not None:
-            raise self._footer
-        self._spaced, self._gap, self.columns = self._spaced or self._gap, False, len(row)
-        self.rows.append(row)
-
-
 def table_row(line: str, columns: int | None, path: Path, number: int) -> list[float] | None:
     """Return the numbers of a table's line; None for other lines: empty ones, rules, headings, footers.
 
-    Parameters
-    ----------
-    line
-        The line; percent signs are ignored.
-    columns
-        Numbers per row; None: unknown, at least two.
-    path, number
-        The file and the line number, for messages.
-
-    Raises
-    ------
-    FileError
-        If the line is an invalid row: other text among its numbers, an overflow, too few or too many numbers.
+    Percent signs are ignored. A row has `columns` numbers, or at least two if that is None. `FileError` is raised for
+    other text among the numbers, an overflow, or another count.
 
     Examples
     --------
@@ -235,6 +119,72 @@ def _is_text(line: str, parts: list[str], columns: int | None) -> bool:
     if not others or "=" in line or ":" in line:
         return not others or any(words)
     return sum(words) > others or (words[0] and sum(words) == others and len(parts) != columns)
+
+
+@dataclass
+class TableRows:
+    """Rows of a table, line by line; text after the rows and an empty line is a footer.
+
+    If rows have empty lines between them, an empty line does not end the table. Then invalid lines raise an error, as
+    does a footer that rows follow. `columns` is as for `table_row`; None becomes the number of the first row. With
+    `ends_after`, a footer begins after that many rows only; 0: there is none.
+    """
+
+    path: Path
+    columns: int | None = None
+    ends_after: int | None = None
+    parse: Callable[[str, int | None, Path, int], list[float] | None] = table_row
+    rows: list[list[float]] = field(default_factory=list)
+    _gap: bool = False
+    _spaced: bool = False
+    _footer: FileError | None = None
+
+    def take(self, line: str, number: int) -> None:
+        """Read the next line; raise `FileError` as `parse` does, unless the line is a footer."""
+        if not line.strip():
+            self._gap = bool(self.rows) and self.ends_after in (None, len(self.rows))
+            return
+        try:
+            row = self.parse(line, self.columns, self.path, number)
+        except FileError as error:
+            if self._spaced or not self._gap:
+                raise
+            self._footer = self._footer or error
+            return
+        if row is None:
+            return
+        if self._footer is not None:
+            raise self._footer
+        self._spaced, self._gap, self.columns = self._spaced or self._gap, False, len(row)
+        self.rows.append(row)
+
+
+def rows_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:
+    """Return (rows, cols) from lines of numbers separated by blanks, tabs, semicolons or commas; skip empty lines.
+
+    `count` is the number of rows, if known: after these and an empty line, other text is a footer unless rows follow
+    it. A line of other text, a number that is not finite, or a row of another length raises `FileError` with the line.
+    """
+    commas = _separates_by_comma(lines, first)
+    table = TableRows(path, ends_after=count or 0, parse=_grid_row)
+    for index in range(first, len(lines)):
+        text = lines[index].replace(";", " ")
+        table.take(text.replace(",", " ") if commas else text, index + 1)
+    return np.array(table.rows).reshape(len(table.rows), -1 if table.rows else 0)
+
+
+def _grid_row(text: str, columns: int | None, path: Path, line: int) -> list[float]:
+    parts = [part.rstrip(",") for part in text.split()]
+    try:
+        row = [number(part) for part in parts]
+    except ValueError:
+        bad = next(part for part in parts if not re.fullmatch(NUMBER, part))
+        raise FileError(path, "entry", line, value=bad, expected="a number") from None
+    if not all(map(math.isfinite, row)):
+        raise FileError(path, "entry", line, expected="a finite number")
+    if columns not in (None, len(row)):
+        raise FileError(path, "numbers in this row", line, value=len(row), expected=f"{columns}, as in the rows before")
+    return row
 
 
 def grid_of_numbers(lines: list[str], first: int, path: Path, count: int | None = None) -> NDArray[np.float64]:

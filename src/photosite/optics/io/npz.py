@@ -27,19 +27,9 @@ def write_amplitude(amplitude: NDArray[np.float64], path: Path) -> None:
 
 
 def read_design(path: Path, **options: Any) -> LensDesign:
-    """Read PSFs over the field, as `write_design` writes them.
+    """Read PSFs over the field, as `write_design` writes them; the options are those of `LensDesign`.
 
-    Parameters
-    ----------
-    path
-        The file.
-    **options
-        `symmetric`, `tolerance`, `rank`, `detail_um` and `nodes` of `LensDesign`.
-
-    Raises
-    ------
-    FileError
-        If the file is missing or damaged, or its content is invalid.
+    Raises `FileError` if the file is missing or damaged, or its content is invalid.
     """
     found = read_arrays(path, _DESIGN_FIELDS)
     fields: dict[str, Any] = {name: real_numbers(path, name, found[name]) for name in _DESIGN_FIELDS[:-1]}
@@ -61,20 +51,7 @@ def write_design(design: LensDesign, path: Path) -> None:
 
 
 def read_arrays(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
-    """Return arrays of an .npz archive by name.
-
-    Parameters
-    ----------
-    path
-        The file.
-    names, optional
-        Required and optional arrays.
-
-    Raises
-    ------
-    FileError
-        If the file is missing or damaged, or lacks a required array.
-    """
+    """Return required and optional arrays of an .npz archive; raise `FileError` if it lacks one, or is damaged."""
     if not os.path.isfile(path):  # False for an invalid name, for which pathlib raises
         raise FileError(path, "no such file")
     try:

@@ -24,26 +24,25 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from photosite.color.spectrum import Spectrum
-from photosite.errors import FileError, InputError, did_you_mean
+from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_folder
+from photosite.files.validation import validated
 from photosite.files.yaml import LARGEST_BYTES, dump_yaml, line_of, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
-from photosite.optics.distortion import LateralColor, combined_mapping
+from photosite.optics.distortion import LateralColor
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.io.npz import write_amplitude, write_design
-from photosite.optics.io.parser import Parser
-from photosite.optics.io.sections import KINDS, OpticsModel, Provenance, Read
+from photosite.optics.io.sections import OpticsModel, Provenance, Read, described_by
 from photosite.optics.io.tables import write_otf, write_psf
 from photosite.optics.lens import Lens
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.protocols import Blur
 from photosite.optics.pupil import Pupil
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
@@ -54,16 +53,11 @@ Fields = dict[str, Any]
 Tables = dict[str, Callable[[Path], None]]
 """Files beside the optics file: name -> writer."""
 
+_LENS = Annotated[Any, described_by(OpticsModel)]
+
 
 def read_optics(path: Path, read: Read) -> Lens:
-    """Return the lens of an optics file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    read
-        Reader of the files that it names.
+    """Return the lens of an optics file; `read` reads the files that it names.
 
     Raises
     ------
@@ -87,12 +81,10 @@ def parse_optics(
     ----------
     data
         The fields, as `photosite.files.yaml` reads them.
-    path
-        The file that holds them, for messages.
+    path, section
+        The file that holds them, for messages, and its section, if they are not at its top level.
     read
         Reader of the files that they name.
-    section
-        Section of that file, if they are not at its top level.
 
     Returns
     -------
@@ -104,46 +96,8 @@ def parse_optics(
     FileError
         As `read_optics`.
     """
-    parser = Parser(Path(path), data, section)
-    model = parser.validated(OpticsModel, data)
-    base = parser.built(  # the model has checked the other fields
-        "transmittance",
-        lambda: DiffractionLimited(model.f_number, model.focal_length_mm, model.transmittance.build(), model.falloff),
-    )
-    blur = _blur(parser, read) if model.blur is not None else None
-    illumination = distortion = lateral = glare = None
-    if (light := model.relative_illumination) is not None:
-        illumination = parser.built("relative_illumination", lambda: light.build(read))
-    if (curve := model.distortion) is not None:
-        distortion, lateral = parser.built("distortion", lambda: curve.build(read, model.focal_length_mm))
-    if (color := model.lateral_color) is not None:
-        if lateral is not None:
-            clash = InputError("lateral_color", expected="omitted: the listing of distortion has it")
-            raise parser.located(clash, ("lateral_color",))
-        lateral = parser.built("lateral_color", color.build)
-    if (veil := model.veiling_glare) is not None:
-        glare = parser.built("veiling_glare", veil.build)
-    # Tables that fold back together are rejected here rather than on the first frame.
-    key = "lateral_color" if model.lateral_color is not None else "distortion"
-    parser.built(key, lambda: combined_mapping(distortion, lateral, model.focal_length_mm * 1e-3))
-    lens = parser.built(
-        "falloff" if illumination is not None and model.falloff != "none" else "focus_distance_m",
-        lambda: Lens(base, blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name),
-    )
-    more = (blur, model.focus_distance_m, illumination, distortion, lateral, glare, model.name)
-    return base if all(part is None for part in more) else lens
-
-
-def _blur(parser: Parser, read: Read) -> Blur | None:
-    """Return the blur of the section of its kind."""
-    section = parser.data["blur"]
-    kind = section.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        hint = did_you_mean(str(kind), KINDS)
-        raise parser.located(InputError("kind", value=kind, expected="a kind of blur", hint=hint), ("blur",))
-    model: Any = parser.validated(KINDS[kind], section, ("blur",))
-    blur: Blur | None = parser.built("blur", lambda: model.build(read))
-    return blur
+    lens: Lens | DiffractionLimited = validated(_LENS, data, path, section, read)
+    return lens
 
 
 def write_optics(
@@ -168,26 +122,6 @@ def write_optics(
         If an optics file cannot represent the lens, or the provenance is invalid.
     FileError
         If the file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> lens = Lens(DiffractionLimited(2.8, 50), Wavefront({8: 50.0}), focus_distance_m=2.0, name="mine")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_optics(lens, f"{folder}/mine.optics.yaml", {"source": "made up"})
-    ...     print(Path(folder, "mine.optics.yaml").read_text(), end="")
-    photosite_optics: 1
-    name: mine
-    f_number: 2.8
-    focal_length_mm: 50.0
-    transmittance: 1.0
-    focus_distance_m: 2.0
-    blur:
-      kind: wavefront
-      zernike:
-        8: 50.0
-    provenance:
-      source: made up
     """
     file = Path(path)
     fields, tables = _described(lens, file.stem)
@@ -197,9 +131,8 @@ def write_optics(
     if len(text.encode()) > LARGEST_BYTES:
         raise InputError(f"the optics file would exceed {LARGEST_BYTES >> 20} MiB", hint="Thin the tables of the lens")
     if file.suffix.lower() not in SUFFIXES:
-        raise FileError(
-            file, "the name of an optics file", value=file.suffix, expected="one that ends in .yaml or .yml"
-        )
+        expected = "one that ends in .yaml or .yml"
+        raise FileError(file, "the name of an optics file", value=file.suffix, expected=expected)
     for name in (file.name, *tables):
         beside = file.with_name(name)
         if os.path.exists(beside) and not os.path.isfile(beside):
@@ -231,41 +164,43 @@ def _described(lens: Lens | DiffractionLimited, stem: str) -> tuple[Fields, Tabl
     if type(lens) not in (Lens, DiffractionLimited):
         raise InputError("lens", value=type(lens), expected="a Lens or a DiffractionLimited, to be written")
     whole = lens if isinstance(lens, Lens) else Lens(lens)
-    base, fields = whole.base, Fields(photosite_optics=1)
-    if whole.name is not None:
-        fields["name"] = str(whole.name)
-    fields |= {"f_number": float(base.f_number), "focal_length_mm": float(base.focal_length_mm)}
-    passed = base.transmittance
-    if isinstance(passed, Spectrum):
-        fields["transmittance"] = {
-            "wavelength_nm": _list(passed.wavelength_nm),
-            "transmittance": _list(passed.values),
-        }
-    else:
-        fields["transmittance"] = float(passed)
-    if base.falloff != "none":
-        fields["falloff"] = base.falloff
-    if whole.focus_distance_m is not None:
-        fields["focus_distance_m"] = float(whole.focus_distance_m)
-    tables: Tables = {}
-    if whole.blur is not None:
-        fields["blur"], tables = _blur_section(whole.blur, stem)
-    if (light := whole.illumination) is not None:
-        fields["relative_illumination"] = _points(light.field) | {"relative": _list(light.relative)}
-    if (curve := whole.distortion) is not None:
-        fields["distortion"] = _points(curve.field) | {"percent": _list(100 * (curve.ratio - 1))}
-    if whole.lateral_color is not None:
-        fields["lateral_color"] = _lateral_color(whole.lateral_color)
-    if (veil := whole.veiling_glare) is not None:
-        fields["veiling_glare"] = {"fraction": float(veil.fraction)}
-        if veil.spread_m is not None:
-            fields["veiling_glare"]["spread_mm"] = float(veil.spread_m * 1e3)
-    return fields, tables
+    base, passed = whole.base, whole.base.transmittance
+    blur, tables = (None, Tables()) if whole.blur is None else _blur_section(whole.blur, stem)
+    light, curve, color, veil = whole.illumination, whole.distortion, whole.lateral_color, whole.veiling_glare
+    fields = {
+        "photosite_optics": 1,
+        "name": whole.name,
+        "f_number": float(base.f_number),
+        "focal_length_mm": float(base.focal_length_mm),
+        "transmittance": _table(passed, "transmittance") if isinstance(passed, Spectrum) else float(passed),
+        "falloff": None if base.falloff == "none" else base.falloff,
+        "focus_distance_m": _float(whole.focus_distance_m),
+        "blur": blur,
+        "relative_illumination": light and _points(light.field) | {"relative": _list(light.relative)},
+        "distortion": curve and _points(curve.field) | {"percent": _list(100 * (curve.ratio - 1))},
+        "lateral_color": color and _lateral_color(color),
+        "veiling_glare": veil
+        and _given({"fraction": float(veil.fraction), "spread_mm": veil.spread_m and float(veil.spread_m * 1e3)}),
+    }
+    return _given(fields), tables
+
+
+def _given(fields: Fields) -> Fields:
+    """Return the fields that are not None."""
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def _float(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _list(values: ArrayLike) -> list[Any]:
     found: list[Any] = np.asarray(values, np.float64).tolist()
     return found
+
+
+def _table(spectrum: Spectrum, name: str) -> Fields:
+    return {"wavelength_nm": _list(spectrum.wavelength_nm), name: _list(spectrum.values)}
 
 
 def _points(points: FieldPoints) -> Fields:
@@ -288,64 +223,54 @@ def _lateral_color(color: LateralColor) -> Fields:
 
 def _provenance(given: Mapping[str, str]) -> Fields:
     try:
-        fields: Fields = Provenance.model_validate(dict(given)).model_dump(exclude_none=True)
+        return Provenance.model_validate(dict(given)).model_dump(exclude_none=True)
     except (ValidationError, TypeError, ValueError):
         expected = f"texts by name, of {', '.join(Provenance.model_fields)}"
         raise InputError("provenance", value=given, expected=expected) from None
-    return fields
 
 
 def _blur_section(blur: object, stem: str) -> tuple[Fields, Tables]:
     """Return the section, and the tables that it names."""
-    match blur:
-        case Wavefront() if type(blur) is Wavefront:
-            return _wavefront(blur, stem)
-        case OtfTable() if type(blur) is OtfTable:
-            name = f"{stem}.otf.csv"
-            return {"kind": "otf", "file": name, "beyond": blur.beyond}, {name: lambda path: write_otf(blur, path)}
-        case PsfTable() if type(blur) is PsfTable:
-            name = f"{stem}.psf.npz"
-            section = {"kind": "psf", "file": name, "normalise": bool(blur.normalise)}
-            return section, {name: lambda path: write_psf(blur, path)}
-        case LensDesign() if type(blur) is LensDesign:
-            name = f"{stem}.design.npz"
-            options = {"symmetric": bool(blur.symmetric), "tolerance": float(blur.tolerance), "rank": blur.rank}
-            options |= {"detail_um": blur.detail_um, "nodes": blur.nodes}
-            section = {"kind": "lens_design", "source": name}
-            section |= {key: value for key, value in options.items() if value is not None}
-            return section, {name: lambda path: write_design(blur, path)}
+    if type(blur) is Wavefront:
+        return _wavefront(blur, stem)
+    if type(blur) is OtfTable:
+        otf, name = blur, f"{stem}.otf.csv"
+        return {"kind": "otf", "file": name, "beyond": otf.beyond}, {name: lambda path: write_otf(otf, path)}
+    if type(blur) is PsfTable:
+        psf, name = blur, f"{stem}.psf.npz"
+        section = {"kind": "psf", "file": name, "normalise": bool(psf.normalise)}
+        return section, {name: lambda path: write_psf(psf, path)}
+    if type(blur) is LensDesign:
+        design, name = blur, f"{stem}.design.npz"
+        options = {key: getattr(design, key) for key in ("rank", "detail_um", "nodes")}
+        section = {"kind": "lens_design", "source": name, "symmetric": bool(design.symmetric)}
+        section |= {"tolerance": float(design.tolerance), **_given(options)}
+        return section, {name: lambda path: write_design(design, path)}
     raise InputError("blur", value=type(blur), expected="a Wavefront, OtfTable, PsfTable or LensDesign, to be written")
 
 
 def _wavefront(blur: Wavefront, stem: str) -> tuple[Fields, Tables]:
-    default = Wavefront()
-    section: Fields = {"kind": "wavefront", "zernike": _coefficients(blur)}
-    for name in ("index", "unit", "reference_nm", "norm", "defocus_um"):
-        if (value := getattr(blur, name)) != getattr(default, name):
-            section[name] = value if isinstance(value, str) else float(value)
-    pupil, tables = _pupil(blur.pupil, stem)
-    if pupil:
-        section["pupil"] = pupil
-    if (focus := blur.chromatic_focus) is not None:
-        section["chromatic_focus"] = {"wavelength_nm": _list(focus.wavelength_nm), "shift_um": _list(focus.values)}
-    return section, tables
-
-
-def _coefficients(blur: Wavefront) -> dict[int | str, float]:
-    return {
+    coefficients = {
         f"{key[0]},{key[1]}" if isinstance(key, tuple | list) else int(key): float(value)
         for key, value in blur.coefficients.items()
     }
+    section: Fields = {"kind": "wavefront", "zernike": coefficients}
+    section |= _changed(blur, Wavefront(), ("index", "unit", "reference_nm", "norm", "defocus_um"))
+    pupil, amplitude, tables = _changed(blur.pupil, Pupil(), _PUPIL_SHAPE), blur.pupil.amplitude, Tables()
+    if amplitude is not None:
+        pupil["amplitude"] = f"{stem}.pupil.npz"
+        tables[pupil["amplitude"]] = lambda path: write_amplitude(amplitude, path)
+    if pupil:
+        section["pupil"] = pupil
+    if blur.chromatic_focus is not None:
+        section["chromatic_focus"] = _table(blur.chromatic_focus, "shift_um")
+    return section, tables
 
 
-def _pupil(pupil: Pupil, stem: str) -> tuple[Fields, Tables]:
-    """Return the fields of a pupil that differ from an open circle."""
-    section: Fields = {}
-    for name in ("obscuration", "blades", "rotation_deg", "roundness", "vanes", "vane_width", "vane_rotation_deg"):
-        if value := getattr(pupil, name):
-            section[name] = int(value) if name in ("blades", "vanes") else float(value)
-    amplitude = pupil.amplitude
-    if amplitude is None:
-        return section, {}
-    section["amplitude"] = f"{stem}.pupil.npz"
-    return section, {section["amplitude"]: lambda path: write_amplitude(amplitude, path)}
+_PUPIL_SHAPE = ("obscuration", "blades", "rotation_deg", "roundness", "vanes", "vane_width", "vane_rotation_deg")
+
+
+def _changed(value: object, default: object, names: tuple[str, ...]) -> Fields:
+    """Return the fields that differ from their defaults, as plain Python."""
+    changed = {name: getattr(value, name) for name in names if getattr(value, name) != getattr(default, name)}
+    return {name: entry.item() if hasattr(entry, "item") else entry for name, entry in changed.items()}

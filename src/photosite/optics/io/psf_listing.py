@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, in_file
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io.listing import grid_of_numbers, is_grid_row, read_text
 from photosite.optics.lens_design import TOLERANCE, LensDesign
@@ -41,14 +41,10 @@ class PsfListing:
         (rows, cols) in the order of the file.
     origin
         (row, col), from 0, of the sample at the reference of the field point.
-    spacing_um
-        Distance between samples.
-    wavelength_nm
-        Wavelength of the light.
-    field
-        (x, y) of the field point.
-    field_unit
-        "deg" or "mm".
+    spacing_um, wavelength_nm
+        Distance between samples, and wavelength of the light.
+    field, field_unit
+        (x, y) of the field point, in "deg" or "mm".
     center_mm
         (x, y) of the origin on the image surface.
     """
@@ -73,10 +69,7 @@ class PsfListing:
 def read_grid(path: str | PathLike[str]) -> PsfListing:
     """Read a bare grid of numbers, with any lines of text above it.
 
-    Raises
-    ------
-    FileError
-        If there is no grid of 3 x 3 numbers or more, or text within it; with the line.
+    Raises `FileError` if there is no grid of 3 x 3 numbers or more, or text within it; with the line.
     """
     file = Path(path)
     lines = read_text(file, "a grid of a PSF")
@@ -122,16 +115,14 @@ class Layout:
 def lens_design_of(
     source: Path, listings: Sequence[PsfListing], layout: Layout, options: Mapping[str, Any]
 ) -> LensDesign:
-    """Return the lens design of many listings.
+    """Return the lens design of many listings, one PSF for every field point and wavelength, in any order.
 
     Parameters
     ----------
     source
         The folder or file that names them, for messages.
-    listings
-        One PSF for every field point and wavelength, in any order.
-    layout
-        Orientation of their grids.
+    listings, layout
+        The PSFs, and the orientation of their grids.
     options
         Options of `LensDesign`.
 
@@ -141,11 +132,9 @@ def lens_design_of(
         If a listing lacks a value, or the listings do not form a complete design.
     """
     for listing in listings:
-        try:
+        with in_file(listing.path):
             camera_wavelengths([listing.known("wavelength_nm")])
             check_spacing(listing.known("spacing_um"))
-        except InputError as error:
-            raise error.in_file(listing.path) from None
         listing.known("field")
     unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
     if any(listing.field_unit != unit for listing in listings):
@@ -165,10 +154,8 @@ def lens_design_of(
                 raise FileError(source, f"has no PSF at {wave:g} nm for the field ({x:g}, {y:g}) {unit}")
     psf, spacing = _on_one_grid([[table[point, wave] for wave in waves] for point in points], layout)
     y, x = np.array(points).T
-    try:
+    with in_file(source):
         return LensDesign(np.array(waves), psf, spacing, y, x, unit=unit, **{"tolerance": TOLERANCE, **options})
-    except InputError as error:
-        raise error.in_file(source) from None
 
 
 def _on_one_grid(table: list[list[PsfListing]], layout: Layout) -> tuple[Array, float]:
@@ -191,10 +178,8 @@ def _upright(listing: PsfListing, layout: Layout) -> tuple[Array, tuple[float, f
     """Return samples, origin, spacing in um, and the radius about the origin that encloses the energy, in um."""
     samples, origin = layout.upright(listing)
     spacing = listing.known("spacing_um")
-    try:
+    with in_file(listing.path):
         samples = normalised(samples, "samples")
-    except InputError as error:
-        raise error.in_file(listing.path) from None
     return samples, origin, spacing, _reach(samples, origin) * spacing
 
 

@@ -1,34 +1,36 @@
 """The sections of an optics file: their fields, and the value that each describes.
 
 Numbers must be numbers, not text; unknown fields are rejected. Files that a section names are relative to the optics
-file. A section reads them by the function `read` that its `build` is given, see `photosite.optics.io.formats.read`.
+file. The context of the validation is the function that reads them, see `photosite.optics.io.formats.read`.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PlainValidator, StrictBool, StrictInt, ValidationInfo, field_validator, model_validator
 
 from photosite.color.spectrum import Spectrum
-from photosite.errors import InputError
+from photosite.errors import FileError, InputError, did_you_mean
 from photosite.optics.checks import camera_wavelengths
-from photosite.optics.distortion import Distortion, LateralColor
+from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.distortion import Distortion, LateralColor, combined_mapping
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.io.parser import Number, PositiveNumber, Section, located_at
+from photosite.optics.lens import Lens
 from photosite.optics.protocols import Blur
 from photosite.optics.pupil import Pupil
 from photosite.optics.veiling_glare import VeilingGlare
 from photosite.optics.wavefront import Wavefront
 from photosite.optics.zernike import zernike_terms
+from photosite.values.validated import Number, PositiveNumber, Section, located
 
-Distance = Annotated[float, Field(strict=True, gt=0)]
-"""May be .inf."""
 Program = Literal["zemax", "iset"]
+Wavelengths = tuple[PositiveNumber, ...]
 
 _PAIR = """n and m in quotes, such as "3,-1": 40"""
 
@@ -41,8 +43,39 @@ class Read(Protocol):
         ...
 
 
-def _check_one_of(what: str, given: dict[str, bool]) -> None:
-    names = [name for name, present in given.items() if present]
+class Description(Section):
+    """A section that describes a value, which `_build` returns.
+
+    Its argument has the function that reads files as `context`, and the fields above the section as `data`.
+    """
+
+    def _build(self, info: ValidationInfo) -> Any:
+        raise NotImplementedError
+
+    def _read(self, info: ValidationInfo, holds: str, field: str, **options: Any) -> Any:
+        """Return what the file that a field names holds; a missing file is an error of the field."""
+        try:
+            assert info.context is not None
+            return info.context(holds, getattr(self, field), **options)
+        except FileError as error:
+            if os.path.exists(error.path):  # False for an invalid name
+                raise
+            raise located(InputError(f"there is no such file, {error.path}"), field) from None
+        except OSError as error:  # an invalid name
+            raise located(InputError(f"cannot be read: {error.strerror or error}"), field) from None
+
+
+def described_by(section: type[Description]) -> PlainValidator:
+    """Return a validator that makes a value from the fields of its section."""
+
+    def value(raw: Any, info: ValidationInfo) -> Any:
+        return None if raw is None else section.model_validate(raw, context=info.context)._build(info)
+
+    return PlainValidator(value)
+
+
+def _check_one_of(what: str, **given: object) -> None:
+    names = [name for name, value in given.items() if value is not None]
     if len(names) != 1:
         value = " and ".join(names) or "none of them"
         raise InputError(what, value=value, expected=f"given by one of {', '.join(given)}")
@@ -52,10 +85,10 @@ def _floats(values: tuple[float, ...] | None) -> NDArray[np.float64] | None:
     return None if values is None else np.array(values, np.float64)
 
 
-class Transmittance(Section):
+class Transmittance(Description):
     """Transmittance of the glass: one number, or a table over wavelength."""
 
-    wavelength_nm: tuple[PositiveNumber, ...] = ()
+    wavelength_nm: Wavelengths = ()
     transmittance: tuple[Annotated[float, Field(strict=True)], ...]
 
     @model_validator(mode="before")
@@ -63,16 +96,17 @@ class Transmittance(Section):
     def _one_number(cls, raw: Any) -> Any:
         if isinstance(raw, int | float) and not isinstance(raw, bool):
             return {"transmittance": (float(raw),)}
+        if not isinstance(raw, Mapping):
+            raise InputError("transmittance", value=raw, expected="a number or {wavelength_nm, transmittance}")
         return raw
 
-    def build(self) -> float | Spectrum:
-        """Return the number or table."""
+    def _build(self, info: ValidationInfo) -> float | Spectrum:
         if not self.wavelength_nm and len(self.transmittance) == 1:
             return self.transmittance[0]
-        return Spectrum(np.array(self.wavelength_nm), np.array(self.transmittance))
+        return Spectrum(camera_wavelengths(self.wavelength_nm), np.array(self.transmittance))
 
 
-class _OverField(Section):
+class _OverField(Description):
     height_mm: tuple[Number, ...] | None = None
     field_deg: tuple[Number, ...] | None = None
 
@@ -82,10 +116,6 @@ class _OverField(Section):
         except InputError as error:
             name = "field_deg" if error.what == "angle_deg" else error.what
             raise InputError(name, **error.fields) from None
-
-    def _check_one(self, what: str, **others: bool) -> None:
-        points = {"height_mm": self.height_mm is not None, "field_deg": self.field_deg is not None}
-        _check_one_of(what, {**points, **others})
 
 
 class RelativeIllumination(_OverField):
@@ -97,16 +127,14 @@ class RelativeIllumination(_OverField):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        self._check_one("relative_illumination", file=self.file is not None)
+        _check_one_of("relative_illumination", height_mm=self.height_mm, field_deg=self.field_deg, file=self.file)
         if (self.relative is None) != (self.file is not None):
             raise InputError("relative", expected="given together with height_mm or field_deg, and only with those")
         return self
 
-    def build(self, read: Read) -> IlluminationTable:
-        """Return the table."""
+    def _build(self, info: ValidationInfo) -> Any:
         if self.file is not None:
-            table: IlluminationTable = read("relative illumination", self.file, program=self.program)
-            return table
+            return self._read(info, "relative illumination", "file", program=self.program)
         return IlluminationTable(self.points(), np.array(self.relative, np.float64))
 
 
@@ -125,59 +153,54 @@ class DistortionSection(_OverField):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        self._check_one("distortion", k1=self.k1 is not None, file=self.file is not None)
-        values = {"percent": self.percent is not None, "real_height_mm": self.real_height_mm is not None}
+        _check_one_of("distortion", height_mm=self.height_mm, field_deg=self.field_deg, k1=self.k1, file=self.file)
         if self.k1 is None and self.file is None:
-            _check_one_of("a table of distortion", values)
-        elif any(values.values()):
+            _check_one_of("a table of distortion", percent=self.percent, real_height_mm=self.real_height_mm)
+        elif self.percent is not None or self.real_height_mm is not None:
             raise InputError("percent, real_height_mm", expected="given with height_mm or field_deg only")
         if self.k1 is None and (self.k2 or self.k3):
             raise InputError("k1", expected="given with k2 and k3", hint="Give 0 if it is 0")
         return self
 
-    def build(self, read: Read, focal_length_mm: float) -> tuple[Distortion, LateralColor | None]:
-        """Return the distortion, and the lateral colour of a listing."""
+    def _build(self, info: ValidationInfo) -> Any:
         if self.k1 is not None:
             return Distortion.polynomial(self.k1, self.k2, self.k3, max_field_deg=self.max_field_deg), None
         if self.file is not None:
-            distortion, color = read("distortion", self.file, program=self.program, wavelength_nm=self.wavelength_nm)
-            return distortion, color
+            return self._read(info, "distortion", "file", program=self.program, wavelength_nm=self.wavelength_nm)
         if self.percent is not None:
             return Distortion.from_percent(self.points(), self.percent), None
-        assert self.real_height_mm is not None
-        return Distortion.from_real_heights(self.points(), self.real_height_mm, focal_length_mm), None
+        focal_length_mm = info.data.get("focal_length_mm", 1.0)  # missing if it is invalid, which is another error
+        return Distortion.from_real_heights(self.points(), self.real_height_mm or (), focal_length_mm), None
 
 
 class LateralColorSection(_OverField):
     """Magnification of each wavelength, or displacements over the field."""
 
-    wavelength_nm: tuple[PositiveNumber, ...]
+    wavelength_nm: Wavelengths
     magnification: tuple[PositiveNumber, ...] | None = None
     shift_um: tuple[tuple[Number, ...], ...] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        self._check_one("lateral_color", magnification=self.magnification is not None)
+        places = {"height_mm": self.height_mm, "field_deg": self.field_deg}
+        _check_one_of("lateral_color", **places, magnification=self.magnification)
         if (self.magnification is None) == (self.shift_um is None):
             raise InputError("shift_um", expected="one row per wavelength, given with height_mm or field_deg")
         return self
 
-    def build(self) -> LateralColor:
-        """Return the table."""
+    def _build(self, info: ValidationInfo) -> LateralColor:
         if self.magnification is not None:
             return LateralColor.from_magnification(self.wavelength_nm, self.magnification)
-        assert self.shift_um is not None
         return LateralColor(np.array(self.wavelength_nm), self.points(), self.shift_um)  # type: ignore[arg-type]
 
 
-class Glare(Section):
+class Glare(Description):
     """Veiling glare."""
 
-    fraction: Annotated[float, Field(strict=True, ge=0, lt=1)]
+    fraction: Number
     spread_mm: PositiveNumber | None = None
 
-    def build(self) -> VeilingGlare:
-        """Return the value."""
+    def _build(self, info: ValidationInfo) -> VeilingGlare:
         return VeilingGlare(self.fraction, None if self.spread_mm is None else self.spread_mm * 1e-3)
 
 
@@ -190,57 +213,53 @@ class Provenance(Section):
     notes: str | None = None
 
 
-class Diffraction(Section):
-    """A lens without aberrations, with defocus of objects out of focus."""
-
-    kind: Literal["diffraction"]
-
-    def build(self, read: Read) -> Blur | None:
-        """Return None."""
-        return None
-
-
-class PupilSection(Section):
+class PupilSection(Description):
     """The pupil, see `photosite.optics.pupil.Pupil`."""
 
     obscuration: Number = 0.0
-    blades: Annotated[int, Field(strict=True)] = 0
+    blades: StrictInt = 0
     rotation_deg: Number = 0.0
     roundness: Number = 0.0
-    vanes: Annotated[int, Field(strict=True)] = 0
+    vanes: StrictInt = 0
     vane_width: Number = 0.0
     vane_rotation_deg: Number = 0.0
     amplitude: str | None = None
 
-    def build(self, read: Read) -> Pupil:
-        """Return the pupil, its array from an .npz file."""
-        array = None if self.amplitude is None else read("pupil amplitude", self.amplitude)
+    def _build(self, info: ValidationInfo) -> Pupil:
+        array = None if self.amplitude is None else self._read(info, "pupil amplitude", "amplitude")
         return Pupil(**self.model_dump(exclude={"amplitude"}), amplitude=array)
 
 
-class ChromaticFocus(Section):
+class ChromaticFocus(Description):
     """Focus shift by wavelength, um behind the sensor."""
 
-    wavelength_nm: tuple[PositiveNumber, ...]
+    wavelength_nm: Wavelengths
     shift_um: tuple[Number, ...]
 
-    def build(self) -> Spectrum:
-        """Return the table."""
+    def _build(self, info: ValidationInfo) -> Spectrum:
         return Spectrum(camera_wavelengths(self.wavelength_nm), np.array(self.shift_um))
 
 
-class WavefrontSection(Section):
+class Diffraction(Description):
+    """A lens without aberrations, with defocus of objects out of focus."""
+
+    kind: str
+
+    def _build(self, info: ValidationInfo) -> None: ...
+
+
+class WavefrontSection(Description):
     """Zernike coefficients and pupil, see `photosite.optics.wavefront.Wavefront`."""
 
-    kind: Literal["wavefront"]
-    zernike: dict[int | str, Number] = Field(default_factory=dict, description="{8: 50, 11: -20}, term: value")
+    kind: str
+    zernike: dict[int | str, Number] = Field(default_factory=dict)
     index: Literal["noll", "fringe", "nm"] = "noll"
     unit: Literal["nm", "waves"] = "nm"
     reference_nm: PositiveNumber | None = None
     norm: Literal["rms", "peak"] | None = None
-    pupil: PupilSection = PupilSection()
+    pupil: Annotated[Pupil, described_by(PupilSection)] = Field(default_factory=Pupil)
     defocus_um: Number = 0.0
-    chromatic_focus: ChromaticFocus | None = None
+    chromatic_focus: Annotated[Spectrum | None, described_by(ChromaticFocus)] = None
 
     @field_validator("zernike", mode="before")
     @classmethod
@@ -250,28 +269,16 @@ class WavefrontSection(Section):
                 raise InputError("zernike", value=str(key), expected=f"terms with values; for index nm {_PAIR}")
         return raw
 
-    def build(self, read: Read) -> Blur:
-        """Return the wavefront."""
+    def _build(self, info: ValidationInfo) -> Any:
         coefficients: dict[Any, float] = {}
         for key, value in self.zernike.items():
-            with located_at("zernike", key):
+            try:
                 term = _term(key, self.index)
                 zernike_terms({term: value}, self.index, self.norm)
-                coefficients[term] = value
-        with located_at("pupil"):
-            pupil = self.pupil.build(read)
-        with located_at("chromatic_focus"):
-            shifts = None if self.chromatic_focus is None else self.chromatic_focus.build()
-        return Wavefront(
-            coefficients=coefficients,
-            index=self.index,
-            unit=self.unit,
-            reference_nm=self.reference_nm,
-            norm=self.norm,
-            pupil=pupil,
-            defocus_um=self.defocus_um,
-            chromatic_focus=shifts,
-        )
+            except InputError as error:
+                raise located(error, "zernike", key) from None
+            coefficients[term] = value
+        return Wavefront(coefficients, **{name: value for name, value in self if name not in ("kind", "zernike")})
 
 
 def _term(key: int | str, index: str) -> Any:
@@ -287,54 +294,48 @@ def _term(key: int | str, index: str) -> Any:
     return n, m
 
 
-class OtfSection(Section):
+class OtfSection(Description):
     """OTFs by wavelength, see `photosite.optics.tables.OtfTable`."""
 
-    kind: Literal["otf"]
+    kind: str
     file: str
     beyond: Literal["zero", "diffraction"] = "zero"
 
-    def build(self, read: Read) -> Blur:
-        """Return the table."""
-        table: Blur = read("OTFs", self.file, beyond=self.beyond)
-        return table
+    def _build(self, info: ValidationInfo) -> Any:
+        return self._read(info, "OTFs", "file", beyond=self.beyond)
 
 
-class PsfSection(Section):
+class PsfSection(Description):
     """PSFs by wavelength, see `photosite.optics.tables.PsfTable`."""
 
-    kind: Literal["psf"]
+    kind: str
     file: str
     spacing_um: PositiveNumber | None = None
-    wavelength_nm: tuple[PositiveNumber, ...] | None = None
-    normalise: Annotated[bool, Field(strict=True)] = False
+    wavelength_nm: Wavelengths | None = None
+    normalise: StrictBool = False
 
-    def build(self, read: Read) -> Blur:
-        """Return the table."""
-        table: Blur = read("PSFs", self.file, **self.model_dump(include={"spacing_um", "wavelength_nm", "normalise"}))
-        return table
+    def _build(self, info: ValidationInfo) -> Any:
+        return self._read(info, "PSFs", "file", **self.model_dump(exclude={"kind", "file"}))
 
 
-class LensDesignSection(Section):
+class LensDesignSection(Description):
     """PSFs over the field, see `photosite.optics.lens_design.LensDesign`."""
 
-    kind: Literal["lens_design"]
+    kind: str
     source: str
     tolerance: PositiveNumber | None = None
-    rank: Annotated[int, Field(strict=True, ge=1)] | None = None
+    rank: Annotated[StrictInt, Field(ge=1)] | None = None
     detail_um: PositiveNumber | None = None
-    nodes: Annotated[int, Field(strict=True, ge=3)] | None = None
-    symmetric: Annotated[bool, Field(strict=True)] | None = None
+    nodes: Annotated[StrictInt, Field(ge=3)] | None = None
+    symmetric: StrictBool | None = None
     first_row: Literal["top", "bottom"] | None = None
 
-    def build(self, read: Read) -> Blur:
-        """Return the design."""
+    def _build(self, info: ValidationInfo) -> Any:
         options = self.model_dump(exclude={"kind", "source"}, exclude_none=True)
-        design: Blur = read("lens design", self.source, **options)
-        return design
+        return self._read(info, "lens design", "source", **options)
 
 
-KINDS: dict[str, type[Section]] = {
+KINDS: dict[str, type[Description]] = {
     "diffraction": Diffraction,
     "wavefront": WavefrontSection,
     "otf": OtfSection,
@@ -344,21 +345,48 @@ KINDS: dict[str, type[Section]] = {
 """Sections `blur` by their kind."""
 
 
-class OpticsModel(Section):
+def _blur(raw: Any, info: ValidationInfo) -> Blur | None:
+    """Return the blur of the section of its kind."""
+    if raw is None:
+        return None
+    if not isinstance(raw, Mapping):
+        raise InputError("blur", value=raw, expected=f"{{kind: {' | '.join(KINDS)}, ...}}")
+    kind = raw.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError("kind", value=kind, expected="a kind of blur", hint=did_you_mean(str(kind), KINDS))
+    blur: Blur | None = KINDS[kind].model_validate(raw, context=info.context)._build(info)
+    return blur
+
+
+class OpticsModel(Description):
     """The whole file."""
 
     photosite_optics: Literal[1] = 1
     name: str | None = None
     f_number: PositiveNumber
     focal_length_mm: PositiveNumber
-    transmittance: Transmittance = Field(
-        Transmittance(transmittance=(1.0,)), description="a number or {wavelength_nm, transmittance}"
-    )
+    transmittance: Annotated[float | Spectrum, described_by(Transmittance)] = 1.0
     falloff: Literal["none", "cos4"] = "none"
-    focus_distance_m: Distance | None = None
-    blur: dict[str, Any] | None = Field(None, description=f"{{kind: {' | '.join(KINDS)}, ...}}")
-    relative_illumination: RelativeIllumination | None = None
-    distortion: DistortionSection | None = None
-    lateral_color: LateralColorSection | None = None
-    veiling_glare: Glare | None = None
+    focus_distance_m: Annotated[float, Field(strict=True, gt=0)] | None = None
+    blur: Annotated[Blur | None, PlainValidator(_blur)] = None
+    relative_illumination: Annotated[IlluminationTable | None, described_by(RelativeIllumination)] = None
+    distortion: Annotated[tuple[Distortion, LateralColor | None] | None, described_by(DistortionSection)] = None
+    lateral_color: Annotated[LateralColor | None, described_by(LateralColorSection)] = None
+    veiling_glare: Annotated[VeilingGlare | None, described_by(Glare)] = None
     provenance: Provenance | None = None
+
+    def _build(self, info: ValidationInfo) -> Lens | DiffractionLimited:
+        """Return the lens; a `DiffractionLimited` if that can represent all fields."""
+        base = DiffractionLimited(self.f_number, self.focal_length_mm, self.transmittance, self.falloff)
+        distortion, color = self.distortion or (None, None)
+        if color is not None and self.lateral_color is not None:
+            raise InputError("lateral_color", expected="omitted: the listing of distortion has it")
+        color = color or self.lateral_color
+        try:  # rejects tables that fold back together here rather than on the first frame
+            combined_mapping(distortion, color, self.focal_length_mm * 1e-3)
+        except InputError as error:
+            raise located(error, "distortion" if self.lateral_color is None else "lateral_color") from None
+        light, glare = self.relative_illumination, self.veiling_glare
+        parts = (self.blur, self.focus_distance_m, light, distortion, color, glare, self.name)
+        lens = Lens(base, *parts)
+        return base if all(part is None for part in parts) else lens

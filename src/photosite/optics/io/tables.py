@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, in_file
 from photosite.optics.checks import number_array
 from photosite.optics.io.npz import read_arrays, real_numbers
 from photosite.optics.tables import OtfTable, PsfTable
@@ -63,12 +63,10 @@ def read_otf(path: str | PathLike[str], beyond: Literal["zero", "diffraction"] =
         raise FileError(path, "the header", number, value=", ".join(names), expected=expected)
     wavelengths = [_wavelength(path, number, name) for name in names[1:]] if names[0] == _RADIAL else []
     rows = np.array([_numbers(path, line, row, len(names)) for line, row in lines[1:]]).reshape(-1, len(names))
-    try:
+    with in_file(path):
         if names[0] == _RADIAL:
             return OtfTable(np.array(wavelengths), rows[:, 0], rows[:, 1:].T, beyond=beyond)
         return _plane_table(path, {name: rows[:, k] for k, name in enumerate(names)}, beyond)
-    except InputError as error:
-        raise error.in_file(path) from None
 
 
 def write_otf(table: OtfTable, path: Path) -> None:
@@ -128,10 +126,8 @@ def read_psf(
     samples = real_numbers(path, "psf", np.asarray(found["psf"]))
     if spacing.size != 1:
         raise FileError(path, "spacing_um", value=spacing.tolist(), expected="one number")
-    try:
+    with in_file(path):
         return PsfTable(grid, samples[None] if samples.ndim == 2 else samples, float(spacing[0]), normalise)
-    except InputError as error:
-        raise error.in_file(path) from None
 
 
 def write_psf(table: PsfTable, path: Path) -> None:
@@ -142,20 +138,14 @@ def write_psf(table: PsfTable, path: Path) -> None:
 def _stated(path: Path, name: str, found: Mapping[str, Any], given: ArrayLike | None) -> Array:
     """Return a quantity that the file or the caller states; both may state the same value."""
     if found.get(name) is None and given is None:
-        raise FileError(
-            path,
-            f"does not state its {name}",
-            hint=f"Pass {{{name}}}",
-            arguments={name: 0.5 if name == "spacing_um" else 550},
-        )
+        example = {name: 0.5 if name == "spacing_um" else 550}
+        raise FileError(path, f"does not state its {name}", hint=f"Pass {{{name}}}", arguments=example)
     own = None if found.get(name) is None else np.atleast_1d(real_numbers(path, name, np.asarray(found[name])))
     if given is None:
         assert own is not None
         return own
-    try:
+    with in_file(path):
         passed = number_array(name, given)
-    except InputError as error:
-        raise error.in_file(path) from None
     if own is not None and not (passed.shape == own.shape and np.allclose(passed, own, rtol=1e-6)):
         raise FileError(path, name, value=passed.tolist(), expected=f"{own.tolist()}, as the file states, or omitted")
     return passed

@@ -21,19 +21,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, in_file
 from photosite.optics.distortion import Distortion, LateralColor
 from photosite.optics.field_points import FieldPoints, even_curve
 from photosite.optics.illumination import IlluminationTable
-from photosite.optics.io.listing import (
-    NUMBER,
-    TableRows,
-    finite,
-    grid_of_numbers,
-    micrometers,
-    number,
-    read_text,
-)
+from photosite.optics.io.listing import NUMBER, TableRows, finite, grid_of_numbers, micrometers, number, read_text
 from photosite.optics.io.psf_listing import PsfListing
 
 Array = NDArray[np.float64]
@@ -78,10 +70,7 @@ def _is_psf_listing(lines: list[str]) -> bool:
 def read_psf(path: str | PathLike[str]) -> PsfListing:
     """Read a listing of an FFT PSF or Huygens PSF.
 
-    Raises
-    ------
-    FileError
-        If it is not one, is of several wavelengths together, or lacks the sample spacing; with the line.
+    Raises `FileError` with the line if it is not one, is of several wavelengths together, or lacks the sample spacing.
     """
     file = Path(path)
     lines = read_text(file, "a listing of a PSF")
@@ -107,16 +96,9 @@ def read_psf(path: str | PathLike[str]) -> PsfListing:
     if not (0 <= origin[0] < samples.shape[0] and 0 <= origin[1] < samples.shape[1]):
         row_and_column = (origin[0] + 1, origin[1] + 1)
         raise FileError(file, "center point", value=row_and_column, expected=f"within the {samples.shape} samples")
-    return PsfListing(
-        file,
-        samples,
-        origin,
-        header.finest_spacing_um(samples.shape[1]),
-        header.wavelength_nm,
-        header.field,
-        header.unit,
-        header.center_mm,
-    )
+    spacing = header.finest_spacing_um(samples.shape[1])
+    stated = header.wavelength_nm, header.field, header.unit, header.center_mm
+    return PsfListing(file, samples, origin, spacing, *stated)
 
 
 def _first_row(lines: list[str], first: int) -> int:
@@ -173,9 +155,8 @@ class _Header:
 
     def _count(self, digits: str, at: int) -> int:
         if len(digits) > _MOST_DIGITS:
-            raise FileError(
-                self.path, "number of samples", at, value=digits, expected=f"of {_MOST_DIGITS} digits or less"
-            )
+            expected = f"of {_MOST_DIGITS} digits or less"
+            raise FileError(self.path, "number of samples", at, value=digits, expected=expected)
         return int(digits)
 
     def finest_spacing_um(self, samples: int) -> float | None:
@@ -189,10 +170,7 @@ class _Header:
 def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
     """Read a listing of relative illumination over field angle or image height.
 
-    Raises
-    ------
-    FileError
-        If it is not one, or its field is neither an angle nor a length.
+    Raises `FileError` if it is not one, or its field is neither an angle nor a length.
     """
     file = Path(path)
     lines = read_text(file, "a listing of relative illumination")
@@ -222,11 +200,9 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
         place = table[:, 0] * scale
     if not np.isfinite(place).all():
         raise FileError(file, "field, in mm", expected="finite")
-    try:
+    with in_file(file):
         points = FieldPoints(angle_deg=place) if kind == "deg" else FieldPoints(height_mm=place)
         return IlluminationTable(points, table[:, 1])
-    except InputError as error:
-        raise error.in_file(file) from None
 
 
 def _field_unit(name: str, file: Path, line: int) -> tuple[str, float]:
@@ -281,10 +257,9 @@ def read_distortion(
 
     Returns
     -------
-    distortion
-        Distortion at that wavelength.
-    lateral_color
-        Displacements of the others; None if there is one wavelength, or no real heights.
+    distortion, lateral_color
+        Distortion at that wavelength, and displacements of the others; None if there is one wavelength, or no real
+        heights.
 
     Raises
     ------
@@ -312,7 +287,7 @@ def read_distortion(
     if (unit := re.search(r"(?:height|shift) units are\s*:?\s*([a-z]+)", head)) and "millimet" not in unit[1]:
         hint = "Set the lens to mm, and save again"
         raise FileError(file, "unit of the heights", value=unit[1], expected="millimeters", hint=hint)
-    try:
+    with in_file(file):
         points = FieldPoints(angle_deg=np.abs(angle))
         if real is not None and reference is not None:
             ratio = np.ones(angle.size)
@@ -321,8 +296,6 @@ def read_distortion(
         percent = chosen.column("distortion")
         assert percent is not None
         return Distortion.from_percent(points, percent), None
-    except InputError as error:
-        raise error.in_file(file) from None
 
 
 def _is_tangent(angle_deg: Array, reference: Array | None) -> bool:
@@ -396,14 +369,11 @@ def _grid_distortion(lines: list[str], file: Path, wavelength_nm: float | None) 
     diagonal = (table[:, 0] == table[:, 1]) & (table[:, 0] > 0)
     height = np.hypot(*ideal[diagonal].T)
     if height.size < 3 or not height.all() or not np.isfinite(table).all():
-        raise FileError(
-            file, "the grid of points", expected="complete, with rows (i, j) = (1, 1), (2, 2), (3, 3) at least"
-        )
+        expected = "complete, with rows (i, j) = (1, 1), (2, 2), (3, 3) at least"
+        raise FileError(file, "the grid of points", expected=expected)
     order = np.argsort(height, kind="stable")
-    try:
+    with in_file(file):
         found = Distortion(FieldPoints(height_mm=height[order]), np.hypot(*real[diagonal].T)[order] / height[order])
-    except InputError as error:
-        raise error.in_file(file) from None
     radius, largest = np.hypot(*ideal.T), height[order][-1]
     ratio = even_curve(height[order], found.ratio, radius)
     apart = np.hypot(*(real - ideal * ratio[:, None]).T) / largest

@@ -36,15 +36,10 @@ _COLUMN_TYPES: dict[str, type[np.generic]] = {
 
 
 def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
-    """Write the maps of a chip to an HDF5 file.
+    """Write the maps of a chip to an HDF5 file; raise `FileError` if it cannot be written.
 
     The file has a dataset with a unit for each map, the groups `defects` and `blinking` with a dataset per column, and
     the chip's numbers as attributes.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
     """
     import h5py
 
@@ -68,13 +63,7 @@ def write_maps(chip: MeasuredChip, path: str | PathLike[str]) -> Maps:
 
 
 def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
-    """Copy maps beside a sensor file, unless they are there already, and return them as the sensor file names them.
-
-    Raises
-    ------
-    FileError
-        If the maps are missing or changed, or cannot be written.
-    """
+    """Copy maps beside a sensor file, unless they are there already, and return them as the sensor file names them."""
     source = Path(maps.file)
     _check_digest(maps)
     if source.parent.resolve() == sensor_path.parent.resolve():
@@ -86,21 +75,13 @@ def copy_maps(maps: Maps, sensor_path: Path) -> Maps:
 
 
 def maps_path(sensor_path: str | PathLike[str]) -> Path:
-    """Return the path of a sensor file's maps.
-
-    Examples
-    --------
-    >>> maps_path("mine.sensor.yaml").name
-    'mine.maps.h5'
-    """
+    """Return the path of a sensor file's maps, mine.maps.h5 beside mine.sensor.yaml."""
     path = Path(sensor_path)
     return path.with_name(path.name.removesuffix(path.suffix).removesuffix(".sensor") + SUFFIX)
 
 
 def load_measured_chip(sensor: Sensor) -> MeasuredChip | None:
-    """Return the measured chip of a sensor's maps, or None if its fixed pattern is drawn from the serial number.
-
-    The file is read once and cached.
+    """Return the measured chip of a sensor's maps, cached; None if its fixed pattern is drawn from the serial number.
 
     Raises
     ------
@@ -118,13 +99,7 @@ def _load(file: str, sha256: str) -> MeasuredChip:
 
 
 def read_maps(path: str | PathLike[str]) -> MeasuredChip:
-    """Read the chip in a file of maps.
-
-    Raises
-    ------
-    FileError
-        If the file is missing or not a valid file of maps.
-    """
+    """Read the chip in a file of maps; raise `FileError` if it is missing or invalid."""
     import h5py
 
     try:

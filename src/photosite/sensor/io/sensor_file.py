@@ -8,11 +8,9 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
-from photosite.files.validation import file_error
+from photosite.files.validation import validated
 from photosite.files.yaml import dump_yaml, line_of, parse_yaml, read_yaml
 from photosite.sensor.io.maps_file import copy_maps
 from photosite.sensor.model import Maps, Sensor
@@ -71,13 +69,7 @@ def _load_preset(name: str) -> Sensor:
 
 
 def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
-    """Return the sensor of a sensor file's text; `path` is its name in errors.
-
-    Raises
-    ------
-    FileError
-        If the text is not YAML or not a valid sensor file; with the line.
-    """
+    """Return the sensor of a sensor file's text; a `FileError` names the path and the line."""
     return _sensor_from(parse_yaml(content, path), path)
 
 
@@ -86,10 +78,7 @@ def _sensor_from(data: Any, path: str | PathLike[str]) -> Sensor:
     if version != 1:
         line = line_of(data, "photosite_sensor")
         raise FileError(path, "photosite_sensor", line, value=version, expected="1, the version of the file format")
-    try:
-        sensor = Sensor.model_validate(data)
-    except ValidationError as error:
-        raise file_error(Sensor, error, data, path) from None
+    sensor: Sensor = validated(Sensor, data, path)
     if sensor.maps is None:
         return sensor
     # An absolute path, so that the sensor can be saved elsewhere.
@@ -98,7 +87,7 @@ def _sensor_from(data: Any, path: str | PathLike[str]) -> Sensor:
 
 
 def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
-    """Write a sensor file. Maps of a measured chip are copied beside it first.
+    """Write a sensor file, with the maps of a measured chip beside it.
 
     Raises
     ------
@@ -112,12 +101,5 @@ def write_sensor(sensor: Sensor, path: str | PathLike[str]) -> None:
 
 
 def dump_sensor(sensor: Sensor) -> str:
-    """Return a sensor file's text; `parse_sensor` returns the same sensor.
-
-    Examples
-    --------
-    >>> sensor = load_sensor("vendor-2.2um")
-    >>> parse_sensor(dump_sensor(sensor), "again.yaml") == sensor
-    True
-    """
+    """Return a sensor file's text; `parse_sensor` returns the same sensor."""
     return dump_yaml(sensor.model_dump(mode="json", exclude_none=True))
