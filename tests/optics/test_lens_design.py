@@ -13,7 +13,6 @@ from raising import raises
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.lens_design import LensDesign
-from photosite.optics.low_rank import low_rank
 from photosite.optics.point_spread import FieldPsf, PlanePsf
 from photosite.optics.sampled_psf import RotatablePsf, encircled_radius, resampled, sample_positions, sampled_otf
 
@@ -76,14 +75,6 @@ def test_stated_error_is_the_svd_error() -> None:
     for rank in (1, 3, 7):
         expected = math.sqrt((values[rank - 1 :] ** 2).sum()) / np.linalg.norm(exact)
         assert found.error_by_rank[rank - 1] == pytest.approx(expected, rel=1e-6)
-
-
-def test_invalid_tolerance_and_rank() -> None:
-    samples = np.ones((4, 3))
-    with raises(InputError, "tolerance"):
-        low_rank(samples, tolerance=1.0)
-    with raises(InputError, "rank"):
-        low_rank(samples, tolerance=0.1, rank=5)
 
 
 def test_nodes_hold_psfs_rotated_to_their_azimuth() -> None:
@@ -223,6 +214,7 @@ TWO = np.array([0.0, 5.0])
         (lambda: LensDesign(WAVE, PSF, 0.5, TWO + 1, np.array([3.0, 0.0])), "field points of a symmetric lens"),
         (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, 0 * TWO), "field points of a symmetric lens"),
         (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, TWO, tolerance=0), "tolerance"),
+        (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, TWO, rank=82), "rank"),
         (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, 20 * TWO, unit="deg"), "field_x"),
         (lambda: LensDesign(WAVE, PSF, 0.5, 0 * TWO, TWO, nodes=2), "nodes"),
     ],

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.optics.checks import check_number
-
 Array = NDArray[np.float64]
 
 
@@ -64,9 +62,6 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, compa
     ((2, 2), True)
     """
     nodes = samples.shape[0]
-    check_number("tolerance", tolerance, "a fraction between 0 and 1", above=0, below=1)
-    if rank is not None:
-        check_number("rank", rank, f"from 1 to {nodes}, the number of nodes", at_least=1, at_most=nodes, whole=True)
     flat = samples.reshape(nodes, -1)
     mean = flat.mean(axis=0)
     rest = flat - mean
@@ -76,8 +71,7 @@ def low_rank(samples: Array, *, tolerance: float, rank: int | None = None, compa
     power, vectors = np.maximum(power[::-1], 0.0), vectors[:, ::-1]
     left = np.append(np.cumsum(power[::-1])[::-1], 0.0)[:nodes]
     errors = np.sqrt(left / float((seen**2).sum()))
-    count = rank if rank is not None else int(np.argmax(np.append(errors, 0.0) <= tolerance)) + 1
-    count = min(count, nodes)
+    count = min(rank or int(np.argmax(np.append(errors, 0.0) <= tolerance)) + 1, nodes)
     directions = vectors[:, : count - 1]
     weights = np.concatenate([np.ones((1, nodes)), directions.T])
     modes = np.concatenate([mean[None], directions.T @ rest])

@@ -192,7 +192,7 @@ class Sensor(Section):
         return grid, self.response_at(channel, grid)
 
     def measured(self, name: str) -> Measured:
-        """Return a value by the name of its field, from any section; raise `InputError` if there is none.
+        """Return a value by the name of its field, from any section; raise `InputError` for an unknown name.
 
         Examples
         --------

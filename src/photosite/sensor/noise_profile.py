@@ -150,7 +150,7 @@ class NoiseProfile:
 
 
 def profile_at_setting(profiles: Sequence[NoiseProfile], setting: float | None) -> NoiseProfile:
-    """Return the profile of a gain setting, or the only one for None; raise `InputError` if there is none."""
+    """Return the profile of a gain setting, or the only one for None; raise `InputError` if no profile has it."""
     if setting is None and len(profiles) == 1:
         return profiles[0]
     for profile in profiles:

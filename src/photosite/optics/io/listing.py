@@ -127,7 +127,7 @@ class TableRows:
 
     If rows have empty lines between them, an empty line does not end the table. Then invalid lines raise an error, as
     does a footer that rows follow. `columns` is as for `table_row`; None becomes the number of the first row. With
-    `ends_after`, a footer begins after that many rows only; 0: there is none.
+    `ends_after`, a footer begins after that many rows only; 0: no footer.
     """
 
     path: Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, in_file
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io.listing import grid_of_numbers, is_grid_row, read_text
-from photosite.optics.lens_design import TOLERANCE, LensDesign
+from photosite.optics.lens_design import LensDesign
 from photosite.optics.sampled_psf import check_spacing, encircled_radius, normalised, resampled
 
 Array = NDArray[np.float64]
@@ -131,31 +132,28 @@ def lens_design_of(
     FileError
         If a listing lacks a value, or the listings do not form a complete design.
     """
+    unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
+    if any(listing.field_unit != unit for listing in listings):
+        raise FileError(source, "mixes fields in degrees and in mm", hint="Give all in the same unit, in an index")
+    table: dict[tuple[tuple[float, float], float], PsfListing] = {}
     for listing in listings:
         with in_file(listing.path):
             camera_wavelengths([listing.known("wavelength_nm")])
             check_spacing(listing.known("spacing_um"))
-        listing.known("field")
-    unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
-    if any(listing.field_unit != unit for listing in listings):
-        raise FileError(source, "mixes fields in degrees and in mm", hint="Give all in the same unit, in an index")
-    points = sorted({layout.field_point(listing) for listing in listings}, key=lambda p: (np.hypot(*p), p))
-    waves = sorted({round(listing.known("wavelength_nm"), 3) for listing in listings})
-    table: dict[tuple[tuple[float, float], float], PsfListing] = {}
-    for listing in listings:
         key = layout.field_point(listing), round(listing.known("wavelength_nm"), 3)
         if key in table:
             raise FileError(listing.path, f"has the same field and wavelength as {table[key].path.name}")
         table[key] = listing
-    for point in points:
-        for wave in waves:
-            if (point, wave) not in table:
-                x, y = next(known.field or (0, 0) for (at, _), known in table.items() if at == point)
-                raise FileError(source, f"has no PSF at {wave:g} nm for the field ({x:g}, {y:g}) {unit}")
+    points = sorted({point for point, _ in table}, key=lambda p: (np.hypot(*p), p))
+    waves = sorted({wave for _, wave in table})
+    for point, wave in product(points, waves):
+        if (point, wave) not in table:
+            x, y = next(known.field or (0, 0) for (at, _), known in table.items() if at == point)
+            raise FileError(source, f"has no PSF at {wave:g} nm for the field ({x:g}, {y:g}) {unit}")
     psf, spacing = _on_one_grid([[table[point, wave] for wave in waves] for point in points], layout)
     y, x = np.array(points).T
     with in_file(source):
-        return LensDesign(np.array(waves), psf, spacing, y, x, unit=unit, **{"tolerance": TOLERANCE, **options})
+        return LensDesign(np.array(waves), psf, spacing, y, x, unit=unit, **options)
 
 
 def _on_one_grid(table: list[list[PsfListing]], layout: Layout) -> tuple[Array, float]:

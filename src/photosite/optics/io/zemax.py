@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
@@ -42,6 +43,7 @@ _CENTER = re.compile(r"^\s*Center point is\s*:\s*(\d+),\s*(\d+)", re.IGNORECASE)
 _CENTER_COORDINATES = re.compile(rf"^\s*Center coordinates\s*:\s*{_N},\s+{_N}\s*([A-Za-z]*)", re.IGNORECASE)
 _VALUES = re.compile(r"^\s*Values are (.*)$", re.IGNORECASE)
 _FIELD_UNITS = {"deg": "deg", "degrees": "deg", "degree": "deg", "mm": "mm", "millimeters": "mm", "millimeter": "mm"}
+_RELATIVE_UNITS = re.compile(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", re.IGNORECASE)
 _WAVELENGTH = re.compile(rf"wavelength\s*:?\s*{_N}\s*(\S*m\S*)", re.IGNORECASE)
 _SAME_NM = 0.05
 _MOST_DIGITS = 9
@@ -180,8 +182,7 @@ def read_relative_illumination(path: str | PathLike[str]) -> IlluminationTable:
     listed = TableRows(file)
     in_table = False
     for index, line in enumerate(lines):
-        found = re.match(r"^\s*Field (?:values are in|units are)\s*:?\s*([A-Za-z]+)", line, re.IGNORECASE)
-        if found is not None:
+        if (found := _RELATIVE_UNITS.match(line)) is not None:
             unit = _field_unit(found[1], file, index + 1)
         elif re.search(r"field.*rel\.?\s*ill", line, re.IGNORECASE):
             in_table = True
@@ -223,14 +224,12 @@ class _Block:
 
     line: int
     wavelength_nm: float | None
-    columns: list[str]
+    names: list[str]
     table: TableRows
 
-    def column(self, name: str) -> Array | None:
-        if name not in self.columns:
-            return None
-        index = self.columns.index(name)
-        return np.array([row[index] for row in self.table.rows])
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        return dict(zip(self.names, np.array(self.table.rows).T, strict=True))
 
 
 _COLUMNS = {
@@ -278,9 +277,7 @@ def read_distortion(
         hint = "Save the text of Field Curvature/Distortion"
         raise FileError(file, "has no table with field angle and distortion", hint=hint)
     chosen = _chosen(file, blocks, wavelength_nm)
-    angle = chosen.column("angle")
-    assert angle is not None
-    real, reference = chosen.column("real"), chosen.column("reference")
+    angle, real, reference = chosen.columns["angle"], chosen.columns.get("real"), chosen.columns.get("reference")
     if not re.search(r"f-tan\s*\(theta\)", head) and ("distortion type" in head or not _is_tangent(angle, reference)):
         hint = "Set that type in the analysis, and save again"
         raise FileError(file, "distortion", expected="of the type F-Tan(Theta)", hint=hint)
@@ -293,9 +290,7 @@ def read_distortion(
             ratio = np.ones(angle.size)
             np.divide(real, reference, out=ratio, where=reference != 0)
             return Distortion(points, ratio), _lateral_color(file, points, chosen, blocks)
-        percent = chosen.column("distortion")
-        assert percent is not None
-        return Distortion.from_percent(points, percent), None
+        return Distortion.from_percent(points, chosen.columns["distortion"]), None
 
 
 def _is_tangent(angle_deg: Array, reference: Array | None) -> bool:
@@ -315,15 +310,15 @@ def _blocks(lines: list[str], file: Path) -> list[_Block]:
             continue
         found = {name: match.start() for name, text in _COLUMNS.items() if (match := re.search(text, line.lower()))}
         if "angle" in found and "distortion" in found:
-            columns = sorted(found, key=lambda name: found[name])
-            blocks.append(_Block(index + 1, wavelength, columns, TableRows(file, len(columns))))
+            names = sorted(found, key=lambda name: found[name])
+            blocks.append(_Block(index + 1, wavelength, names, TableRows(file, len(names))))
         elif blocks:
             blocks[-1].table.take(line, index + 1)
     full = [block for block in blocks if block.table.rows]
     for index, block in enumerate(full):
         if len(block.table.rows) < 2:
             raise FileError(file, "rows of this table", block.line, value=1, expected="two or more")
-        if any(block.wavelength_nm == before.wavelength_nm for before in full[:index]):
+        if block.wavelength_nm in [before.wavelength_nm for before in full[:index]]:
             which = "no wavelength" if block.wavelength_nm is None else f"{block.wavelength_nm:g} nm"
             raise FileError(file, f"this is the second table of {which}", block.line, hint="Save one of each")
     return full
@@ -340,18 +335,16 @@ def _chosen(file: Path, blocks: list[_Block], wavelength_nm: float | None) -> _B
 
 
 def _lateral_color(file: Path, points: FieldPoints, chosen: _Block, blocks: list[_Block]) -> LateralColor | None:
-    own, angle = chosen.column("real"), chosen.column("angle")
-    known: dict[float, Array] = {}
+    own, known = np.abs(chosen.columns["real"]), dict[float, Array]()
     for block in blocks:
-        heights = block.column("real")
-        if block.wavelength_nm is None or heights is None:
+        if block.wavelength_nm is None or "real" not in block.columns:
             continue
-        if not np.array_equal(block.column("angle"), angle):  # type: ignore[arg-type]
+        if not np.array_equal(block.columns["angle"], chosen.columns["angle"]):
             raise FileError(file, "the angles of this table differ from those of the other wavelengths", block.line)
-        known[block.wavelength_nm] = heights
-    if own is None or len(known) < 2:
+        known[block.wavelength_nm] = np.abs(block.columns["real"])
+    if len(known) < 2:
         return None
-    shift = np.stack([(np.abs(known[w]) - np.abs(own)) * 1e3 for w in sorted(known)])
+    shift = np.stack([(known[w] - own) * 1e3 for w in sorted(known)])
     return LateralColor(np.array(sorted(known)), points, shift)
 
 
