@@ -88,13 +88,11 @@ def heights_at(mapping: RadialMapping, wavelength_nm: float) -> Array:
     """Return the (n,) real image heights at one wavelength, m."""
     grid = mapping.wavelength_nm
     at = float(np.clip(wavelength_nm, grid[0], grid[-1]))
-    index = int(np.clip(np.searchsorted(grid, at, side="right") - 1, 0, max(grid.size - 2, 0)))
     if grid.size == 1:
-        first: Array = mapping.real_m[0]
-        return first
+        return np.asarray(mapping.real_m[0], np.float64)
+    index = int(np.clip(np.searchsorted(grid, at, side="right") - 1, 0, grid.size - 2))
     share = (at - grid[index]) / (grid[index + 1] - grid[index])
-    heights: Array = mapping.real_m[index] + share * (mapping.real_m[index + 1] - mapping.real_m[index])
-    return heights
+    return np.asarray(mapping.real_m[index] + share * (mapping.real_m[index + 1] - mapping.real_m[index]), np.float64)
 
 
 def image_height(mapping: RadialMapping, wavelength_nm: float) -> HeightCurve:

@@ -22,28 +22,22 @@ class Optics(Protocol):
 
     def magnification(self, distance_m: float) -> float:
         """Return |m|, image size over object size."""
-        ...
 
     def irradiance_per_radiance(self, wavelength_nm: Array, distance_m: float) -> Array:
         """Return on-axis irradiance over radiance, (wavelengths,) sr, transmittance included."""
-        ...
 
     def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
         """Return irradiance over on-axis irradiance at image heights; None if it is 1 everywhere."""
-        ...
 
     def point_spread(self, distance_m: float) -> PointSpread:
         """Return the point spread function on the sensor."""
-        ...
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
         """Return distortion and lateral colour; None for a lens that has neither."""
-        ...
 
     @property
     def veiling_glare(self) -> VeilingGlare | None:
         """Light scattered over the sensor; None for a lens that scatters nothing."""
-        ...
 
 
 class Blur(Protocol):
@@ -58,4 +52,3 @@ class Blur(Protocol):
 
         The plane at `focus_distance_m` is in focus; None: the object. `base` has f-number and focal length.
         """
-        ...

@@ -18,11 +18,6 @@ class VeilingGlare:
     spread_m
         Decay length on the sensor: the scatter falls as exp(-distance / spread_m). None: uniform over the frame.
 
-    Raises
-    ------
-    InputError
-        If a value is out of range.
-
     Examples
     --------
     >>> VeilingGlare(0.02, spread_m=3e-3)

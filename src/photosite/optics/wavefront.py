@@ -53,11 +53,6 @@ class Wavefront:
         Focus shift by wavelength, um along the axis, added to `defocus_um`; linear between entries, the nearest one
         beyond. None: no longitudinal chromatic aberration.
 
-    Raises
-    ------
-    InputError
-        If a coefficient, unit or type is invalid; see also `zernike_terms`.
-
     Notes
     -----
     The pupil function is A exp(2 pi i W / lambda), the PSF the squared modulus of its Fourier transform (Goodman,

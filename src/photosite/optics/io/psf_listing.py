@@ -132,9 +132,6 @@ def lens_design_of(
     FileError
         If a listing lacks a value, or the listings do not form a complete design.
     """
-    unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
-    if any(listing.field_unit != unit for listing in listings):
-        raise FileError(source, "mixes fields in degrees and in mm", hint="Give all in the same unit, in an index")
     table: dict[tuple[tuple[float, float], float], PsfListing] = {}
     for listing in listings:
         with in_file(listing.path):
@@ -144,6 +141,9 @@ def lens_design_of(
         if key in table:
             raise FileError(listing.path, f"has the same field and wavelength as {table[key].path.name}")
         table[key] = listing
+    unit: Literal["deg", "mm"] = "deg" if listings[0].field_unit == "deg" else "mm"
+    if any(listing.field_unit != unit for listing in listings):
+        raise FileError(source, "mixes fields in degrees and in mm", hint="Give all in the same unit, in an index")
     points = sorted({point for point, _ in table}, key=lambda p: (np.hypot(*p), p))
     waves = sorted({wave for _, wave in table})
     for point, wave in product(points, waves):

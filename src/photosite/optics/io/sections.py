@@ -7,8 +7,8 @@ file. The context of the validation is the function that reads them, see `photos
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Protocol, Self
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +35,8 @@ Wavelengths = tuple[PositiveNumber, ...]
 _PAIR = """n and m in quotes, such as "3,-1": 40"""
 
 
-class Read(Protocol):
-    """Reader of the files that an optics file names."""
-
-    def __call__(self, holds: str, file: str, *, program: str | None = None, **options: Any) -> Any:
-        """Return the value of a kind that a file holds."""
-        ...
+Read = Callable[..., Any]
+"""Reader of the files that an optics file names: kind of value, file, **options -> value."""
 
 
 class Description(Section):

@@ -104,7 +104,7 @@ def read_maps(path: str | PathLike[str]) -> MeasuredChip:
 
     try:
         with h5py.File(path, "r") as file:
-            return _chip(path, file)
+            return _chip(file)
     except FileNotFoundError:
         raise FileError(path, "there is no such file of maps") from None
     except InputError as error:
@@ -135,45 +135,45 @@ def _check_digest(maps: Maps) -> None:
         raise FileError(maps.file, "sha256", value=f"{digest[:12]}...", expected=expected, hint=hint)
 
 
-def _chip(path: str | PathLike[str], file: Any) -> MeasuredChip:
+def _chip(file: Any) -> MeasuredChip:
     version = file.attrs.get("photosite_maps")
     if version != FORMAT:
-        raise FileError(path, "photosite_maps", value=version, expected=f"{FORMAT}, the version of the format")
-    arguments: dict[str, Any] = {name: _number(path, file, name) for name in _NUMBERS}
-    freedom = _number(path, file, "read_noise_freedom")
+        raise InputError("photosite_maps", value=version, expected=f"{FORMAT}, the version of the format")
+    arguments: dict[str, Any] = {name: _number(file, name) for name in _NUMBERS}
+    freedom = _number(file, "read_noise_freedom")
     if freedom < 1:
-        raise FileError(path, "read_noise_freedom", value=freedom, expected="1 or above")
+        raise InputError("read_noise_freedom", value=freedom, expected="1 or above")
     arguments["read_noise_freedom"] = int(freedom)
-    gain = _number(path, file, "system_gain_dn_per_e") if "system_gain_dn_per_e" in file.attrs else None
+    gain = _number(file, "system_gain_dn_per_e") if "system_gain_dn_per_e" in file.attrs else None
     for name in MAP_UNITS:
-        arguments[name] = _values(path, file, name, 2, np.float32) if name in file else None
+        arguments[name] = _values(file, name, 2, np.float32) if name in file else None
     for name in ("offset_dn", "offset_uncertainty_dn", "read_noise_dn"):
         if arguments[name] is None:
-            raise FileError(path, f"the map {name} is missing")
+            raise InputError(f"the map {name} is missing")
     for name, kind in _LISTS.items():
-        columns = [_values(path, file, f"{name}/{entry.name}", 1, _COLUMN_TYPES[entry.name]) for entry in fields(kind)]
+        columns = [_values(file, f"{name}/{entry.name}", 1, _COLUMN_TYPES[entry.name]) for entry in fields(kind)]
         if len({len(column) for column in columns}) > 1:
-            raise FileError(path, f"the columns of {name} differ in length")
+            raise InputError(f"the columns of {name} differ in length")
         arguments[name] = kind(*columns)
     return MeasuredChip(system_gain_dn_per_e=gain, **arguments)
 
 
-def _number(path: str | PathLike[str], file: Any, name: str) -> float:
+def _number(file: Any, name: str) -> float:
     value = file.attrs.get(name)
     number = value is not None and np.ndim(value) == 0 and np.issubdtype(np.asarray(value).dtype, np.number)
     if not (number and math.isfinite(value)):
-        raise FileError(path, name, value=value, expected="a finite number")
+        raise InputError(name, value=value, expected="a finite number")
     return float(value)
 
 
-def _values(path: str | PathLike[str], file: Any, name: str, dimensions: int, kind: type[np.generic]) -> NDArray[Any]:
+def _values(file: Any, name: str, dimensions: int, kind: type[np.generic]) -> NDArray[Any]:
     import h5py
 
     found = file.get(name)
     if not isinstance(found, h5py.Dataset) or found.ndim != dimensions or not np.issubdtype(found.dtype, np.number):
-        raise FileError(path, name, expected=f"a dataset of numbers with {dimensions} dimension(s)")
+        raise InputError(name, expected=f"a dataset of numbers with {dimensions} dimension(s)")
     if found.size > MOST_PIXELS:
-        raise FileError(path, f"{name}.shape", value=found.shape, expected=f"at most {MOST_PIXELS} numbers")
+        raise InputError(f"{name}.shape", value=found.shape, expected=f"at most {MOST_PIXELS} numbers")
     values = np.asarray(found[()]).astype(kind, copy=False)
     values.flags.writeable = False
     return values
