@@ -149,8 +149,7 @@ def _disc_overlap(distance: Array, large: float, small: float) -> Array:
 def _segment(radius: float, height: Array) -> Array:
     """Return the area of a disc beyond a chord at a height from its centre."""
     share = np.clip(height / radius, -1.0, 1.0)
-    area: Array = radius**2 * (np.arccos(share) - share * np.sqrt(1 - share * share))
-    return area
+    return radius**2 * (np.arccos(share) - share * np.sqrt(1 - share * share))
 
 
 def _disc_quadrature(s: Array, large: float, small: float, factor: float, count: int) -> tuple[Array, Array, Array]:

@@ -113,16 +113,15 @@ class DiffractionLimited:
         array([1.   , 0.391, 0.   ])
         """
         r = np.minimum(np.abs(frequency_per_m) / self.cutoff_per_m(wavelength_nm, distance_m), 1.0)
-        transfer: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
-        return transfer
+        result: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
+        return result
 
     def relative_illumination(self, image_height_m: Array, distance_m: float) -> Array | None:
         """Return cos^4 of the field angle, tan = height / image distance; None without falloff."""
         if self.falloff == "none":
             return None
         image_distance_m = self.focal_length_mm * 1e-3 * (1 + self.magnification(distance_m))
-        falloff: Array = 1.0 / (1.0 + (image_height_m / image_distance_m) ** 2) ** 2
-        return falloff
+        return 1.0 / (1.0 + (image_height_m / image_distance_m) ** 2) ** 2
 
     def point_spread(self, distance_m: float) -> RadialPsf:
         """Return the Airy pattern at the working f-number."""

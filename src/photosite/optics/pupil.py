@@ -179,8 +179,7 @@ class Pupil:
     @cached_property
     def coarsely_open(self) -> NDArray[np.bool_]:
         """(96, 96) mask of the cells that are at least partly open, y and x increasing."""
-        open_: NDArray[np.bool_] = self.cells(_COARSE)[0] > 0
-        return open_
+        return self.cells(_COARSE)[0] > 0
 
     def _rows(self, angle_rad: float) -> tuple[Array, Array]:
         """Return offsets and weights of chords along an angle, split at corners, where the length has a kink."""

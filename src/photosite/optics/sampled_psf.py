@@ -30,8 +30,7 @@ _SMALLEST_SPACING_UM = 0.01
 
 def sample_positions(count: int, spacing: float) -> Array:
     """Return (count,) positions of samples on an axis, 0 at count // 2."""
-    positions: Array = (np.arange(count, dtype=np.float64) - count // 2) * spacing
-    return positions
+    return (np.arange(count, dtype=np.float64) - count // 2) * spacing
 
 
 def sampled_otf(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Array) -> Complex:
@@ -51,8 +50,7 @@ def sampled_otf(samples: Array, spacing_m: float, fy_per_m: Array, fx_per_m: Arr
     if fy.ndim == 2 and fx.ndim == 2 and fy.shape[1] == 1 and fx.shape[0] == 1:
         down = _phase_factors(fy.tobytes(), rows, spacing_m) * (np.abs(fy) <= limit)
         across = _phase_factors(fx.tobytes(), cols, spacing_m) * (np.abs(fx.T) <= limit)
-        product: Complex = down @ (samples @ across.T)
-        return product
+        return down @ (samples @ across.T)
     fy, fx = np.broadcast_arrays(fy, fx)
     flat_y, flat_x = fy.reshape(-1), fx.reshape(-1)
     out = np.empty(flat_y.size, np.complex128)
@@ -109,8 +107,7 @@ def resampled(samples: Array, origin: tuple[float, float], spacing: float, count
         position = sample_positions(count, to_spacing)[:, None]
         own = (np.arange(samples.shape[axis]) - origin[axis]) * spacing
         matrices.append(np.sinc((position - own) / spacing) * (to_spacing / spacing))
-    result: Array = matrices[0] @ samples @ matrices[1].T
-    return result
+    return matrices[0] @ samples @ matrices[1].T
 
 
 class RotatablePsf:

@@ -205,8 +205,7 @@ class _PlaneOtf:
         flip = np.where(((x < 0) & (fx[0] == 0)) | ((y < 0) & (fy[0] == 0)), -1.0, 1.0)
         inside = (flip * y >= fy[0]) & (flip * y <= fy[-1]) & (flip * x >= fx[0]) & (flip * x <= fx[-1])
         real, imag = (spline.ev(flip * y, flip * x) for spline in self.splines[index])
-        result: Complex = np.where(inside, real + 1j * flip * imag, 0.0)
-        return result
+        return np.where(inside, real + 1j * flip * imag, 0.0)
 
     def reach_m(self, wavelength_nm: float) -> float:
         # The energy within a radius depends on the mean of the OTF over directions only.
@@ -280,8 +279,8 @@ class PsfTable:
 
     def _samples_at(self, wavelength_nm: float) -> Array:
         low, high, share = _neighbours(self.wavelength_nm, wavelength_nm)
-        mixed: Array = (1 - share) * self.samples[low] + share * self.samples[high]
-        return mixed
+        result: Array = (1 - share) * self.samples[low] + share * self.samples[high]
+        return result
 
     def _otf(self, fy_per_m: Array, fx_per_m: Array, wavelength_nm: float) -> Complex:
         return sampled_otf(self._samples_at(wavelength_nm), self.spacing_um * 1e-6, fy_per_m, fx_per_m)

@@ -78,7 +78,7 @@ def _range(text: str) -> tuple[float, float, float]:
     return parts if len(parts) == 3 else (math.nan, math.nan, math.nan)
 
 
-def _wavelengths(text: str) -> tuple[float, float, float]:
+def _first_step_last(text: str) -> tuple[float, float, float]:
     first, step, last = _range(text) if ":" in text else (_float(text), 0.0, _float(text))
     if not (0 < first <= last and math.isfinite(step)):
         raise ValueError("first:step:last in nm, increasing")
@@ -105,7 +105,7 @@ class Parameters(BaseModel, frozen=True):
     """0 for far objects, otherwise negative."""
     object_distance_mm: Positive = Field(alias="objDist")
     """Distance from the first surface."""
-    wavelengths_nm: Annotated[tuple[float, float, float], BeforeValidator(_wavelengths)] = Field(alias="wave")
+    wavelengths_nm: Annotated[tuple[float, float, float], BeforeValidator(_first_step_last)] = Field(alias="wave")
     """First, step, last."""
     reference_nm: Positive = Field(alias="refWave")
     heights: Count = Field(alias="imgHeightNum")

@@ -195,8 +195,8 @@ def _float(value: float | None) -> float | None:
 
 
 def _list(values: ArrayLike) -> list[Any]:
-    found: list[Any] = np.asarray(values, np.float64).tolist()
-    return found
+    result: list[Any] = np.asarray(values, np.float64).tolist()
+    return result
 
 
 def _table(spectrum: Spectrum, name: str) -> Fields:
