@@ -166,7 +166,7 @@ def test_tables_beside_the_file(tmp_path: Path) -> None:
         ),
         (
             BARE + "blur:\n  kind: wavefront\n  zernike:\n    8: 1\n    0: 1\n",
-            ("Zernike term", 8, "blur.zernike.0"),
+            ("Zernike term", 8, "blur.zernike[0]"),
         ),
         (
             BARE + "blur:\n  kind: wavefront\n  pupil:\n    blades: 2\n",
@@ -185,7 +185,7 @@ def test_tables_beside_the_file(tmp_path: Path) -> None:
             BARE + "blur: {kind: wavefront, zernike: {defocus: 1}}\n",
             ("Zernike term", 4, "blur.zernike.defocus"),
         ),
-        (BARE + "blur: {kind: wavefront, index: nm, zernike: {4: 1}}\n", ("Zernike term", 4, "blur.zernike.4")),
+        (BARE + "blur: {kind: wavefront, index: nm, zernike: {4: 1}}\n", ("Zernike term", 4, "blur.zernike[4]")),
         (
             BARE + "blur:\n  kind: wavefront\n  pupil: {blade: 6}\n",
             ("unknown field", 6, "blur.pupil"),

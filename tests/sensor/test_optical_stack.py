@@ -79,7 +79,7 @@ def optical(kernels: dict[str, Any]) -> dict[str, Any]:
 NEGATIVE = [[0, 0, 0], [-0.1, 1.1, 0], [0, 0, 0]]
 RESPONSE = "relative_response"
 WRONG: list[tuple[dict[str, Any], str]] = [
-    ({"cover_glass": 92}, "0"),
+    ({"cover_glass": 92}, "transmittance[0]"),
     ({"cover_glass": "clear"}, "transmittance"),
     ({"cover_glass": {"transmittance": [0.9, 0.8]}}, "transmittance has 2 entries"),
     (infrared([400, 650]), "wavelength_nm"),

@@ -37,7 +37,7 @@ def validated(kind: Any, data: Any, path: str | PathLike[str], section: str = ""
         return TypeAdapter(kind).validate_python(data, context=context)
     except ValidationError as error:
         found, location = input_error(error), error.errors()[0]["loc"]
-    inner = () if location else (found.where or "").split(".")
+    inner = found.where.split(".") if found.where and not location else ()
     position = getattr(getattr(data, "lc", None), "line", None)
     line = None if position is None or not section else position + 1
     node = data

@@ -55,7 +55,7 @@ class Section(BaseModel):
         for name in raw:
             if name not in fields:
                 unknown = InputError(f"unknown field '{name}'", hint=did_you_mean(str(name), fields))
-                raise located(unknown, name, kind=_UNKNOWN_FIELD)
+                raise located(unknown, name if isinstance(name, str | int) else str(name), kind=_UNKNOWN_FIELD)
         return raw
 
 
@@ -127,11 +127,10 @@ def input_error(error: ValidationError) -> InputError:
         found = InputError(f"field '{field}' is missing")
     else:
         named = max((k for k, part in enumerate(location) if isinstance(part, str)), default=0)
-        expected = _EXPECTED.get(kind, first["msg"].removeprefix("Input should be ")).format(**context)
-        found, parents = (
-            InputError(_dotted(location[named:]), value=first["input"], expected=expected),
-            location[:named],
-        )
+        known = _EXPECTED.get(kind)
+        expected = first["msg"].removeprefix("Input should be ") if known is None else known.format(**context)
+        parents = location[:named]
+        found = InputError(_dotted(location[named:]), value=first["input"], expected=expected)
     return found.within(_dotted(parents)) if parents else found
 
 

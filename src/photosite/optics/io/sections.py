@@ -57,8 +57,11 @@ class Description(Section):
             if os.path.exists(error.path):  # False for an invalid name
                 raise
             raise located(InputError(f"there is no such file, {error.path}"), field) from None
-        except OSError as error:  # an invalid name
-            raise located(InputError(f"cannot be read: {error.strerror or error}"), field) from None
+        except InputError:
+            raise
+        except (OSError, ValueError) as error:  # an invalid name
+            reason = getattr(error, "strerror", None) or error
+            raise located(InputError(f"cannot be read: {reason}"), field) from None
 
 
 def described_by(section: type[Description]) -> PlainValidator:
