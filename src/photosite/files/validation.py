@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any
 
@@ -38,12 +39,18 @@ def validated(kind: Any, data: Any, path: str | PathLike[str], section: str = ""
     except ValidationError as error:
         found, location = input_error(error), error.errors()[0]["loc"]
     inner = found.where.split(".") if found.where and not location else ()
-    position = getattr(getattr(data, "lc", None), "line", None)
-    line = None if position is None or not section else position + 1
-    node = data
-    for part in (*location, *inner, found.what.partition("[")[0]):
-        if (at := line_of(node, part)) is None:
-            break
-        line, node = at, node[part]
+    line = line_at(data, (*location, *inner, found.what.partition("[")[0]))
+    if line is None and section:
+        line = data.lc.line + 1 if hasattr(data, "lc") else None
     where = ".".join(part for part in (section, found.where) if part) or None
     raise FileError(path, found.what, line, **found.fields | {"where": where}) from None
+
+
+def line_at(data: Any, location: Sequence[str | int]) -> int | None:
+    """Return the line of the deepest part of the location that the file has."""
+    line: int | None = None
+    for part in location:
+        if (found := line_of(data, part)) is None:
+            break
+        line, data = found, data[part]
+    return line

@@ -46,8 +46,9 @@ from photosite.scene import charts
 from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
-from photosite.sensor.quantity import NotNegative, Positive, Section, is_number
+from photosite.sensor.quantity import NotNegative, Positive, is_number
 from photosite.values.measured import Measured
+from photosite.values.validated import Section
 
 _MOST_WAVELENGTHS = 200
 _LARGEST_F_NUMBER = 128.0

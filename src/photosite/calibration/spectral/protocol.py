@@ -26,12 +26,12 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from photosite.calibration.spectral.bands import Band, Passband, Photodiode, SpectralFrames, triangular_passband
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
-from photosite.files.validation import file_error, line_at
+from photosite.files.validation import line_at, validated
 from photosite.files.yaml import line_of, read_yaml
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSource
@@ -39,11 +39,12 @@ from photosite.frames.frame_settings import FrameSettings, Kind
 from photosite.frames.from_files import frame_set_from_files
 from photosite.frames.io.protocol import matching_files
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.sensor.quantity import NotNegative, Positive, Section
+from photosite.sensor.quantity import NotNegative, Positive
 from photosite.values.cfa import Cfa, cfa_from
 from photosite.values.exposure import parse_exposure
 from photosite.values.measured import Measured
 from photosite.values.region import Region
+from photosite.values.validated import Section
 
 VERSION_KEY = "photosite_spectral"
 
@@ -151,10 +152,7 @@ def read_spectral_protocol(file: Path, model: type[_Model]) -> tuple[_Model, Any
         found = data.get(VERSION_KEY) if isinstance(data, dict) else None
         expected = "1, the version of the file format"
         raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=found, expected=expected)
-    try:
-        return model.model_validate(data), data
-    except ValidationError as error:
-        raise file_error(model, error, data, file) from None
+    return validated(model, data, file), data
 
 
 def open_spectral(path: str | PathLike[str]) -> SpectralFrames:
