@@ -17,7 +17,6 @@ from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.small import read_small
-from photosite.files.validation import validation_error
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.scene.charts import MACBETH_NAMES
@@ -25,6 +24,7 @@ from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.validation.patch_values import PatchValues, Unit
 from photosite.values.cfa import channel_sites
+from photosite.values.validated import input_error
 
 _LARGEST_BYTES = 1 << 24
 
@@ -171,7 +171,7 @@ def read_set_up(
             return set_up, None
         return set_up, PatchValues.exact(set_up.names, ("R", "G", "B"), "e", found.result.patch_electrons_rgb)
     except ValidationError as error:
-        raise validation_error(_Case, error).within(name).in_file(file) from None
+        raise input_error(error).within(name).in_file(file) from None
     except InputError as error:
         raise error.within(name).in_file(file) from None
 
