@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -40,7 +41,7 @@ def command(quick: bool, cases: tuple[str, ...], as_json: bool) -> None:
     content = {
         "cases": {name: case.to_dict() for name, case in measured.items()},
         "scaling": {law.what: law.to_dict() for law in laws},
-        "memory": growth.to_dict() if growth else {},
+        "memory": asdict(growth) if growth else {},
     }
     show(as_json, content, lambda: _text(measured, laws, growth))
 

@@ -57,15 +57,14 @@ def farrell2008(seed: int, output: Path, chapters: tuple[str, ...], as_json: boo
     Example: photosite reproduce farrell2008 -o farrell2008
     """
     from photosite.files.atomic import atomic_folder
-    from photosite.studies.farrell2008.page.page import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, write_study
-    from photosite.studies.farrell2008.study import reproduce
+    from photosite.studies.farrell2008.study import FIGURES_NAME, PAGE_NAME, RESULTS_NAME, reproduce
 
     stages = Stages()
     say_if_compiling()
     with atomic_folder(output) as place:
         study = reproduce(seed, chapters or None, stages)
         stages.stage("drawing the figures and writing the page")
-        write_study(study, place)
+        study.write(place)
     places = (("page", PAGE_NAME), ("numbers", RESULTS_NAME), ("figures", FIGURES_NAME))
     lines = [*(f"{what}: {output / name}" for what, name in places), f"{sum(study.seconds.values()):.0f} s"]
     show(as_json, study.to_dict(), lambda: "\n".join(lines))

@@ -57,19 +57,8 @@ _LARGEST_F_NUMBER = 128.0
 
 @dataclass(frozen=True, eq=False)
 class ChartShot:
-    """Frames of a chart under one light.
-
-    Parameters
-    ----------
-    scene
-        The chart, in absolute radiance.
-    frames
-        One frame or more, of one exposure time.
-    exposure_s
-        Exposure time.
-    name
-        Name of the light.
-    """
+    """Frames of a chart under a light of some name: the chart in absolute radiance, and one frame or more of one
+    exposure time."""
 
     scene: Scene
     frames: tuple[RawFrame, ...]
@@ -91,10 +80,8 @@ def chart_views(
     ----------
     shots
         One per light, all with the same wavelengths and patches.
-    sensor
-        Gain, pixel and array.
-    optics
-        The lens, with blur and relative illumination.
+    sensor, optics
+        Gain, pixel and array; the lens, with blur and relative illumination.
     light_uncertainty_percent
         Relative standard uncertainty of each luminance.
     source
@@ -108,8 +95,7 @@ def chart_views(
     if not shots:
         raise InputError("shots", value=shots, expected="frames under one light or more")
     grid, names = shots[0].scene.wavelength_nm, [region.name for region in shots[0].scene.regions]
-    units, electrons, errors, usable = [], [], [], []
-    hashes = []
+    units, electrons, errors, usable, hashes = [], [], [], [], []
     for shot in shots:
         if not np.array_equal(shot.scene.wavelength_nm, grid) or [r.name for r in shot.scene.regions] != names:
             raise InputError(f"wavelengths or patches differ from those of {shots[0].name}", where=f"light {shot.name}")
@@ -183,13 +169,7 @@ def _check_optical_stack(sensor: Sensor) -> None:
 
 
 def is_chart_protocol(path: str | PathLike[str]) -> bool:
-    """Return whether a spectral protocol lists lights on a chart instead of wavelength bands.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is not YAML.
-    """
+    """Return whether a spectral protocol lists lights on a chart instead of wavelength bands."""
     data = read_yaml(Path(path), "a spectral protocol")
     return isinstance(data, Mapping) and "lights" in data
 

@@ -10,7 +10,7 @@ from typing import Any
 from photosite.calibration.parameters import Parameters, parameter_label
 from photosite.calibration.plan import PlannedGroup, predict
 from photosite.errors import InputError
-from photosite.frames.frame_settings import KINDS
+from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
@@ -36,22 +36,10 @@ LEAST_IN_WORDS = (
 _LINEAR_SHARE = 0.7
 """End of EMVA 1288's photon transfer fit, relative to saturation."""
 
-_DARK_EXPOSURES = 6
-
 
 @dataclass(frozen=True)
 class Want:
-    """Wanted precision of a parameter.
-
-    Parameters
-    ----------
-    parameter
-        Name of the parameter.
-    standard_uncertainty
-        Largest acceptable standard uncertainty; relative to the value if `relative`.
-    relative
-        Whether the uncertainty is relative.
-    """
+    """Largest acceptable standard uncertainty of a parameter, relative to its value or in its unit."""
 
     parameter: str
     standard_uncertainty: float
@@ -81,9 +69,8 @@ class Want:
         except ValueError:
             size = math.nan
         if not (math.isfinite(size) and size > 0.0):
-            raise InputError(
-                name, value=number, expected="a number above 0", hint="Give 0.1 or 2%, for example", where="want"
-            )
+            hint = "Give 0.1 or 2%, for example"
+            raise InputError(name, value=number, expected="a number above 0", hint=hint, where="want")
         return cls(name, size / 100 if relative else size, relative)
 
     def reached(self, found: Estimate) -> float:
@@ -107,22 +94,10 @@ class Want:
 
 @dataclass(frozen=True)
 class Plan:
-    """A protocol and the uncertainties to expect from it.
+    """A protocol for an assumed sensor, and the parameters with the uncertainties to expect from it.
 
-    Parameters
-    ----------
-    sensor
-        Assumed sensor.
-    protocol
-        Frames to take.
-    groups
-        The same frames with the light on the pixels.
-    expected
-        Parameters with their expected uncertainties.
-    wants
-        Wanted precision; empty for a given protocol.
-    least
-        Whether the plan is the minimum of a calibration, so that the wanted precision needs no further frames.
+    `groups` are the frames of the protocol with the light on the pixels. `least` is whether the plan is the minimum of
+    a calibration, so that the wanted precision (`wants`, empty for a given protocol) needs no further frames.
     """
 
     sensor: Sensor
@@ -195,18 +170,23 @@ def planned_groups(lab: VirtualLab) -> tuple[PlannedGroup, ...]:
     tile = sensor.array.cfa
     sites = [channel_sites(tile, name)[0] for name in sensor.channel_names]
     small = replace(lab.camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0])))
-    counts: dict[tuple[str, float], tuple[Step, int]] = {}
-    for step in lab.protocol.steps:
-        before = counts.get((step.kind, step.exposure_s), (step, 0))[1]
-        counts[step.kind, step.exposure_s] = (step, before + step.count)
     groups = []
-    for step, count in counts.values():
+    for (kind, exposure_s), frames in _frames_by_setting(lab.protocol).items():
         electrons = (0.0,) * len(sites)
-        if step.kind == "light":
-            mean = small.mean_electrons(lab.light, step.exposure_s)
+        if kind == "light":
+            mean = small.mean_electrons(lab.light, exposure_s)
             electrons = tuple(float(mean[site]) for site in sites)
-        groups.append(PlannedGroup(step.kind, step.exposure_s, count, electrons, lab.photons_per_pixel(step)))
+        photons = lab.photons_per_pixel(Step(kind, exposure_s, frames))
+        groups.append(PlannedGroup(kind, exposure_s, frames, electrons, photons))
     return tuple(groups)
+
+
+def _frames_by_setting(protocol: ShootingProtocol) -> dict[tuple[Kind, float], int]:
+    counts: dict[tuple[Kind, float], int] = {}
+    for step in protocol.steps:
+        key = step.kind, step.exposure_s
+        counts[key] = counts.get(key, 0) + step.count
+    return counts
 
 
 def setting_text(group: PlannedGroup, capacity_e: float) -> str:
@@ -233,9 +213,8 @@ def step_from(text: str) -> Step:
     parts = [part.strip() for part in text.split(":")]
     kind = next((kind for kind in KINDS if kind == parts[0]), None)
     if len(parts) != 3 or kind is None or not parts[2].isdecimal():
-        raise InputError(
-            "step", value=text, expected="dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES, such as light:1/50:5"
-        )
+        expected = "dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES, such as light:1/50:5"
+        raise InputError("step", value=text, expected=expected)
     return Step(kind, parse_exposure(parts[1]), int(parts[2]))
 
 
@@ -243,30 +222,20 @@ def step_from(text: str) -> Step:
 class Design:
     """A protocol with three free numbers: dark frames at one exposure, in a series, and flat fields per level.
 
-    Parameters
-    ----------
-    longest_dark_s, longest_flat_s
-        Longest exposure times of the dark series and of the flat fields.
-    levels, dark_exposures
-        Number of flat field levels, and of exposures in the dark series.
+    Fixed are the longest exposure times, and the numbers of flat field levels and of exposures in the dark series.
     """
 
     longest_dark_s: float = 5.0
     longest_flat_s: float = 0.05
     levels: int = LEVELS
-    dark_exposures: int = _DARK_EXPOSURES
+    dark_exposures: int = 6
 
     def protocol(self, darks: int, repeats: int, flats: int) -> ShootingProtocol:
         """Return the protocol with given numbers of frames."""
         shortest = self.longest_flat_s / self.levels
-        return ShootingProtocol(
-            "planned",
-            (
-                Step("dark", shortest, darks),
-                *series("dark", 2 * shortest, self.longest_dark_s, self.dark_exposures, repeats),
-                *(Step("light", shortest * (k + 1), flats) for k in range(self.levels)),
-            ),
-        )
+        dark = series("dark", 2 * shortest, self.longest_dark_s, self.dark_exposures, repeats)
+        light = (Step("light", shortest * (k + 1), flats) for k in range(self.levels))
+        return ShootingProtocol("planned", (Step("dark", shortest, darks), *dark, *light))
 
 
 def plan_frames(
@@ -285,16 +254,12 @@ def plan_frames(
 
     Parameters
     ----------
-    sensor
-        Assumed sensor.
-    wants
-        Wanted precision by parameter.
+    sensor, wants
+        Assumed sensor, and wanted precision by parameter.
     design
         Longest exposure times, and the largest numbers of light levels and dark exposures.
-    illuminant
-        Light of the flat fields.
-    metered
-        Whether the photons per pixel will be known.
+    illuminant, metered
+        Light of the flat fields, and whether the photons per pixel will be known.
 
     Raises
     ------
@@ -312,20 +277,21 @@ def plan_frames(
     (5, 29)
     """
     if not wants:
-        raise InputError(
-            "wants", value=wants, expected="one parameter or more", hint="Give prnu_percent=2%, for example"
-        )
+        hint = "Give prnu_percent=2%, for example"
+        raise InputError("wants", value=wants, expected="one parameter or more", hint=hint)
     design = design or Design()
     share = _weakest_share(sensor, design, illuminant)
     best: Plan | None = None
     refused: InputError | None = None
     for number, tried in enumerate(_designs(design, share)):
+        least = tried.protocol(*(LEAST_FRAMES,) * 3)
+        lab = virtual_lab(sensor, least, illuminant=illuminant, level=TOP / share, photons_known=metered)
         try:
-            found = _fewest(sensor, wants, tried, TOP / share, illuminant, metered, best)
+            found = _fewest(lab, wants, tried, best)
         except InputError as error:
             refused = error
             continue
-        if number == 0 and found is not None and found.protocol == tried.protocol(*(LEAST_FRAMES,) * 3):
+        if number == 0 and found is not None and found.protocol == least:
             return replace(found, least=True)
         best = found or best
     if best is None:
@@ -345,37 +311,32 @@ def _designs(most: Design, share: float) -> list[Design]:
     ]
 
 
-def _fewest(
-    sensor: Sensor,
-    wants: Mapping[str, Want],
-    design: Design,
-    level: float,
-    illuminant: str,
-    metered: bool,
-    best: Plan | None,
-) -> Plan | None:
+def _fewest(lab: VirtualLab, wants: Mapping[str, Want], design: Design, best: Plan | None) -> Plan | None:
     """Return the fewest frames of one design; None if the best plan so far does not need more."""
+    sensor = lab.camera.sensor
+    light = planned_groups(lab)  # the same for all numbers of frames
 
-    def planned(counts: tuple[int, ...]) -> Plan:
+    def planned(counts: list[int]) -> Plan:
         protocol = design.protocol(*counts)
-        lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, photons_known=metered)
-        return replace(plan_protocol(lab), wants=tuple(wants.values()))
+        frames = _frames_by_setting(protocol).values()
+        groups = tuple(replace(group, frames=n) for group, n in zip(light, frames, strict=True))
+        return Plan(sensor, protocol, groups, predict(sensor, groups), tuple(wants.values()))
 
     def worst(plan: Plan) -> float:
         return max(want.reached(getattr(plan.expected, want.parameter)) for want in wants.values())
 
     counts = [LEAST_FRAMES] * 3
-    plan = planned(tuple(counts))
+    plan = planned(counts)
+    if worst(plan) > 1.0 and worst(most := planned([MOST_FRAMES] * 3)) > 1.0:
+        raise _unreachable(most, wants)
     while worst(plan) > 1.0:
         options = []
         for k in range(3):
             if 2 * counts[k] <= MOST_FRAMES:
                 more = [2 * n if i == k else n for i, n in enumerate(counts)]
-                better = planned(tuple(more))
+                better = planned(more)
                 cost = better.protocol.frame_count - plan.protocol.frame_count
                 options.append((_progress(plan, better, wants) / cost, more, better))
-        if not options or max(option[0] for option in options) <= 1e-9:
-            raise _unreachable(planned((MOST_FRAMES,) * 3), wants)
         _, counts, plan = max(options, key=lambda option: option[0])
         # The final reduction at most halves the numbers.
         if best is not None and plan.protocol.frame_count > 2 * best.protocol.frame_count:
@@ -384,10 +345,10 @@ def _fewest(
         low, high = (counts[k] // 2 if counts[k] > 2 else 1), counts[k]
         while high - low > 1:
             middle = (low + high) // 2
-            tried = planned(tuple(middle if i == k else n for i, n in enumerate(counts)))
+            tried = planned([middle if i == k else n for i, n in enumerate(counts)])
             low, high = (low, middle) if worst(tried) <= 1.0 else (middle, high)
         counts[k] = high
-    found = planned(tuple(counts))
+    found = planned(counts)
     return found if best is None or found.protocol.frame_count < best.protocol.frame_count else None
 
 

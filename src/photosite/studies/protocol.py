@@ -13,22 +13,7 @@ from photosite.values.exposure import check_exposure
 
 @dataclass(frozen=True)
 class Step:
-    """Frames of one kind at one exposure time.
-
-    Parameters
-    ----------
-    kind
-        "dark" or "light".
-    exposure_s
-        Exposure time, above 0.
-    count
-        Number of frames, 1 or more.
-
-    Raises
-    ------
-    InputError
-        If a field is invalid.
-    """
+    """Frames of one kind ("dark" or "light") at one exposure time, 1 or more."""
 
     kind: Kind
     exposure_s: float
@@ -44,20 +29,7 @@ class Step:
 
 @dataclass(frozen=True)
 class ShootingProtocol:
-    """The frames of a measurement, in the order in which they are taken.
-
-    Parameters
-    ----------
-    name
-        Title of the measurement.
-    steps
-        Steps, one or more.
-
-    Raises
-    ------
-    InputError
-        If there are no steps.
-    """
+    """The frames of a measurement: a title, and one step or more in the order in which they are taken."""
 
     name: str
     steps: tuple[Step, ...]
@@ -102,12 +74,8 @@ def paper_d200_protocol() -> ShootingProtocol:
     """Return the protocol that the 2008 paper used for the Nikon D200.
 
     190 dark frames from 1/8000 to 30 s (19 exposures of 10), 150 dark frames at 1/8000 s, and 65 flat fields from
-    1/8000 to 1/25 s (13 exposures of 5).
-
-    Notes
-    -----
-    Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008), section 2. The paper gives the counts and the ends of each
-    range. Equal ratios between the ends are an assumption.
+    1/8000 to 1/25 s (13 exposures of 5). The paper (section 2) gives the counts and the ends of each range. Equal
+    ratios between the ends are an assumption.
 
     Examples
     --------
@@ -128,13 +96,9 @@ def paper_d200_protocol() -> ShootingProtocol:
 def paper_vendor_protocol() -> ShootingProtocol:
     """Return the protocol that the 2008 paper used for the vendor sensor.
 
-    8 dark frames at 10 ms, and 10 dark frames and 10 flat fields from 1 to 300 ms (5 exposures of 2 each).
-
-    Notes
-    -----
-    Farrell, Okincha and Parmar, Proc. SPIE 6817 (2008), section 2. The paper gives the counts and the ends of each
-    range. Equal ratios and two frames per exposure are assumptions: ten single frames would not show the temporal
-    noise of the flat fields, which system gain and PRNU need.
+    8 dark frames at 10 ms, and 10 dark frames and 10 flat fields from 1 to 300 ms (5 exposures of 2 each). Equal ratios
+    and two frames per exposure are assumptions: ten single frames would not show the temporal noise of the flat fields,
+    which system gain and PRNU need.
 
     Examples
     --------

@@ -12,14 +12,12 @@ from photosite.color.spectrum import integration_weights
 from photosite.optics.protocols import Optics
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
+from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.cfa import channel_sites
 
 if TYPE_CHECKING:
     from photosite.calibration.result import Calibration
     from photosite.studies.virtual_lab import VirtualLab
-
-QUANTISATION_DN2 = 1 / 12
-"""Variance of rounding, which EMVA 1288 includes in the sensitivity threshold."""
 
 
 def true_parameters(sensor: Sensor, light: Scene | None = None, optics: Optics | None = None) -> dict[str, float]:
@@ -120,16 +118,9 @@ def full_well_reading_dn(sensor: Sensor) -> float:
 
 
 def channel_efficiencies(sensor: Sensor, light: Scene, optics: Optics) -> list[float]:
-    """Return electrons per photon on the whole pixel area, by channel, under a uniform field; crosstalk included.
+    """Return electrons per photon on the whole pixel area, by channel, under a uniform field.
 
-    Parameters
-    ----------
-    sensor
-        The sensor; its fill factor is included.
-    light
-        Uniform field.
-    optics
-        The lens; its transmittance may change the light's spectrum.
+    Fill factor and crosstalk are included. The lens may change the light's spectrum.
     """
     grid = light.wavelength_nm
     spectrum = light.basis[0] * optics.irradiance_per_radiance(grid, light.distance_m) * integration_weights(grid)

@@ -10,7 +10,6 @@ from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,9 +92,8 @@ def nominal_sensor(sensor: Sensor) -> Sensor:
     Noise and black level become 0, conversion gain and well capacity 1 in their units, each marked as assumed. Maps of
     the chip are removed.
     """
-    todo = "placeholder: to be measured"
-    unknown = Measured(0.0, source=todo, assumed=True)
-    scale = Measured(1.0, source=todo, assumed=True)
+    unknown = Measured(0.0, source="placeholder: to be measured", assumed=True)
+    scale = replace(unknown, value=1.0)
     return sensor.with_(
         **dict.fromkeys(type(sensor.noise).model_fields, unknown),
         black_level_dn=unknown,
@@ -114,10 +112,8 @@ class VirtualLab:
 
     Parameters
     ----------
-    camera
-        The camera. For dark frames the lens is covered.
-    protocol
-        Frames to take.
+    camera, protocol
+        The camera, whose lens is covered for dark frames, and the frames to take.
     light
         Uniform field of the light frames.
     seed
@@ -156,8 +152,8 @@ class VirtualLab:
         """Yield every frame in the protocol's order: number of the step, step, frame."""
         for number, step, first in self._numbered():
             mean = self._mean_electrons(step)
-            for repeat in range(step.count):
-                yield number, step, self._expose(step, mean, first + repeat)
+            for frame in range(first, first + step.count):
+                yield number, step, self._expose(step, mean, frame)
 
     def _settings(self, step: Step) -> FrameSettings:
         return FrameSettings(step.kind, step.exposure_s, self.photons_per_pixel(step))
@@ -165,12 +161,9 @@ class VirtualLab:
     def frame_set(self) -> FrameSet:
         """Return the frames as `calibrate` takes them; each frame is simulated when it is read."""
         listed = [
-            (
-                FrameSource(f"virtual frame {first + repeat}", partial(self._dn, step, first + repeat)),
-                self._settings(step),
-            )
+            (FrameSource(f"virtual frame {frame}", partial(self._dn, step, frame)), self._settings(step))
             for _, step, first in self._numbered()
-            for repeat in range(step.count)
+            for frame in range(first, first + step.count)
         ]
         sensor = self.camera.sensor
         return FrameSet(
@@ -248,11 +241,9 @@ class VirtualLab:
 
     def _expose(self, step: Step, mean: NDArray[np.float32], frame: int) -> RawFrame:
         raw = self.camera.expose(mean, step.exposure_s, seed=self.seed, frame=frame)
-        metadata: dict[str, Any] = {**raw.metadata, "kind": step.kind}
         photons = self.photons_per_pixel(step)
-        if photons is not None:
-            metadata["photons_per_pixel"] = photons
-        return replace(raw, metadata=MappingProxyType(metadata))
+        known = {} if photons is None else {"photons_per_pixel": photons}
+        return replace(raw, metadata=MappingProxyType({**raw.metadata, "kind": step.kind, **known}))
 
     def _dn(self, step: Step, frame: int) -> NDArray[np.uint16]:
         return self._expose(step, self._mean_electrons(step), frame).dn
@@ -271,10 +262,8 @@ def virtual_lab(
 
     Parameters
     ----------
-    sensor
-        The virtual sensor; see `with_pedestal`.
-    protocol
-        Frames to take.
+    sensor, protocol
+        The virtual sensor (see `with_pedestal`), and the frames to take.
     illuminant
         Light of the uniform field, as for `photosite.color.illuminants.illuminant`.
     level
@@ -298,11 +287,7 @@ def virtual_lab(
     small = replace(camera, sensor=sensor.with_(rows=len(tile), cols=len(tile[0])))
     brightest = float(small.mean_electrons(field, longest_s).max())
     if not brightest > 0:
-        raise InputError(
-            "illuminant",
-            value=illuminant,
-            expected="a light that the sensor responds to",
-            where=f"sensor '{sensor.name}'",
-        )
+        expected = "a light that the sensor responds to"
+        raise InputError("illuminant", value=illuminant, expected=expected, where=f"sensor '{sensor.name}'")
     light = field.scaled(level * sensor.saturation_capacity_e / brightest)
     return VirtualLab(camera, protocol, light, seed, photons_known)

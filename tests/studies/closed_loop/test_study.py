@@ -113,7 +113,7 @@ def test_frames_on_disk_and_in_memory_give_the_same_result(loop: ClosedLoop) -> 
 
 def test_the_calibrated_sensor_agrees_with_the_true_one(loop: ClosedLoop) -> None:
     assert loop.validation.agrees
-    assert loop.frames_shot == 405
+    assert loop.protocol.frame_count == 405
     assert list(loop.seconds) == ["shoot", "calibrate", "simulate", "compare"]
 
 

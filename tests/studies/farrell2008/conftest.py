@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from photosite.studies.farrell2008 import fill_factor, patches
+from photosite.studies.farrell2008 import drawing, fill_factor, patches, table1
 from photosite.studies.farrell2008.cameras import CASES
 from photosite.studies.farrell2008.dim_face import DimFace, dim_face
 from photosite.studies.farrell2008.fill_factor import FillFactors
@@ -14,6 +15,7 @@ from photosite.studies.farrell2008.high_dynamic_range import HighDynamicRange, h
 from photosite.studies.farrell2008.patches import Patches
 from photosite.studies.farrell2008.pixel_size import PixelSize, pixel_sizes
 from photosite.studies.farrell2008.snr import SnrChapter, snr_against_volts
+from photosite.studies.farrell2008.study import Reproduction, reproduce
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +27,24 @@ def charts() -> tuple[FillFactors, Patches]:
             patch.setattr(module, "CASES", small)
         fitted = fill_factor.fit_fill_factors(5)
         return fitted, patches.compare_charts(5, fitted)
+
+
+@pytest.fixture(scope="session")
+def reproduce_table1() -> Callable[[int], Reproduction]:
+    """The study with the chapter on Table 1 only, on small frames."""
+
+    def run(seed: int) -> Reproduction:
+        with pytest.MonkeyPatch.context() as patch:
+            for key, size in {"d200": (32, 48), "vendor": (96, 128)}.items():
+                patch.setitem(table1.SIZES, key, size)
+            return reproduce(seed, ["table1"])
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def table1_study(reproduce_table1: Callable[[int], Reproduction]) -> Reproduction:
+    return reproduce_table1(2008)
 
 
 @pytest.fixture(scope="session")
@@ -45,3 +65,10 @@ def face() -> DimFace:
 @pytest.fixture(scope="session")
 def hdr() -> HighDynamicRange:
     return high_dynamic_range(2008)
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw figures, but skip their conversion to SVG and PNG, for tests of texts and tables."""
+    for name in ("svg_bytes", "png_bytes"):
+        monkeypatch.setattr(drawing, name, lambda *_, **__: b"")

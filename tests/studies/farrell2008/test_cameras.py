@@ -80,7 +80,7 @@ def test_uneven_light_keeps_its_mean_and_rises_towards_the_lamp(angle: float) ->
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.key)
 def test_the_measured_camera_differs_in_hidden_parameters_only(case: Case) -> None:
-    measured = MeasuredCamera.drawn(case, 7)
+    measured = MeasuredCamera(case, 7)
     nominal, real = case.camera(measured.truth.fill_factor).sensor, measured.sensor()
     assert nominal.serial != real.serial
     assert nominal.with_(serial=real.serial) == real
@@ -108,7 +108,7 @@ def test_the_brightest_patch_does_not_saturate(case: Case) -> None:
 
 
 def test_signal_is_proportional_to_luminance_and_frames_differ() -> None:
-    measured = MeasuredCamera.drawn(VENDOR, 7)
+    measured = MeasuredCamera(VENDOR, 7)
     (dim,), bright = measured.shoot(5.0), measured.shoot(40.0, frames=2)
     black = dim.black_level_dn
     assert (bright[0].dn.mean() - black) / (dim.dn.mean() - black) == pytest.approx(8, rel=0.01)

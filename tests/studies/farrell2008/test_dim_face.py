@@ -26,15 +26,15 @@ def test_irradiance_follows_the_f_number(face) -> None:
 def test_noise_on_the_face_follows_the_noise_model(face) -> None:
     # 9 normal deviations; one seed in 1700 exceeds 4 standard errors by chance.
     for shot in face.shots:
-        for entry in shot.shot.face:
+        for entry in shot.shot.face.values():
             assert abs(entry.snr_db - entry.expected_db) < 4 * entry.standard_error_db
-    vendor, d200, wide = (shot.shot.noise("G").snr_db for shot in face.shots)
+    vendor, d200, wide = (shot.shot.face["G"].snr_db for shot in face.shots)
     assert vendor + 15 < d200 < wide - 5
 
 
 def test_dominant_noise_on_the_face(face) -> None:
     for shot in face.shots:
-        signal, sensor = shot.shot.noise("G").mean_e, shot.shot.camera.sensor
+        signal, sensor = shot.shot.face["G"].mean_e, shot.shot.camera.sensor
         floor = (
             sensor.electrons(sensor.noise.read_noise_mv.value) ** 2 + sensor.electrons(sensor.noise.dsnu_mv.value) ** 2
         )

@@ -18,7 +18,7 @@ ROWS, COLS = 256, 384
 def evaluated(count: int, dsnu_mv: float = 6.0) -> EightFrames:
     steps = paper_vendor_protocol().steps
     protocol = ShootingProtocol("darks", (replace(steps[0], count=count), *steps[1:]))
-    sensor = MeasuredCamera.drawn(VENDOR, 5).sensor(ROWS, COLS).with_(dsnu_mv=dsnu_mv)
+    sensor = MeasuredCamera(VENDOR, 5).sensor(ROWS, COLS).with_(dsnu_mv=dsnu_mv)
     lab = virtual_lab(sensor, protocol, seed=5)
     return eight_frames(lab, calibrate(lab.frame_set()))
 

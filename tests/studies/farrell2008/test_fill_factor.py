@@ -10,9 +10,18 @@ import pytest
 
 from photosite.errors import InputError
 from photosite.metrics.patches import patch_statistics
+from photosite.report.page import Listing, Table
 from photosite.scene.charts import macbeth_regions
 from photosite.studies.farrell2008.cameras import CASES, D200, VENDOR, Case, HiddenTruth, MeasuredCamera
-from photosite.studies.farrell2008.fill_factor import CaseFit, fit_case, recovery_study, simulate_chart
+from photosite.studies.farrell2008.drawing import Drawing
+from photosite.studies.farrell2008.fill_factor import (
+    CaseFit,
+    FillFactors,
+    fit_case,
+    recovery_study,
+    residuals_figure,
+    simulate_chart,
+)
 from photosite.validation.fill_factor import fit_fill_factor
 
 
@@ -23,6 +32,11 @@ def small(case: Case, **changes: object) -> Case:
 @pytest.fixture(scope="module")
 def vendor() -> CaseFit:
     return fit_case(small(VENDOR), 2008)
+
+
+@pytest.fixture(scope="module")
+def chapter(vendor: CaseFit) -> FillFactors:
+    return FillFactors({"d200": fit_case(small(D200), 2008), "vendor": vendor})
 
 
 def test_hidden_fill_factors_are_recovered() -> None:
@@ -44,7 +58,7 @@ def test_an_error_of_one_percent_in_the_light_is_detected(case: Case) -> None:
     """The fit has power: 1 % less light in the simulation gives a 1 % larger fill factor, over 5 standard errors."""
     level = case.luminances_cd_m2[-1]
     right = fit_case(small(case, luminances_cd_m2=(level,)), 3)
-    (seen,) = MeasuredCamera.drawn(small(case), 3).shoot()
+    (seen,) = MeasuredCamera(small(case), 3).shoot()
     made = simulate_chart(small(case, exposure_s=case.exposure_s / 1.01), case.paper_fill_factor, 3, level)
     regions = macbeth_regions(*seen.shape)
     fit = fit_fill_factor(patch_statistics(seen, regions), patch_statistics(made, regions), case.paper_fill_factor)
@@ -93,3 +107,24 @@ def test_to_dict(vendor: CaseFit) -> None:
     assert numbers["hidden"] == vendor.true
     assert set(numbers["by_luminance_cd_m2"]) == {"5", "15", "40"}
     assert len(numbers["by_luminance_cd_m2"]["40"]["residuals"]) == 24
+
+
+def test_residuals_are_at_the_position_of_the_patch(chapter: FillFactors) -> None:
+    figure = residuals_figure(chapter)
+    shown = figure.axes[0].images[0].get_array()
+    assert shown.shape == (4, 6)
+    residual = 100 * chapter.cameras["d200"].fit.residuals
+    # The channels of the D200 agree to about a tenth of a percent.
+    np.testing.assert_allclose(shown.ravel(), residual.mean(axis=1), atol=0.35)
+    assert figure.axes[0].texts[0].get_text().replace("−", "-") == f"{shown[0, 0]:+.2f}"
+
+
+def test_the_part_lists_paper_hidden_and_fitted_values(chapter: FillFactors, unrendered: None) -> None:
+    part = chapter.part()
+    (table,) = (entry for entry in part if isinstance(entry, Table))
+    assert [row[0] for row in table.rows] == ["Nikon D200", "Vendor 2.2 µm", "Vendor 2.2 µm", "Vendor 2.2 µm"]
+    assert [row[2] for row in table.rows] == ["0.9", "0.5", "0.5", "0.5"]
+    (words,) = (entry for entry in part if isinstance(entry, Listing))
+    assert "standard errors from the hidden" in words.lines[0]
+    (drawn,) = (entry for entry in part if isinstance(entry, Drawing))
+    assert "virtual camera" in drawn.caption

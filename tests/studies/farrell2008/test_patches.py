@@ -1,4 +1,4 @@
-"""Figures 2 to 5: comparison of the virtual cameras with the fitted simulation."""
+"""Figures 1 to 5: comparison of the virtual cameras with the fitted simulation, and as drawn."""
 
 from __future__ import annotations
 
@@ -6,12 +6,22 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.container import BarContainer
 
 from photosite.color.difference import delta_e_94
 from photosite.metrics.patches import patch_statistics
 from photosite.scene.charts import MACBETH_NAMES, macbeth_regions
 from photosite.studies.farrell2008.cameras import MeasuredCamera
-from photosite.studies.farrell2008.patches import Patches, differences
+from photosite.studies.farrell2008.drawing import Drawing
+from photosite.studies.farrell2008.patches import (
+    Patches,
+    colors_figure,
+    differences,
+    patch_means_figure,
+    patch_snr_figure,
+    pictures_figure,
+    sensitivity_figure,
+)
 from photosite.validation.charts import chart_xyz_d65
 
 SEED = 5
@@ -24,7 +34,7 @@ def chapter(charts) -> Patches:
 
 def test_measured_is_the_virtual_camera_and_simulated_has_the_fitted_fill_factor(chapter: Patches) -> None:
     for found in chapter.cameras.values():
-        (raw,) = MeasuredCamera.drawn(found.case, SEED).shoot()
+        (raw,) = MeasuredCamera(found.case, SEED).shoot()
         np.testing.assert_array_equal(found.measured.dn, raw.dn)
         seen = patch_statistics(found.simulated, macbeth_regions(*raw.shape))
         brightest = found.comparisons[found.case.luminances_cd_m2[-1]]
@@ -72,3 +82,51 @@ def test_to_dict(chapter: Patches) -> None:
     assert list(numbers) == ["d200", "vendor"]
     assert list(numbers["vendor"]["by_luminance_cd_m2"]) == ["5", "15", "40"]
     assert len(numbers["d200"]["colors"]["measured"]["delta_e_94_left_out"]) == 24
+
+
+def test_sensitivities(chapter: Patches) -> None:
+    d200, vendor = sensitivity_figure(chapter).axes
+    peaks = [max(line.get_ydata().max() for line in axes.lines) for axes in (d200, vendor)]
+    assert peaks == pytest.approx([68.044, 38.6465])
+    assert d200.get_ylabel() == "quantum efficiency (%)"
+
+
+def test_pictures_have_the_same_brightness(chapter: Patches) -> None:
+    axes = pictures_figure(chapter).axes
+    measured, simulated, difference = (each.images[0].get_array().astype(float) for each in axes[:3])
+    assert measured.shape == simulated.shape
+    assert np.abs(measured - simulated).mean() < 3  # of 255
+    assert abs(difference.mean() - 127.5) < 12  # gray: neither picture is brighter
+    assert axes[0].get_title("left") == "measured (virtual camera)"
+
+
+@pytest.mark.parametrize("kind", ["means", "snr"])
+def test_every_patch_is_drawn_with_the_line_of_equality(chapter: Patches, kind: str) -> None:
+    figure = {"means": patch_means_figure, "snr": patch_snr_figure}[kind](chapter)
+    upper = figure.axes[0]
+    comparison = chapter.cameras["d200"].comparisons[40.0]
+    for k, channel in enumerate(comparison.measured.channels):
+        line = next(line for line in upper.lines if line.get_label() == channel)
+        sides = comparison.simulated, comparison.measured
+        wanted = [side.mean_dn[:, k] if kind == "means" else side.spatial_snr_db[:, k] for side in sides]
+        np.testing.assert_array_equal(line.get_xydata().T, wanted)
+    identity = [line for line in upper.lines if np.array_equal(*line.get_xydata().T) and len(line.get_xdata()) == 2]
+    assert len(identity) == 1
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["R", "G", "B", "40 cd/m²", "15 cd/m²", "5 cd/m²"]
+
+
+def test_histograms_count_every_patch(chapter: Patches) -> None:
+    figure = colors_figure(chapter)
+    for axes in figure.axes:
+        for bars in axes.containers:
+            assert isinstance(bars, BarContainer)
+            assert sum(bar.get_height() for bar in bars) == 24
+    mean = differences(chapter.cameras["vendor"].colors.measured, "2000", left_out=True).mean()
+    assert f"means {mean:.2f} and" in figure.axes[-1].get_xlabel()
+
+
+def test_captions_state_what_measured_means(chapter: Patches, unrendered: None) -> None:
+    drawn = [entry for entry in chapter.part() if isinstance(entry, Drawing)]
+    assert [entry.name.split("-")[0] for entry in drawn] == ["figure1", "figure2", "figure3", "figure4", "figure5"]
+    assert all("virtual camera" in entry.caption for entry in drawn[1:])

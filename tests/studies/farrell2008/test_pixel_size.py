@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import photosite as ps
-from photosite.studies.farrell2008.pixel_size import ASSUMPTIONS, LUMINANCES_CD_M2, pixel_sizes
+from photosite.studies.farrell2008.drawing import listing
+from photosite.studies.farrell2008.pixel_size import LUMINANCES_CD_M2, pixel_sizes
 
 AREAS = (1.4 / 2.2) ** 2
 
@@ -23,7 +24,7 @@ def test_the_small_pixel_is_scaled_as_stated() -> None:
         assert small.channels[name].quantum_efficiency == channel.quantum_efficiency
     assert small.pixel.well_capacity_e.value == pytest.approx(large.pixel.well_capacity_e.value * AREAS, rel=2e-4)
     for wanted in ("(2.2 / 1.4)² = 2.47", "0.405", "4050", "66 ms", "f/2.8"):
-        assert any(wanted in line for line in ASSUMPTIONS), wanted
+        assert any(wanted in line for line in listing("pixel_size_assumptions").lines), wanted
     assert (round(1 / AREAS, 2), round(AREAS, 3)) == (2.47, 0.405)
 
 
@@ -85,9 +86,9 @@ def test_curves_end_at_saturation(sizes) -> None:
 def test_noise_on_the_faces_follows_the_noise_model(sizes) -> None:
     # 12 normal deviations; one seed in 1300 exceeds 4 standard errors by chance.
     for picture in sizes.pictures:
-        for entry in picture.shot.face:
+        for entry in picture.shot.face.values():
             assert abs(entry.snr_db - entry.expected_db) < 4 * entry.standard_error_db
-    areas = {picture.width_um: picture.shot.noise("G").mean_e for picture in sizes.pictures}
+    areas = {picture.width_um: picture.shot.face["G"].mean_e for picture in sizes.pictures}
     assert areas[1.4] / areas[2.2] == pytest.approx(AREAS, rel=5e-3)  # the regions differ by a few pixels
 
 

@@ -11,9 +11,9 @@ from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget
 from photosite.scene.pictures import from_rgb
 from photosite.studies.farrell2008.cameras import D200, VENDOR
+from photosite.studies.farrell2008.drawing import text
 from photosite.studies.farrell2008.portrait import (
     FACE,
-    PORTRAIT_SOURCE,
     filling,
     portrait,
     portrait_scene,
@@ -34,7 +34,7 @@ def test_the_file_names_its_source() -> None:
 
     content = (Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg").read_bytes()
     assert Image.open(io.BytesIO(content)).info["comment"].endswith(b"commons.wikimedia.org/wiki/File:Grace_Hopper.jpg")
-    assert "public domain" in PORTRAIT_SOURCE
+    assert "public domain" in text("portrait_source")
     assert len(portrait().sha256) == 64
 
 
@@ -66,7 +66,7 @@ def test_noise_of_a_region_follows_the_noise_model() -> None:
     for number in range(24):
         sensor = VENDOR.sensor(64, 64).with_(serial=f"chip {number}")
         raw = Camera(VENDOR.lens, sensor).expose(mean_e, 0.066, seed=number)
-        for entry in region_noise(raw, mean_e, sensor, whole):
+        for entry in region_noise(raw, mean_e, sensor, whole).values():
             # The budget omits rounding, 1/12 DN^2 at 9.77 e-/DN: 7.9 e-^2 of 6270.
             assert entry.expected_db == pytest.approx(noise_budget(sensor, 0.05).total_db, abs=0.01)
             z.append((entry.snr_db - entry.expected_db) / entry.standard_error_db)

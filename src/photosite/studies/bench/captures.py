@@ -13,6 +13,7 @@ import tempfile
 import time
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import scipy.fft
@@ -30,14 +31,14 @@ from photosite.values.cfa import channel_sites
 
 EXPOSURE_S = 1 / 3
 ROWS, COLS = 2592, 3872
+MEGAPIXELS = ROWS * COLS / 1e6
 LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
 
 
 @lru_cache(maxsize=4)
 def camera(rows: int = ROWS, cols: int = COLS) -> Camera:
     """Return a D200 with a raised black level, at f/8."""
-    sensor = load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=32)
-    return Camera(LENS, sensor)
+    return Camera(LENS, load_sensor("nikon-d200").with_(rows=rows, cols=cols, black_level_dn=32))
 
 
 @lru_cache(maxsize=8)
@@ -93,19 +94,14 @@ def _plain_chip(rows: int, cols: int) -> tuple[NDArray[np.float32], NDArray[np.f
     return 1 + chip.prnu.map(), chip.offset_e.map()
 
 
-def work_capture(rows: int, cols: int) -> None:
-    """Capture a frame, for the peak memory."""
-    camera(rows, cols).capture(scene(), EXPOSURE_S, seed=1)
-
-
-def work_optics(rows: int, cols: int) -> None:
-    """Compute mean electrons, for the peak memory."""
-    camera(rows, cols).mean_electrons(scene(), EXPOSURE_S)
-
-
-def work_noise(rows: int, cols: int) -> None:
-    """Expose a uniform field, for the peak memory."""
-    camera(rows, cols).expose(np.full((rows, cols), 5000, np.float32), EXPOSURE_S, seed=1)
+def work(what: Literal["capture", "optics", "noise"], rows: int = ROWS, cols: int = COLS) -> None:
+    """Capture a frame, compute its mean electrons, or expose a uniform field."""
+    if what == "capture":
+        camera(rows, cols).capture(scene(), EXPOSURE_S, seed=1)
+    elif what == "optics":
+        camera(rows, cols).mean_electrons(scene(), EXPOSURE_S)
+    else:
+        camera(rows, cols).expose(np.full((rows, cols), 5000, np.float32), EXPOSURE_S, seed=1)
 
 
 @lru_cache(maxsize=1)
@@ -118,12 +114,12 @@ def _plain_optics_once() -> tuple[float, NDArray[np.float32]]:
 
 def optics_d200(quick: bool = False) -> Case:
     """Mean electrons of a ColorChecker of 31 wavelengths, against one transform pair per wavelength."""
-    work_optics(ROWS, COLS)  # compiles the kernels
+    work("optics")  # compiles the kernels
     if quick:
-        ours, theirs = best_seconds(lambda: work_optics(ROWS, COLS)), _plain_optics_once()[0]
+        ours, theirs = best_seconds(lambda: work("optics")), _plain_optics_once()[0]
     else:
-        ours, theirs = in_turn(lambda: work_optics(ROWS, COLS), lambda: mean_per_wavelength(ROWS, COLS))
-    return Case(ours, theirs, peak_mb(work_optics, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+        ours, theirs = in_turn(lambda: work("optics"), lambda: mean_per_wavelength(ROWS, COLS))
+    return Case(ours, theirs, peak_mb(work, what="optics"), MEGAPIXELS)
 
 
 def noise_d200(quick: bool = False) -> Case:
@@ -134,22 +130,20 @@ def noise_d200(quick: bool = False) -> Case:
     ours, theirs = in_turn(
         lambda: camera().expose(mean, EXPOSURE_S, seed=1), lambda: noise_by_numpy(mean), repeats=3 if quick else 7
     )
-    return Case(ours, theirs, peak_mb(work_noise, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+    return Case(ours, theirs, peak_mb(work, what="noise"), MEGAPIXELS)
 
 
 def capture_d200(quick: bool = False) -> Case:
     """A whole capture, 31 wavelengths, diffraction, noise and 12 bits, against both plain ways together."""
-    work_capture(ROWS, COLS)
+    work("capture")
     _plain_chip(ROWS, COLS)
     if quick:
         optics_s, mean = _plain_optics_once()
-        ours = best_seconds(lambda: work_capture(ROWS, COLS))
+        ours = best_seconds(lambda: work("capture"))
         theirs = optics_s + best_seconds(lambda: noise_by_numpy(mean), 1)
     else:
-        ours, theirs = in_turn(
-            lambda: work_capture(ROWS, COLS), lambda: noise_by_numpy(mean_per_wavelength(ROWS, COLS))
-        )
-    return Case(ours, theirs, peak_mb(work_capture, rows=ROWS, cols=COLS), ROWS * COLS / 1e6)
+        ours, theirs = in_turn(lambda: work("capture"), lambda: noise_by_numpy(mean_per_wavelength(ROWS, COLS)))
+    return Case(ours, theirs, peak_mb(work, what="capture"), MEGAPIXELS)
 
 
 def work_command(folder: str) -> None:
@@ -175,4 +169,4 @@ def cli_simulate(quick: bool = False) -> Case:
         theirs = best_seconds(lambda: subprocess.run([sys.executable, "-c", code], check=True, capture_output=True), 1)
         target = str(Path(folder) / "shot.dng")
         call = f"sys.argv = ['photosite', 'simulate', '-o', {target!r}]; import photosite.cli.main as m; m.main()"
-        return Case(ours, theirs, peak_mb_of(call), ROWS * COLS / 1e6)
+        return Case(ours, theirs, peak_mb_of(call), MEGAPIXELS)

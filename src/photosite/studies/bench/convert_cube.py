@@ -57,13 +57,7 @@ def write_cube(path: Path, rows: int, cols: int = COLS) -> None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RepeatedCube(SpectralCube):
-    """A cube repeated several times, one copy below the other.
-
-    Parameters
-    ----------
-    cube
-        The cube.
-    """
+    """A cube repeated several times, one copy below the other."""
 
     cube: SpectralCube
 
@@ -78,12 +72,9 @@ def repeated(path: Path, times: int) -> RepeatedCube:
     """Return the cube of a file, repeated."""
     cube = open_cube(path)
     rows, cols, bands = cube.shape
+    shape = (times * rows, cols, bands)
     return RepeatedCube(
-        name=cube.name,
-        shape=(times * rows, cols, bands),
-        wavelength_nm=cube.wavelength_nm,
-        quantity=cube.quantity,
-        cube=cube,
+        name=cube.name, shape=shape, wavelength_nm=cube.wavelength_nm, quantity=cube.quantity, cube=cube
     )
 
 
@@ -102,9 +93,9 @@ def work_read(path: str) -> None:
             pass
 
 
-def convert_cube(quick: bool = False, rows: int | None = None) -> Case:
+def convert_cube(quick: bool = False) -> Case:
     """A cube of 2 megapixels (quick: a quarter) and 200 bands to a scene file, against reading its file once."""
-    rows = rows or (50 if quick else 200)
+    rows = 50 if quick else 200
     with tempfile.TemporaryDirectory() as folder:
         source, target = f"{folder}/cube.hdr", f"{folder}/scene.h5"
         write_cube(Path(source), rows)

@@ -12,12 +12,10 @@ from photosite.calibration.calibrate import calibrate
 from photosite.engine.frame_sums import FrameSums
 from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
-from photosite.studies.bench.captures import COLS, ROWS
+from photosite.studies.bench.captures import COLS, MEGAPIXELS, ROWS
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
-
-_TILE = np.array([[0, 1], [1, 2]])
 
 
 def stack(frames: int) -> NDArray[np.uint16]:
@@ -28,25 +26,17 @@ def stack(frames: int) -> NDArray[np.uint16]:
 
 def empty_sums() -> FrameSums:
     """Return empty sums over a mosaic of three channels."""
-    return FrameSums((ROWS, COLS), _TILE, white=4095)
+    return FrameSums((ROWS, COLS), np.array([[0, 1], [1, 2]]), white=4095)
 
 
-Maps = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-def output_maps() -> Maps:
-    """Return memory for two maps, already allocated by the system."""
-    return np.zeros((ROWS, COLS)), np.zeros((ROWS, COLS))
-
-
-def maps(pixels: NDArray[np.uint16], total: FrameSums, out: Maps) -> None:
+def maps(pixels: NDArray[np.uint16], total: FrameSums, out: NDArray[np.float64]) -> None:
     """Compute mean and variance over the frames from exact sums."""
     total.clear().add(pixels)
     total.mean(out[0])
     total.variance(out[1])
 
 
-def maps_by_numpy(pixels: NDArray[np.uint16], out: Maps) -> None:
+def maps_by_numpy(pixels: NDArray[np.uint16], out: NDArray[np.float64]) -> None:
     """Compute mean and variance over the frames with NumPy."""
     pixels.mean(axis=0, out=out[0])
     pixels.var(axis=0, ddof=1, out=out[1])
@@ -54,12 +44,12 @@ def maps_by_numpy(pixels: NDArray[np.uint16], out: Maps) -> None:
 
 def work_maps(frames: int) -> None:
     """Compute the maps of a stack, for the peak memory."""
-    maps(stack(frames), empty_sums(), output_maps())
+    maps(stack(frames), empty_sums(), np.zeros((2, ROWS, COLS)))
 
 
 def accumulate_d200(quick: bool = False) -> Case:
     """Mean and variance maps of a stack, against NumPy's `mean` and `var`."""
-    pixels, total, out = stack(16 if quick else 64), empty_sums(), output_maps()
+    pixels, total, out = stack(16 if quick else 64), empty_sums(), np.zeros((2, ROWS, COLS))
     ours, theirs = in_turn(lambda: maps(pixels, total, out), lambda: maps_by_numpy(pixels, out), 2 if quick else 4)
     return Case(ours, theirs, peak_mb(work_maps, frames=len(pixels)), pixels.size / 1e6)
 
@@ -72,17 +62,13 @@ def accumulate_against_reading(quick: bool = False) -> Case:
     return Case(ours, theirs, peak_mb(work_maps, frames=len(pixels)), pixels.size / 1e6)
 
 
-def protocol(repeats: int = 4) -> ShootingProtocol:
-    """Return a protocol of 16 frames per repeat: 64 frames with 4 repeats, 400 with 25."""
+def write_frames(folder: str, repeats: int) -> None:
+    """Write 16 frames per repeat by a virtual D200."""
     dark = series("dark", 1 / 1000, 1 / 25, exposures=4, count=repeats)
     light = series("light", 1 / 1000, 1 / 25, exposures=9, count=repeats)
-    return ShootingProtocol("benchmark", (Step("dark", 1 / 8000, 3 * repeats), *dark, *light))
-
-
-def write_frames(folder: Path, repeats: int = 4) -> None:
-    """Write the frames of the protocol by a virtual D200."""
+    protocol = ShootingProtocol("benchmark", (Step("dark", 1 / 8000, 3 * repeats), *dark, *light))
     sensor = with_pedestal(load_sensor("nikon-d200").with_(rows=ROWS, cols=COLS))
-    virtual_lab(sensor, protocol(repeats), seed=1).write(folder)
+    virtual_lab(sensor, protocol, seed=1).write(folder)
 
 
 def work_calibrate(folder: str) -> None:
@@ -101,19 +87,12 @@ def work_read(folder: str) -> None:
             file.readinto(buffer)
 
 
-def measured(folder: Path, quick: bool = False) -> Case:
-    """Measure the calibration of existing frames."""
-    place = str(folder)
-    work_read(place)  # fills the page cache
-    work_calibrate(place)  # compiles the kernels
-    ours, theirs = in_turn(lambda: work_calibrate(place), lambda: work_read(place), 1 if quick else 5)
-    frames = open_frames(folder)
-    return Case(ours, theirs, peak_mb(work_calibrate, folder=place), frames.frame_count * ROWS * COLS / 1e6)
-
-
-def calibrate_protocol(quick: bool = False, repeats: int | None = None) -> Case:
+def calibrate_protocol(quick: bool = False) -> Case:
     """Calibration of 64 uncompressed TIFF frames (quick: 16), against reading their files."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "frames"
-        write_frames(place, repeats or (1 if quick else 4))
-        return measured(place, quick)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, repeats = f"{temporary}/frames", 1 if quick else 4
+        write_frames(folder, repeats)
+        work_read(folder)  # fills the page cache
+        work_calibrate(folder)  # compiles the kernels
+        ours, theirs = in_turn(lambda: work_calibrate(folder), lambda: work_read(folder), 1 if quick else 5)
+        return Case(ours, theirs, peak_mb(work_calibrate, folder=folder), 16 * repeats * MEGAPIXELS)

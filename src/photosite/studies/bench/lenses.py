@@ -18,7 +18,7 @@ from photosite.optics.lens_design import LensDesign
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 from photosite.optics.sampled_psf import sample_positions
 from photosite.optics.wavefront import Wavefront
-from photosite.studies.bench.captures import COLS, EXPOSURE_S, LENS, ROWS, camera, scene
+from photosite.studies.bench.captures import COLS, EXPOSURE_S, LENS, MEGAPIXELS, ROWS, camera, scene
 from photosite.studies.bench.timing import Case, in_turn, peak_mb
 
 Array = NDArray[np.float64]
@@ -68,13 +68,8 @@ def _mixed_spots(base: DiffractionLimited, distance_m: float, shares: Array) -> 
 def comatic_psf(height: float, azimuth_rad: float) -> Array:
     """Return a (61, 61) point spread with coma and field curvature, by the Fourier integral over the pupil.
 
-    Parameters
-    ----------
-    height
-        Image height relative to the edge of the field.
-    azimuth_rad
-        Direction of the point, from right (x) towards down (y). The tail of the coma points outwards. The coma is
-        Zernike's, about the best image point.
+    `height` is the image height relative to the edge of the field, `azimuth_rad` the direction of the point, from right
+    (x) towards down (y). The tail of the coma points outwards. The coma is Zernike's, about the best image point.
     """
     rim = (np.arange(_PUPIL) + 0.5) * (2 / _PUPIL) - 1
     v, u = rim[:, None], rim[None, :]
@@ -83,13 +78,8 @@ def comatic_psf(height: float, azimuth_rad: float) -> Array:
     waves = _COMA_WAVES * height * (r2 - 2 / 3) * along + _CURVATURE_WAVES * height**2 * r2
     field = np.where(r2 <= 1, np.exp(2j * math.pi * waves), 0)
     # The path over the pupil to a point at x is u x / (2 N): a wavefront that rises with u moves the image to +x.
-    kernel = np.exp(
-        -2j
-        * math.pi
-        * sample_positions(SAMPLES, SPACING_UM)[:, None]
-        * rim
-        / (2 * BASE.f_number * WAVELENGTH_NM * 1e-3)
-    )
+    x_um = sample_positions(SAMPLES, SPACING_UM)[:, None]
+    kernel = np.exp(-2j * math.pi * x_um * rim / (2 * BASE.f_number * WAVELENGTH_NM * 1e-3))
     psf = np.abs(kernel @ field @ kernel.T) ** 2
     return np.asarray(psf / psf.sum())
 
@@ -97,29 +87,11 @@ def comatic_psf(height: float, azimuth_rad: float) -> Array:
 def comatic_design(
     edge_mm: float, *, heights: int = 9, nodes: int = 17, rank: int | None = None, detail_um: float | None = None
 ) -> LensDesign:
-    """Return lens-design data of growing coma: point spreads along one radius of the field.
-
-    Parameters
-    ----------
-    edge_mm
-        Largest image height.
-    heights
-        Number of image heights, the axis included.
-    nodes, rank, detail_um
-        As for `LensDesign`.
-    """
+    """Return lens-design data of growing coma: point spreads along one radius of the field, the axis included."""
     share = np.linspace(0, 1, heights)
     psf = np.stack([comatic_psf(h, 0.0) for h in share])[:, None]
-    return LensDesign(
-        np.array([WAVELENGTH_NM]),
-        psf,
-        SPACING_UM,
-        np.zeros(heights),
-        share * edge_mm,
-        rank=rank,
-        detail_um=detail_um,
-        nodes=nodes,
-    )
+    field = (np.zeros(heights), share * edge_mm)
+    return LensDesign(np.array([WAVELENGTH_NM]), psf, SPACING_UM, *field, rank=rank, detail_um=detail_um, nodes=nodes)
 
 
 Kind = Literal["symmetric", "plane", "field", "wavefront", "design", "colors"]
@@ -127,27 +99,20 @@ Kind = Literal["symmetric", "plane", "field", "wavefront", "design", "colors"]
 
 
 @lru_cache(maxsize=4)
-def _camera(kind: Kind, rows: int, cols: int) -> Camera:
-    sensor = camera(rows, cols).sensor
+def _camera(kind: Kind) -> Camera:
+    sensor = camera().sensor
     if kind == "symmetric":
-        return camera(rows, cols)
+        return camera()
     if kind in ("plane", "field"):
         return Camera(Lens(LENS, _Flares(kind)), sensor)
     if kind == "wavefront":
         return Camera(Lens(BASE, Wavefront({5: 40.0})), sensor)
-    pitch_um, corner = sensor.pixel.width_um.value, np.hypot(rows, cols) / 2
+    pitch_um, corner = sensor.pixel.width_um.value, np.hypot(ROWS, COLS) / 2
     one = comatic_design(corner * pitch_um * 1e-3)
     # The same point spreads at three wavelengths, as for a lens corrected for colour.
-    design = LensDesign(
-        np.array([450.0, 550.0, 650.0]),
-        np.repeat(one.psf, 3, axis=1),
-        one.spacing_um,
-        one.field_y,
-        one.field_x,
-        rank=8,
-        detail_um=pitch_um,
-        nodes=17,
-    )
+    bands_nm, psf = np.array([450.0, 550.0, 650.0]), np.repeat(one.psf, 3, axis=1)
+    field = (one.field_y, one.field_x)
+    design = LensDesign(bands_nm, psf, one.spacing_um, *field, rank=8, detail_um=pitch_um, nodes=17)
     if kind == "design":
         return Camera(Lens(BASE, design), sensor)
     # Red and blue are 0.9 pixels apart at the corner.
@@ -156,16 +121,16 @@ def _camera(kind: Kind, rows: int, cols: int) -> Camera:
     return Camera(Lens(BASE, design, lateral_color=colors), sensor)
 
 
-def work(kind: Kind, rows: int = ROWS, cols: int = COLS) -> None:
+def work(kind: Kind) -> None:
     """Compute mean electrons behind a lens of some kind."""
-    _camera(kind, rows, cols).mean_electrons(scene(), EXPOSURE_S)
+    _camera(kind).mean_electrons(scene(), EXPOSURE_S)
 
 
 def _case(kind: Kind, baseline: Kind, quick: bool) -> Case:
     for each in (kind, baseline):
         work(each)
     ours, theirs = in_turn(lambda: work(kind), lambda: work(baseline), 1 if quick else 5)
-    return Case(ours, theirs, peak_mb(work, kind=kind), ROWS * COLS / 1e6)
+    return Case(ours, theirs, peak_mb(work, kind=kind), MEGAPIXELS)
 
 
 def plane_d200(quick: bool = False) -> Case:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from photosite.engine.jit import ITEMS_PER_THREAD, threads_for
 from photosite.scene import charts
 from photosite.studies.bench.captures import EXPOSURE_S, camera, scene
 from photosite.studies.bench.timing import best_seconds, peak_mb
+
+Size = TypeVar("Size", int, float)
 
 
 @dataclass(frozen=True)
@@ -39,63 +41,42 @@ class Scaling:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        return {
-            "unit": self.unit,
-            "sizes": list(self.sizes),
-            "seconds": list(self.seconds),
-            "exponent": self.exponent,
-        }
+        return {"unit": self.unit, "sizes": self.sizes, "seconds": self.seconds, "exponent": self.exponent}
 
 
 def scaling() -> tuple[Scaling, ...]:
     """Measure captures of a ColorChecker by pixels, wavelengths, frames of a stream, and threads."""
-    return (_by_pixels(), _by_wavelengths(), _by_frames(), _by_threads())
-
-
-def _measured(what: str, unit: str, sizes: Sequence[float], work: Callable[[int], object]) -> Scaling:
-    for index in range(len(sizes)):
-        work(index)
-    return Scaling(what, unit, tuple(sizes), tuple(best_seconds(partial(work, index)) for index in range(len(sizes))))
-
-
-def _by_pixels() -> Scaling:
-    shapes = [(648, 968), (1296, 1936), (2592, 3872), (5184, 7744)]
-    return _measured(
-        "capture, by pixels",
-        "megapixels",
-        [rows * cols / 1e6 for rows, cols in shapes],
-        lambda i: camera(*shapes[i]).capture(scene(), EXPOSURE_S),
+    shapes = {rows * cols / 1e6: (rows, cols) for rows, cols in ((648, 968), (1296, 1936), (2592, 3872), (5184, 7744))}
+    return (
+        _measured(
+            "capture, by pixels", "megapixels", shapes, lambda size: camera(*shapes[size]).capture(scene(), EXPOSURE_S)
+        ),
+        _measured(
+            "mean electrons of a D200, by wavelengths",
+            "wavelengths",
+            (31, 61, 151, 301),
+            lambda count: camera().mean_electrons(scene(count), EXPOSURE_S),
+        ),
+        _measured("stream of a D200, by frames", "frames", (1, 4, 16), _stream),
+        _measured("capture of a D200, by threads", "threads", (1, 2), _capture_with_threads),
     )
 
 
-def _by_wavelengths() -> Scaling:
-    counts = [31, 61, 151, 301]
-    return _measured(
-        "mean electrons of a D200, by wavelengths",
-        "wavelengths",
-        counts,
-        lambda i: camera().mean_electrons(scene(counts[i]), EXPOSURE_S),
-    )
+def _measured(what: str, unit: str, sizes: Iterable[Size], work: Callable[[Size], object]) -> Scaling:
+    sizes = tuple(sizes)
+    for size in sizes:
+        work(size)
+    return Scaling(what, unit, sizes, tuple(best_seconds(partial(work, size)) for size in sizes))
 
 
-def _by_frames() -> Scaling:
-    counts = [1, 4, 16]
-    return _measured(
-        "stream of a D200, by frames",
-        "frames",
-        counts,
-        lambda i: [None for _ in camera().stream(scene(), EXPOSURE_S, frames=counts[i])],
-    )
+def _stream(count: int) -> None:
+    for _ in camera().stream(scene(), EXPOSURE_S, frames=count):
+        pass
 
 
-def _by_threads() -> Scaling:
-    counts = [1, 2]
-
-    def work(index: int) -> None:
-        with threads_for(counts[index] * ITEMS_PER_THREAD):
-            camera().capture(scene(), EXPOSURE_S)
-
-    return _measured("capture of a D200, by threads", "threads", counts, work)
+def _capture_with_threads(count: int) -> None:
+    with threads_for(count * ITEMS_PER_THREAD):
+        camera().capture(scene(), EXPOSURE_S)
 
 
 _MEMORY_SHAPES = ((2592, 3872), (5184, 7744), (10_320, 14_536))
@@ -116,10 +97,6 @@ class Memory:
     megapixels: tuple[float, ...]
     bytes_per_pixel: tuple[float, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {"megapixels": list(self.megapixels), "bytes_per_pixel": list(self.bytes_per_pixel)}
-
 
 def work_stream(rows: int, cols: int) -> None:
     """Capture two frames of a ColorChecker."""
@@ -130,9 +107,6 @@ def work_stream(rows: int, cols: int) -> None:
 def memory() -> Memory:
     """Measure the peak memory of all sizes."""
     least = peak_mb(work_stream, rows=100, cols=150)
-    sizes = [rows * cols / 1e6 for rows, cols in _MEMORY_SHAPES]
-    beyond = [
-        (peak_mb(work_stream, rows=rows, cols=cols) - least) / size
-        for (rows, cols), size in zip(_MEMORY_SHAPES, sizes, strict=True)
-    ]
-    return Memory(tuple(sizes), tuple(beyond))
+    sizes = tuple(rows * cols / 1e6 for rows, cols in _MEMORY_SHAPES)
+    peaks = (peak_mb(work_stream, rows=rows, cols=cols) for rows, cols in _MEMORY_SHAPES)
+    return Memory(sizes, tuple((peak - least) / size for peak, size in zip(peaks, sizes, strict=True)))

@@ -53,11 +53,8 @@ def best_seconds(work: Callable[[], object], repeats: int = 3) -> float:
 
 def in_turn(work: Callable[[], object], baseline: Callable[[], object], repeats: int = 3) -> tuple[float, float]:
     """Return the shortest time of each, run in turn, so that a busy machine affects both equally."""
-    ours, theirs = [], []
-    for _ in range(repeats):
-        ours.append(best_seconds(work, 1))
-        theirs.append(best_seconds(baseline, 1))
-    return min(ours), min(theirs)
+    pairs = [(best_seconds(work, 1), best_seconds(baseline, 1)) for _ in range(repeats)]
+    return min(ours for ours, _ in pairs), min(theirs for _, theirs in pairs)
 
 
 # A process's ru_maxrss includes its parent's size; VmHWM does not.

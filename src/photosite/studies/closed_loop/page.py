@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -51,29 +52,20 @@ _DETAIL = (48, 72)
 """Largest enlarged part of a picture, (rows, cols) in pixels."""
 
 _DETAIL_ENLARGED = 6
-
 _DETAIL_PATCH = "neutral 3.5"
-
-_Picture = NDArray[np.float32]
 
 
 def write_demo_report(result: ClosedLoop, path: str | PathLike[str]) -> None:
-    """Write the page of a closed loop as one self-contained HTML file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written; an existing file is kept.
-    """
+    """Write the page of a closed loop as one self-contained HTML file; an existing file is kept if it fails."""
     write_report(demo_page(result), path)
 
 
 def demo_page(result: ClosedLoop) -> Page:
     """Return the page of a closed loop."""
     sensor, calibration = result.true_sensor, result.calibration
-    array = sensor.array
+    array, frames = sensor.array, result.protocol.frame_count
     lead = (
-        f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels took {result.frames_shot} dark frames and flat "
+        f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels took {frames} dark frames and flat "
         "fields. A calibration estimated the sensor's parameters from these frames alone. The true and the calibrated "
         "sensor then captured a colour chart."
     )
@@ -81,25 +73,25 @@ def demo_page(result: ClosedLoop) -> Page:
         "All images on this page come from a virtual camera. “Measured” refers to frames of the virtual sensor with "
         "the true parameters; “simulated” refers to frames of the calibrated sensor."
     )
+    provenance = (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
     sections = (
         Section("Method", (notice, *_method(result))),
-        Section("Parameters", _parameter_blocks(result.parameters)),
+        Section("Parameters", parameter_blocks(result.parameters)),
         Section("Pictures", _picture_blocks(result)),
         Section("Comparison", _comparison_blocks(result)),
-        Section("Noise budget", _budget_blocks(result)),
+        Section("Noise budget", (_budget_block(result),)),
         Section("Fits", curve_blocks(calibration)),
-        Section(
-            "Provenance", (*warning_blocks(calibration), *rejected_blocks(calibration), *provenance_blocks(calibration))
-        ),
+        Section("Provenance", provenance),
     )
     return Page(f"Closed loop with a virtual {sensor.name}", lead, sections, FOOTER)
 
 
 def _method(result: ClosedLoop) -> tuple[Block, ...]:
     metered = any(row.name == "quantum_efficiency_percent" and row.estimated is not None for row in result.parameters)
+    protocol = result.protocol
     light = " and the photons per pixel of each exposure" if metered else ""
     steps = (
-        f"The virtual sensor took the frames of a protocol ({result.protocol.name}): {result.frames_shot} raw frames.",
+        f"The virtual sensor took the frames of a protocol ({protocol.name}): {protocol.frame_count} raw frames.",
         "The calibration read the frames. Known beforehand were the pixel's geometry, the converter, the voltage "
         f"swing, the spectral response{light}; the parameters below were not.",
         f"The true and the calibrated sensor captured the same scene ({result.scene.name}) with the same lens, as two "
@@ -107,23 +99,19 @@ def _method(result: ClosedLoop) -> tuple[Block, ...]:
         "Patch means, noise and colours of the two raw frames were compared.",
     )
     columns = (Column("Frames"), Column("Exposure (s)", numeric=True), Column("Count", numeric=True))
-    rows = tuple((step.kind, format_number(step.exposure_s, 4), str(step.count)) for step in result.protocol.steps)
+    rows = tuple((step.kind, format_number(step.exposure_s, 4), str(step.count)) for step in protocol.steps)
     return (
         Listing(steps),
         Details("The protocol", (Table("Frames in the order in which they were taken", columns, rows),)),
     )
 
 
-def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]:
+def parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]:
+    """Return true and estimated values, the parameters without an estimate, and the deviations."""
     found = [row for row in parameters if row.estimated is not None]
     missing = [row for row in parameters if row.estimated is None]
-    columns = (
-        Column("Parameter"),
-        Column("Unit"),
-        Column("True", numeric=True),
-        Column("Estimated ± standard uncertainty", numeric=True),
-        Column("(Estimated − true) / uncertainty", numeric=True),
-    )
+    numeric = ("True", "Estimated ± standard uncertainty", "(Estimated − true) / uncertainty")
+    columns = (Column("Parameter"), Column("Unit"), *(Column(title, numeric=True) for title in numeric))
     blocks: list[Block] = [Table("Truth and estimate", columns, tuple(_parameter_row(row) for row in found))]
     if missing:
         lines = tuple((row.label, row.unit, row.reason or "") for row in missing)
@@ -137,10 +125,8 @@ def _parameter_blocks(parameters: tuple[ParameterRow, ...]) -> tuple[Block, ...]
             "quantities appear in several units, and those in electrons and decibels share the error of the system "
             "gain."
         )
-        labels, deviations = zip(*drawn, strict=True)
-        blocks.append(
-            figure_block(deviations_figure(labels, deviations), "Estimate minus truth of each parameter", caption)
-        )
+        figure = deviations_figure(*zip(*drawn, strict=True))
+        blocks.append(figure_block(figure, "Estimate minus truth of each parameter", caption))
     return tuple(blocks)
 
 
@@ -152,15 +138,12 @@ def _parameter_row(row: ParameterRow) -> tuple[str, ...]:
 
 def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     colors = result.validation.color
-    matrix = None if colors is None else colors.matrix
-    true, calibrated = develop_pair(result.true_raw, result.calibrated_raw, matrix)
-    small, small_calibrated = shrink(true), shrink(calibrated)
+    both = develop_pair(result.true_raw, result.calibrated_raw, None if colors is None else colors.matrix)
+    small, small_calibrated = (shrink(picture) for picture in both)
     detail = _detail(result.true_raw.shape)
-    level = true[detail].mean(axis=(0, 1))
-    noise, noise_calibrated = (
-        enlarge(magnified(picture[detail], level, _MAGNIFICATION), _DETAIL_ENLARGED) for picture in (true, calibrated)
-    )
-    difference = magnified(small_calibrated, small, _MAGNIFICATION)
+    level = both[0][detail].mean(axis=(0, 1))
+    noise = (enlarge(magnified(picture[detail], level, _MAGNIFICATION), _DETAIL_ENLARGED) for picture in both)
+    difference = jpeg_bytes(magnified(small_calibrated, small, _MAGNIFICATION))
     return (
         _pair(
             (small, small_calibrated),
@@ -169,13 +152,13 @@ def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
             "one exposure for both.",
         ),
         _pair(
-            (noise, noise_calibrated),
+            noise,
             "noise in the chart",
             f"Center of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean colour, magnified "
             f"{_MAGNIFICATION:g} times. The noise differs; its size and grain should not.",
         ),
         Images(
-            (_jpeg(difference, "Difference of the two pictures: noise around middle gray"),),
+            (Image(difference, "image/jpeg", "Difference of the two pictures: noise around middle gray"),),
             f"Calibrated minus true, magnified {_MAGNIFICATION:g} times around middle gray. The noise and fixed "
             "pattern of two chips remain, strongest in dark patches, where the display curve is steep. A patch with a "
             "visible colour would indicate a wrong parameter.",
@@ -217,25 +200,19 @@ def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _budget_blocks(result: ClosedLoop) -> tuple[Block, ...]:
+def _budget_block(result: ClosedLoop) -> Images:
     caption = (
         "Signal-to-noise ratio of one frame of a uniform surface against the signal, in total and for each noise "
         "source alone: lines for the true sensor, rings for the calibrated sensor (Farrell, Okincha and Parmar 2008, "
         "Figure 6)."
     )
     figure = noise_budget_figure(result.true_sensor, result.calibration.sensor)
-    return (figure_block(figure, "Signal-to-noise ratio against signal, true and calibrated", caption),)
+    return figure_block(figure, "Signal-to-noise ratio against signal, true and calibrated", caption)
 
 
-def _pair(pictures: tuple[_Picture, _Picture], what: str, caption: str) -> Images:
-    return Images(
-        tuple(
-            _jpeg(picture, f"{what.capitalize()} by the {title}", title.capitalize())
-            for picture, title in zip(pictures, (_TRUE, _CALIBRATED), strict=True)
-        ),
-        caption,
+def _pair(pictures: Iterable[NDArray[np.float32]], what: str, caption: str) -> Images:
+    images = (
+        Image(jpeg_bytes(picture), "image/jpeg", f"{what.capitalize()} by the {title}", title.capitalize())
+        for picture, title in zip(pictures, (_TRUE, _CALIBRATED), strict=True)
     )
-
-
-def _jpeg(picture: _Picture, alternative: str, title: str = "") -> Image:
-    return Image(jpeg_bytes(picture), "image/jpeg", alternative, title)
+    return Images(tuple(images), caption)

@@ -27,7 +27,7 @@ from photosite.sensor.model import Sensor
 from photosite.studies.progress import NoProgress, Progress
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol
 from photosite.studies.truth import true_parameters
-from photosite.studies.virtual_lab import DEFAULT_LEVEL, VirtualLab, virtual_lab
+from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.validation.result import Validation
 from photosite.validation.validate import validate
 
@@ -64,19 +64,8 @@ HEADLINE = (
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """True and estimated value of a parameter.
-
-    Parameters
-    ----------
-    name, label, unit
-        Name in results, label in reports, and unit symbol.
-    true
-        From the true sensor's description and its light.
-    estimated, standard_uncertainty
-        Estimate; None if there is none.
-    reason
-        Why there is no estimate.
-    """
+    """True value of a parameter, from the true sensor's description and its light, and the estimate or the reason why
+    there is none."""
 
     name: str
     label: str
@@ -100,10 +89,8 @@ class ClosedLoop:
 
     Parameters
     ----------
-    true_sensor
-        Sensor that the frames were simulated with.
-    calibration
-        Result of the calibration; its `sensor` is the calibrated sensor.
+    true_sensor, calibration
+        Sensor that the frames were simulated with, and their calibration, whose `sensor` is the calibrated sensor.
     parameters
         True and estimated values.
     scene
@@ -112,10 +99,8 @@ class ClosedLoop:
         Captures of the chart by the true and the calibrated sensor, with different fixed pattern and temporal noise.
     validation
         Comparison of `true_raw` as measured with `calibrated_raw` as simulated.
-    frames_shot
-        Number of frames that were calibrated.
     protocol
-        Protocol of these frames.
+        Protocol of the frames that were calibrated.
     seconds
         Wall-clock time by stage: shoot, calibrate, simulate, compare.
     """
@@ -127,20 +112,16 @@ class ClosedLoop:
     true_raw: RawFrame
     calibrated_raw: RawFrame
     validation: Validation
-    frames_shot: int
     protocol: ShootingProtocol
     seconds: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters by name: true, estimated, standard_uncertainty, and reason where there is one."""
-        entries = {}
+        names = ("true", "estimated", "standard_uncertainty")
+        entries: dict[str, Any] = {row.name: {name: getattr(row, name) for name in names} for row in self.parameters}
         for row in self.parameters:
-            entry: dict[str, Any] = {
-                "true": row.true,
-                "estimated": row.estimated,
-                "standard_uncertainty": row.standard_uncertainty,
-            }
-            entries[row.name] = entry if row.reason is None else {**entry, "reason": row.reason}
+            if row.reason is not None:
+                entries[row.name]["reason"] = row.reason
         return {"parameters": entries}
 
 
@@ -148,8 +129,6 @@ def closed_loop(
     sensor: Sensor,
     protocol: ShootingProtocol | None = None,
     *,
-    illuminant: str = "D65",
-    level: float = DEFAULT_LEVEL,
     photons_known: bool = False,
     seed: int = 0,
     folder: str | PathLike[str] | None = None,
@@ -164,10 +143,8 @@ def closed_loop(
         The true sensor. Clipped dark frames are less informative; `virtual_lab.with_pedestal` prevents clipping.
     protocol
         Frames to take; the D200 protocol of the 2008 paper by default.
-    illuminant, level, photons_known
-        Light of the flat fields, as for `virtual_lab.virtual_lab`.
-    seed
-        Key of the temporal noise.
+    photons_known, seed
+        Whether the light of the flat fields is metered, and key of the temporal noise, as for `virtual_lab`.
     folder
         Empty or new folder to write the frames to and read them back from. With None, each frame is simulated when it
         is read; the numbers are the same.
@@ -194,7 +171,7 @@ def closed_loop(
     """
     progress = progress or NoProgress()
     protocol = protocol or paper_d200_protocol()
-    lab = virtual_lab(sensor, protocol, illuminant=illuminant, level=level, seed=seed, photons_known=photons_known)
+    lab = virtual_lab(sensor, protocol, seed=seed, photons_known=photons_known)
     chart = charts.macbeth("A", 40)
     _check_patches(sensor, chart)
     seconds: dict[str, float] = {}
@@ -220,7 +197,6 @@ def closed_loop(
         true_raw,
         calibrated_raw,
         validation,
-        protocol.frame_count,
         protocol,
         seconds,
     )
@@ -230,18 +206,12 @@ def compared_parameters(lab: VirtualLab, calibration: Calibration) -> tuple[Para
     """Return true and estimated values of the parameters in `HEADLINE`."""
     truth = true_parameters(lab.camera.sensor, lab.light, lab.camera.optics)
     estimates = calibration.estimates()
-    return tuple(
-        ParameterRow(
-            name,
-            PARAMETER_LABELS[name].label,
-            PARAMETER_LABELS[name].unit,
-            truth[name],
-            estimates[name].value,
-            estimates[name].standard_uncertainty,
-            estimates[name].reason,
-        )
-        for name in HEADLINE
-    )
+    rows = []
+    for name in HEADLINE:
+        words, found = PARAMETER_LABELS[name], estimates[name]
+        values = (truth[name], found.value, found.standard_uncertainty, found.reason)
+        rows.append(ParameterRow(name, words.label, words.unit, *values))
+    return tuple(rows)
 
 
 def _shoot(lab: VirtualLab, folder: str | PathLike[str] | None, progress: Progress) -> FrameSet:

@@ -12,7 +12,7 @@ from photosite.errors import InputError, did_you_mean
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
-from photosite.values.cfa import cfa_from
+from photosite.values.cfa import cfa_from, channel_names
 
 Range = tuple[float, float]
 """Lowest and highest value; the logarithm is drawn uniformly between them."""
@@ -27,27 +27,7 @@ _GOLDEN_RATIO = 0.6180339887498949
 
 @dataclass(frozen=True)
 class Condition:
-    """A family of virtual sensors and the protocol that measures each of them.
-
-    Parameters
-    ----------
-    name, summary
-        Name and one-line description.
-    cfa
-        "mono" or "rggb".
-    bits, rows, cols
-        Bit depth and chip size in pixels.
-    gain_dn_per_e, read_noise_dn
-        Ranges of system gain and read noise.
-    level
-        Signal of the brightest flat field relative to saturation of the brightest channel; it varies by 8 %.
-    protocol
-        Frames to take.
-    black_sigma
-        Black level in standard deviations of a dark frame (read noise and DSNU).
-    photons_known
-        Whether the light is metered.
-    """
+    """A family of virtual sensors and the protocol that measures each of them."""
 
     name: str
     summary: str
@@ -57,10 +37,10 @@ class Condition:
     cols: int
     gain_dn_per_e: Range
     read_noise_dn: Range
-    level: float
+    level: float  # signal of the brightest flat field, relative to saturation of the brightest channel; varies by 8 %
     protocol: ShootingProtocol
-    black_sigma: float = 10.0
-    photons_known: bool = False
+    black_sigma: float = 10.0  # black level in standard deviations of a dark frame (read noise and DSNU)
+    photons_known: bool = False  # whether the light is metered
 
     def sensor(self, number: int) -> Sensor:
         """Return a sensor with all parameters drawn from its number.
@@ -80,7 +60,6 @@ class Condition:
         range_e = (2**self.bits - 1 - black) / gain
         well_e = float(round(range_e * (0.8 if number % 2 else 1.5)))
         tile = cfa_from(self.cfa)
-        names = dict.fromkeys(name for row in tile for name in row)
         return Sensor.model_validate(
             {
                 "name": f"{self.name}, sensor {number}",
@@ -99,7 +78,7 @@ class Condition:
                         "wavelength_nm": (380.0, 780.0),
                         "quantum_efficiency": (_EFFICIENCY[name] * between(0.9, 1.1),) * 2,
                     }
-                    for name in names
+                    for name in channel_names(tile)
                 },
                 "noise": {
                     "read_noise_mv": read_dn * mv_per_dn,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from typing import Any
 
@@ -39,16 +39,8 @@ Progress = Callable[[int, int], None]
 class Outcome:
     """Estimate of one parameter of one virtual sensor, compared with the truth.
 
-    Parameters
-    ----------
-    error
-        Estimate minus truth.
-    standard_uncertainty
-        As stated by the calibration.
-    scale
-        Size of the truth, 1 for a truth of 0. Both are divided by it when sensors are combined.
-    covered
-        Whether the 95 % interval contains the truth.
+    `error` is estimate minus truth, `scale` the size of the truth, 1 for a truth of 0: error and uncertainty are
+    divided by it when sensors are combined. `covered` is whether the 95 % interval contains the truth.
     """
 
     error: float
@@ -61,37 +53,20 @@ class Outcome:
 class Coverage:
     """Coverage of one parameter under one condition.
 
-    Parameters
-    ----------
-    condition, parameter
-        Names.
-    sensors, estimated
-        Number of sensors, and of those with an estimate.
-    covered
-        Share of the uncertain estimates whose 95 % interval contains the truth.
-    bias, bias_error
-        Mean error over mean standard uncertainty, and its standard error from the scatter over sensors.
-    width
-        Root mean square of error over uncertainty: 1 for correct uncertainties.
-    exact
-        Number of exact estimates (uncertainty 0), which count neither in bias nor in width.
-    wrong
-        Number of exact estimates that miss the truth.
-    reason
-        Why the first sensor without an estimate has none.
+    Exact estimates (uncertainty 0) count neither in bias nor in width.
     """
 
     condition: str
     parameter: str
     sensors: int
-    estimated: int
-    covered: float
-    bias: float
-    width: float
+    estimated: int  # sensors with an estimate
+    covered: float  # share of the uncertain estimates whose 95 % interval contains the truth
+    bias: float  # mean error over mean standard uncertainty
+    width: float  # root mean square of error over uncertainty: 1 for correct uncertainties
     exact: int
-    wrong: int
-    reason: str | None = None
-    bias_error: float = 0.0
+    wrong: int  # exact estimates that miss the truth
+    reason: str | None = None  # why the first sensor without an estimate has none
+    bias_error: float = 0.0  # standard error of the bias, from the scatter over sensors
 
     @property
     def share_probability(self) -> float:
@@ -132,6 +107,22 @@ class Coverage:
         """Whether there is no significant deviation."""
         return not self.remarks
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers for JSON."""
+        return {
+            "estimated": self.estimated,
+            "covered": self.covered,
+            "share_probability": self.share_probability,
+            "bias": self.bias,
+            "bias_standard_error": self.bias_error,
+            "bias_probability": self.bias_probability,
+            "width": self.width,
+            "exact": self.exact,
+            "wrong": self.wrong,
+            "passes": self.passes,
+            "remarks": list(self.remarks),
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
@@ -143,17 +134,8 @@ class Refusal:
 
 @dataclass(frozen=True)
 class CoverageStudy:
-    """Result of a coverage study.
-
-    Parameters
-    ----------
-    rows
-        Coverage by condition and parameter, where at least one sensor has an estimate.
-    refused
-        Failed calibrations by condition, grouped by reason.
-    sensors
-        Virtual sensors per condition.
-    """
+    """Coverage by condition and parameter, where at least one sensor has an estimate; failed calibrations by condition,
+    grouped by reason; and the number of virtual sensors per condition."""
 
     rows: tuple[Coverage, ...]
     refused: Mapping[str, tuple[Refusal, ...]]
@@ -168,27 +150,9 @@ class CoverageStudy:
             "conditions": {
                 name: {
                     "summary": CONDITIONS[name].summary,
-                    "parameters": {
-                        row.parameter: {
-                            "estimated": row.estimated,
-                            "covered": row.covered,
-                            "share_probability": row.share_probability,
-                            "bias": row.bias,
-                            "bias_standard_error": row.bias_error,
-                            "bias_probability": row.bias_probability,
-                            "width": row.width,
-                            "exact": row.exact,
-                            "wrong": row.wrong,
-                            "passes": row.passes,
-                            "remarks": list(row.remarks),
-                        }
-                        for row in self.rows
-                        if row.condition == name
-                    },
+                    "parameters": {row.parameter: row.to_dict() for row in self.rows if row.condition == name},
                     "refused": sum(entry.sensors for entry in self.refused.get(name, ())),
-                    "why_refused": [
-                        {"sensors": entry.sensors, "example": entry.example} for entry in self.refused.get(name, ())
-                    ],
+                    "why_refused": [asdict(entry) for entry in self.refused.get(name, ())],
                 }
                 for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
             },
@@ -220,7 +184,8 @@ def coverage_study(
     for what, number in (("sensors", sensors), ("processes", processes)):
         if number < 1:
             raise InputError(what, value=number, expected="1 or more")
-    tasks = [(name, batch) for name in chosen for batch in _batches(sensors)]
+    batches = [range(first, min(first + _BATCH, sensors)) for first in range(0, sensors, _BATCH)]
+    tasks = [(name, batch) for name in chosen for batch in batches]
     found: dict[str, dict[str, list[Outcome | str]]] = {name: {} for name in chosen}
     refused: dict[str, list[str]] = {name: [] for name in chosen}
     done = 0
@@ -234,22 +199,24 @@ def coverage_study(
         done += len(batch)
         if progress is not None:
             progress(done, len(chosen) * sensors)
-    return CoverageStudy(tuple(_rows(found)), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
+    rows = []
+    for name, parameters in found.items():
+        for parameter, entries in parameters.items():
+            outcomes = [entry for entry in entries if isinstance(entry, Outcome)]
+            reasons = [entry for entry in entries if isinstance(entry, str)]
+            if outcomes:
+                rows.append(_row(name, parameter, outcomes, reasons))
+    return CoverageStudy(tuple(rows), {name: _refusals(why) for name, why in refused.items() if why}, sensors)
 
 
 def _refusals(reasons: Sequence[str]) -> tuple[Refusal, ...]:
     """Group messages that differ in numbers and sensor names only, the most frequent first."""
     kinds: dict[str, list[str]] = {}
     for reason in reasons:
-        kinds.setdefault(re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason), []).append(
-            reason
-        )
+        kind = re.sub(r"[\d.e+-]*\d", "#", reason.partition("clipped at 0 DN: ")[2] or reason)
+        kinds.setdefault(kind, []).append(reason)
     groups = sorted(kinds.values(), key=len, reverse=True)
     return tuple(Refusal(len(group), group[0]) for group in groups)
-
-
-def _batches(sensors: int) -> list[range]:
-    return [range(first, min(first + _BATCH, sensors)) for first in range(0, sensors, _BATCH)]
 
 
 _Result = dict[str, Outcome | str] | str
@@ -276,13 +243,7 @@ def _measure_batch(task: tuple[str, Sequence[int]]) -> list[_Result]:
 
 
 def measure_sensor(lab: VirtualLab) -> _Result:
-    """Shoot and calibrate one virtual sensor and compare with the truth.
-
-    Returns
-    -------
-    dict or str
-        Outcome, or the reason for a missing estimate, by parameter; or the message of a failed calibration.
-    """
+    """Shoot and calibrate one virtual sensor and compare with the truth."""
     try:
         calibration = calibrate(lab.frame_set())
     except CalibrationError as error:
@@ -308,15 +269,6 @@ def compare(calibration: Calibration, truth: Mapping[str, float]) -> dict[str, O
             low - slack <= truth[name] <= high + slack,
         )
     return result
-
-
-def _rows(found: Mapping[str, Mapping[str, list[Outcome | str]]]) -> Iterable[Coverage]:
-    for name, parameters in found.items():
-        for parameter, entries in parameters.items():
-            outcomes = [entry for entry in entries if isinstance(entry, Outcome)]
-            reasons = [entry for entry in entries if isinstance(entry, str)]
-            if outcomes:
-                yield _row(name, parameter, outcomes, reasons)
 
 
 def _row(name: str, parameter: str, outcomes: Sequence[Outcome], reasons: Sequence[str]) -> Coverage:

@@ -1,1 +1,1 @@
-"""The experiments of Farrell, Okincha and Parmar (2008): one file per chapter, and their pages in `page/`."""
+"""The experiments of Farrell, Okincha and Parmar (2008): a file per chapter with its numbers, figures and summary."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,19 +66,8 @@ def frame_key(seed: int, purpose: str) -> int:
 class DefocusedLens(DiffractionLimited):
     """A diffraction-limited lens slightly out of focus: the same light, a lower transfer function.
 
-    Parameters
-    ----------
-    wavefront_error_waves
-        RMS wavefront error over the pupil in waves of 550 nm, 0 or more.
-
-    Raises
-    ------
-    InputError
-        If the error is negative or not finite.
-
-    Notes
-    -----
-    The exact transfer function of a circular pupil with the phase 2 pi W r^2, W = sqrt(12) RMS / wavelength, see
+    `wavefront_error_waves` is the RMS wavefront error over the pupil in waves of 550 nm, 0 or more. The transfer
+    function is the exact one of a circular pupil with the phase 2 pi W r^2, W = sqrt(12) RMS / wavelength, see
     `photosite.optics.annular.defocused_otf`. Its transform is an intensity, so that no pixel value is negative.
 
     Examples
@@ -114,10 +103,8 @@ class Case:
         Sensor file: Table 1. The simulation fits its own fill factor.
     f_number, focal_length_mm
         Nominal lens data.
-    exposure_s
-        Exposure time of the chart.
-    luminances_cd_m2
-        Mean luminances of the chart's patches, brightest last.
+    exposure_s, luminances_cd_m2
+        Exposure time of the chart, and mean luminances of its patches, brightest last.
     paper_fill_factor
         Result of the paper's fit.
     chart_rows, chart_cols
@@ -140,21 +127,19 @@ class Case:
 
         The black level of the D200 is raised, so that its dark frames do not clip at 0 (`with_pedestal`).
         """
-        return with_pedestal(
-            load_sensor(self.preset).with_(
-                rows=self.chart_rows if rows is None else rows, cols=self.chart_cols if cols is None else cols
-            )
-        )
+        sensor = load_sensor(self.preset)
+        return with_pedestal(sensor.with_(rows=rows or self.chart_rows, cols=cols or self.chart_cols))
 
     @property
     def lens(self) -> DiffractionLimited:
         """Lens of the simulation."""
         return DiffractionLimited(f_number=self.f_number, focal_length_mm=self.focal_length_mm)
 
-    def camera(self, fill_factor: float) -> Camera:
+    def camera(self, fill_factor: float, serial: str | None = None) -> Camera:
         """Return the camera of the simulation with a fill factor; its chip differs from the measured one."""
-        sensor = self.sensor().with_(fill_factor=fill_factor, serial=f"{self.key}, simulated")
-        return Camera(self.lens, sensor)
+        return Camera(
+            self.lens, self.sensor().with_(fill_factor=fill_factor, serial=serial or f"{self.key}, simulated")
+        )
 
     def chart(self, luminance_cd_m2: float | None = None) -> Scene:
         """Return the evenly lit ColorChecker of the simulation, by default at the brightest luminance."""
@@ -173,18 +158,8 @@ CASES = (D200, VENDOR)
 class HiddenTruth:
     """Parameters of the measured camera that the simulation does not know.
 
-    Parameters
-    ----------
-    fill_factor
-        Of its pixels.
-    serial
-        Of its chip.
-    wavefront_error_waves
-        RMS wavefront error of its lens at 550 nm.
-    unevenness
-        Difference of brightest and darkest light on the chart, relative to the mean.
-    lamp_angle_deg
-        Direction in which the light is strongest: 0 is right, 90 is down.
+    Lens and light as `WAVEFRONT_ERROR_WAVES` and `UNEVENNESS`; the light is strongest towards `lamp_angle_deg` (0 is
+    right, 90 is down).
     """
 
     fill_factor: float
@@ -214,38 +189,30 @@ class HiddenTruth:
 
     def to_dict(self) -> dict[str, float | str]:
         """Return the parameters by name."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return asdict(self)
 
 
 @dataclass(frozen=True)
 class MeasuredCamera:
     """A virtual camera that replaces the real camera of the paper.
 
-    Parameters
-    ----------
-    case
-        Known parameters.
-    truth
-        Hidden parameters.
-    seed
-        Seed of the study, from which the key of the temporal noise follows.
+    Hidden parameters and keys of the temporal noise follow from the seed of the study.
 
     Examples
     --------
-    >>> measured = MeasuredCamera.drawn(D200, seed=2008)
+    >>> measured = MeasuredCamera(D200, seed=2008)
     >>> raw, other = measured.shoot(frames=2)
     >>> raw.shape, bool((raw.dn != other.dn).any())
     ((528, 784), True)
     """
 
     case: Case
-    truth: HiddenTruth
     seed: int
 
-    @classmethod
-    def drawn(cls, case: Case, seed: int) -> MeasuredCamera:
-        """Return the measured camera of a seed."""
-        return cls(case, HiddenTruth.drawn(case, seed), seed)
+    @property
+    def truth(self) -> HiddenTruth:
+        """Hidden parameters."""
+        return HiddenTruth.drawn(self.case, self.seed)
 
     def sensor(self, rows: int | None = None, cols: int | None = None) -> Sensor:
         """Return its true sensor."""
@@ -254,8 +221,8 @@ class MeasuredCamera:
     @property
     def camera(self) -> Camera:
         """True lens and sensor."""
-        case, waves = self.case, self.truth.wavefront_error_waves
-        lens = DefocusedLens(case.f_number, case.focal_length_mm, wavefront_error_waves=waves)
+        waves = self.truth.wavefront_error_waves
+        lens = DefocusedLens(self.case.f_number, self.case.focal_length_mm, wavefront_error_waves=waves)
         return Camera(lens, self.sensor())
 
     def chart(self, luminance_cd_m2: float | None = None) -> Scene:
@@ -270,19 +237,11 @@ class MeasuredCamera:
 
 
 def unevenly_lit(scene: Scene, unevenness: float, angle_deg: float) -> Scene:
-    """Return a scene under a lamp at one side, with the same mean light over the samples that are not black.
+    """Return an evenly lit scene under a lamp at one side, with the same mean over the samples that are not black.
 
     The light is a plane plus a weaker bowl: the middle is brighter than the rim by half of the drop of the plane from
-    the middle to the rim.
-
-    Parameters
-    ----------
-    scene
-        Evenly lit scene.
-    unevenness
-        Difference of brightest and darkest light relative to the mean, from 0 to below 1.
-    angle_deg
-        Direction of the lamp: 0 is right, 90 is down.
+    the middle to the rim. `unevenness` is the difference of brightest and darkest light relative to the mean, from 0 to
+    below 1; the lamp is at the right for an angle of 0, below for 90.
 
     Examples
     --------

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
@@ -19,10 +20,13 @@ from photosite.develop.develop import develop
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget, signal_at_snr_e
+from photosite.report.page import Paragraph
+from photosite.report.style import BLUE, GRAY, VERMILION, new_figure, styled
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import CASES, Case, frame_key
+from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, paragraph, text
 from photosite.studies.farrell2008.portrait import (
     PORTRAIT_WIDTH_M,
     filling,
@@ -32,6 +36,7 @@ from photosite.studies.farrell2008.portrait import (
 )
 from photosite.studies.farrell2008.snr import uniform_snr
 from photosite.values.cfa import channel_mask
+from photosite.values.measured import COVERAGE_95
 from photosite.values.region import Region
 
 SHADE = 1 / 64
@@ -47,25 +52,17 @@ _WEDGE_ROWS, _WEDGE_INSET = 60, 4
 _SAMPLES_PER_PIXEL = 2
 _CHANNEL = "G"
 _SEEN_ERRORS = 3.0
+_LOOKS = (("o", "-", BLUE), ("s", "--", VERMILION))
 
 
 @dataclass(frozen=True, eq=False)
 class Wedge:
-    """Green signal of the wedge. Arrays are (steps,), brightest first.
+    """Green signal of the wedge; arrays are (steps,), brightest first. `level` is the light relative to the brightest
+    step.
 
-    Parameters
-    ----------
-    level
-        Light relative to the brightest step.
-    mean_e
-        Mean electrons, including diffraction from brighter parts of the scene. A frame's transform is periodic, so that
-        light also arrives from the opposite border (0.0004 of the brightest step at the darkest one of the D200).
-    snr_db
-        Of the raw frame, as in `snr.uniform_snr`; None if the mean is less than three standard errors above black.
-    standard_error_db
-        Of `snr_db`.
-    expected_db
-        From the noise budget.
+    `mean_e` includes diffraction from brighter parts of the scene. A frame's transform is periodic, so that light also
+    arrives from the opposite border (0.0004 of the brightest step at the darkest one of the D200). `snr_db` is that of
+    the raw frame, as in `snr.uniform_snr`; None if the mean is less than three standard errors above black.
     """
 
     level: NDArray[np.float64]
@@ -74,25 +71,17 @@ class Wedge:
     standard_error_db: tuple[float | None, ...]
     expected_db: NDArray[np.float64]
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers for `results.json`."""
+        return {name: np.asarray(values).tolist() for name, values in asdict(self).items()}
+
 
 @dataclass(frozen=True, eq=False)
 class HdrShot:
-    """The scene captured with one camera.
+    """The scene captured with one camera, with white in the bright light at 85 % of the range.
 
-    Parameters
-    ----------
-    case
-        Camera.
-    sensor
-        Its sensor.
-    exposure_s
-        Exposure time at which white in the bright light reaches 85 % of the range.
-    picture
-        (rows, cols, 3) float32, display sRGB, exposed for the bright light.
-    lifted
-        The same frame, brightened for the shade.
-    wedge
-        The gray wedge.
+    Pictures are (rows, cols, 3) in display sRGB: `picture` is exposed for the bright light, `lifted` is the same frame
+    brightened for the shade.
     """
 
     case: Case
@@ -104,8 +93,12 @@ class HdrShot:
 
     @property
     def dynamic_range_db(self) -> float:
-        """Dynamic range of the sensor, see `dynamic_range_db`."""
-        return dynamic_range_db(self.sensor)
+        """Dynamic range of the sensor: 20 log10 of the saturation capacity over the signal at an SNR of 0 dB.
+
+        EMVA 1288 uses the signal that equals the temporal noise. Here, as in Figure 6, the fixed pattern counts as
+        noise.
+        """
+        return 20 * math.log10(self.sensor.saturation_capacity_e / signal_at_snr_e(self.sensor, 0.0))
 
     def steps_above(self, snr_db: float) -> int:
         """Return the number of steps whose expected ratio exceeds a value."""
@@ -117,13 +110,7 @@ class HdrShot:
             "exposure_s": self.exposure_s,
             "pixels": list(self.picture.shape[:2]),
             "dynamic_range_db": self.dynamic_range_db,
-            "wedge": {
-                "level": self.wedge.level.tolist(),
-                "mean_e": self.wedge.mean_e.tolist(),
-                "snr_db": list(self.wedge.snr_db),
-                "standard_error_db": list(self.wedge.standard_error_db),
-                "expected_db": self.wedge.expected_db.tolist(),
-            },
+            "wedge": self.wedge.to_dict(),
         }
 
 
@@ -142,19 +129,24 @@ class HighDynamicRange:
             "cameras": {shot.case.key: shot.to_dict() for shot in self.shots},
         }
 
+    def part(self) -> Part:
+        """Return the pictures, the wedge with the noise budgets, and the dynamic ranges in words."""
+        return (
+            paragraph("high_dynamic_range", times=1 / SHADE, steps=STEPS, white=WHITE_CD_M2, percent=100 * WHITE_SHARE),
+            Drawing.of("section5-high-dynamic-range", hdr_figure(self), times=1 / SHADE),
+            Drawing.of("section5-high-dynamic-range-wedge", wedge_figure(self)),
+            Paragraph(" ".join(_words(shot) for shot in self.shots)),
+        )
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the line of the scene."""
+        ranges = ", ".join(f"{shot.dynamic_range_db:.0f} dB ({shot.case.title})" for shot in self.shots)
+        here = f"Dynamic range of one frame: {ranges}"
+        return (("Scene of high dynamic range", "pictures; scene not published", here, "Simulated, not measured."),)
+
 
 def high_dynamic_range(seed: int) -> HighDynamicRange:
-    """Capture the scene with both cameras, each exposed for the bright light.
-
-    Notes
-    -----
-    Farrell, Okincha and Parmar (2008), section 5. Frames are 360 x 512 pixels of each chip.
-
-    Examples
-    --------
-    >>> [round(shot.dynamic_range_db, 1) for shot in high_dynamic_range(2008).shots]
-    [62.0, 41.8]
-    """
+    """Capture the scene of 360 x 512 pixels with both cameras, each exposed for the bright light."""
     scene = hdr_scene()
     return HighDynamicRange(tuple(_shoot(case, scene, seed) for case in CASES))
 
@@ -179,23 +171,13 @@ def hdr_scene() -> Scene:
     weights = np.empty((3, rows + _WEDGE_ROWS, 2 * cols), np.float32)
     weights[:, :rows, :cols], weights[:, :rows, cols:] = small, SHADE * small
     edges = np.linspace(0, 2 * cols, STEPS + 1).round().astype(int)
-    for step, (left, right) in enumerate(itertools.pairwise(edges)):
+    inset, regions = _WEDGE_INSET, []
+    for step, (left, right) in enumerate(itertools.pairwise(edges.tolist())):
         weights[:, rows:, left:right] = 0.5**step
-    inset = _WEDGE_INSET
-    regions = tuple(
-        Region(f"step {step}", rows + inset, rows + _WEDGE_ROWS - inset, int(left) + inset, int(right) - inset)
-        for step, (left, right) in enumerate(itertools.pairwise(edges))
-    )
-    scene = replace(print_, weights=weights, regions=regions, name="portraits in bright light and in shade")
+        end = rows + _WEDGE_ROWS - inset
+        regions.append(Region(f"step {step}", rows + inset, end, left + inset, right - inset))
+    scene = replace(print_, weights=weights, regions=tuple(regions), name="portraits in bright light and in shade")
     return scene.scaled(WHITE_CD_M2 / white)
-
-
-def dynamic_range_db(sensor: Sensor) -> float:
-    """Return 20 log10 of the saturation capacity over the signal whose total signal-to-noise ratio is 0 dB.
-
-    EMVA 1288 uses the signal that equals the temporal noise. Here, as in Figure 6, the fixed pattern counts as noise.
-    """
-    return 20 * math.log10(sensor.saturation_capacity_e / signal_at_snr_e(sensor, 0.0))
 
 
 def _shoot(case: Case, scene: Scene, seed: int) -> HdrShot:
@@ -232,3 +214,74 @@ def _wedge(raw: RawFrame, mean_e: NDArray[np.float32], sensor: Sensor, regions: 
     expected_db = noise_budget(sensor, np.array(light_e) * v_per_e).total_db
     level = np.asarray(0.5 ** np.arange(STEPS), dtype=np.float64)
     return Wedge(level, np.array(light_e), snr_db, errors_db, expected_db)
+
+
+@styled()
+def hdr_figure(chapter: HighDynamicRange) -> Figure:
+    """Draw the frame of each camera at two brightnesses."""
+    figure = Figure(figsize=(8.6, 6.5))
+    panels = figure.subplots(len(chapter.shots), 2)
+    for line, shot in zip(panels, chapter.shots, strict=True):
+        for axes, picture, what in (
+            (line[0], shot.picture, "exposed for the bright light"),
+            (line[1], shot.lifted, f"the same frame, {1 / SHADE:g} times brighter"),
+        ):
+            axes.imshow(picture, interpolation="none")
+            axes.set_axis_off()
+            axes.set_title(f"{shot.case.title}, {what}", loc="left")
+    return figure
+
+
+@styled()
+def wedge_figure(chapter: HighDynamicRange) -> Figure:
+    """Draw the steps of the wedge and the noise budgets."""
+    figure, axes = new_figure(height_in=4.4)
+    for shot, (marker, line, color) in zip(chapter.shots, _LOOKS, strict=True):
+        wedge, title = shot.wedge, shot.case.title
+        white_e = wedge.mean_e[0]
+        light = np.geomspace(0.5**STEPS, 1.0, 200)
+        volts = light * white_e * shot.sensor.pixel.conversion_gain_uv_per_e.value * 1e-6
+        budget = noise_budget(shot.sensor, volts).total_db
+        axes.plot(light, budget, line, color=color, label=f"{title}, noise budget")
+        pairs = zip(wedge.mean_e / white_e, wedge.snr_db, wedge.standard_error_db, strict=True)
+        x, snr_db, error_db = np.array([found for found in pairs if found[1] is not None], dtype=np.float64).T
+        axes.errorbar(
+            x,
+            snr_db,
+            COVERAGE_95 * error_db,
+            fmt=marker,
+            color=color,
+            markerfacecolor="white",
+            elinewidth=1.0,
+            label=f"{title}, frame",
+        )
+    axes.axhline(0.0, color=GRAY, linewidth=0.8)
+    axes.axvline(SHADE, color=GRAY, linewidth=1.0, linestyle=":")
+    axes.annotate(
+        "white in the shade",
+        (SHADE, 1.0),
+        (-5, -4),
+        ("data", "axes fraction"),
+        "offset points",
+        ha="right",
+        va="top",
+        color=GRAY,
+        fontsize=9,
+    )
+    axes.set_xscale("log", base=2)
+    axes.set(xlabel="light, relative to white in the bright light", ylabel="signal-to-noise ratio, green (dB)")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def _words(shot: HdrShot) -> str:
+    return text(
+        "high_dynamic_range_camera",
+        title=shot.case.title,
+        decibel=shot.dynamic_range_db,
+        stops=shot.dynamic_range_db / (20 * np.log10(2)),
+        above_0=shot.steps_above(0.0),
+        above_20=shot.steps_above(20.0),
+        steps=STEPS,
+        in_shade=f"{shot.wedge.expected_db[round(-np.log2(SHADE))]:.1f}".replace("-", "−"),
+    )

@@ -1,47 +1,45 @@
 """Figure 7: a pixel of 1.4 um against one of 2.2 um, each with and without read noise and DSNU.
 
-Curves follow from the noise model. Pictures and the noise on their faces come from simulated frames.
+Curves follow from the noise model. Pictures and the noise on their faces come from simulated frames. The assumptions
+about what the paper does not state are `pixel_size_assumptions` in `text.toml`; the preset files mark assumed values.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.metrics.snr import noise_budget, signal_at_snr_e
+from photosite.report.numbers import format_number
+from photosite.report.page import Column, Paragraph, Table
+from photosite.report.style import BLUE, GRAY, VERMILION, styled
 from photosite.scene import charts
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT, VENDOR, frame_key
+from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, listing, paragraph
 from photosite.studies.farrell2008.portrait import (
     FACE,
+    Captioned,
     Shot,
     portrait_scene,
+    portraits_figure,
     region_luminance_cd_m2,
     shoot_portrait,
 )
 from photosite.values.cfa import channel_sites
 
-PRESETS = {2.2: "vendor-2.2um", 1.4: "vendor-1.4um"}
+LARGE_UM, SMALL_UM = 2.2, 1.4
+PRESETS = {LARGE_UM: "vendor-2.2um", SMALL_UM: "vendor-1.4um"}
 """Presets by pixel width in um."""
-
-ASSUMPTIONS = (
-    "Both chips have the same area, lens (f/2.8, 4.88 mm) and exposure time (66 ms), and therefore the same "
-    "irradiance; the 1.4 µm chip has (2.2 / 1.4)² = 2.47 times the pixels.",
-    "Fill factor and quantum efficiency are those of the 2.2 µm pixel: the signal of a pixel in electrons scales with "
-    "its area, by 0.405. This assumes that an equally good small pixel can be built.",
-    "Well capacity scales with the area, 10 000 and 4050 electrons, and the conversion gain is the same, 100 µV per "
-    "electron: the 1.4 µm pixel uses only 0.405 of the voltage swing and clips there.",
-    "Read noise, DSNU (in millivolts, and so in electrons) and PRNU are those of Table 1 for both: the paper states "
-    "that the noise of the smaller pixel is comparable. There is no dark current in 66 ms.",
-    "Without read noise and DSNU, only shot noise and PRNU remain.",
-)
-"""How the small pixel is scaled; the preset files mark assumed values."""
 
 LUMINANCES_CD_M2 = (5.0, 15.0, 40.0)
 """Luminances of the paper for the vendor sensor."""
@@ -52,26 +50,15 @@ PICTURE_ROWS, PICTURE_COLS = {2.2: 300, 1.4: 472}, {2.2: 256, 1.4: 402}
 GOOD_SNR_DB = 20.0
 """A signal-to-noise ratio of 10, the criterion of ISO 12232 for the first acceptable picture."""
 
-_CHANNEL = "G"
 _LOWEST_CD_M2, _POINTS = 0.5, 200
+_COLORS = {LARGE_UM: BLUE, SMALL_UM: VERMILION}
 
 
 @dataclass(frozen=True, eq=False)
 class PixelCurve:
     """Green signal-to-noise ratio of one pixel against the luminance of a white surface, up to saturation.
 
-    Parameters
-    ----------
-    width_um
-        Pixel width.
-    quiet
-        Whether read noise and DSNU are left out.
-    sensor
-        Simulated sensor.
-    electrons_per_cd_m2
-        Signal per luminance.
-    luminance_cd_m2, snr_db
-        (points,) curve.
+    `quiet` is whether read noise and DSNU are left out; `luminance_cd_m2` and `snr_db` are (points,).
     """
 
     width_um: float
@@ -82,14 +69,14 @@ class PixelCurve:
     snr_db: NDArray[np.float64]
 
     @property
-    def per_large_pixel(self) -> float:
-        """Number of these pixels on the area of one 2.2 um pixel."""
-        return (max(PRESETS) / self.width_um) ** 2
+    def equal_area_gain_db(self) -> float:
+        """Gain of the mean over the area of one 2.2 um pixel; the noise of pixels is independent."""
+        return 10 * math.log10((LARGE_UM / self.width_um) ** 2)
 
     @property
     def equal_area_db(self) -> NDArray[np.float64]:
-        """(points,) ratio of the mean over the area of one 2.2 um pixel; the noise of pixels is independent."""
-        return self.snr_db + 10 * math.log10(self.per_large_pixel)
+        """(points,) ratio of the mean over the area of one 2.2 um pixel."""
+        return self.snr_db + self.equal_area_gain_db
 
     def snr_at(self, luminance_cd_m2: float) -> float:
         """Return the ratio in dB at a luminance below saturation."""
@@ -103,8 +90,7 @@ class PixelCurve:
     @property
     def equal_area_luminance_of_good_snr_cd_m2(self) -> float:
         """Luminance at which the mean over the area of one 2.2 um pixel has 20 dB."""
-        one_db = GOOD_SNR_DB - 10 * math.log10(self.per_large_pixel)
-        return signal_at_snr_e(self.sensor, one_db) / self.electrons_per_cd_m2
+        return signal_at_snr_e(self.sensor, GOOD_SNR_DB - self.equal_area_gain_db) / self.electrons_per_cd_m2
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`, with every tenth point of the curve."""
@@ -114,7 +100,7 @@ class PixelCurve:
             "electrons_per_cd_m2": self.electrons_per_cd_m2,
             "saturation_cd_m2": float(self.luminance_cd_m2[-1]),
             "snr_db_at_cd_m2": {f"{level:g}": self.snr_at(level) for level in LUMINANCES_CD_M2},
-            "equal_area_gain_db": 10 * math.log10(self.per_large_pixel),
+            "equal_area_gain_db": self.equal_area_gain_db,
             "luminance_of_20_db_cd_m2": self.luminance_of_good_snr_cd_m2,
             "equal_area_luminance_of_20_db_cd_m2": self.equal_area_luminance_of_good_snr_cd_m2,
             "curve": {"luminance_cd_m2": self.luminance_cd_m2[::10].tolist(), "snr_db": self.snr_db[::10].tolist()},
@@ -123,15 +109,7 @@ class PixelCurve:
 
 @dataclass(frozen=True, eq=False)
 class PixelPicture:
-    """The portrait captured with one pixel size.
-
-    Parameters
-    ----------
-    width_um, quiet
-        As in `PixelCurve`.
-    shot
-        Frame, picture and noise.
-    """
+    """The portrait captured with one pixel size; fields as in `PixelCurve`."""
 
     width_um: float
     quiet: bool
@@ -144,17 +122,8 @@ class PixelPicture:
 
 @dataclass(frozen=True, eq=False)
 class PixelSize:
-    """Result of the chapter.
-
-    Parameters
-    ----------
-    curves
-        2.2 and 1.4 um, each with and without read noise and DSNU.
-    pictures
-        In the same order.
-    face_luminance_cd_m2
-        Mean luminance of the face in the pictures.
-    """
+    """Result of the chapter: curves and pictures of 2.2 and 1.4 um, each with and without read noise and DSNU, and the
+    mean luminance of the face in the pictures."""
 
     curves: tuple[PixelCurve, ...]
     pictures: tuple[PixelPicture, ...]
@@ -164,10 +133,15 @@ class PixelSize:
         """Return the curve of a pixel width."""
         return next(entry for entry in self.curves if (entry.width_um, entry.quiet) == (width_um, quiet))
 
+    def lost_db(self, luminance_cd_m2: float, quiet: bool) -> float:
+        """Return what one small pixel loses against one large pixel at a luminance."""
+        large, small = (self.curve(width, quiet).snr_at(luminance_cd_m2) for width in (LARGE_UM, SMALL_UM))
+        return large - small
+
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`."""
         return {
-            "assumptions": list(ASSUMPTIONS),
+            "assumptions": list(listing("pixel_size_assumptions").lines),
             "curves": [curve.to_dict() for curve in self.curves],
             "pictures": {
                 "mean_luminance_cd_m2": PICTURE_LUMINANCE_CD_M2,
@@ -176,39 +150,97 @@ class PixelSize:
             },
         }
 
+    def part(self) -> Part:
+        """Return pictures, curves, the values at the luminances of the paper, and the assumptions."""
+        columns = [
+            Captioned.of(f"{entry.width_um:g} µm, {'without' if entry.quiet else 'with'}\nread noise, DSNU", entry.shot)
+            for entry in self.pictures
+        ]
+        return (
+            Drawing.of(
+                "figure7-pixel-size-pictures",
+                portraits_figure(columns),
+                level=PICTURE_LUMINANCE_CD_M2,
+                face=self.face_luminance_cd_m2,
+            ),
+            Drawing.of("figure7-pixel-size-snr", pixel_size_figure(self)),
+            self._table(),
+            self._words(),
+            Paragraph("Assumptions about what the paper does not state:"),
+            listing("pixel_size_assumptions"),
+        )
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the line of Figure 7."""
+        level = PICTURE_LUMINANCE_CD_M2
+        large, small = (self.curve(width, False).snr_at(level) for width in (LARGE_UM, SMALL_UM))
+        area_db = self.curve(SMALL_UM, False).equal_area_gain_db
+        lost, quiet = (self.lost_db(level, quiet) for quiet in (False, True))
+        return (
+            (
+                f"Figure 7, {LARGE_UM:g} µm against {SMALL_UM:g} µm at {level:g} cd/m²",
+                "shown in figures; values not published",
+                f"{large:.1f} and {small:.1f} dB on a white surface, one pixel each",
+                f"The small pixel loses {lost:.1f} dB, and {lost - area_db:.1f} dB over the same area; without read "
+                f"noise and DSNU the areas would differ by {abs(quiet - area_db):.1f} dB.",
+            ),
+        )
+
+    def _table(self) -> Table:
+        rows = tuple(
+            (
+                f"{curve.width_um:g} µm",
+                "no" if curve.quiet else "yes",
+                *(f"{curve.snr_at(level):.1f}".replace("-", "−") for level in LUMINANCES_CD_M2),
+                format_number(curve.luminance_of_good_snr_cd_m2, 3),
+                format_number(float(curve.luminance_cd_m2[-1]), 3),
+            )
+            for curve in self.curves
+        )
+        titles = (*(f"dB at {level:g}" for level in LUMINANCES_CD_M2), "20 dB (10 : 1) at", "Saturates at")
+        return Table(
+            "Signal-to-noise ratio of one pixel, green, of a white surface; luminances in cd/m²",
+            (Column("Pixel"), Column("Read noise and DSNU"), *(Column(title, numeric=True) for title in titles)),
+            rows,
+        )
+
+    def _words(self) -> Paragraph:
+        level = LUMINANCES_CD_M2[0]
+        noisy, quiet = (self.lost_db(level, q) for q in (False, True))
+        gain = float(self.curve(SMALL_UM, True).equal_area_db[0] - self.curve(SMALL_UM, True).snr_db[0])
+        noisy_need, quiet_need = (
+            self.curve(SMALL_UM, q).equal_area_luminance_of_good_snr_cd_m2
+            / self.curve(LARGE_UM, q).equal_area_luminance_of_good_snr_cd_m2
+            for q in (False, True)
+        )
+        return paragraph(
+            "pixel_size",
+            level=level,
+            noisy=noisy,
+            quiet=quiet,
+            gain=gain,
+            lost=noisy - gain,
+            noisy_need=noisy_need,
+            quiet_need=quiet_need,
+        )
+
 
 def pixel_sizes(seed: int) -> PixelSize:
-    """Compute Figure 7: curves, and the portrait of 15 cd/m2 with the four pixels.
+    """Compute Figure 7 of the paper: curves, and the portrait of 15 cd/m2 with the four pixels.
 
-    Parameters
-    ----------
-    seed
-        Seed of the study. Frames with and without read noise and DSNU share photon noise and PRNU.
-
-    Notes
-    -----
-    Farrell, Okincha and Parmar (2008), section 5 and Figure 7. `ASSUMPTIONS` lists what the paper does not state.
-
-    Examples
-    --------
-    >>> sizes = pixel_sizes(2008)
-    >>> large, small = (sizes.curve(width, quiet=False).snr_at(5.0) for width in (2.2, 1.4))
-    >>> round(large, 1), round(small, 1)
-    (-0.9, -8.8)
+    Frames with and without read noise and DSNU share photon noise and PRNU.
     """
-    kinds = [(width, quiet) for width in PRESETS for quiet in (False, True)]
     scene = portrait_scene(PICTURE_LUMINANCE_CD_M2)
-    pictures = []
-    for width, quiet in kinds:
-        sensor = pixel_sensor(width, quiet).with_(
-            rows=PICTURE_ROWS[width], cols=PICTURE_COLS[width], serial=f"{width} um, section 5"
-        )
-        shot = shoot_portrait(
-            Camera(VENDOR.lens, sensor), scene, VENDOR.exposure_s, frame_key(seed, f"pixel of {width} um")
-        )
-        pictures.append(PixelPicture(width, quiet, shot))
-    curves = tuple(_curve(width, quiet) for width, quiet in kinds)
-    return PixelSize(curves, tuple(pictures), region_luminance_cd_m2(scene, FACE))
+    curves, pictures = [], []
+    for width in PRESETS:
+        for quiet in (False, True):
+            sensor = pixel_sensor(width, quiet)
+            curves.append(_curve(width, quiet, sensor))
+            size = {"rows": PICTURE_ROWS[width], "cols": PICTURE_COLS[width]}
+            camera = Camera(VENDOR.lens, sensor.with_(**size, serial=f"{width} um, section 5"))
+            shot = shoot_portrait(camera, scene, VENDOR.exposure_s, frame_key(seed, f"pixel of {width} um"))
+            pictures.append(PixelPicture(width, quiet, shot))
+    return PixelSize(tuple(curves), tuple(pictures), region_luminance_cd_m2(scene, FACE))
 
 
 def pixel_sensor(width_um: float, quiet: bool) -> Sensor:
@@ -223,10 +255,37 @@ def pixel_snr_db(sensor: Sensor, signal_e: NDArray[np.float64] | float) -> NDArr
     return noise_budget(sensor, np.asarray(signal_e) * v_per_e).total_db
 
 
-def _curve(width_um: float, quiet: bool) -> PixelCurve:
-    sensor = pixel_sensor(width_um, quiet)
+def _curve(width_um: float, quiet: bool, sensor: Sensor) -> PixelCurve:
     small = Camera(VENDOR.lens, sensor.with_(rows=2, cols=2))
     electrons = small.mean_electrons(charts.uniform(ILLUMINANT, 1.0), VENDOR.exposure_s)
-    per_cd_m2 = float(electrons[channel_sites(sensor.array.cfa, _CHANNEL)[0]])
+    per_cd_m2 = float(electrons[channel_sites(sensor.array.cfa, "G")[0]])
     luminance = np.geomspace(_LOWEST_CD_M2, sensor.saturation_capacity_e / per_cd_m2, _POINTS)
     return PixelCurve(width_um, quiet, sensor, per_cd_m2, luminance, pixel_snr_db(sensor, luminance * per_cd_m2))
+
+
+@styled()
+def pixel_size_figure(chapter: PixelSize) -> Figure:
+    """Draw the ratio against luminance, per pixel and per area."""
+    figure = Figure(figsize=(8.6, 4.5))
+    left, right = figure.subplots(1, 2, sharey=True)
+    _draw(left, chapter, lambda curve: curve.snr_db)
+    _draw(right, chapter, lambda curve: curve.equal_area_db)
+    left.set_title("one pixel", loc="left")
+    right.set_title("the area of one 2.2 µm pixel", loc="left")
+    left.set_ylabel("signal-to-noise ratio, green (dB)")
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    return figure
+
+
+def _draw(axes: Axes, chapter: PixelSize, ratio: Callable[[PixelCurve], NDArray[np.float64]]) -> None:
+    for curve in chapter.curves:
+        label = f"{curve.width_um:g} µm, {'without' if curve.quiet else 'with'} read noise and DSNU"
+        style, color = "--" if curve.quiet else "-", _COLORS[curve.width_um]
+        axes.plot(curve.luminance_cd_m2, ratio(curve), style, color=color, label=label)
+    for level in LUMINANCES_CD_M2:
+        axes.axvline(level, color=GRAY, linestyle=":", linewidth=1.0)
+        axes.annotate(
+            f"{level:g}", (level, 0.0), (3, 4), ("data", "axes fraction"), "offset points", color=GRAY, fontsize=9
+        )
+    axes.set(xscale="log", xlabel="luminance of a white surface (cd/m²)")

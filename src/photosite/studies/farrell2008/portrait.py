@@ -1,4 +1,4 @@
-"""The portrait of section 5: the scene, a capture, and the noise on the face.
+"""The portrait of section 5: the scene, a capture, the noise on the face, and a figure of several captures.
 
 The scenes of the paper were not published. This portrait is one that matplotlib ships.
 """
@@ -8,31 +8,32 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from photosite.camera.camera import Camera
 from photosite.develop.develop import develop
 from photosite.errors import FileError
 from photosite.frames.raw_frame import RawFrame
+from photosite.report.numbers import format_number
+from photosite.report.style import styled
 from photosite.scene.pictures import from_rgb
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT
+from photosite.studies.farrell2008.drawing import bare, text
 from photosite.values.cfa import channel_mask
 from photosite.values.region import Region
 
-PORTRAIT_SOURCE = (
-    "Commodore Grace M. Hopper, USNR; official portrait photograph of the United States Navy, 1984. As the work of a "
-    "federal agency it is in the public domain in the United States (17 U.S.C. 105). The file is matplotlib’s "
-    "sample_data/grace_hopper.jpg, whose comment names its origin, Wikimedia Commons, File:Grace_Hopper.jpg; "
-    "matplotlib took it in as a public domain image (pull request 1599)."
-)
 _PORTRAIT, _SHAPE = Path("sample_data") / "grace_hopper.jpg", (600, 512, 3)
 FACE = Region("face", 140, 320, 180, 350)
 """Forehead to chin, in samples of the portrait."""
@@ -43,22 +44,14 @@ PORTRAIT_WIDTH_M = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Portrait:
-    """The portrait and its file.
-
-    Parameters
-    ----------
-    picture
-        (rows, cols, 3) uint8, display sRGB.
-    sha256
-        Of its file.
-    """
+    """The portrait, (rows, cols, 3) uint8 in display sRGB, and the SHA-256 of its file."""
 
     picture: NDArray[np.uint8]
     sha256: str
 
     def to_dict(self) -> dict[str, Any]:
         """Return its source."""
-        return {"source": PORTRAIT_SOURCE, "file_sha256": self.sha256}
+        return {"source": text("portrait_source"), "file_sha256": self.sha256}
 
 
 @lru_cache(maxsize=1)
@@ -75,9 +68,6 @@ def portrait() -> Portrait:
     >>> portrait().picture.shape
     (600, 512, 3)
     """
-    import matplotlib
-    from PIL import Image
-
     path = Path(matplotlib.get_data_path()) / _PORTRAIT
     try:
         content = path.read_bytes()
@@ -143,81 +133,44 @@ def filling(scene: Scene, camera: Camera, width_m: float = PORTRAIT_WIDTH_M) -> 
 class RegionNoise:
     """Signal-to-noise ratio of a channel in a region of one frame, measured and expected.
 
-    Parameters
-    ----------
-    channel
-        Name of the channel.
-    mean_e
-        Mean electrons from light.
-    snr_db
-        20 log10 of `mean_e` over the RMS difference between the frame and the mean electrons: temporal noise and fixed
-        pattern, without the structure of the scene, which a simulation knows.
-    standard_error_db
-        Of `snr_db`.
-    expected_db
-        From the noise model at each pixel's signal: shot noise, read noise, DSNU, PRNU and rounding.
+    `mean_e` are electrons from light. `snr_db` is 20 log10 of them over the RMS difference between the frame and the
+    mean electrons: temporal noise and fixed pattern, without the structure of the scene, which a simulation knows.
+    `expected_db` follows from shot noise, read noise, DSNU, PRNU and rounding at the signal of each pixel.
     """
 
-    channel: str
     mean_e: float
     snr_db: float
     standard_error_db: float
     expected_db: float
 
-    def to_dict(self) -> dict[str, float]:
-        """Return the numbers."""
-        names = ("mean_e", "snr_db", "standard_error_db", "expected_db")
-        return {name: getattr(self, name) for name in names}
-
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A capture of the portrait.
+    """A capture of the portrait: the frame, the picture (rows, cols, 3) in display sRGB, and the noise on the face by
+    channel.
 
-    Parameters
-    ----------
-    camera, exposure_s
-        Camera and exposure time.
-    raw
-        The frame.
-    picture
-        (rows, cols, 3) float32, display sRGB: bilinear demosaic, gray world; a white surface in this light is white.
-    face
-        Noise on the face, by channel.
+    The picture has a bilinear demosaic and gray world; a white surface in this light is white.
     """
 
     camera: Camera
     exposure_s: float
     raw: RawFrame
     picture: NDArray[np.float32]
-    face: tuple[RegionNoise, ...]
-
-    def noise(self, channel: str) -> RegionNoise:
-        """Return the noise of one channel."""
-        return next(entry for entry in self.face if entry.channel == channel)
+    face: dict[str, RegionNoise]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`."""
         return {
             "exposure_s": self.exposure_s,
             "pixels": list(self.raw.shape),
-            "face": {entry.channel: entry.to_dict() for entry in self.face},
+            "face": {channel: asdict(noise) for channel, noise in self.face.items()},
         }
 
 
 def shoot_portrait(camera: Camera, scene: Scene, exposure_s: float, key: int) -> Shot:
-    """Capture a scene that has a face, and develop the frame.
+    """Capture a scene from `portrait_scene`, moved to the distance at which it fills the chip, and develop the frame.
 
-    Parameters
-    ----------
-    camera
-        Lens and sensor; the scene is moved to the distance at which it fills the chip.
-    scene
-        From `portrait_scene`.
-    exposure_s
-        Exposure time.
-    key
-        Key of the temporal noise.
+    `key` is that of the temporal noise.
     """
     placed = filling(scene, camera)
     mean_e = camera.mean_electrons(placed, exposure_s)
@@ -230,10 +183,7 @@ def shoot_portrait(camera: Camera, scene: Scene, exposure_s: float, key: int) ->
 def white_surface_electrons(camera: Camera, scene: Scene, exposure_s: float) -> float:
     """Return the electrons of a white surface in the scene's light, in the most sensitive channel.
 
-    Parameters
-    ----------
-    scene
-        From `photosite.scene.pictures.from_rgb`: its basis spectra add up to that of white.
+    The scene is from `photosite.scene.pictures.from_rgb`: its basis spectra add up to that of white.
     """
     white = Scene.uniform(scene.basis.sum(axis=0), scene.wavelength_nm, scene.distance_m)
     tile = camera.sensor.array.cfa
@@ -250,7 +200,7 @@ def white_exposure(camera: Camera, scene: Scene, exposure_s: float) -> float:
 
 def region_noise(
     raw: RawFrame, mean_electrons: NDArray[np.float32], sensor: Sensor, region: Region
-) -> tuple[RegionNoise, ...]:
+) -> dict[str, RegionNoise]:
     """Return the noise of each channel in a region of a frame, measured and from the noise model.
 
     Parameters
@@ -270,20 +220,52 @@ def region_noise(
     floor_e2 = sum(sensor.electrons(q.value) ** 2 for q in (sensor.noise.read_noise_mv, sensor.noise.dsnu_mv))
     floor_e2 += 1.0 / 12.0 / sensor.system_gain_dn_per_e**2
     prnu2 = (sensor.noise.prnu_percent.value / 100.0) ** 2
-    found = []
+    found = {}
     for channel in "RGB":
         mask = channel_mask(raw.cfa, channel, raw.shape)[inside]
         light, square = light_e[mask], (read_e - light_e)[mask] ** 2
         mean, variance = float(light.mean()), float(square.mean())
         expected = float((light + floor_e2 + prnu2 * light**2).mean())
         relative = float(square.std(ddof=1)) / variance / math.sqrt(square.size)
-        found.append(
-            RegionNoise(
-                channel,
-                mean,
-                10 * math.log10(mean**2 / variance),
-                10 / math.log(10) * relative,
-                10 * math.log10(mean**2 / expected),
-            )
+        found[channel] = RegionNoise(
+            mean,
+            snr_db=10 * math.log10(mean**2 / variance),
+            standard_error_db=10 / math.log(10) * relative,
+            expected_db=10 * math.log10(mean**2 / expected),
         )
-    return tuple(found)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Captioned:
+    """A picture (rows, cols, 3) of the portrait in display sRGB, with a title above it and a note below its face."""
+
+    title: str
+    picture: NDArray[Any]
+    note: str
+
+    @classmethod
+    def of(cls, title: str, shot: Shot) -> Captioned:
+        """Return a capture with the noise of its green channel."""
+        return cls(title, shot.picture, f"green: {format_number(shot.face['G'].snr_db, 3)} dB")
+
+
+@styled()
+def portraits_figure(columns: Sequence[Captioned]) -> Figure:
+    """Draw pictures of the portrait in a row, from left to right and equally large, with the enlarged faces below."""
+    figure = Figure(figsize=(8.6, 5.2))
+    wholes, faces = figure.subplots(
+        2, len(columns), height_ratios=(600 / 512, (FACE.r1 - FACE.r0) / (FACE.c1 - FACE.c0))
+    )
+    rows, cols = portrait().picture.shape[:2]
+    for column, whole, face in zip(columns, wholes, faces, strict=True):
+        height, width = column.picture.shape[:2]
+        r0, r1 = (round(height * r / rows) for r in (FACE.r0, FACE.r1))
+        c0, c1 = (round(width * c / cols) for c in (FACE.c0, FACE.c1))
+        whole.imshow(column.picture, interpolation="none")
+        face.imshow(column.picture[r0:r1, c0:c1], interpolation="none")
+        whole.set_title(column.title)
+        face.set_xlabel(column.note)
+        bare(whole)
+        bare(face)
+    return figure

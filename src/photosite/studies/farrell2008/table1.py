@@ -9,15 +9,20 @@ from typing import Any
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.calibration.result import Calibration
+from photosite.report.figures.validation import deviations_figure
+from photosite.report.numbers import format_interval, format_time, format_uncertain
+from photosite.report.page import Block, Column, Details, Paragraph, Subheading, Table
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import D200, ILLUMINANT, VENDOR, Case, MeasuredCamera, frame_key
+from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow, listing, paragraph, text
 from photosite.studies.farrell2008.eight_frames import EightFrames, eight_frames
 from photosite.studies.progress import NoProgress, Progress
 from photosite.studies.protocol import ShootingProtocol, paper_d200_protocol, paper_vendor_protocol
 from photosite.studies.truth import measured_truth
 from photosite.studies.virtual_lab import VirtualLab, virtual_lab
 from photosite.values.estimate import Estimate
+from photosite.values.measured import COVERAGE_95
 
 Size = tuple[int, int]
 
@@ -27,38 +32,19 @@ eight; all pixels of the vendor sensor, which takes 28 frames."""
 
 PROTOCOLS: dict[str, Callable[[], ShootingProtocol]] = {"d200": paper_d200_protocol, "vendor": paper_vendor_protocol}
 
-_WELL = "well_capacity_e"
-_TABLE_1 = {
-    "read_noise_mv": "read_noise_mv",
-    "dsnu_mv": "dsnu_mv",
-    "prnu_percent": "prnu_percent",
-    "dark_voltage_mv_per_s": "dark_voltage_mv_per_s",
-    "conversion_gain_uv_per_e": "conversion_gain_uv_per_e",
-    "electrons_per_dn": None,
-    "saturation_capacity_e": _WELL,
-}
-"""Parameters of Table 1 that frames determine, and the field of the sensor file with the value of the paper."""
+_TABLE_1 = (
+    *("read_noise_mv", "dsnu_mv", "prnu_percent", "dark_voltage_mv_per_s"),
+    *("conversion_gain_uv_per_e", "electrons_per_dn", "saturation_capacity_e"),
+)
+"""Parameters of Table 1 that frames determine."""
 
 GAIN_LABEL, GAIN_UNIT = "System gain", "e⁻/DN"
 
 
 @dataclass(frozen=True)
 class Table1Row:
-    """A line of Table 1.
-
-    Parameters
-    ----------
-    name, label, unit
-        Name in results, label, and unit symbol.
-    paper
-        Value in the paper; None if confidential.
-    true
-        Value of the virtual sensor.
-    estimate
-        Estimate from its frames.
-    words
-        The difference in words.
-    """
+    """A line of Table 1: value in the paper (None if confidential), true value of the virtual sensor, estimate from its
+    frames, and the difference in words."""
 
     name: str
     label: str
@@ -84,24 +70,28 @@ class Table1Row:
             "difference": self.words,
         }
 
+    def cells(self) -> tuple[str, ...]:
+        """Return the line on the page."""
+        spread, ends = self.estimate.standard_uncertainty or 0.0, self.estimate.interval_95
+        return (
+            self.label,
+            self.unit,
+            "confidential" if self.paper is None else _plain(self.paper),
+            _plain(self.true),
+            "–" if self.estimate.value is None else format_uncertain(self.estimate.value, spread),
+            "–" if ends is None else format_interval(*ends, spread),
+            self.words,
+        )
+
+
+def _plain(value: float) -> str:
+    """Format an exact value without trailing zeros."""
+    return format_uncertain(float(f"{value:.5g}"), 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class CameraTable:
-    """Table 1 of one camera.
-
-    Parameters
-    ----------
-    case
-        Camera.
-    protocol
-        Protocol of the frames.
-    size, whole
-        (rows, cols) of the frames, and of the sensor.
-    calibration
-        Result of the calibration.
-    rows
-        Lines of the table.
-    """
+    """Table 1 of one camera; `size` and `whole` are (rows, cols) of the frames and of the sensor."""
 
     case: Case
     protocol: ShootingProtocol
@@ -125,18 +115,47 @@ class CameraTable:
             "warnings": list(self.calibration.warnings),
         }
 
+    def blocks(self) -> tuple[Block, ...]:
+        """Return the table and the frames on the page."""
+        rows, cols = self.size
+        frames, share = self.protocol.frame_count, rows * cols / (self.whole[0] * self.whole[1])
+        pixels = Paragraph(f"{frames} frames of {rows} × {cols} pixels, all pixels of the sensor.")
+        if share < 1:
+            values = {"frames": frames, "rows": rows, "cols": cols, "percent": 100 * share, "times": share**-0.5}
+            pixels = paragraph("table1_some_pixels", **values)
+        numeric = ("Paper", "Virtual sensor", "Estimated", "95 % interval")
+        columns = (Column("Parameter"), Column("Unit"), *(Column(title, numeric=True) for title in numeric))
+        taken = Table(
+            "In this order; exposure times between the ends of each range are an assumption",
+            (Column("Frames"), Column("Exposure", numeric=True), Column("Count", numeric=True)),
+            tuple((step.kind, format_time(step.exposure_s), str(step.count)) for step in self.protocol.steps),
+        )
+        lines = tuple(row.cells() for row in self.rows)
+        return (
+            Subheading(self.case.title),
+            pixels,
+            Table(f"Table 1, {self.case.title}", (*columns, Column("Difference")), lines),
+            Details("Frames", (taken,)),
+        )
+
+    def summary(self) -> SummaryRow:
+        """Return the line of the noise."""
+        rows = [self.row(name) for name in ("read_noise_mv", "dsnu_mv", "prnu_percent")]
+        return (
+            f"Table 1, {self.case.title}: read noise, DSNU, PRNU",
+            ", ".join(f"{row.paper:g} {row.unit}" for row in rows if row.paper is not None),
+            ", ".join(
+                f"{format_uncertain(row.estimate.value, row.estimate.standard_uncertainty or 0.0)} {row.unit}"
+                for row in rows
+                if row.estimate.value is not None
+            ),
+            text("table1_summary", inside=sum(row.covered for row in self.rows), count=len(self.rows)),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Table1:
-    """Result of the chapter.
-
-    Parameters
-    ----------
-    cameras
-        By key of the case.
-    eight
-        What the 8 dark frames of the vendor protocol determine.
-    """
+    """Result of the chapter: tables by key of the case, and what the 8 dark frames of the vendor protocol determine."""
 
     cameras: Mapping[str, CameraTable]
     eight: EightFrames
@@ -148,26 +167,34 @@ class Table1:
             "eight_frames": self.eight.to_dict(),
         }
 
+    def part(self) -> Part:
+        """Return the tables of both cameras, the deviations from the truth, and the section on eight dark frames."""
+        return (
+            paragraph("table1"),
+            listing("table1_differences"),
+            *(block for table in self.cameras.values() for block in table.blocks()),
+            self._deviations(),
+            *self.eight.blocks(),
+        )
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return a line for each camera, and that of the eight dark frames."""
+        return *(table.summary() for table in self.cameras.values()), self.eight.summary()
+
+    def _deviations(self) -> Drawing:
+        labels, away = [], []
+        for table in self.cameras.values():
+            for row in table.rows:
+                value, uncertainty = row.estimate.value, row.estimate.standard_uncertainty
+                if value is not None and uncertainty:
+                    labels.append(f"{table.case.title}: {row.label} ({row.unit})")
+                    away.append((value - row.true) / uncertainty)
+        inside = sum(abs(entry) <= COVERAGE_95 for entry in away)
+        return Drawing.of("table1-deviations", deviations_figure(labels, away), inside=inside, count=len(away))
+
 
 def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, progress: Progress | None = None) -> Table1:
-    """Shoot both protocols and calibrate.
-
-    Parameters
-    ----------
-    seed
-        Seed of the study.
-    sizes
-        (rows, cols) of the frames by key of the case; `SIZES` by default.
-    progress
-        Receives stages and frame counts.
-
-    Examples
-    --------
-    >>> found = measure_table1(2008, sizes={"d200": (48, 64), "vendor": (96, 128)})
-    >>> row = found.cameras["d200"].row("read_noise_mv")
-    >>> row.paper, abs(row.estimate.value - 0.52) < 0.003
-    (0.52, True)
-    """
+    """Shoot both protocols and calibrate, by default with frames of `SIZES`."""
     progress = progress or NoProgress()
     chosen = {**SIZES, **(sizes or {})}
     labs = {case.key: _lab(case, seed, chosen[case.key]) for case in (D200, VENDOR)}
@@ -176,7 +203,7 @@ def measure_table1(seed: int, *, sizes: Mapping[str, Size] | None = None, progre
 
 
 def _lab(case: Case, seed: int, size: Size) -> VirtualLab:
-    sensor = MeasuredCamera.drawn(case, seed).sensor(*size)
+    sensor = MeasuredCamera(case, seed).sensor(*size)
     key = frame_key(seed, f"calibration of {case.key}")
     return virtual_lab(sensor, PROTOCOLS[case.key](), illuminant=ILLUMINANT, seed=key)
 
@@ -202,7 +229,7 @@ def _row(name: str, preset: Sensor, real: Sensor, true: float, calibration: Cali
         paper = None if gain.assumed else round(1.0 / preset.system_gain_dn_per_e, 4)
     else:
         label, unit = PARAMETER_LABELS[name].label, PARAMETER_LABELS[name].unit
-        entry = preset.measured(_TABLE_1[name] or name)
+        entry = preset.measured("well_capacity_e" if name == "saturation_capacity_e" else name)
         estimate, paper = getattr(calibration, name), None if entry.assumed else entry.value
     words = difference_in_words(estimate, paper, true)
     if name == "saturation_capacity_e":

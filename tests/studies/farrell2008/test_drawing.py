@@ -10,8 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from photosite.report.style import STRIP_IN, png_bytes, styled
-from photosite.studies.farrell2008.page import drawing
-from photosite.studies.farrell2008.page.drawing import Drawing
+from photosite.studies.farrell2008.drawing import Drawing, texts
 
 NARROWEST_IN = 7.0
 """Width of the narrowest figure of the study."""
@@ -24,12 +23,17 @@ def figure(width_in: float = NARROWEST_IN) -> Figure:
     return made
 
 
-@pytest.mark.parametrize(("name", "line"), drawing._NOTES.items())
-def test_each_note_states_the_figure_and_that_it_is_virtual(name: str, line: str) -> None:
-    assert "virtual" in line or "simulated" in line
+@pytest.mark.parametrize("name", texts()["figure"])
+def test_the_note_states_the_figure_and_that_it_is_virtual_and_fits_below_it(name: str) -> None:
+    note = texts()["figure"][name]["note"]
+    assert "virtual" in note or "simulated" in note
     number = name.split("-")[0]
     expected = {"fill": "Section 3", "table1": "Table 1", "section5": "Section 5"}.get(number, f"Figure {number[-1]}")
-    assert line.startswith(expected)
+    assert note.startswith(expected)
+    one = figure(10.2 if name.startswith("figure1") else NARROWEST_IN)
+    text = one.text(0.0, 0.0, f"photosite, Farrell et al. 2008, {note}", fontsize=8.0)
+    one.draw_without_rendering()
+    assert text.get_window_extent().width < 0.97 * one.bbox.width
 
 
 def test_the_note_is_in_a_strip_below_the_figure() -> None:
@@ -45,17 +49,8 @@ def test_the_note_is_in_a_strip_below_the_figure() -> None:
     assert not one.texts
 
 
-@pytest.mark.parametrize("name", drawing._NOTES)
-def test_no_note_is_wider_than_its_figure(name: str) -> None:
-    one = figure(10.2 if name.startswith("figure1") else NARROWEST_IN)
-    below = f"photosite, Farrell et al. 2008, {drawing._NOTES[name]}"
-    text = one.text(0.0, 0.0, below, fontsize=8.0)
-    one.draw_without_rendering()
-    assert text.get_window_extent().width < 0.97 * one.bbox.width
-
-
 def test_both_files_have_the_note() -> None:
-    drawn = Drawing.of("figure6-snr", figure(), "", "")
+    drawn = Drawing.of("figure6-snr", figure())
     height = ElementTree.fromstring(drawn.svg).get("height")
     assert height is not None
     assert float(height.removesuffix("pt")) == pytest.approx(72 * (3.0 + STRIP_IN), abs=0.1)
