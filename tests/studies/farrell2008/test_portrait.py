@@ -15,8 +15,8 @@ from photosite.studies.farrell2008.drawing import text
 from photosite.studies.farrell2008.portrait import (
     FACE,
     filling,
-    portrait,
     portrait_scene,
+    portrait_source,
     region_luminance_cd_m2,
     region_noise,
     shoot_portrait,
@@ -35,7 +35,7 @@ def test_the_file_names_its_source() -> None:
     content = (Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg").read_bytes()
     assert Image.open(io.BytesIO(content)).info["comment"].endswith(b"commons.wikimedia.org/wiki/File:Grace_Hopper.jpg")
     assert "public domain" in text("portrait_source")
-    assert len(portrait().sha256) == 64
+    assert len(portrait_source()["file_sha256"]) == 64
 
 
 def test_luminances() -> None:

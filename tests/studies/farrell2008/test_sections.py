@@ -59,7 +59,7 @@ def test_figure_6_lists_the_values_of_the_paper_and_the_limits(parts: dict[str, 
 
 def test_figure_7_shows_one_pixel_and_the_same_area(results: dict[str, Any]) -> None:
     figure = pixel_size_figure(results["pixel_size"])
-    for found in results["pixel_size"].curves:
+    for found in results["pixel_size"].pixels:
         label = f"{found.width_um:g} µm, {'without' if found.quiet else 'with'} read noise and DSNU"
         for panel, level in ((0, found.snr_db), (1, found.equal_area_db)):
             np.testing.assert_array_equal(curve(figure, panel, label), np.column_stack([found.luminance_cd_m2, level]))
@@ -74,7 +74,7 @@ def test_assumptions_and_sources_are_listed(parts: dict[str, Part]) -> None:
 
 
 def test_faces_are_parts_of_their_pictures() -> None:
-    print_ = portrait().picture
+    print_ = portrait()
     figure = portraits_figure([Captioned("one", print_, "whole"), Captioned("half", print_[::2, ::2], "half")])
     faces = [np.asarray(axes.get_images()[0].get_array()) for axes in figure.axes[2:]]
     np.testing.assert_array_equal(faces[0], print_[FACE.r0 : FACE.r1, FACE.c0 : FACE.c1])

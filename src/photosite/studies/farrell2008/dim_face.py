@@ -21,6 +21,7 @@ from photosite.studies.farrell2008.portrait import (
     filling,
     portrait,
     portrait_scene,
+    portrait_source,
     portraits_figure,
     region_luminance_cd_m2,
     shoot_portrait,
@@ -77,7 +78,7 @@ class DimFace:
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`."""
         return {
-            "portrait": portrait().to_dict(),
+            "portrait": portrait_source(),
             "mean_luminance_cd_m2": LUMINANCE_CD_M2,
             "face_luminance_cd_m2": self.face_luminance_cd_m2,
             "cameras": {
@@ -93,7 +94,7 @@ class DimFace:
 
     def part(self) -> Part:
         """Return the pictures, the noise on the face, and a comparison with the paper."""
-        columns = [Captioned("the print", portrait().picture, "no camera")]
+        columns = [Captioned("the print", portrait(), "no camera")]
         columns += [Captioned.of(entry.title, entry.shot) for entry in self.shots]
         return (
             paragraph(

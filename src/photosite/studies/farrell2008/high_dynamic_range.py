@@ -31,6 +31,7 @@ from photosite.studies.farrell2008.portrait import (
     PORTRAIT_WIDTH_M,
     filling,
     portrait,
+    portrait_source,
     white_exposure,
     white_surface_electrons,
 )
@@ -123,7 +124,7 @@ class HighDynamicRange:
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`."""
         return {
-            "portrait": portrait().to_dict(),
+            "portrait": portrait_source(),
             "shade": SHADE,
             "white_cd_m2": WHITE_CD_M2,
             "cameras": {shot.case.key: shot.to_dict() for shot in self.shots},
@@ -162,7 +163,7 @@ def hdr_scene() -> Scene:
     >>> scene.shape, float(scene.weights[0, -1, -1] * 2048), len(scene.regions)
     ((360, 512), 1.0, 12)
     """
-    print_ = from_rgb(portrait().picture, ILLUMINANT)
+    print_ = from_rgb(portrait(), ILLUMINANT)
     white = Scene.uniform(print_.basis.sum(axis=0), print_.wavelength_nm).mean_luminance_cd_m2()
     n = _SAMPLES_PER_PIXEL
     _, rows, cols = print_.weights.shape

@@ -22,6 +22,7 @@ from photosite.report.numbers import format_number
 from photosite.report.page import Column, Paragraph, Table
 from photosite.report.style import BLUE, GRAY, VERMILION, styled
 from photosite.scene import charts
+from photosite.scene.scene import Scene
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.sensor.model import Sensor
 from photosite.studies.farrell2008.cameras import ILLUMINANT, VENDOR, frame_key
@@ -55,8 +56,9 @@ _COLORS = {LARGE_UM: BLUE, SMALL_UM: VERMILION}
 
 
 @dataclass(frozen=True, eq=False)
-class PixelCurve:
-    """Green signal-to-noise ratio of one pixel against the luminance of a white surface, up to saturation.
+class Pixel:
+    """Green signal-to-noise ratio of one pixel against the luminance of a white surface, up to saturation, and the
+    portrait captured with such pixels.
 
     `quiet` is whether read noise and DSNU are left out; `luminance_cd_m2` and `snr_db` are (points,).
     """
@@ -67,6 +69,7 @@ class PixelCurve:
     electrons_per_cd_m2: float
     luminance_cd_m2: NDArray[np.float64]
     snr_db: NDArray[np.float64]
+    shot: Shot
 
     @property
     def equal_area_gain_db(self) -> float:
@@ -92,11 +95,15 @@ class PixelCurve:
         """Luminance at which the mean over the area of one 2.2 um pixel has 20 dB."""
         return signal_at_snr_e(self.sensor, GOOD_SNR_DB - self.equal_area_gain_db) / self.electrons_per_cd_m2
 
+    @property
+    def kind(self) -> dict[str, Any]:
+        """Width and noise, for `results.json`."""
+        return {"width_um": self.width_um, "read_noise_and_dsnu": not self.quiet}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`, with every tenth point of the curve."""
         return {
-            "width_um": self.width_um,
-            "read_noise_and_dsnu": not self.quiet,
+            **self.kind,
             "electrons_per_cd_m2": self.electrons_per_cd_m2,
             "saturation_cd_m2": float(self.luminance_cd_m2[-1]),
             "snr_db_at_cd_m2": {f"{level:g}": self.snr_at(level) for level in LUMINANCES_CD_M2},
@@ -108,45 +115,31 @@ class PixelCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class PixelPicture:
-    """The portrait captured with one pixel size; fields as in `PixelCurve`."""
-
-    width_um: float
-    quiet: bool
-    shot: Shot
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers for `results.json`."""
-        return {"width_um": self.width_um, "read_noise_and_dsnu": not self.quiet, **self.shot.to_dict()}
-
-
-@dataclass(frozen=True, eq=False)
 class PixelSize:
-    """Result of the chapter: curves and pictures of 2.2 and 1.4 um, each with and without read noise and DSNU, and the
+    """Result of the chapter: pixels of 2.2 and 1.4 um, each with and without read noise and DSNU, and the
     mean luminance of the face in the pictures."""
 
-    curves: tuple[PixelCurve, ...]
-    pictures: tuple[PixelPicture, ...]
+    pixels: tuple[Pixel, ...]
     face_luminance_cd_m2: float
 
-    def curve(self, width_um: float, quiet: bool) -> PixelCurve:
-        """Return the curve of a pixel width."""
-        return next(entry for entry in self.curves if (entry.width_um, entry.quiet) == (width_um, quiet))
+    def pixel(self, width_um: float, quiet: bool) -> Pixel:
+        """Return the pixel of a width."""
+        return next(entry for entry in self.pixels if (entry.width_um, entry.quiet) == (width_um, quiet))
 
     def lost_db(self, luminance_cd_m2: float, quiet: bool) -> float:
         """Return what one small pixel loses against one large pixel at a luminance."""
-        large, small = (self.curve(width, quiet).snr_at(luminance_cd_m2) for width in (LARGE_UM, SMALL_UM))
+        large, small = (self.pixel(width, quiet).snr_at(luminance_cd_m2) for width in (LARGE_UM, SMALL_UM))
         return large - small
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `results.json`."""
         return {
             "assumptions": list(listing("pixel_size_assumptions").lines),
-            "curves": [curve.to_dict() for curve in self.curves],
+            "curves": [pixel.to_dict() for pixel in self.pixels],
             "pictures": {
                 "mean_luminance_cd_m2": PICTURE_LUMINANCE_CD_M2,
                 "face_luminance_cd_m2": self.face_luminance_cd_m2,
-                "frames": [picture.to_dict() for picture in self.pictures],
+                "frames": [{**pixel.kind, **pixel.shot.to_dict()} for pixel in self.pixels],
             },
         }
 
@@ -154,7 +147,7 @@ class PixelSize:
         """Return pictures, curves, the values at the luminances of the paper, and the assumptions."""
         columns = [
             Captioned.of(f"{entry.width_um:g} µm, {'without' if entry.quiet else 'with'}\nread noise, DSNU", entry.shot)
-            for entry in self.pictures
+            for entry in self.pixels
         ]
         return (
             Drawing.of(
@@ -173,8 +166,8 @@ class PixelSize:
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the line of Figure 7."""
         level = PICTURE_LUMINANCE_CD_M2
-        large, small = (self.curve(width, False).snr_at(level) for width in (LARGE_UM, SMALL_UM))
-        area_db = self.curve(SMALL_UM, False).equal_area_gain_db
+        large, small = (self.pixel(width, False).snr_at(level) for width in (LARGE_UM, SMALL_UM))
+        area_db = self.pixel(SMALL_UM, False).equal_area_gain_db
         lost, quiet = (self.lost_db(level, quiet) for quiet in (False, True))
         return (
             (
@@ -195,7 +188,7 @@ class PixelSize:
                 format_number(curve.luminance_of_good_snr_cd_m2, 3),
                 format_number(float(curve.luminance_cd_m2[-1]), 3),
             )
-            for curve in self.curves
+            for curve in self.pixels
         )
         titles = (*(f"dB at {level:g}" for level in LUMINANCES_CD_M2), "20 dB (10 : 1) at", "Saturates at")
         return Table(
@@ -207,10 +200,10 @@ class PixelSize:
     def _words(self) -> Paragraph:
         level = LUMINANCES_CD_M2[0]
         noisy, quiet = (self.lost_db(level, q) for q in (False, True))
-        gain = float(self.curve(SMALL_UM, True).equal_area_db[0] - self.curve(SMALL_UM, True).snr_db[0])
+        gain = float(self.pixel(SMALL_UM, True).equal_area_db[0] - self.pixel(SMALL_UM, True).snr_db[0])
         noisy_need, quiet_need = (
-            self.curve(SMALL_UM, q).equal_area_luminance_of_good_snr_cd_m2
-            / self.curve(LARGE_UM, q).equal_area_luminance_of_good_snr_cd_m2
+            self.pixel(SMALL_UM, q).equal_area_luminance_of_good_snr_cd_m2
+            / self.pixel(LARGE_UM, q).equal_area_luminance_of_good_snr_cd_m2
             for q in (False, True)
         )
         return paragraph(
@@ -231,16 +224,8 @@ def pixel_sizes(seed: int) -> PixelSize:
     Frames with and without read noise and DSNU share photon noise and PRNU.
     """
     scene = portrait_scene(PICTURE_LUMINANCE_CD_M2)
-    curves, pictures = [], []
-    for width in PRESETS:
-        for quiet in (False, True):
-            sensor = pixel_sensor(width, quiet)
-            curves.append(_curve(width, quiet, sensor))
-            size = {"rows": PICTURE_ROWS[width], "cols": PICTURE_COLS[width]}
-            camera = Camera(VENDOR.lens, sensor.with_(**size, serial=f"{width} um, section 5"))
-            shot = shoot_portrait(camera, scene, VENDOR.exposure_s, frame_key(seed, f"pixel of {width} um"))
-            pictures.append(PixelPicture(width, quiet, shot))
-    return PixelSize(tuple(curves), tuple(pictures), region_luminance_cd_m2(scene, FACE))
+    pixels = tuple(_pixel(width, quiet, scene, seed) for width in PRESETS for quiet in (False, True))
+    return PixelSize(pixels, region_luminance_cd_m2(scene, FACE))
 
 
 def pixel_sensor(width_um: float, quiet: bool) -> Sensor:
@@ -255,12 +240,17 @@ def pixel_snr_db(sensor: Sensor, signal_e: NDArray[np.float64] | float) -> NDArr
     return noise_budget(sensor, np.asarray(signal_e) * v_per_e).total_db
 
 
-def _curve(width_um: float, quiet: bool, sensor: Sensor) -> PixelCurve:
+def _pixel(width_um: float, quiet: bool, scene: Scene, seed: int) -> Pixel:
+    sensor = pixel_sensor(width_um, quiet)
     small = Camera(VENDOR.lens, sensor.with_(rows=2, cols=2))
     electrons = small.mean_electrons(charts.uniform(ILLUMINANT, 1.0), VENDOR.exposure_s)
     per_cd_m2 = float(electrons[channel_sites(sensor.array.cfa, "G")[0]])
     luminance = np.geomspace(_LOWEST_CD_M2, sensor.saturation_capacity_e / per_cd_m2, _POINTS)
-    return PixelCurve(width_um, quiet, sensor, per_cd_m2, luminance, pixel_snr_db(sensor, luminance * per_cd_m2))
+    snr_db = pixel_snr_db(sensor, luminance * per_cd_m2)
+    size = {"rows": PICTURE_ROWS[width_um], "cols": PICTURE_COLS[width_um]}
+    camera = Camera(VENDOR.lens, sensor.with_(**size, serial=f"{width_um} um, section 5"))
+    shot = shoot_portrait(camera, scene, VENDOR.exposure_s, frame_key(seed, f"pixel of {width_um} um"))
+    return Pixel(width_um, quiet, sensor, per_cd_m2, luminance, snr_db, shot)
 
 
 @styled()
@@ -278,8 +268,8 @@ def pixel_size_figure(chapter: PixelSize) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, chapter: PixelSize, ratio: Callable[[PixelCurve], NDArray[np.float64]]) -> None:
-    for curve in chapter.curves:
+def _draw(axes: Axes, chapter: PixelSize, ratio: Callable[[Pixel], NDArray[np.float64]]) -> None:
+    for curve in chapter.pixels:
         label = f"{curve.width_um:g} µm, {'without' if curve.quiet else 'with'} read noise and DSNU"
         style, color = "--" if curve.quiet else "-", _COLORS[curve.width_um]
         axes.plot(curve.luminance_cd_m2, ratio(curve), style, color=color, label=label)

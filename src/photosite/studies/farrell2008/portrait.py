@@ -34,7 +34,8 @@ from photosite.studies.farrell2008.drawing import bare, text
 from photosite.values.cfa import channel_mask
 from photosite.values.region import Region
 
-_PORTRAIT, _SHAPE = Path("sample_data") / "grace_hopper.jpg", (600, 512, 3)
+_PORTRAIT = Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg"
+_SHAPE = (600, 512, 3)
 FACE = Region("face", 140, 320, 180, 350)
 """Forehead to chin, in samples of the portrait."""
 
@@ -42,46 +43,34 @@ PORTRAIT_WIDTH_M = 0.5
 """Width of head and shoulders, an assumption. The distance is such that they fill the chip."""
 
 
-@dataclass(frozen=True, eq=False)
-class Portrait:
-    """The portrait, (rows, cols, 3) uint8 in display sRGB, and the SHA-256 of its file."""
-
-    picture: NDArray[np.uint8]
-    sha256: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return its source."""
-        return {"source": text("portrait_source"), "file_sha256": self.sha256}
-
-
 @lru_cache(maxsize=1)
-def portrait() -> Portrait:
-    """Return the portrait that matplotlib ships.
+def portrait() -> NDArray[np.uint8]:
+    """Return the portrait that matplotlib ships, (600, 512, 3) in display sRGB.
 
     Raises
     ------
     FileError
         If the file is missing or has another size.
-
-    Examples
-    --------
-    >>> portrait().picture.shape
-    (600, 512, 3)
     """
-    path = Path(matplotlib.get_data_path()) / _PORTRAIT
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError(
-            path,
-            f"the file cannot be read ({error.strerror})",
-            hint="Install matplotlib from PyPI, which includes its sample data",
-        ) from None
-    with Image.open(io.BytesIO(content)) as image:
+    with Image.open(io.BytesIO(_portrait_file())) as image:
         picture = np.asarray(image.convert("RGB"))
     if picture.shape != _SHAPE:
-        raise FileError(path, "shape", value=picture.shape, expected=f"{_SHAPE}, the portrait of this study")
-    return Portrait(picture, hashlib.sha256(content).hexdigest())
+        raise FileError(_PORTRAIT, "shape", value=picture.shape, expected=f"{_SHAPE}, the portrait of this study")
+    return picture
+
+
+def portrait_source() -> dict[str, str]:
+    """Return the source of the portrait, and the SHA-256 of its file."""
+    return {"source": text("portrait_source"), "file_sha256": hashlib.sha256(_portrait_file()).hexdigest()}
+
+
+def _portrait_file() -> bytes:
+    try:
+        return _PORTRAIT.read_bytes()
+    except OSError as error:
+        problem = f"the file cannot be read ({error.strerror})"
+        hint = "Install matplotlib from PyPI, which includes its sample data"
+        raise FileError(_PORTRAIT, problem, hint=hint) from None
 
 
 def portrait_scene(luminance_cd_m2: float) -> Scene:
@@ -98,7 +87,7 @@ def portrait_scene(luminance_cd_m2: float) -> Scene:
     >>> scene.weights.shape, round(region_luminance_cd_m2(scene, FACE), 1)
     ((3, 600, 512), 11.3)
     """
-    scene = from_rgb(portrait().picture, ILLUMINANT, luminance_cd_m2, name="portrait")
+    scene = from_rgb(portrait(), ILLUMINANT, luminance_cd_m2, name="portrait")
     return replace(scene, regions=(FACE,))
 
 
@@ -257,7 +246,7 @@ def portraits_figure(columns: Sequence[Captioned]) -> Figure:
     wholes, faces = figure.subplots(
         2, len(columns), height_ratios=(600 / 512, (FACE.r1 - FACE.r0) / (FACE.c1 - FACE.c0))
     )
-    rows, cols = portrait().picture.shape[:2]
+    rows, cols = portrait().shape[:2]
     for column, whole, face in zip(columns, wholes, faces, strict=True):
         height, width = column.picture.shape[:2]
         r0, r1 = (round(height * r / rows) for r in (FACE.r0, FACE.r1))
