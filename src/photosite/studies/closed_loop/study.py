@@ -64,8 +64,8 @@ HEADLINE = (
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """True value of a parameter, from the true sensor's description and its light, and the estimate or the reason why
-    there is none."""
+    """True value of a parameter, from the true sensor's description and its light, and the estimate or the reason
+    why it is missing."""
 
     name: str
     label: str
