@@ -28,9 +28,8 @@ def test_writes_page_numbers_and_figures(photosite: Any, tmp_path: Path) -> None
 
 
 def test_says_where_things_are(photosite: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = SimpleNamespace(seconds={"table1": 1.6, "figure4": 1.6}, to_dict=dict)
+    study = SimpleNamespace(seconds={"table1": 1.6, "figure4": 1.6}, to_dict=dict, write=lambda place: None)
     monkeypatch.setattr("photosite.studies.farrell2008.study.reproduce", lambda *arguments: study)
-    monkeypatch.setattr("photosite.studies.farrell2008.page.page.write_study", lambda study, place: None)
     shown = photosite("reproduce", "farrell2008", "-o", tmp_path / "out")
     assert shown.status == 0
     places = {"page": "farrell2008.html", "numbers": "results.json", "figures": "figures"}
