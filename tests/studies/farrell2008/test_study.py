@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from photosite.errors import InputError
-from photosite.report.write import render_page
 from photosite.report.page import Details, Heading, Listing, Table
+from photosite.report.write import render_page
 from photosite.studies.farrell2008 import study as module
 from photosite.studies.farrell2008.drawing import Drawing, Part, SummaryRow
 from photosite.studies.farrell2008.study import (
