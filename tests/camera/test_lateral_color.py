@@ -80,7 +80,7 @@ def sum_over_nodes(lens: Lens, what: Scene) -> NDArray[np.float64]:
     total = np.zeros((60, 88))
     for node_nm, share in zip(nodes_nm, shares, strict=True):
         optics: Optics = OneColor(lens, node_nm)  # type: ignore[assignment]
-        total += mosaic.image_rate(replace(what, basis=what.basis * share), optics, SENSOR, "trapezoid", 1)
+        total += mosaic.image_rate(replace(what, basis=what.basis * share), ps.Camera(optics, SENSOR))
     return total
 
 
@@ -97,11 +97,11 @@ def test_lateral_color_equals_the_sum_over_nodes(lens: Lens, monkeypatch: pytest
     what = scene()
     monkeypatch.setattr(channel_transfers, "_TOLERANCE_PER_FIELD_ERROR", 0.0)
     expected = sum_over_nodes(lens, what)
-    got = mosaic.image_rate(what, lens, SENSOR, "trapezoid", 1)
+    got = mosaic.image_rate(what, ps.Camera(lens, SENSOR))
     assert np.abs(got - expected).max() < 5e-5 * expected.max()
     monkeypatch.setattr(channel_transfers, "_TOLERANCE_WITH_NODES", 3e-7)
     monkeypatch.setattr(channel_transfers, "TOLERANCE", 3e-7)
-    closer = mosaic.image_rate(replace(what), lens, SENSOR, "trapezoid", 1)
+    closer = mosaic.image_rate(replace(what), ps.Camera(lens, SENSOR))
     assert np.abs(closer - expected).max() < 1e-5 * expected.max()
 
 

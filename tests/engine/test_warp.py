@@ -91,8 +91,8 @@ def test_identity_warp_equals_plain_resampling(step: float) -> None:
     across = overlap(60, axis[1] - 30 * step, step, 70)
     first, last = down.span(0, 40)
     want = np.empty((40, 60), np.float32)
-    wide = mean_along_rows(values[first:last], across.first, across.sample, across.share)
-    mean_of_rows(wide, down.first, down.sample, down.share, 0, first, want)
+    wide = mean_along_rows(values[first:last], across)
+    mean_of_rows(wide, down, 0, first, want)
     np.testing.assert_allclose(got, want, atol=1e-6)
 
 

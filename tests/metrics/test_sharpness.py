@@ -41,7 +41,7 @@ def optics_and_aperture(camera: ps.Camera, scene: ps.Scene, channel: str, angle_
     """(101,) MTF across the edge, 0 to 1 cycle/pixel: diffraction of the channel's light times the photodetector."""
     pitch_m = camera.sensor.pixel.width_um.value * 1e-6
     frequency_per_m = np.linspace(0, 1, 101) / pitch_m
-    electrons = electrons_per_weight(scene, camera.optics, camera.sensor).sum(axis=1)
+    electrons = electrons_per_weight(scene, camera).sum(axis=1)
     share = electrons[camera.sensor.channel_names.index(channel)]
     otf = np.zeros(101)
     for part, wavelength_nm in zip(share / share.sum(), scene.wavelength_nm, strict=True):
@@ -100,7 +100,7 @@ def test_through_an_aberrated_lens() -> None:
     )
     across = found.frequency_cycles_per_pixel / 6.05e-6
     fy, fx = across * math.sin(math.radians(-12)), across * math.cos(math.radians(-12))
-    green = electrons_per_weight(scene, lens, sensor)[0].sum(axis=0)
+    green = electrons_per_weight(scene, ps.Camera(lens, sensor))[0].sum(axis=0)
     spread = lens.point_spread(scene.distance_m)
     assert isinstance(spread, PlanePsf)
     otf = sum(part * spread.otf(fy, fx, nm) for part, nm in zip(green / green.sum(), scene.wavelength_nm, strict=True))

@@ -7,7 +7,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from photosite.develop.pair import develop_pair
+from photosite.develop.develop import develop_pair
 from photosite.frames.raw_frame import RawFrame
 from photosite.report.pictures import enlarge, jpeg_bytes, magnified, shrink
 from photosite.values.cfa import cfa_from

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.depth import planes_electron_rate, planes_image_regions
+from photosite.camera.depth import planes_electron_rate
 from photosite.camera.dng_profile import color_matrix, noise_profile
 from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
@@ -105,11 +105,10 @@ class Camera:
         return _exposed(rate, time_s, out=rate)
 
     def _electron_rate(self, scene: Scene | Planes) -> NDArray[np.float32]:
-        rule, cells = self.integration, self.cells_per_pixel
         warn_of_transmittance_range(self.optics, self.sensor)
         if isinstance(scene, Planes):
-            return planes_electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
-        return electron_rate(scene, self.optics, self.sensor, rule=rule, cells_per_pixel=cells)
+            return planes_electron_rate(scene, self)
+        return electron_rate(scene, self)
 
     def capture(
         self,
@@ -125,10 +124,8 @@ class Camera:
 
         Parameters
         ----------
-        scene
-            A scene, or `Planes` in depth.
-        exposure_s
-            Exposure time.
+        scene, exposure_s
+            As for `mean_electrons`.
         seed
             Key of the temporal noise, 0 to 2^64 - 1. The same seed and frame number give the same frame.
         frame
@@ -175,14 +172,12 @@ class Camera:
 
         Parameters
         ----------
-        scene
-            A scene, or `Planes` in depth.
+        scene, seed, region, device
+            As for `capture`.
         exposures_s
             One exposure time, or several.
         frames
             Frames at each exposure.
-        seed, region, device
-            As for `capture`.
         first_frame
             Number of the first frame; the n-th frame equals `capture` with frame first_frame + n.
 
@@ -242,12 +237,8 @@ class Camera:
         time_s = check_exposure(exposure_s)
         dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
         readout, cfa = self.sensor.readout, self.sensor.array.cfa
-        metadata: dict[str, Any] = {
-            "camera": self.sensor.name,
-            "serial": self.sensor.serial,
-            "seed": seed,
-            "frame": frame,
-        }
+        name, serial = self.sensor.name, self.sensor.serial
+        metadata: dict[str, Any] = {"camera": name, "serial": serial, "seed": seed, "frame": frame}
         if region is not None:
             cfa = shifted(cfa, region[0], region[2])
             metadata["region"] = ",".join(map(str, region))
@@ -273,11 +264,8 @@ class Camera:
         Returns
         -------
         str or None
-            Three numbers, comma-separated; None if the channels are not R, G and B, or one receives no light.
-
-        Notes
-        -----
-        DNG specification 1.7, AsShotNeutral.
+            Three numbers, comma-separated (DNG specification 1.7); None if the channels are not R, G and B, or one
+            receives no light.
 
         Examples
         --------
@@ -289,7 +277,7 @@ class Camera:
         names = self.sensor.channel_names
         if set(names) != {"R", "G", "B"}:
             return None
-        alone = electrons_per_weight(light, self.optics, self.sensor, self.integration).sum(axis=(1, 2))
+        alone = electrons_per_weight(light, self).sum(axis=(1, 2))
         electrons = channel_mixing(self.sensor) @ alone
         reading = np.array([electrons[names.index(name)] for name in "RGB"])
         if not reading.min() > 0:
@@ -304,9 +292,8 @@ class Camera:
         InputError
             If a region contains no whole pixel of the frame.
         """
-        if isinstance(scene, Planes):
-            return planes_image_regions(scene, self.optics, self.sensor)
-        return image_regions(scene, self.optics, self.sensor)
+        scenes = [plane.scene for plane in scene.planes] if isinstance(scene, Planes) else [scene]
+        return tuple(region for one in scenes for region in image_regions(one, self))
 
 
 def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -315,6 +302,5 @@ def _exposed(rate: NDArray[np.float32], time_s: float, out: NDArray[np.float32])
         try:
             return np.multiply(rate, np.float32(time_s), out=out)
         except FloatingPointError:
-            raise InputError(
-                "exposure_s", value=time_s, expected="short enough for its electrons to be 32-bit floats"
-            ) from None
+            expected = "short enough for its electrons to be 32-bit floats"
+            raise InputError("exposure_s", value=time_s, expected=expected) from None

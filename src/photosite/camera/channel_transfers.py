@@ -13,7 +13,7 @@ and terms; all channels together share them. The alternative with less work is c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass
 from threading import Lock
 from typing import Any
@@ -21,6 +21,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from photosite.camera.sampled_otf import MapTransfers, SampledOtf, sample_otf
 from photosite.engine.transfer import Sampling, Transfer
@@ -50,28 +51,16 @@ _CACHE_BYTES = 1 << 28
 
 @dataclass(frozen=True, eq=False)
 class ReducedTransfer:
-    """Terms as combinations of maps, and their transfers to the channels.
+    """Terms as combinations of maps, and their transfers to the channels."""
 
-    Parameters
-    ----------
-    transfer
-        From each term to each channel, or to one channel.
-    mixing
-        (terms, R, S): term t is the sum over modes r of `mixing[t, r] @ maps`, times the field weight of mode r.
-    padding_m
-        Distance to either side over which a point is spread.
-    node_maps
-        For each wavelength node (S_n, K): its node maps are these times the scene's K weight maps; the S of all nodes
-        follow one another. None: terms combine the weight maps themselves, and S is K.
-    channel
-        The only channel that the terms reach; None: all.
-    """
-
-    transfer: Transfer
+    transfer: Transfer  # from each term to each channel, or to one channel
+    # (terms, R, S): term t is the sum over modes r of `mixing[t, r] @ maps`, times the field weight of mode r
     mixing: Array
-    padding_m: float
+    padding_m: float  # distance to either side over which a point is spread
+    # For each wavelength node (S_n, K): its node maps are these times the scene's K weight maps; the S of all nodes
+    # follow one another. None: terms combine the weight maps themselves, and S is K.
     node_maps: tuple[Array, ...] | None = None
-    channel: int | None = None
+    channel: int | None = None  # the only channel that the terms reach; None: all
 
     @property
     def nbytes(self) -> int:
@@ -91,29 +80,15 @@ def reduced_transfers(
 ) -> tuple[ReducedTransfer, ...]:
     """Return the transfers of a lens, summed over wavelength, with as few terms as the tolerance permits.
 
-    Parameters
-    ----------
-    spread
-        Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
-    coupling
-        (channels, K, wavelengths) electrons per second that a map of weight 1 gives a channel at a wavelength.
-    wavelength_nm
-        (wavelengths,).
-    sampling
-        Pixels and cells.
-    node_shares
-        (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
+    - `spread`: Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
+    - `coupling`, `wavelength_nm`: (channels, K, wavelengths) electrons per second that a map of weight 1 gives a
+      channel; (wavelengths,).
+    - `node_shares`: (N, wavelengths) share of each wavelength's light at each of N wavelength nodes; None: one node.
 
-    Returns
-    -------
-    tuple of ReducedTransfer
-        One for all channels; or, if N > 1 and that is less work, one for each channel that receives light. The results
-        are cached and must not be changed.
+    Returns one result for all channels; or, if N > 1 and that is less work, one for each channel that receives light.
+    Results are cached and must not be changed.
 
-    Raises
-    ------
-    InputError
-        If a point is spread over more cells than a mosaic can be computed with.
+    Raises `InputError` if a point is spread over more cells than a mosaic can be computed with.
     """
     tolerance = TOLERANCE
     if node_shares is None:
@@ -131,11 +106,13 @@ def reduced_transfers(
     with _cache_lock:
         cached.pop(key, None)
         cached[key] = found  # the most recently used entry is last
-        while len(cached) > _CACHE_ENTRIES or sum(part.nbytes for parts in cached.values() for part in parts) > (
-            _CACHE_BYTES
-        ):
+        while len(cached) > _CACHE_ENTRIES or _bytes_of(cached.values()) > _CACHE_BYTES:
             del cached[next(iter(cached))]
     return found
+
+
+def _bytes_of(results: Iterable[Sequence[ReducedTransfer]]) -> int:
+    return sum(part.nbytes for parts in results for part in parts)
 
 
 def _reduce(otf: SampledOtf, coupling: Array, node_shares: Array, tolerance: float) -> Sequence[ReducedTransfer]:
@@ -184,34 +161,19 @@ def _node_maps(otf: SampledOtf, coupling: Array, limit: float) -> Array:
 def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Array]:
     """Return the transfers of the fewest terms, and (terms, R, K) the maps that each term combines.
 
-    Parameters
-    ----------
-    otf
-        The lens.
-    coupling
-        (channels, K, nodes).
-    limit
-        Largest error of any map in any channel at any frequency.
+    `limit` is the largest error of any map in any channel at any frequency.
     """
     limit /= len(otf.parts)
     by_mode = [MapTransfers(otf, coupling, slice(r, r + 1)).by_mode_and_map for r in range(otf.modes)]
-    mixing = _stack_modes([_fewest_combinations(transfers, limit) for transfers in by_mode])
+    mixings = [_fewest_combinations(transfers, limit) for transfers in by_mode]
+    # A term is 0 in all modes but its own.
+    mixing = block_diag(*mixings).reshape(-1, otf.modes, coupling.shape[1])
     if otf.modes > 1 and len(mixing) > len(coupling) * otf.modes:
         together = _fewest_combinations(MapTransfers(otf, coupling).by_mode_and_map, limit)
         together = together.reshape(-1, otf.modes, coupling.shape[1])
         if _term_cost(together) < _term_cost(mixing):
             mixing = together
     return otf.transfer(coupling, mixing), mixing
-
-
-def _stack_modes(mixings: Sequence[Array]) -> Array:
-    """Return (terms, R, K) from one (terms, K) per mode; a term is 0 in all modes but its own."""
-    mixing = np.zeros((sum(map(len, mixings)), len(mixings), mixings[0].shape[1]))
-    first = 0
-    for r, of_mode in enumerate(mixings):
-        mixing[first : first + len(of_mode), r] = of_mode
-        first += len(of_mode)
-    return mixing
 
 
 def _work(parts: Sequence[ReducedTransfer]) -> float:
@@ -234,12 +196,7 @@ def _term_cost(mixing: Array) -> float:
 def _fewest_combinations(blocks: Callable[[int], Iterator[Array]], limit: float) -> Array:
     """Return (terms, maps): the fewest orthonormal combinations of maps that represent all within the limit.
 
-    Parameters
-    ----------
-    blocks
-        Yields (channels, maps, n) transfers at every stride-th frequency, such as `MapTransfers.by_map`.
-    limit
-        Largest error of any map in any channel at any frequency.
+    `blocks` yields (channels, maps, n) transfers at every stride-th frequency, such as `MapTransfers.by_map`.
     """
     squares: Any = 0.0
     for block in blocks(_STRIDE):

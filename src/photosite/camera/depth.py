@@ -14,24 +14,18 @@ plane behind is uniform. It errs near edges of opacity if both planes are out of
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.camera.mean_image import (
-    finish_mosaic,
-    image_rate,
-    image_regions,
-    low_rank_error,
-    pitch_m,
-    warn_of_missing_light,
-)
-from photosite.color.spectrum import Rule
+from photosite.camera.mean_image import finish_mosaic, image_rate, low_rank_error, pitch_m, warn_of_missing_light
 from photosite.optics.point_spread import FieldPsf, PointSpread, RadialPsf
-from photosite.optics.protocols import Optics
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
-from photosite.sensor.model import Sensor
-from photosite.values.region import Region
+
+if TYPE_CHECKING:
+    from photosite.camera.camera import Camera
 
 _ALIKE = 0.05
 """Difference of transfer functions up to which planes count as blurred alike."""
@@ -39,51 +33,43 @@ _FREQUENCIES = 33
 _DIRECTIONS = 8
 
 
-def planes_electron_rate(
-    planes: Planes, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
-) -> NDArray[np.float32]:
+def planes_electron_rate(planes: Planes, camera: Camera) -> NDArray[np.float32]:
     """Return (rows, cols) mean electrons from light per second of a scene in depth; see `Camera.mean_electrons`."""
+    sensor = camera.sensor
     for plane in planes.planes:
         warn_of_missing_light(plane.scene, sensor)
-    groups = _groups(planes.planes, optics, sensor)
     mosaic = np.zeros((sensor.array.rows, sensor.array.cols), np.float32)
     behind: tuple[Plane, ...] = ()
-    for group in reversed(groups):
-        camera = optics, sensor, rule, cells_per_pixel
+    for group in reversed(_groups(planes.planes, camera)):
         if behind:
-            _occlude(mosaic, group, behind, *camera)
+            _occlude(mosaic, group, behind, camera)
         covers = [plane.cover(True, *_mean_light(group)) for plane in group]
         for index, plane in enumerate(group):
             ends = bool(behind) or index < len(group) - 1
-            mosaic += image_rate(plane.light(ends), *camera, occluders=covers[:index])
+            mosaic += image_rate(plane.light(ends), camera, covers[:index])
         behind = (*group, *behind)
     scenes = [plane.scene for plane in planes.planes]
-    relative_error = max(scene.relative_error + low_rank_error(optics, scene.distance_m) for scene in scenes)
-    return finish_mosaic(mosaic, optics, sensor, scenes, rule, relative_error)
+    relative_error = max(scene.relative_error + low_rank_error(camera.optics, scene.distance_m) for scene in scenes)
+    return finish_mosaic(mosaic, camera, scenes, relative_error)
 
 
-def planes_image_regions(planes: Planes, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
-    """Return the regions of all planes in pixels of the frame; see `Camera.image_regions`."""
-    return tuple(region for plane in planes.planes for region in image_regions(plane.scene, optics, sensor))
-
-
-def _groups(planes: tuple[Plane, ...], optics: Optics, sensor: Sensor) -> list[tuple[Plane, ...]]:
+def _groups(planes: tuple[Plane, ...], camera: Camera) -> list[tuple[Plane, ...]]:
     """Group neighbouring planes that the lens blurs alike."""
     groups: list[tuple[Plane, ...]] = []
     for plane in planes:
-        if groups and _alike(optics, groups[-1][0].scene, plane.scene, sensor):
+        if groups and _alike(camera, groups[-1][0].scene, plane.scene):
             groups[-1] = (*groups[-1], plane)
         else:
             groups.append((plane,))
     return groups
 
 
-def _alike(optics: Optics, one: Scene, other: Scene, sensor: Sensor) -> bool:
+def _alike(camera: Camera, one: Scene, other: Scene) -> bool:
     """Return whether the transfer functions of two scenes differ by at most `_ALIKE` below the Nyquist frequency."""
     if one.distance_m == other.distance_m:
         return True
-    spreads = optics.point_spread(one.distance_m), optics.point_spread(other.distance_m)
-    frequency = np.linspace(0.0, 0.5 / min(pitch_m(sensor)), _FREQUENCIES)
+    spreads = [camera.optics.point_spread(scene.distance_m) for scene in (one, other)]
+    frequency = np.linspace(0.0, 0.5 / min(pitch_m(camera.sensor)), _FREQUENCIES)
     wavelengths = one.wavelength_nm[[0, one.wavelength_nm.size // 2, -1]]
     a, b = (_samples(spread, frequency, wavelengths) for spread in spreads)
     return a.shape == b.shape and bool(np.abs(a - b).max() <= _ALIKE)
@@ -104,24 +90,15 @@ def _samples(
     return np.concatenate([spread.otf(fy, fx, float(w)).ravel() for w in wavelength_nm])
 
 
-def _occlude(
-    mosaic: NDArray[np.float32],
-    group: tuple[Plane, ...],
-    behind: tuple[Plane, ...],
-    optics: Optics,
-    sensor: Sensor,
-    rule: Rule,
-    cells_per_pixel: int,
-) -> None:
+def _occlude(mosaic: NDArray[np.float32], group: tuple[Plane, ...], behind: tuple[Plane, ...], camera: Camera) -> None:
     """Attenuate the image of what is behind a group of planes by the group's opacity, in place."""
     spectrum, grid = _mean_light(behind)
     covers = [plane.cover(True, spectrum, grid) for plane in group]
     hidden = np.zeros_like(mosaic)
     for index, cover in enumerate(covers):
-        opaque = image_rate(cover, optics, sensor, rule, cells_per_pixel, occluders=covers[:index])
+        opaque = image_rate(cover, camera, covers[:index])
         # The image of opacity 1: the quotient cancels relative illumination and the channel's response.
-        uniform = Scene.uniform(spectrum, grid, cover.distance_m)
-        full = image_rate(uniform, optics, sensor, rule, cells_per_pixel)
+        full = image_rate(Scene.uniform(spectrum, grid, cover.distance_m), camera)
         # 0 for a channel that receives none of the light behind.
         hidden += np.divide(opaque, full, out=np.zeros_like(full), where=full > 0)
     # Rounding of the transforms may make it exceed 1.

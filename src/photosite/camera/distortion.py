@@ -19,33 +19,21 @@ _POINTS_PER_SIDE = 65
 """Points on each side of a region whose images are computed."""
 
 Pitch = tuple[float, float]
+Array = NDArray[np.float64]
 
 
 def frame_wavelength_nodes(
-    mapping: RadialMapping | None, wavelength_nm: NDArray[np.float64], shape: tuple[int, int], pitch_m: Pitch
-) -> tuple[list[float], NDArray[np.float64]]:
+    mapping: RadialMapping | None, wavelength_nm: Array, shape: tuple[int, int], pitch_m: Pitch
+) -> tuple[list[float], Array]:
     """Return a few wavelengths whose images stand for all, and the share of each wavelength's light at each of them.
 
     The images of neighbouring nodes are at most a quarter of a pixel apart anywhere in the frame.
 
-    Parameters
-    ----------
-    mapping
-        Distortion of the lens; None is no distortion, and one node.
-    wavelength_nm
-        (wavelengths,) of the light.
-    shape, pitch_m
-        (rows, cols) of the frame, and its pixel pitch.
+    - `mapping`: Distortion of the lens; None is no distortion, and one node.
+    - `wavelength_nm`: (wavelengths,) of the light.
+    - `shape`, `pitch_m`: (rows, cols) of the frame, and its pixel pitch.
 
-    Returns
-    -------
-    nodes, shares
-        N wavelengths in nm; (N, wavelengths).
-
-    Warns
-    -----
-    PhotositeWarning
-        If the frame's corner lies beyond the mapping's last image height.
+    Returns N wavelengths in nm, and the shares, (N, wavelengths).
     """
     middle = float(wavelength_nm[wavelength_nm.size // 2])
     if mapping is None:
@@ -75,29 +63,20 @@ def frame_warp(mapping: RadialMapping | None, wavelength_nm: float, reach_m: flo
 def warped_regions(
     mapping: RadialMapping | None, where: Placement, regions: tuple[Region, ...], pitch_m: Pitch
 ) -> tuple[Region, ...]:
-    """Return a scene's regions in pixels: the largest upright rectangles inside their images at all wavelengths.
-
-    Raises
-    ------
-    InputError
-        If a region contains no whole pixel of the frame.
-    """
+    """Return a scene's regions in pixels: the largest upright rectangles inside their images at all wavelengths."""
     if mapping is None:
         return where.regions(regions)
     curves = [image_height(mapping, w) for w in mapping.wavelength_nm]
     share = np.linspace(0.0, 1.0, _POINTS_PER_SIDE)
 
-    def image(row: NDArray[np.float64], col: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def image(row: Array, col: Array) -> tuple[Array, Array]:
         """Return (wavelengths, n) rows and columns in pixels of points in scene samples."""
         y_m = ((row - where.row_start) / where.row_step - where.shape[0] / 2) * pitch_m[0]
         x_m = ((col - where.col_start) / where.col_step - where.shape[1] / 2) * pitch_m[1]
         ideal_m = np.hypot(y_m, x_m)
         on_axis = ideal_m == 0
         factor = np.stack([curve(ideal_m) / np.where(on_axis, 1.0, ideal_m) for curve in curves])
-        return (
-            factor * y_m / pitch_m[0] + where.shape[0] / 2,
-            factor * x_m / pitch_m[1] + where.shape[1] / 2,
-        )
+        return (factor * y_m / pitch_m[0] + where.shape[0] / 2, factor * x_m / pitch_m[1] + where.shape[1] / 2)
 
     found = []
     for region in regions:

@@ -17,7 +17,7 @@ from photosite.sensor.noise_profile import sensor_noise_profile
 
 
 def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
-    """Return the matrix from CIE XYZ under D65 to the camera's channels.
+    """Return the matrix from CIE XYZ under D65 to the camera's channels: ColorMatrix1 of DNG 1.7.
 
     It is the inverse of the least-squares 3 x 3 matrix from camera R, G, B to XYZ over the ColorChecker's 24 patches
     under D65 (Farrell, Okincha and Parmar 2008, section 3). It is scaled so that the largest channel is 1 for D65.
@@ -27,10 +27,6 @@ def color_matrix(sensor: Sensor) -> NDArray[np.float64] | None:
     ndarray or None
         (channels, 3) in the order of the sensor's channels; None if these are not R, G and B, or if their responses are
         linearly dependent.
-
-    Notes
-    -----
-    DNG specification 1.7, ColorMatrix1, calibration illuminant D65.
 
     Examples
     --------
@@ -65,11 +61,7 @@ def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
     """Return (channels, 2) scale and offset: a signal s from 0 (black) to 1 (white) has the variance scale s + offset.
 
     The scale is photon shot noise. The offset is read noise, DSNU, dark current shot noise and quantisation. The model
-    has no PRNU, whose variance grows with the square of the signal.
-
-    Notes
-    -----
-    DNG specification 1.7, NoiseProfile.
+    has no PRNU, whose variance grows with the square of the signal. It is NoiseProfile of DNG 1.7.
 
     Examples
     --------

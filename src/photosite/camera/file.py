@@ -51,12 +51,8 @@ class SetUp:
     ----------
     sensor, optics, integration, cells_per_pixel
         As for `Camera`.
-    scene
-        The scene.
-    exposure_s
-        Exposure time.
-    name
-        Name of the set-up.
+    scene, exposure_s, name
+        The scene, the exposure time, and the name of the set-up.
 
     Examples
     --------
@@ -75,24 +71,12 @@ class SetUp:
 
     @property
     def camera(self) -> Camera:
-        """The camera of this set-up.
-
-        Raises
-        ------
-        InputError
-            If cells_per_pixel is not odd and positive.
-        """
+        """The camera of this set-up."""
         return Camera(self.optics, self.sensor, self.integration, self.cells_per_pixel)
 
     @property
     def seen(self) -> SceneRequest | PlanesRequest:
-        """The scene, with built-in edges drawn as finely as the camera's cells, without visible steps.
-
-        Raises
-        ------
-        InputError
-            If the scene lies within the focal length.
-        """
+        """The scene, with built-in edges drawn as finely as the camera's cells, without visible steps."""
         array, cells = self.sensor.array, self.cells_per_pixel
         frame = array.rows * cells, array.cols * cells
         cell_m = self.sensor.pixel.width_um.value * 1e-6 / cells
@@ -107,12 +91,7 @@ class SetUp:
 
 
 def load_camera(path: str | PathLike[str]) -> SetUp:
-    """Read a set-up from a camera file.
-
-    Parameters
-    ----------
-    path
-        A YAML file with the fields listed at the top of this module.
+    """Read a set-up from a camera file, a YAML file with the fields listed at the top of this module.
 
     Raises
     ------
@@ -169,8 +148,8 @@ def _optics(file: Path, data: Mapping[str, Any]) -> Optics:
         except FileError as error:
             raise _of_file(error, "optics", file, data) from None
     if not isinstance(value, Mapping):
-        line = line_of(data, "optics")
-        raise FileError(file, "optics", line, value=value, expected="an optics file, or its fields")
+        expected = "an optics file, or its fields"
+        raise FileError(file, "optics", line_of(data, "optics"), value=value, expected=expected)
     return parse_optics(value, file, section="optics")
 
 

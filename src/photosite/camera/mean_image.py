@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from photosite.camera.distortion import frame_warp, frame_wavelength_nodes, warp
 from photosite.camera.optical_stack import apply_optical_stack, low_pass_split_m
 from photosite.camera.sampled_otf import field_scale
 from photosite.camera.veiling_glare import add_glare
-from photosite.color.spectrum import Rule, integration_weights
+from photosite.color.spectrum import integration_weights
 from photosite.engine.jit import threads_for
 from photosite.engine.layers import Field, Grid, Layer, View
 from photosite.engine.mosaic import mosaic_of_layers
@@ -32,6 +33,11 @@ from photosite.sensor.model import Sensor
 from photosite.values.cfa import channel_sites
 from photosite.values.region import Region
 
+if TYPE_CHECKING:
+    from photosite.camera.camera import Camera
+
+Mosaic = NDArray[np.float32]
+
 _STRIP = 256
 _MISSING_LIGHT_LIMIT = 0.01
 """Share of a channel's response outside the scene's wavelengths above which a warning is issued."""
@@ -43,34 +49,19 @@ _REDUCTION_FACTOR = 3.0
 """A channel sees part of the wavelengths, and may have this multiple of the scene's error over all wavelengths."""
 
 
-def electron_rate(
-    scene: Scene, optics: Optics, sensor: Sensor, *, rule: Rule, cells_per_pixel: int
-) -> NDArray[np.float32]:
+def electron_rate(scene: Scene, camera: Camera) -> Mosaic:
     """Return (rows, cols) mean electrons from light per second; see `Camera.mean_electrons`."""
-    warn_of_missing_light(scene, sensor)
-    mosaic = image_rate(scene, optics, sensor, rule, cells_per_pixel)
-    relative_error = scene.relative_error + low_rank_error(optics, scene.distance_m)
-    return finish_mosaic(mosaic, optics, sensor, [scene], rule, relative_error)
+    warn_of_missing_light(scene, camera.sensor)
+    relative_error = scene.relative_error + low_rank_error(camera.optics, scene.distance_m)
+    return finish_mosaic(image_rate(scene, camera), camera, [scene], relative_error)
 
 
-def image_rate(
-    scene: Scene,
-    optics: Optics,
-    sensor: Sensor,
-    rule: Rule,
-    cells_per_pixel: int,
-    occluders: Sequence[Scene] = (),
-) -> NDArray[np.float32]:
+def image_rate(scene: Scene, camera: Camera, occluders: Sequence[Scene] = ()) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene's image; rounding may leave values slightly below 0.
 
-    Parameters
-    ----------
-    scene, optics, sensor, rule, cells_per_pixel
-        As for `Camera`.
-    occluders
-        Scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
+    Occluders are scenes whose only weights are opacities: what hides parts of the scene, before the lens blurs it.
     """
-    coupling = electrons_per_weight(scene, optics, sensor, rule)
+    coupling = electrons_per_weight(scene, camera)
     if not (brightest := float(np.abs(coupling.sum(axis=2)).max())) < _MOST_ELECTRONS_PER_S:
         raise InputError(
             "the scene's electrons per second in a pixel for weight 1",
@@ -79,35 +70,23 @@ def image_rate(
             hint="Give the scene a lower luminance",
         )
     if scene.shape == (1, 1) and not occluders:
-        mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), sensor)
+        mosaic = _uniform_mosaic(coupling.sum(axis=2) @ scene.weights[:, 0, 0].astype(np.float64), camera.sensor)
     else:
-        mosaic = _blurred_mosaic(scene, optics, sensor, coupling, cells_per_pixel, occluders)
-    _apply_relative_illumination(mosaic, optics, sensor, scene.distance_m)
+        mosaic = _blurred_mosaic(scene, camera, coupling, occluders)
+    _apply_relative_illumination(mosaic, camera, scene.distance_m)
     return mosaic
 
 
-def finish_mosaic(
-    mosaic: NDArray[np.float32],
-    optics: Optics,
-    sensor: Sensor,
-    scenes: Sequence[Scene],
-    rule: Rule,
-    relative_error: float,
-) -> NDArray[np.float32]:
+def finish_mosaic(mosaic: Mosaic, camera: Camera, scenes: Sequence[Scene], relative_error: float) -> Mosaic:
     """Check that a mosaic is not negative, then apply veiling glare and the sensor's optical stack.
 
-    Parameters
-    ----------
-    mosaic
-        (rows, cols) electrons per second; may be changed.
-    optics, sensor, rule
-        As for `Camera`.
-    scenes
-        The scenes of the image, near to far.
-    relative_error
-        RMS error of the scenes' and the lens's low-rank approximations, which may leave values below 0.
+    - `mosaic`: (rows, cols) electrons per second; may be changed.
+    - `camera`: Lens and sensor.
+    - `scenes`: The scenes of the image, near to far.
+    - `relative_error`: RMS error of the scenes' and the lens's low-rank approximations, which may leave values below 0.
     """
-    _clip_negative(mosaic, relative_error, lambda: max(_brightest(scene, optics, sensor, rule) for scene in scenes))
+    optics, sensor = camera.optics, camera.sensor
+    _clip_negative(mosaic, relative_error, lambda: max(_brightest(scene, camera) for scene in scenes))
     if optics.veiling_glare is not None:
         add_glare(mosaic, optics.veiling_glare, sensor.array.cfa, pitch_m(sensor))
     return apply_optical_stack(mosaic, sensor, optics, scenes[-1].distance_m)
@@ -124,78 +103,55 @@ def pitch_m(sensor: Sensor) -> tuple[float, float]:
     return sensor.pixel.height_um.value * 1e-6, sensor.pixel.width_um.value * 1e-6
 
 
-def placement(scene: Scene, optics: Optics, sensor: Sensor) -> Placement:
+def placement(scene: Scene, camera: Camera) -> Placement:
     """Return where the scene's samples fall on the sensor's pixels."""
-    pixel, array = sensor.pixel, sensor.array
+    pixel, array = camera.sensor.pixel, camera.sensor.array
     samples = None
     if scene.width_m is not None:
-        image_width_m = scene.width_m * optics.magnification(scene.distance_m)
+        image_width_m = scene.width_m * camera.optics.magnification(scene.distance_m)
         samples = scene.shape[1] * pixel.width_um.value * 1e-6 / image_width_m
-    return place(
-        scene.shape,
-        (array.rows, array.cols),
-        pixel_aspect=pixel.height_um.value / pixel.width_um.value,
-        cols_per_pixel=samples,
-    )
+    aspect = pixel.height_um.value / pixel.width_um.value
+    return place(scene.shape, (array.rows, array.cols), pixel_aspect=aspect, cols_per_pixel=samples)
 
 
-def image_regions(scene: Scene, optics: Optics, sensor: Sensor) -> tuple[Region, ...]:
+def image_regions(scene: Scene, camera: Camera) -> tuple[Region, ...]:
     """Return the scene's regions in pixels of the frame; see `Camera.image_regions`."""
-    where = placement(scene, optics, sensor)
-    return warped_regions(optics.mapping(scene.distance_m), where, scene.regions, pitch_m(sensor))
+    mapping = camera.optics.mapping(scene.distance_m)
+    return warped_regions(mapping, placement(scene, camera), scene.regions, pitch_m(camera.sensor))
 
 
-def electrons_per_weight(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule = "trapezoid") -> NDArray[np.float64]:
+def electrons_per_weight(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return the coupling: (channels, K, wavelengths) electrons per second in a pixel for weight 1.
 
     The sum over wavelength is the integral; the integration weights are included.
     """
-    grid = scene.wavelength_nm
-    irradiance = scene.basis * optics.irradiance_per_radiance(grid, scene.distance_m)
+    grid, sensor = scene.wavelength_nm, camera.sensor
+    irradiance = scene.basis * camera.optics.irradiance_per_radiance(grid, scene.distance_m)
     area_m2 = sensor.pixel_area_m2 * sensor.pixel.fill_factor.value
     responses = np.stack([sensor.response_at(name, grid) for name in sensor.channel_names])
-    product: NDArray[np.float64] = responses[:, None, :] * (irradiance * integration_weights(grid, rule) * area_m2)
-    return product
+    return responses[:, None, :] * (irradiance * integration_weights(grid, camera.integration) * area_m2)
 
 
-def _blurred_mosaic(
-    scene: Scene,
-    optics: Optics,
-    sensor: Sensor,
-    coupling: NDArray[np.float64],
-    cells: int,
-    occluders: Sequence[Scene],
-) -> NDArray[np.float32]:
+def _blurred_mosaic(scene: Scene, camera: Camera, coupling: NDArray[np.float64], occluders: Sequence[Scene]) -> Mosaic:
     """Return (rows, cols) electrons per second of a scene that is not uniform."""
+    optics, sensor, cells = camera.optics, camera.sensor, camera.cells_per_pixel
     array, pitch = sensor.array, pitch_m(sensor)
-    side = math.sqrt(sensor.pixel.fill_factor.value)
+    shape, side = (array.rows, array.cols), math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
     spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
-    nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, (array.rows, array.cols), pitch)
+    nodes_nm, shares = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
     transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, shares)
     if not transfers:  # no channel receives light
-        return np.zeros((array.rows, array.cols), np.float32)
-    grid = Grid(
-        shape=(array.rows, array.cols),
-        padding=math.ceil(max(reduced.padding_m for reduced in transfers) / min(pitch)),
-        tile=(len(array.cfa), len(array.cfa[0])),
-        cells_per_pixel=cells,
-    )
+        return np.zeros(shape, np.float32)
+    padding = math.ceil(max(reduced.padding_m for reduced in transfers) / min(pitch))
+    grid = Grid(shape, padding, (len(array.cfa), len(array.cfa[0])), cells)
     reach_m = math.hypot(*(grid.farthest(axis) * pitch[axis] for axis in (0, 1)))
-    views = tuple(
-        _view(
-            scene,
-            scene.weights,
-            optics,
-            sensor,
-            node_nm,
-            reach_m,
-            tuple(_view(cover, cover.weights[:1], optics, sensor, node_nm, reach_m) for cover in occluders),
-        )
-        for node_nm in nodes_nm
-    )
+    views = []
+    for node_nm in nodes_nm:
+        covers = [_view(cover, cover.weights[:1], camera, node_nm, reach_m) for cover in occluders]
+        views.append(_view(scene, scene.weights, camera, node_nm, reach_m, tuple(covers)))
     field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
-    layers = [_layer(reduced, views, field) for reduced in transfers]
+    layers = [_layer(reduced, tuple(views), field) for reduced in transfers]
     with threads_for(array.rows * array.cols * cells**2):
         return mosaic_of_layers(
             layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names]
@@ -209,36 +165,25 @@ def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | Non
 
 
 def _view(
-    scene: Scene,
-    weights: NDArray[np.float32],
-    optics: Optics,
-    sensor: Sensor,
-    wavelength_nm: float,
-    reach_m: float,
-    occluders: tuple[View, ...] = (),
+    scene: Scene, weights: Mosaic, camera: Camera, node_nm: float, reach_m: float, occluders: tuple[View, ...] = ()
 ) -> View:
     """Return a scene's maps as the lens places them on the frame at a wavelength."""
-    where = placement(scene, optics, sensor)
-    return View(
-        weights=weights,
-        start=(where.row_start, where.col_start),
-        step=(where.row_step, where.col_step),
-        warp=frame_warp(optics.mapping(scene.distance_m), wavelength_nm, reach_m, pitch_m(sensor)),
-        occluders=occluders,
-    )
+    where = placement(scene, camera)
+    warp = frame_warp(camera.optics.mapping(scene.distance_m), node_nm, reach_m, pitch_m(camera.sensor))
+    return View(weights, (where.row_start, where.col_start), (where.row_step, where.col_step), warp, occluders)
 
 
 def _field(spread: FieldPsf, sensor: Sensor) -> Field:
     """Return the spread's field weights on the frame, divided by `field_scale`, which the transfer contains."""
-    pixel, array = sensor.pixel, sensor.array
+    array, pitch = sensor.array, pitch_m(sensor)
     return Field(
-        row=spread.y_m / (pixel.height_um.value * 1e-6) + array.rows / 2,
-        col=spread.x_m / (pixel.width_um.value * 1e-6) + array.cols / 2,
+        row=spread.y_m / pitch[0] + array.rows / 2,
+        col=spread.x_m / pitch[1] + array.cols / 2,
         weights=spread.weights / field_scale(spread)[:, None, None],
     )
 
 
-def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float32]:
+def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> Mosaic:
     """Return (rows, cols) with each pixel at its channel's electrons."""
     array = sensor.array
     mosaic = np.empty((array.rows, array.cols), np.float32)
@@ -248,29 +193,24 @@ def _uniform_mosaic(electrons: NDArray[np.float64], sensor: Sensor) -> NDArray[n
     return mosaic
 
 
-def _apply_relative_illumination(
-    mosaic: NDArray[np.float32], optics: Optics, sensor: Sensor, distance_m: float
-) -> None:
+def _apply_relative_illumination(mosaic: Mosaic, camera: Camera, distance_m: float) -> None:
     """Multiply by the lens's relative illumination, in strips, because a map in double precision is large."""
-    pixel, array = sensor.pixel, sensor.array
+    pixel, array = camera.sensor.pixel, camera.sensor.array
     y_m = (np.arange(array.rows) + 0.5 - array.rows / 2) * pixel.height_um.value * 1e-6
     x_m = (np.arange(array.cols) + 0.5 - array.cols / 2) * pixel.width_um.value * 1e-6
     for first in range(0, array.rows, _STRIP):
         strip = slice(first, first + _STRIP)
-        falloff = optics.relative_illumination(np.hypot(y_m[strip, None], x_m), distance_m)
+        falloff = camera.optics.relative_illumination(np.hypot(y_m[strip, None], x_m), distance_m)
         if falloff is None:
             return
         mosaic[strip] *= falloff.astype(np.float32)
 
 
-def _clip_negative(mosaic: NDArray[np.float32], relative_error: float, full_scale: Callable[[], float]) -> None:
+def _clip_negative(mosaic: Mosaic, relative_error: float, full_scale: Callable[[], float]) -> None:
     """Set to 0, in place, what rounding and low-rank approximations left below 0; raise an error if it is more."""
     lowest, highest = float(mosaic.min()), float(mosaic.max())
-    if (
-        lowest < -_ROUNDING * max(highest, 0.0)
-        and lowest < -_ROUNDING * full_scale()
-        and not _within_reduction(mosaic, relative_error)
-    ):
+    negative = lowest < -_ROUNDING * max(highest, 0.0) and lowest < -_ROUNDING * full_scale()
+    if negative and not _within_reduction(mosaic, relative_error):
         raise InputError(
             "the scene's radiance is negative in places",
             value=f"{lowest:g} electrons per second in a pixel",
@@ -279,19 +219,19 @@ def _clip_negative(mosaic: NDArray[np.float32], relative_error: float, full_scal
     np.maximum(mosaic, np.float32(0), out=mosaic)
 
 
-def _brightest(scene: Scene, optics: Optics, sensor: Sensor, rule: Rule) -> float:
+def _brightest(scene: Scene, camera: Camera) -> float:
     """Return the electrons per second of a pixel that sees nothing but the brightest sample.
 
     Errors of the transforms are proportional to this, not to the brightest pixel: the image of a point is far darker.
     """
-    coupling = electrons_per_weight(scene, optics, sensor, rule).sum(axis=2).astype(np.float32)
+    coupling = electrons_per_weight(scene, camera).sum(axis=2).astype(np.float32)
     return max(
         float(np.tensordot(coupling, scene.weights[:, first : first + _STRIP], axes=1).max())
         for first in range(0, scene.shape[0], _STRIP)
     )
 
 
-def _within_reduction(mosaic: NDArray[np.float32], relative_error: float) -> bool:
+def _within_reduction(mosaic: Mosaic, relative_error: float) -> bool:
     """Return whether the RMS of values below 0 is within the stated error of few spectra or few lens modes."""
     below = np.minimum(mosaic, np.float32(0)).ravel()
     whole = mosaic.ravel()
@@ -304,12 +244,10 @@ def warn_of_missing_light(scene: Scene, sensor: Sensor) -> None:
         outside = scene.light_outside(*sensor.response(name))
         if outside > _MISSING_LIGHT_LIMIT:
             grid = scene.wavelength_nm
-            warnings.warn(
-                PhotositeWarning(
-                    f"{outside:.1%} of channel {name}'s response lies outside the scene's wavelengths, {grid[0]:g} to "
-                    f"{grid[-1]:g} nm; the result lacks the light there",
-                    hint="Extend the scene's spectra if it emits light there",
-                ),
-                stacklevel=5,
+            what = (
+                f"{outside:.1%} of channel {name}'s response lies outside the scene's wavelengths, {grid[0]:g} to "
+                f"{grid[-1]:g} nm; the result lacks the light there"
             )
+            hint = "Extend the scene's spectra if it emits light there"
+            warnings.warn(PhotositeWarning(what, hint=hint), stacklevel=5)
             return

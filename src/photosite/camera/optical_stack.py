@@ -44,11 +44,6 @@ def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
     """Warn if a channel responds to light outside the wavelengths of the lens's transmittance table.
 
     A table that ends at 0 needs no warning: the lens passes nothing beyond it.
-
-    Warns
-    -----
-    PhotositeWarning
-        If more than 1 % of a channel's response lies outside.
     """
     table = getattr(getattr(optics, "base", optics), "transmittance", None)
     grid = getattr(table, "wavelength_nm", None)
@@ -64,44 +59,27 @@ def warn_of_transmittance_range(optics: Optics, sensor: Sensor) -> None:
         open_ends = (middle < first) & (table.values[0] > 0) | (middle > last) & (table.values[-1] > 0)
         beyond = float(area[open_ends].sum() / area.sum()) if area.sum() > 0 else 0.0
         if beyond > _UNCOVERED_LIMIT:
-            warnings.warn(
-                PhotositeWarning(
-                    f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} "
-                    f"to {last:g} nm, where the transmittance is taken as 0",
-                    hint="Extend the table to the wavelengths at which the lens is opaque",
-                ),
-                stacklevel=4,
+            what = (
+                f"{beyond:.1%} of channel {name}'s response lies outside the lens's transmittance table, {first:g} to "
+                f"{last:g} nm, where the transmittance is taken as 0"
             )
+            hint = "Extend the table to the wavelengths at which the lens is opaque"
+            warnings.warn(PhotositeWarning(what, hint=hint), stacklevel=4)
             return
 
 
 def apply_optical_stack(
     mosaic: NDArray[np.float32], sensor: Sensor, optics: Optics, distance_m: float
 ) -> NDArray[np.float32]:
-    """Return mean electrons after angular response and crosstalk.
+    """Return mean electrons after angular response and crosstalk; the same array if the sensor has neither.
 
-    Parameters
-    ----------
-    mosaic
-        (rows, cols) electrons, or electrons per second, without the optical stack. It may be changed.
-    sensor
-        The sensor with its optical stack.
-    optics, distance_m
-        Lens and scene distance, for the angle of light if the stack gives no exit pupil.
-
-    Returns
-    -------
-    ndarray
-        (rows, cols); the same array if the sensor has no such stack.
-
-    Raises
-    ------
-    InputError
-        If the angle of light exceeds the table of angular response.
-
-    Notes
-    -----
     Random shares of a Poisson count are independent Poisson counts, so noise is drawn afterwards.
+
+    - `mosaic`: (rows, cols) electrons, or electrons per second, without the optical stack. It may be changed.
+    - `sensor`: The sensor with its optical stack.
+    - `optics`, `distance_m`: Lens and scene distance, for the angle of light if the stack gives no exit pupil.
+
+    Raises `InputError` if the angle of light exceeds the table of angular response.
     """
     stack = sensor.optical_stack
     if stack is None:
@@ -114,18 +92,13 @@ def apply_optical_stack(
         return gathered(mosaic, crosstalk_shares(stack.crosstalk, sensor.array.cfa))
 
 
-def exit_pupil_m(response: AngularResponse, optics: Optics, distance_m: float) -> float:
-    """Return the distance of the exit pupil from the sensor; by default a thin lens's image distance, f (1 + |m|)."""
-    if response.exit_pupil_mm is not None:
-        return response.exit_pupil_mm.value * 1e-3
-    return optics.magnification(distance_m) * distance_m
-
-
 def _apply_angular_response(
     mosaic: NDArray[np.float32], table: AngularResponse, sensor: Sensor, optics: Optics, distance_m: float
 ) -> None:
-    pupil_m = exit_pupil_m(table, optics, distance_m)
-    pixel, cfa = sensor.pixel, sensor.array.cfa
+    # By default the exit pupil is at a thin lens's image distance, f (1 + |m|).
+    given = table.exit_pupil_mm
+    pupil_m = optics.magnification(distance_m) * distance_m if given is None else given.value * 1e-3
+    pixel, names = sensor.pixel, sensor.channel_names
     y, x = (
         (np.arange(size) + 0.5 - size / 2) * (pitch.value * 1e-6 / pupil_m)
         for size, pitch in zip(mosaic.shape, (pixel.height_um, pixel.width_um), strict=True)
@@ -140,26 +113,17 @@ def _apply_angular_response(
             f"{pupil_m * 1e3:.4g} mm away",
             hint="Extend the table, or give exit_pupil_mm if the lens is telecentric on the sensor side",
         )
-    names = sensor.channel_names
-    scale_by_angle(
-        mosaic,
-        y,
-        x,
-        np.array([[names.index(name) for name in row] for row in cfa]),
-        np.radians(table.angle_deg),
-        np.array([table.of(name) for name in names], np.float64),
-    )
+    channel_of = np.array([[names.index(name) for name in row] for row in sensor.array.cfa])
+    response = np.array([table.of(name) for name in names], np.float64)
+    scale_by_angle(mosaic, y, x, channel_of, np.radians(table.angle_deg), response)
 
 
 def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
     """Return optical and electrical crosstalk as one gathering kernel per site of the colour filter array's tile.
 
-    Returns
-    -------
-    ndarray
-        (tile rows, tile cols, size, size): the share that a pixel at that site receives of the electrons of the pixel
-        (i - size // 2) rows below it and (j - size // 2) columns to its right. The shares that one pixel gives to all
-        others sum to 1.
+    Returns (tile rows, tile cols, size, size): the share that a pixel at that site receives of the electrons of the
+    pixel (i - size // 2) rows below it and (j - size // 2) columns to its right. The shares that one pixel gives to all
+    others sum to 1.
 
     Examples
     --------
@@ -204,8 +168,7 @@ def channel_mixing(sensor: Sensor) -> NDArray[np.float64]:
         source = cfa[(r + i - size // 2) % rows][(c + j - size // 2) % cols]
         mixing[names.index(cfa[r][c]), names.index(source)] += shares[r, c, i, j]
     sites = [sum(row.count(name) for row in cfa) for name in names]
-    mixed: NDArray[np.float64] = mixing / np.array(sites)[:, None]
-    return mixed
+    return np.asarray(mixing / np.array(sites)[:, None])
 
 
 def _kernels_by_site(kernels: dict[str, Kernel] | None, cfa: Cfa) -> NDArray[np.float64]:

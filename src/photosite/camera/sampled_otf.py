@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -18,8 +19,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from photosite.camera.kernel_size import check_reach, kernel_size
 from photosite.engine.transfer import RadialTransfer, Sampling, Transfer
+from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread, RadialPsf
 
 Array = NDArray[np.float64]
@@ -40,31 +41,27 @@ _SMALLEST_CONE = 1e-3
 """A smaller cone has a millionth of the light outside the kernel: it stays in the kernel."""
 _THREADS = 4
 """Wavelengths sampled in parallel; each needs some hundred megabytes for a large pupil."""
+_SMALLEST_KERNEL = 65
+_LARGEST_KERNEL = 2049
+"""Cells per axis; the kernels of 31 wavelengths then take a gigabyte."""
+_SLOW_KERNEL = 500
+"""Cells per axis above which 41 wavelengths take more than half a minute."""
+_LARGEST_RADIAL = 16384
+"""Cells per axis of a spread that needs no kernel; the frame is padded by this many."""
+_HINT = "Check the units of the optics and the focus, or use fewer cells per pixel"
 
 
 @dataclass(frozen=True, eq=False)
 class SampledOtf:
-    """Transfer function of a lens, mode by mode, at the wavelengths at which it is known (spectral nodes).
+    """Transfer function of a lens, mode by mode, at the wavelengths at which it is known (spectral nodes)."""
 
-    Parameters
-    ----------
-    node_shares
-        (wavelengths, nodes) weights of linear interpolation: the share of each wavelength's light at each node.
-    radial
-        (R, nodes, frequencies) part that depends on |f| only; None if there is none.
-    step_per_m
-        Frequency step of `radial`.
-    kernel_spectra
-        (R, nodes, Q, Q // 2 + 1) spectra of the kernels on the cells; None if the spread depends on |f| only.
-    padding_m
-        Distance to either side over which a point is spread.
-    """
-
+    # (wavelengths, nodes) weights of linear interpolation: the share of each wavelength's light at each node
     node_shares: Array
-    radial: Array | None
-    step_per_m: float
+    radial: Array | None  # (R, nodes, frequencies) part that depends on |f| only; None if there is none
+    step_per_m: float  # frequency step of `radial`
+    # (R, nodes, Q, Q // 2 + 1) spectra of the kernels on the cells; None if the spread depends on |f| only
     kernel_spectra: NDArray[np.complex128] | None
-    padding_m: float
+    padding_m: float  # distance to either side over which a point is spread
 
     @property
     def parts(self) -> tuple[Array, ...]:
@@ -80,15 +77,7 @@ class SampledOtf:
         return len(self.parts[0])
 
     def transfer(self, coupling: Array, mixing: Array) -> Transfer:
-        """Return the engine's transfer from terms to channels.
-
-        Parameters
-        ----------
-        coupling
-            (channels, maps, nodes).
-        mixing
-            (terms, R, maps).
-        """
+        """Return the engine's transfer, from coupling (channels, maps, nodes) and mixing (terms, R, maps)."""
         to_terms = np.einsum("trk,ckn->ctrn", mixing, coupling, optimize=True)
         radial = None
         if self.radial is not None:
@@ -97,29 +86,19 @@ class SampledOtf:
             assert radial is not None
             return Transfer(refined(radial))
         size = self.kernel_spectra.shape[2]
-        kernels = scipy.fft.irfft2(
-            np.tensordot(to_terms, self.kernel_spectra, axes=((2, 3), (0, 1))), s=(size, size), workers=-1
-        )
+        spectra = np.tensordot(to_terms, self.kernel_spectra, axes=((2, 3), (0, 1)))
+        kernels = scipy.fft.irfft2(spectra, s=(size, size), workers=-1)
         return Transfer(radial, np.fft.fftshift(kernels, axes=(2, 3)))
 
 
 @dataclass(frozen=True, eq=False)
 class MapTransfers:
-    """Transfers from maps to channels, computed in blocks of frequencies because all together would be large.
+    """Transfers from maps to channels, computed in blocks of frequencies because all together would be large."""
 
-    Parameters
-    ----------
-    otf
-        The lens.
-    coupling
-        (channels, maps, nodes) electrons per second that a map of weight 1 gives a channel at a spectral node.
-    modes
-        The modes to include; None is all.
-    """
-
-    otf: SampledOtf
+    otf: SampledOtf  # the lens
+    # (channels, maps, nodes) electrons per second that a map of weight 1 gives a channel at a spectral node
     coupling: Array
-    modes: slice | None = None
+    modes: slice | None = None  # the modes to include; None is all
 
     def blocks(self, stride: int) -> Iterator[Array]:
         """Yield (channels, modes, maps, n) transfers at every `stride`-th frequency."""
@@ -143,21 +122,13 @@ class MapTransfers:
 
 
 def sample_otf(spread: PointSpread, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
-    """Sample the transfer function of a lens.
+    """Sample the transfer function of a lens at the (wavelengths,) of the light.
 
-    Parameters
-    ----------
-    spread
-        Point spread of the lens. The modes of a `FieldPsf` are multiplied by `field_scale`.
-    wavelength_nm
-        (wavelengths,) of the light.
-    sampling
-        Pixels and cells.
+    The modes of a `FieldPsf` are multiplied by `field_scale`.
 
-    Raises
-    ------
-    InputError
-        If a point is spread over more cells than a mosaic can be computed with.
+    Raises `InputError` if a point is spread over more cells than a mosaic can be computed with.
+
+    Warns `PhotositeWarning` if it is spread over so many that computing the transfer functions takes long.
     """
     if isinstance(spread, RadialPsf):
         return _sample_radial(spread, wavelength_nm, sampling)
@@ -175,11 +146,35 @@ def field_scale(spread: FieldPsf) -> Array:
 
 def _sample_radial(spread: RadialPsf, wavelength_nm: Array, sampling: Sampling) -> SampledOtf:
     middle = float(wavelength_nm[wavelength_nm.size // 2])
-    check_reach(spread.reach_m(middle), sampling)
+    _cells_across(spread.reach_m(middle), sampling, _LARGEST_RADIAL)
     frequencies = np.linspace(0.0, max(spread.cutoff_per_m(w) for w in wavelength_nm), FREQUENCY_NODES)
     otfs = np.stack([spread.otf(frequencies, w) for w in wavelength_nm])
     padding_m = spread.reach_m(middle) + max(sampling.split_m) / 2
     return SampledOtf(np.eye(wavelength_nm.size), otfs[None], float(frequencies[1]), None, padding_m)
+
+
+def kernel_size(reach_m: float, sampling: Sampling) -> int:
+    """Return the cells per axis of a kernel for the low-pass filter's four spots; odd, with a fast transform."""
+    cells = _cells_across(reach_m, sampling, _LARGEST_KERNEL)
+    if cells > _SLOW_KERNEL:
+        what = f"the lens spreads a point over {cells:.0f} cells of the sensor, which may take minutes to compute"
+        warnings.warn(PhotositeWarning(what, hint=_HINT), stacklevel=2)
+    size = max(math.ceil(cells), _SMALLEST_KERNEL)
+    while size % 2 == 0 or scipy.fft.next_fast_len(size) != size:
+        size += 1
+    return size
+
+
+def _cells_across(reach_m: float, sampling: Sampling, most: int) -> float:
+    """Return the cells per axis that a spread with its low-pass filter and pixel covers; check the limit."""
+    across_m = 2 * reach_m + max(sampling.split_m)
+    cells = (across_m / min(sampling.pitch_m) + 2) * sampling.cells_per_pixel
+    if not cells <= most:
+        number = round(cells) if math.isfinite(cells) else cells
+        what = "the number of cells over which the lens spreads a point"
+        where = f"point spread of {across_m * 1e3:g} mm"
+        raise InputError(what, value=number, expected=f"at most {most}", where=where, hint=_HINT)
+    return cells
 
 
 def refined(radial: RadialTransfer) -> RadialTransfer:
@@ -256,8 +251,7 @@ class _ModeSamples:
 def circular_pupil_otf(r: Array) -> Array:
     """Return the transfer function of a circular pupil at r = |f| / cutoff (Goodman, Fourier Optics, eq. 6-32)."""
     r = np.minimum(r, 1.0)
-    transfer: Array = (2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r))
-    return transfer
+    return np.asarray((2 / math.pi) * (np.arccos(r) - r * np.sqrt(1 - r * r)))
 
 
 def _cone(mode: PlanePsf, wavelength_nm: float) -> float:

@@ -33,21 +33,11 @@ _LEAST_BLOCK_TILES = 2
 def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_m: tuple[float, float]) -> None:
     """Scatter a fraction of a mosaic's light over it, in place.
 
-    Parameters
-    ----------
-    mosaic
-        (rows, cols) mean electrons.
-    glare
-        Fraction and spread of the scattered light.
-    cfa
-        Colour filter array's tile.
-    pitch_m
-        (vertical, horizontal) pixel pitch.
+    - `mosaic`: (rows, cols) mean electrons.
+    - `glare`, `cfa`: Fraction and spread of the scattered light; tile of the colour filter array.
+    - `pitch_m`: (vertical, horizontal) pixel pitch.
 
-    Raises
-    ------
-    InputError
-        If the glare's spread is less than 16 pixels (for a 2 x 2 tile): that is a point spread.
+    Raises `InputError` if the glare's spread is less than 16 pixels (for a 2 x 2 tile): that is a point spread.
 
     Notes
     -----
@@ -85,18 +75,17 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
 
 
 class _Axis:
-    """One axis of the frame: means over blocks, and interpolation between them."""
+    """One axis of the frame: means over blocks, and interpolation between them.
+
+    `to_blocks` is (blocks, pixels) shares, `to_pixels` (pixels, blocks).
+    """
 
     def __init__(self, pixels: int, tile: int, pitch_m: float, spread_m: float) -> None:
         least = _LEAST_BLOCK_TILES * tile
         if spread_m < 4 * least * pitch_m:
-            raise InputError(
-                "spread_m",
-                where="veiling_glare",
-                value=spread_m,
-                expected=f"at least {4 * least} pixels of {pitch_m * 1e6:g} um",
-                hint="Make a smaller spread part of the lens's point spread",
-            )
+            expected = f"at least {4 * least} pixels of {pitch_m * 1e6:g} um"
+            hint = "Make a smaller spread part of the lens's point spread"
+            raise InputError("spread_m", where="veiling_glare", value=spread_m, expected=expected, hint=hint)
         wanted = max(math.ceil(pixels * pitch_m / spread_m * _BLOCKS_PER_SPREAD), _LEAST_BLOCKS)
         count = max(1, min(wanted, pixels // least))
         width = pixels / count
@@ -110,16 +99,6 @@ class _Axis:
         self.to_pixels = np.maximum(0.0, 1 - np.abs(position[:, None] - np.arange(count)))
         self.frequency_per_m = np.arange(count) / (2 * pixels * pitch_m)
 
-    def means_from(self, site: int) -> NDArray[np.float64]:
-        """Return (blocks, pixels of a site) shares."""
-        shares: NDArray[np.float64] = self.to_blocks[:, site :: self.tile]
-        return shares
-
-    def back_to(self, site: int) -> NDArray[np.float64]:
-        """Return (pixels of a site, blocks) shares."""
-        shares: NDArray[np.float64] = self.to_pixels[site :: self.tile]
-        return shares
-
 
 def _axes(shape: tuple[int, ...], spread_m: float, cfa: Cfa, pitch_m: tuple[float, float]) -> tuple[_Axis, _Axis]:
     tile = len(cfa), len(cfa[0])
@@ -128,20 +107,18 @@ def _axes(shape: tuple[int, ...], spread_m: float, cfa: Cfa, pitch_m: tuple[floa
 
 
 def _veils(
-    planes: list[NDArray[np.float32]],
-    sites: Sequence[tuple[int, int]],
-    axes: tuple[_Axis, _Axis],
-    spread_m: float,
+    planes: list[NDArray[np.float32]], sites: Sequence[tuple[int, int]], axes: tuple[_Axis, _Axis], spread_m: float
 ) -> list[NDArray[np.float64]]:
     """Return the scattered light at each of a channel's sites."""
     down, across = axes
     light: NDArray[np.float64] = np.zeros((down.frequency_per_m.size, across.frequency_per_m.size))
     share = np.zeros_like(light)
     for plane, (r, c) in zip(planes, sites, strict=True):
-        light += down.means_from(r) @ plane @ across.means_from(c).T
-        share += down.means_from(r).sum(axis=1)[:, None] * across.means_from(c).sum(axis=1)
+        means, along = down.to_blocks[:, r :: down.tile], across.to_blocks[:, c :: across.tile]
+        light += means @ plane @ along.T
+        share += means.sum(axis=1)[:, None] * along.sum(axis=1)
     squared = down.frequency_per_m[:, None] ** 2 + across.frequency_per_m**2
     # Fourier transform of exp(-r / s) / (2 pi s^2) in the plane.
     transfer = (1 + (2 * math.pi * spread_m) ** 2 * squared) ** -1.5
     veil = scipy.fft.idctn(scipy.fft.dctn(light / share, type=2) * transfer, type=2)
-    return [down.back_to(r) @ veil @ across.back_to(c).T for r, c in sites]
+    return [down.to_pixels[r :: down.tile] @ veil @ across.to_pixels[c :: across.tile].T for r, c in sites]

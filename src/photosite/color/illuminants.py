@@ -121,13 +121,14 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
 def _interpolated(spectrum: Spectrum, grid: Array, name: str) -> Array:
     first, last = spectrum.wavelength_nm[0], spectrum.wavelength_nm[-1]
     if grid[0] < first - 1e-9 or grid[-1] > last + 1e-9:
+        ends = tuple(int(end) if end == int(end) else float(end) for end in (first, last))
         raise InputError(
             "wavelength_nm",
             where=f"illuminant {name}",
             value=(float(grid[0]), float(grid[-1])),
             expected=f"within {first:g} to {last:g} nm, the range of its table",
             hint="Use another illuminant, or limit a scene file to {band_range_nm}",
-            arguments={"band_range_nm": tuple(int(end) if end == int(end) else float(end) for end in (first, last))},
+            arguments={"band_range_nm": ends},
         )
     return np.interp(grid, spectrum.wavelength_nm, spectrum.values)
 
@@ -160,13 +161,9 @@ def _blackbody_illuminant(temperature_k: float, grid: Array) -> Array:
     except InputError as error:
         raise error.within("illuminant") from None
     if not energy.max() > _WEAKEST_W_SR_M2_NM:
-        raise InputError(
-            "temperature_k",
-            where="illuminant",
-            value=temperature_k,
-            expected=f"high enough to emit light from {grid[0]:g} to {grid[-1]:g} nm",
-            hint="Give kelvins, such as 3200, or a name, such as A or D65",
-        )
+        expected = f"high enough to emit light from {grid[0]:g} to {grid[-1]:g} nm"
+        hint = "Give kelvins, such as 3200, or a name, such as A or D65"
+        raise InputError("temperature_k", where="illuminant", value=temperature_k, expected=expected, hint=hint)
     return energy
 
 
@@ -174,8 +171,7 @@ def _cie_a_definition(grid: Array) -> Array:
     """Return CIE A from its definition, 100 at 560 nm."""
     exponent = _A_C2_M_K * 1e9 / _A_K
     with np.errstate(over="ignore"):
-        energy: Array = (560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid)
-    return 100 * energy
+        return 100 * ((560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid))
 
 
 @lru_cache(maxsize=32)
@@ -187,22 +183,19 @@ def _cie_illuminant(name: str) -> Spectrum:
         kinds = (*dict.fromkeys(known.values()), "daylight 5600", "blackbody 3200", "led 4000", "tungsten")
         hint = did_you_mean(name, kinds)
         if not hint.startswith("Did"):  # the full list has fifty entries
-            hint = (
-                "Known are the CIE illuminants (A, D65, F11, LED-B3, ...), 'daylight 5600', 'blackbody 3200', "
-                "'led 4000' and CSV files (lamp.csv)"
-            )
+            named = "the CIE illuminants (A, D65, F11, LED-B3, ...), 'daylight 5600', 'blackbody 3200'"
+            hint = f"Known are {named}, 'led 4000' and CSV files (lamp.csv)"
         raise InputError("illuminant", value=name, expected="a known name", hint=hint)
     found = known[name.lower()]
-    table = tables[found]
-    grid, values = np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)
+    table = Spectrum(tables[found].wavelengths, tables[found].values)
     if found not in _NOMINAL_K:
-        return Spectrum(grid, values)
+        return table
     # colour-science's tables end at 780 nm; CIE's own, computed from the same basis functions, at 830 nm.
-    colour = colour_science()
-    chromaticity = colour.temperature.CCT_to_xy_CIE_D(_NOMINAL_K[found] * _C2_RATIO)
-    full = colour.sd_CIE_illuminant_D_series(chromaticity)
-    beyond = full.wavelengths > grid[-1]
-    return Spectrum(np.append(grid, full.wavelengths[beyond]), np.append(values, full.values[beyond]))
+    full = _daylight_table(_NOMINAL_K[found] * _C2_RATIO)
+    beyond = full.wavelength_nm > table.wavelength_nm[-1]
+    return Spectrum(
+        np.append(table.wavelength_nm, full.wavelength_nm[beyond]), np.append(table.values, full.values[beyond])
+    )
 
 
 @lru_cache(maxsize=32)
@@ -231,16 +224,15 @@ def daylight(temperature_k: float) -> Spectrum:
     """
     low, high = _DAYLIGHT_K
     if not low <= temperature_k <= high:
-        raise InputError(
-            "temperature_k",
-            where="daylight",
-            value=temperature_k,
-            expected=f"{low:g} to {high:g}",
-            hint=f"'blackbody {temperature_k:g}' exists at any temperature",
-        )
+        expected, hint = f"{low:g} to {high:g}", f"'blackbody {temperature_k:g}' exists at any temperature"
+        raise InputError("temperature_k", where="daylight", value=temperature_k, expected=expected, hint=hint)
+    return _daylight_table(temperature_k)
+
+
+def _daylight_table(temperature_k: float) -> Spectrum:
     colour = colour_science()
     table = colour.sd_CIE_illuminant_D_series(colour.temperature.CCT_to_xy_CIE_D(temperature_k))
-    return Spectrum(np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64))
+    return Spectrum(table.wavelengths, table.values)
 
 
 def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = None) -> Spectrum:
@@ -285,20 +277,16 @@ def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = 
 
 @lru_cache(maxsize=32)
 def white_led(temperature_k: float) -> Spectrum:
-    """Return a white LED, a blue die with a phosphor, of a correlated colour temperature.
+    """Return a white LED, a blue die with a phosphor, of a correlated colour temperature: relative energy.
 
     A model: a die at 450 nm, 20 nm wide, and a Gaussian phosphor, 120 nm wide. The phosphor's peak and share give the
-    chromaticity of a blackbody below 5000 K and of daylight above. Measured LEDs are "LED-B1" to "LED-B5".
+    chromaticity of a blackbody below 5000 K and of daylight above. The range is 300 to 1100 nm. Measured LEDs are
+    "LED-B1" to "LED-B5".
 
     Parameters
     ----------
     temperature_k
         2200 to 10 000 K.
-
-    Returns
-    -------
-    Spectrum
-        Relative energy, 300 to 1100 nm.
 
     Raises
     ------
@@ -345,8 +333,7 @@ def _phosphor(peak_nm: float) -> Array:
 
 
 def _of_unit_area(shape: Array) -> Array:
-    area: Array = shape / shape.sum(axis=-1, keepdims=True)  # the steps are 1 nm
-    return area
+    return np.asarray(shape / shape.sum(axis=-1, keepdims=True))  # the steps are 1 nm
 
 
 def read_illuminant(path: str | PathLike[str]) -> Spectrum:

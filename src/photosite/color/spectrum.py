@@ -22,10 +22,7 @@ DEFAULT_WAVELENGTH_NM.flags.writeable = False
 def wavelength_grid(wavelength_nm: ArrayLike) -> NDArray[np.float64]:
     """Return wavelengths as a float array.
 
-    Raises
-    ------
-    InputError
-        If they are not one-dimensional, positive, finite and increasing.
+    Raises `InputError` if they are not one-dimensional, positive, finite and increasing.
     """
     grid = np.asarray(wavelength_nm, dtype=np.float64)
     if grid.ndim != 1 or grid.size == 0 or not np.isfinite(grid).all() or grid[0] <= 0:
@@ -59,17 +56,15 @@ class Spectrum:
         grid = wavelength_grid(self.wavelength_nm)
         values = np.asarray(self.values, dtype=np.float64)
         if values.shape != grid.shape or not np.isfinite(values).all():
-            raise InputError(
-                "values", value=self.values, expected=f"one finite number for each of {grid.size} wavelengths"
-            )
+            expected = f"one finite number for each of {grid.size} wavelengths"
+            raise InputError("values", value=self.values, expected=expected)
         object.__setattr__(self, "wavelength_nm", grid)
         object.__setattr__(self, "values", values)
 
     def at(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
         """Return the values at other wavelengths: linear between entries, 0 outside the table."""
-        return np.interp(
-            np.asarray(wavelength_nm, dtype=np.float64), self.wavelength_nm, self.values, left=0.0, right=0.0
-        )
+        wanted = np.asarray(wavelength_nm, dtype=np.float64)
+        return np.interp(wanted, self.wavelength_nm, self.values, left=0.0, right=0.0)
 
 
 def integration_weights(wavelength_nm: ArrayLike, rule: Rule = "trapezoid") -> NDArray[np.float64]:

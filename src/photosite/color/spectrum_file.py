@@ -22,14 +22,8 @@ _MOST_COLUMNS = 3
 class SpectrumFile:
     """The content of a spectrum file.
 
-    Parameters
-    ----------
-    spectrum
-        Wavelengths and values.
-    standard_uncertainty
-        (wavelengths,), 0 where the file has no third column.
-    columns
-        Names of the columns in lower case; empty if the file has no heading.
+    - `spectrum`, `standard_uncertainty`: Wavelengths and values; (wavelengths,), 0 where the file has no third column.
+    - `columns`: Names of the columns in lower case; empty if the file has no heading.
     """
 
     spectrum: Spectrum
@@ -76,9 +70,8 @@ def read_spectrum(path: str | PathLike[str]) -> SpectrumFile:
             count = f"{len(rows[0])}" if rows else "two or three"
             raise FileError(file, "line", number, value=line, expected=f"{count} finite numbers separated by commas")
         if rows and values[0] <= rows[-1][0]:
-            raise FileError(
-                file, "wavelength", number, value=values[0], expected=f"above {rows[-1][0]:g}, the line before"
-            )
+            expected = f"above {rows[-1][0]:g}, the line before"
+            raise FileError(file, "wavelength", number, value=values[0], expected=expected)
         if len(values) > 2 and values[2] < 0:
             raise FileError(file, "standard_uncertainty", number, value=values[2], expected="0 or above")
         rows.append(values)

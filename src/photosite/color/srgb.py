@@ -27,17 +27,7 @@ SRGB_FROM_XYZ.flags.writeable = False
 
 
 def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Encode linear sRGB for the display.
-
-    Parameters
-    ----------
-    linear
-        Any shape. Values are clipped to 0..1.
-
-    Returns
-    -------
-    numpy.ndarray
-        The same shape, 0 to 1.
+    """Encode linear sRGB of any shape for the display, clipped to 0..1.
 
     References
     ----------
@@ -51,5 +41,4 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     clipped = np.clip(linear, 0.0, 1.0, dtype=np.float32)
     # 1.055 p - 0.055, written so that white is 1 exactly.
     curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
-    encoded: NDArray[np.float32] = np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve)
-    return encoded
+    return np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve)

@@ -63,8 +63,7 @@ def luminance_cd_m2(
     """
     grid = wavelength_grid(wavelength_nm)
     weights = color_matching_functions(grid)[1] * integration_weights(grid, rule)
-    luminance: NDArray[np.float64] = LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights)
-    return luminance
+    return np.asarray(LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights))
 
 
 def xyz(photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trapezoid") -> NDArray[np.float64]:
@@ -80,8 +79,7 @@ def xyz(photon_radiance: ArrayLike, wavelength_nm: ArrayLike, rule: Rule = "trap
     """
     grid = wavelength_grid(wavelength_nm)
     weights = color_matching_functions(grid) * integration_weights(grid, rule)
-    tristimulus: NDArray[np.float64] = LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights.T)
-    return tristimulus
+    return np.asarray(LUMINOUS_EFFICACY_LM_W * (energy_from_photons(photon_radiance, grid) @ weights.T))
 
 
 def lab(xyz: ArrayLike) -> NDArray[np.float64]:

@@ -47,16 +47,15 @@ class ColorMatrix:
 def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
     """Fit the matrix with the least sum of squared differences in XYZ over the patches.
 
-    All patches have the same weight, and no constant is fitted: black stays black. The unit of `rgb` is free (digital
-    numbers, electrons, volts); the matrix includes it and the exposure. Colour differences need `xyz` with Y = 1 for
-    the perfect white.
+    All patches have the same weight, and no constant is fitted: black stays black.
 
     Parameters
     ----------
     rgb
-        (patches, 3), linear camera red, green and blue, black at 0.
+        (patches, 3), linear camera red, green and blue, black at 0. Its unit is free (digital numbers, electrons,
+        volts); the matrix includes it and the exposure.
     xyz
-        (patches, 3), the patches under D65, Y = 1 for the perfect white under D65.
+        (patches, 3), the patches under D65. Colour differences need Y = 1 for the perfect white.
 
     Raises
     ------

@@ -88,17 +88,43 @@ def develop(
     else:
         to_xyz = _camera_to_xyz(raw, color_matrix)
         linear = planes
-        if white_balance == "none":
-            to_srgb = _unbalanced_to_srgb(to_xyz)
-        else:
+        if white_balance != "none":
             _balance(linear, raw, white_balance)
-            to_srgb = _balanced_to_srgb(to_xyz)
+        to_srgb = _to_srgb(to_xyz, balanced=white_balance != "none")
         for block in _blocks(linear):
             block[...] = block @ to_srgb.T.astype(np.float32)
     scale = np.float32(_auto_exposure(linear) if exposure == "auto" else exposure)
     for block in _blocks(linear):
         block[...] = encode_srgb(block * scale)
     return linear
+
+
+def develop_pair(
+    first: RawFrame, second: RawFrame, color_matrix: ColorMatrix | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Develop two frames with the same colour matrix and exposure, so that only the frames cause differences.
+
+    Parameters
+    ----------
+    first, second
+        Two frames of one scene, each with its own black and white level.
+    color_matrix
+        Camera RGB to XYZ under D65, fitted to the light of the scene, because there is no other white balance.
+        Default: the matrix of the frames.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (rows, cols, 3) float32 each, display sRGB. White is the neutral that saturates the first channel.
+
+    Examples
+    --------
+    >>> frame = RawFrame(np.full((4, 4), 255, np.uint16), bits=8)
+    >>> one, other = develop_pair(frame, frame)
+    >>> one.shape, float(one.min()), bool((one == other).all())
+    ((4, 4, 3), 1.0, True)
+    """
+    return develop(first, "none", color_matrix, 1.0), develop(second, "none", color_matrix, 1.0)
 
 
 def _blocks(picture: NDArray[np.float32]) -> list[NDArray[np.float32]]:
@@ -183,18 +209,15 @@ def _neutral(to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
     return neutral
 
 
-def _balanced_to_srgb(to_xyz: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return balanced camera RGB to linear sRGB; (1, 1, 1) stays (1, 1, 1)."""
+def _to_srgb(to_xyz: NDArray[np.float64] | None, balanced: bool) -> NDArray[np.float64]:
+    """Return camera RGB to linear sRGB.
+
+    Balanced (1, 1, 1) stays (1, 1, 1). Unbalanced, the neutral that just saturates a channel becomes (1, 1, 1).
+    """
     if to_xyz is None:
         return np.eye(3)
-    return np.asarray(SRGB_FROM_XYZ @ to_xyz @ np.diag(_neutral(to_xyz)))
-
-
-def _unbalanced_to_srgb(to_xyz: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return camera RGB to linear sRGB; the matrix's neutral that just saturates a channel becomes (1, 1, 1)."""
-    if to_xyz is None:
-        return np.eye(3)
-    return np.asarray(SRGB_FROM_XYZ @ to_xyz * _neutral(to_xyz).max())
+    neutral = _neutral(to_xyz)
+    return np.asarray(SRGB_FROM_XYZ @ to_xyz @ np.diag(neutral) if balanced else SRGB_FROM_XYZ @ to_xyz * neutral.max())
 
 
 def _auto_exposure(linear: NDArray[np.float32]) -> float:

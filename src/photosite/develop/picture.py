@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 
@@ -16,8 +15,10 @@ from photosite.files.atomic import atomic_path
 
 BITS = (8, 16)
 
-_TRUECOLOUR = 2
-_PERCEPTUAL = b"\0"
+_AFTER_HEADER = 33
+"""Bytes of the signature and the chunk IHDR."""
+_SRGB = struct.pack(">I5sI", 1, b"sRGB\0", zlib.crc32(b"sRGB\0"))
+"""The chunk for sRGB, with perceptual intent."""
 
 
 def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
@@ -41,7 +42,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
 
     References
     ----------
-    ISO/IEC 15948, with an sRGB chunk; Pillow has no 16-bit colour.
+    ISO/IEC 15948, with an sRGB chunk. Pillow has no 16-bit colour.
 
     Examples
     --------
@@ -52,6 +53,8 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     ...     Image.open(f"{folder}/gray.png").getpixel((0, 0))
     (128, 128, 128)
     """
+    from imagecodecs import png_encode
+
     values = np.asarray(picture)
     if values.ndim != 3 or values.shape[2] != 3 or values.size == 0:
         raise InputError("picture", value=values.shape, expected="of shape (rows, cols, 3)")
@@ -62,17 +65,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     target = Path(path)
     if target.suffix.lower() != ".png":
         raise InputError("path", value=target.name, expected="a name with the suffix .png")
-    rows, cols, _ = values.shape
-    codes = np.rint(values * ((1 << bits) - 1)).astype(np.dtype("u1") if bits == 8 else np.dtype(">u2"))
-    # Every scan line begins with its filter type; 0 is no filter.
-    lines = np.zeros((rows, 1 + cols * 3 * bits // 8), np.uint8)
-    lines[:, 1:] = np.ascontiguousarray(codes).view(np.uint8).reshape(rows, -1)
-    header = struct.pack(">IIBBBBB", cols, rows, bits, _TRUECOLOUR, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"sRGB", _PERCEPTUAL), (b"IDAT", zlib.compress(lines.tobytes(), 3)), (b"IEND", b""))
+    codes = np.rint(values * ((1 << bits) - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    encoded = png_encode(codes, level=3)
     with atomic_path(target) as temporary:
-        temporary.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_framed(chunks)))
-
-
-def _framed(chunks: tuple[tuple[bytes, bytes], ...]) -> Iterator[bytes]:
-    for kind, data in chunks:
-        yield struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        temporary.write_bytes(encoded[:_AFTER_HEADER] + _SRGB + encoded[_AFTER_HEADER:])

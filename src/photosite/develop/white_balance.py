@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
 
-if TYPE_CHECKING:
-    from photosite.frames.raw_frame import RawFrame
+_EXAMPLE = {"white_balance": [2.0, 1.0, 1.5]}
 
 
 def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -53,8 +51,7 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
             raise InputError("left_out", value=counted.shape, expected=f"of shape {values.shape[:2]}")
         if not counted.any():
             hint = "Pass {white_balance}, or expose for less"
-            arguments = {"white_balance": [2.0, 1.0, 1.5]}
-            raise InputError("gray world finds no pixel that is not saturated", hint=hint, arguments=arguments)
+            raise InputError("gray world finds no pixel that is not saturated", hint=hint, arguments=_EXAMPLE)
         means = np.array([values[..., k].mean(dtype=np.float64, where=counted) for k in range(3)])
     if not (means > 0).all():
         raise InputError(
@@ -63,22 +60,16 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
             value=[round(float(m), 4) for m in means],
             expected="above 0",
             hint="Check the black level, or pass {white_balance}",
-            arguments={"white_balance": [2.0, 1.0, 1.5]},
+            arguments=_EXAMPLE,
         )
     return np.asarray(means[1] / means, dtype=np.float64)
 
 
 def saturated_neighbourhood(raw: RawFrame) -> NDArray[np.bool_]:
-    """Return the pixels with a saturated pixel in their 3 x 3 neighbourhood, (rows, cols).
-
-    Parameters
-    ----------
-    raw
-        The frame; a pixel at or above `white_level_dn` is saturated.
+    """Return the pixels with a saturated pixel, at or above `white_level_dn`, in their 3 x 3 neighbourhood.
 
     Examples
     --------
-    >>> from photosite.frames.raw_frame import RawFrame
     >>> dn = np.zeros((4, 4), np.uint16)
     >>> dn[0, 0] = 4095
     >>> int(saturated_neighbourhood(RawFrame(dn, bits=12)).sum())

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photosite.engine.arrays import F32, F64, I64
 from photosite.engine.jit import compiled, prange
 
 _BLOCK = 256
 """Columns that are summed at a time; their sums and weights fit the first-level cache."""
 
 
-def gathered(mosaic: NDArray[np.float32], shares: NDArray[np.float64]) -> NDArray[np.float32]:
+def gathered(mosaic: F32, shares: F64) -> F32:
     """Return each pixel's sum of shares of the pixels around it.
 
     Beyond its border the mosaic repeats the nearest pixels of the same site in the colour filter array's tile.
 
-    Parameters
-    ----------
-    mosaic
-        (rows, cols), one whole tile or more.
-    shares
-        (tile rows, tile cols, size, size), size odd: the share that a pixel at that site receives of the pixel
-        (i - size // 2) rows below it and (j - size // 2) columns to its right.
-
-    Returns
-    -------
-    ndarray
-        (rows, cols).
+    - `mosaic`: (rows, cols), one whole tile or more.
+    - `shares`: (tile rows, tile cols, size, size), size odd: the share that a pixel at that site receives of the pixel
+      (i - size // 2) rows below it and (j - size // 2) columns to its right.
     """
     period_c, size = shares.shape[1:3]
     taps = np.argwhere((shares != 0).any(axis=(0, 1)))
@@ -42,14 +33,7 @@ def gathered(mosaic: NDArray[np.float32], shares: NDArray[np.float64]) -> NDArra
 
 
 @compiled(parallel=True)
-def _gather(
-    mosaic: NDArray[np.float32],
-    weights: NDArray[np.float32],
-    offsets: NDArray[np.int64],
-    period_c: int,
-    reach: int,
-    out: NDArray[np.float32],
-) -> None:
+def _gather(mosaic: F32, weights: F32, offsets: I64, period_c: int, reach: int, out: F32) -> None:
     rows, cols = mosaic.shape
     period_r, taps, block = weights.shape
     for r in prange(rows):
@@ -72,7 +56,7 @@ def _gather(
 
 
 @compiled()
-def _add(total: NDArray[np.float32], weight: NDArray[np.float32], source: NDArray[np.float32]) -> None:
+def _add(total: F32, weight: F32, source: F32) -> None:
     for c in range(total.size):
         total[c] += weight[c] * source[c]
 
@@ -88,26 +72,13 @@ def _inside(index: int, size: int, period: int) -> int:
 
 
 @compiled(parallel=True)
-def scale_by_angle(
-    mosaic: NDArray[np.float32],
-    y: NDArray[np.float64],
-    x: NDArray[np.float64],
-    channel_of: NDArray[np.int64],
-    angle: NDArray[np.float64],
-    response: NDArray[np.float64],
-) -> None:
+def scale_by_angle(mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, response: F64) -> None:
     """Multiply each pixel by its channel's response at the angle of its position, in place.
 
-    Parameters
-    ----------
-    mosaic
-        (rows, cols).
-    y, x
-        (rows,), (cols,) positions; the angle is atan(hypot(y, x)).
-    channel_of
-        (tile rows, tile cols) channel of each site.
-    angle, response
-        (n,) radians, increasing from 0 to at least the largest angle; (channels, n), linear between.
+    - `mosaic`: (rows, cols).
+    - `y`, `x`: (rows,), (cols,) positions; the angle is atan(hypot(y, x)).
+    - `channel_of`: (tile rows, tile cols) channel of each site.
+    - `angle`, `response`: (n,) radians, increasing from 0 to at least the largest angle; (channels, n), linear between.
     """
     rows, cols = mosaic.shape
     period_r, period_c = channel_of.shape

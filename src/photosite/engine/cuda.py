@@ -18,6 +18,7 @@ import numba.cuda
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F32
 from photosite.engine.pixel_model import DrawnConstants, DrawnMaps, Exposure, drawn_pixel, expose_pixel
 
 cuda: Any = numba.cuda  # numba's own, numba-cuda, or the simulator
@@ -46,19 +47,11 @@ class NoCudaError(RuntimeError):
 
 
 def expose_drawn_cuda(
-    photo_e: NDArray[np.float32], maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure
+    photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure
 ) -> NDArray[np.uint16]:
-    """Return the digital numbers of `pixel_model.expose_drawn`, computed on the GPU.
+    """Return the digital numbers of `pixel_model.expose_drawn`, with the same arguments, computed on the GPU.
 
-    Parameters
-    ----------
-    photo_e, maps, constants, exposure
-        As for `expose_drawn`; the arrays are copied to the GPU and the frame is copied back.
-
-    Raises
-    ------
-    NoCudaError
-        If the GPU, its driver or numba-cuda is missing, or numba-cuda compiles to code that rounds differently.
+    Raises `NoCudaError` if the GPU, its driver or numba-cuda is missing, or its code rounds differently.
     """
     kernel = _kernel()
     out = cuda.device_array(photo_e.shape, np.uint16)
@@ -120,10 +113,7 @@ def unfused() -> Iterator[None]:
 def check_unfused(ptx: str) -> None:
     """Reject PTX in which an operation may round differently from the CPU.
 
-    Raises
-    ------
-    NoCudaError
-        If an operation is fused, approximate, or leaves its rounding to the assembler.
+    Raises `NoCudaError` if an operation is fused, approximate, or leaves its rounding to the assembler.
 
     Examples
     --------

@@ -25,11 +25,14 @@ def log(x: float) -> float:
     m = double_of_bits(bits - (exponent << 52))
     s = (m - 1.0) / (m + 1.0)
     t = s * s
-    series = t * (
-        1 / 3
-        + t
-        * (1 / 5 + t * (1 / 7 + t * (1 / 9 + t * (1 / 11 + t * (1 / 13 + t * (1 / 15 + t * (1 / 17 + t * (1 / 19))))))))
-    )
+    series = 1 / 17 + t * (1 / 19)
+    series = 1 / 15 + t * series
+    series = 1 / 13 + t * series
+    series = 1 / 11 + t * series
+    series = 1 / 9 + t * series
+    series = 1 / 7 + t * series
+    series = 1 / 5 + t * series
+    series = t * (1 / 3 + t * series)
     e = float(exponent)
     return e * _LN2_HIGH + (2.0 * s + (2.0 * s * series + e * _LN2_LOW))
 
@@ -44,40 +47,16 @@ def exp(x: float) -> float:
     shifted = x * _LOG2_E + 6755399441055744.0
     k = shifted - 6755399441055744.0
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW
-    series = 1.0 + r * (
-        1.0
-        + r
-        * (
-            1 / 2
-            + r
-            * (
-                1 / 6
-                + r
-                * (
-                    1 / 24
-                    + r
-                    * (
-                        1 / 120
-                        + r
-                        * (
-                            1 / 720
-                            + r
-                            * (
-                                1 / 5040
-                                + r
-                                * (
-                                    1 / 40320
-                                    + r
-                                    * (
-                                        1 / 362880
-                                        + r * (1 / 3628800 + r * (1 / 39916800 + r * (1 / 479001600 + r / 6227020800)))
-                                    )
-                                )
-                            )
-                        )
-                    )
-                )
-            )
-        )
-    )
+    series = 1 / 479001600 + r / 6227020800
+    series = 1 / 39916800 + r * series
+    series = 1 / 3628800 + r * series
+    series = 1 / 362880 + r * series
+    series = 1 / 40320 + r * series
+    series = 1 / 5040 + r * series
+    series = 1 / 720 + r * series
+    series = 1 / 120 + r * series
+    series = 1 / 24 + r * series
+    series = 1 / 6 + r * series
+    series = 1 / 2 + r * series
+    series = 1.0 + r * (1.0 + r * series)
     return series * double_of_bits((int(k) + 1023) << 52)

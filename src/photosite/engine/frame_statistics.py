@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F32, F64, I64
 from photosite.engine.jit import compiled, prange
 
 LONGEST_LINE = 1 << 16
@@ -36,23 +37,14 @@ def line_sums(
 
     The function is single-threaded, so that threads that read frames may call it.
 
-    Parameters
-    ----------
-    frames
-        Frames (rows, cols) of uint8 or uint16, all of one size; consumed one at a time.
-    tile
-        (tile rows, tile cols).
+    - `frames`: Frames (rows, cols) of uint8 or uint16, all of one size; consumed one at a time.
+    - `tile`: (tile rows, tile cols).
 
-    Returns
-    -------
-    row_sums, column_sums
-        (frames, rows, tile cols) and (frames, tile rows, cols) uint32. The pixels of the tile's site (r, c) have the
-        row sums `row_sums[:, r::tile_rows, c]` and the column sums `column_sums[:, r, c::tile_cols]`.
+    Returns `row_sums` (frames, rows, tile cols) and `column_sums` (frames, tile rows, cols), uint32. The pixels of the
+    tile's site (r, c) have the row sums `row_sums[:, r::tile_rows, c]` and the column sums
+    `column_sums[:, r, c::tile_cols]`.
 
-    Raises
-    ------
-    ValueError
-        If there is no frame, a frame differs in size or type, or a side is longer than 65 536.
+    Raises `ValueError` if there is no frame, a frame differs in size or type, or a side is longer than 65 536.
 
     Examples
     --------
@@ -88,29 +80,21 @@ def add_residuals(
     frame: NDArray[Any],
     total: NDArray[Any],
     count: int,
-    row_shift: NDArray[np.float64],
-    column_shift: NDArray[np.float64],
+    row_shift: F64,
+    column_shift: F64,
     bins_per_dn: float,
-    fourth: NDArray[np.float32],
-    histogram: NDArray[np.int64],
+    fourth: F32,
+    histogram: I64,
 ) -> None:
     """Add the residuals of one frame, its digital numbers minus the mean of each pixel over the stack.
 
-    Parameters
-    ----------
-    frame
-        (rows, cols) uint8 or uint16.
-    total, count
-        (rows, cols) sum over the stack that the frame belongs to, and the number of frames in it.
-    row_shift, column_shift
-        (rows,), (cols,) offset of each line in this frame; subtracted for the histogram only.
-    bins_per_dn
-        Bins of the histogram per digital number.
-    fourth
-        (rows, cols) sum of the fourth powers of the residuals; updated in place.
-    histogram
-        (blocks, bins) residuals by block of rows: the rows are divided evenly into as many blocks as it has rows.
-        Updated in place. The centre of the bins is 0; the first and the last bin also count what lies beyond them.
+    - `frame`: (rows, cols) uint8 or uint16.
+    - `total`, `count`: (rows, cols) sum over the stack that the frame belongs to, and the number of frames in it.
+    - `row_shift`, `column_shift`: (rows,), (cols,) offset of each line in this frame, for the histogram only.
+    - `bins_per_dn`: Bins of the histogram per digital number.
+    - `fourth`: (rows, cols) sum of the fourth powers of the residuals; updated in place.
+    - `histogram`: (blocks, bins) residuals by block of rows: the rows are divided evenly into as many blocks as it has
+      rows. Updated in place. The centre of the bins is 0; the first and the last bin also count what lies beyond them.
     """
     rows, cols = frame.shape
     blocks, bins = histogram.shape

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F64
 from photosite.engine.jit import carray, compiled, pointer, prange, prefetch
 
 _Ints = NDArray[Any]
@@ -62,28 +63,15 @@ def add_frames(
 ) -> None:
     """Add frames to the per-pixel sums.
 
-    Parameters
-    ----------
-    addresses
-        (frames,) addresses of the frames' pixels, C-contiguous; numba has no arrays of arrays.
-    like
-        An array of the frames' dtype.
-    paired
-        Whether frames have 16 bits, an even number of columns, and addresses that are multiples of four.
-    labels
-        (tile rows, tile cols); at most LANES columns.
-    black, white
-        Clips.
-    overwrite
-        Whether these frames are the first, so that the content of the sums is overwritten.
-    sums, squares
-        (rows, cols) uint32 and uint64, added to.
-    totals
-        (bands, frames, labels) uint64, zeros: becomes the total of each frame over each label, by bands of rows.
-    clipped
-        (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white.
-    highest
-        (bands, frames) uint32, zeros: becomes the largest number.
+    - `addresses`: (frames,) addresses of the frames' pixels, C-contiguous; numba has no arrays of arrays.
+    - `like`: An array of the frames' dtype.
+    - `paired`: Whether frames have 16 bits, an even number of columns, and addresses that are multiples of four.
+    - `labels`: (tile rows, tile cols); at most LANES columns.
+    - `overwrite`: Whether these frames are the first, so that the content of the sums is overwritten.
+    - `sums`, `squares`: (rows, cols) uint32 and uint64, added to.
+    - `totals`: (bands, frames, labels) uint64, zeros: becomes the total of each frame and label, by bands of rows.
+    - `clipped`: (bands, labels, 2) int64, zeros: becomes the count at or below black, and at or above white.
+    - `highest`: (bands, frames) uint32, zeros: becomes the largest number.
     """
     rows, cols = sums.shape
     tile_rows, tile_cols = labels.shape
@@ -254,24 +242,13 @@ def _add_wide(stage: _Ints, m: int, sums: _Ints, squares: _Ints) -> None:
 
 
 @compiled(parallel=True)
-def label_squares(
-    sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _Ints, spread: NDArray[np.float64]
-) -> None:
+def label_squares(sums: _Ints, squares: _Ints, labels: _Ints, n: int, exact: _Ints, spread: F64) -> None:
     """Compute the squares that `LabelTotals` needs, by band of rows and label.
 
-    Parameters
-    ----------
-    sums, squares
-        (rows, cols) S and Q, the sum and the sum of squares of each pixel over n frames.
-    labels
-        (tile rows, tile cols).
-    n
-        Frames.
-    exact
-        (bands, labels, 3) uint64, zeros: becomes the sum of Q, and those of the low and high 32 bits of S^2, which
-        cannot overflow.
-    spread
-        (bands, labels), zeros: becomes the sum of (n Q - S^2)^2 in floating point.
+    - `sums`, `squares`: (rows, cols) S and Q, the sum and the sum of squares of each pixel over n frames.
+    - `exact`: (bands, labels, 3) uint64, zeros: becomes the sum of Q, and those of the low and high 32 bits of S^2,
+      which cannot overflow.
+    - `spread`: (bands, labels), zeros: becomes the sum of (n Q - S^2)^2 in floating point.
     """
     rows = sums.shape[0]
     tile_rows, tile_cols = labels.shape
@@ -292,14 +269,7 @@ def label_squares(
 
 @compiled()
 def _lane_squares(
-    sums: _Ints,
-    squares: _Ints,
-    lanes: int,
-    n: np.uint64,
-    q_total: _Ints,
-    s_low: _Ints,
-    s_high: _Ints,
-    rounded: NDArray[np.float64],
+    sums: _Ints, squares: _Ints, lanes: int, n: np.uint64, q_total: _Ints, s_low: _Ints, s_high: _Ints, rounded: F64
 ) -> None:
     for first in range(np.uint64(0), np.uint64(sums.size), np.uint64(lanes)):
         for lane in range(min(np.uint64(lanes), np.uint64(sums.size) - first)):
@@ -314,7 +284,7 @@ def _lane_squares(
 
 
 @compiled(parallel=True)
-def mean_map(sums: _Ints, n: int, out: NDArray[np.float64]) -> None:
+def mean_map(sums: _Ints, n: int, out: F64) -> None:
     """Compute (rows, cols) S / n in `out`."""
     rows, cols = sums.shape
     for r in prange(rows):
@@ -323,7 +293,7 @@ def mean_map(sums: _Ints, n: int, out: NDArray[np.float64]) -> None:
 
 
 @compiled(parallel=True)
-def variance_map(sums: _Ints, squares: _Ints, n: int, out: NDArray[np.float64]) -> None:
+def variance_map(sums: _Ints, squares: _Ints, n: int, out: F64) -> None:
     """Compute (rows, cols) (n Q - S^2) / (n (n - 1)) in `out`, with an exact numerator."""
     rows, cols = sums.shape
     divisor = np.float64(n) * np.float64(n - 1)

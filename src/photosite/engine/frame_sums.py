@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F64, I64
 from photosite.engine.frame_sum_kernels import BAND, LANES, add_frames, label_squares, mean_map, variance_map
 from photosite.engine.map_statistics import label_pixels
 
@@ -30,34 +31,22 @@ class LabelTotals:
     """Exact totals of one label over a stack of n frames.
 
     S is the sum of a pixel over the frames, T the sum of a frame over the pixels.
-
-    Parameters
-    ----------
-    frames, pixels
-        Number of each.
-    total
-        Sum of all digital numbers.
-    squares
-        Sum of all their squares.
-    pixel_squares
-        Sum over pixels of S^2.
-    frame_squares
-        Sum over frames of T^2.
-    low, high
-        Number of digital numbers at or below the lower clip, and at or above the upper clip.
-    variance_spread
-        Variance over pixels of the per-pixel temporal variance, in floating point, for uncertainties; 0 for one frame
-        or one pixel.
     """
 
+    # Number of each
     frames: int
     pixels: int
+    # Sum of all digital numbers, and of their squares
     total: int
     squares: int
+    # Sum over pixels of S^2, and over frames of T^2
     pixel_squares: int
     frame_squares: int
+    # Number of digital numbers at or below the lower clip, and at or above the upper clip
     low: int
     high: int
+    # Variance over pixels of the per-pixel temporal variance, in floating point, for uncertainties; 0 for one frame or
+    # one pixel
     variance_spread: float
 
     @property
@@ -79,10 +68,8 @@ class LabelTotals:
         R4.0: half of the mean squared difference minus half of the squared mean difference.
         """
         n, pixels = self.frames, self.pixels
-        residual = (
-            n * pixels * self.squares - pixels * self.pixel_squares - n * self.frame_squares + self.total * self.total
-        )
-        return residual / (n * pixels * (n - 1) * (pixels - 1))
+        within = n * pixels * self.squares - pixels * self.pixel_squares
+        return (within - n * self.frame_squares + self.total * self.total) / (n * pixels * (n - 1) * (pixels - 1))
 
     @property
     def spatial_variance(self) -> float:
@@ -99,30 +86,18 @@ class LabelTotals:
 
 @dataclass(frozen=True)
 class MeanFrame:
-    """The mean of a stack, stored as the exact sum in the smallest integer type.
+    """The mean of a stack, stored as the exact sum in the smallest integer type."""
 
-    Parameters
-    ----------
-    sum
-        (rows, cols) uint16 or uint32.
-    count
-        Number of frames.
-    labels
-        Repeating tile of labels.
-    """
-
-    sum: NDArray[np.unsignedinteger]
+    sum: NDArray[np.unsignedinteger]  # (rows, cols) uint16 or uint32
     count: int
-    labels: NDArray[np.int64]
+    labels: I64  # repeating tile of labels
 
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> F64:
         """Return (rows, cols) the mean over the frames."""
         return _filled(None, self.sum.shape, mean_map, self.sum, self.count)
 
 
-def _filled(
-    out: NDArray[np.float64] | None, shape: tuple[int, ...], fill: Callable[..., None], *arguments: object
-) -> NDArray[np.float64]:
+def _filled(out: F64 | None, shape: tuple[int, ...], fill: Callable[..., None], *arguments: object) -> F64:
     """Fill a map by a kernel, the given one or a new one, and return it."""
     if out is None:
         out = np.empty(shape)
@@ -138,19 +113,11 @@ class FrameSums:
     It takes 12 bytes per pixel, and two numbers per frame and label. With at most 32 768 frames of 16 bits, a pixel's
     sum stays below 2^31, its sum of squares below 2^47, and n sum(y^2), used for the variance, below 2^62.
 
-    Parameters
-    ----------
-    shape
-        (rows, cols) of a frame.
-    labels
-        (tile rows, tile cols) repeating tile of labels, integers from 0; None is one label for all pixels.
-    black, white
-        Digital numbers at or below `black`, or at or above `white`, are counted as clipped.
+    - `shape`: (rows, cols) of a frame.
+    - `labels`: (tile rows, tile cols) repeating tile of labels, integers from 0; None is one label for all pixels.
+    - `black`, `white`: Digital numbers at or below `black`, or at or above `white`, are counted as clipped.
 
-    Raises
-    ------
-    ValueError
-        If the tile has more than 64 columns.
+    Raises `ValueError` if the tile has more than 64 columns.
 
     Examples
     --------
@@ -163,19 +130,13 @@ class FrameSums:
     """
 
     def __init__(
-        self,
-        shape: tuple[int, int],
-        labels: NDArray[np.integer] | None = None,
-        *,
-        black: int = 0,
-        white: int = 65_535,
+        self, shape: tuple[int, int], labels: NDArray[np.integer] | None = None, *, black: int = 0, white: int = 65_535
     ) -> None:
         self.shape = shape
         self.labels = np.zeros((1, 1), np.int64) if labels is None else np.asarray(labels, np.int64)
         if self.labels.shape[1] > LANES:
             raise ValueError(f"labels must have at most {LANES} columns, got {self.labels.shape[1]}")
-        self.black = black
-        self.white = white
+        self.black, self.white = black, white
         self.count = 0
         self.sum = np.zeros(shape, np.uint32)
         self.sum_of_squares = np.zeros(shape, np.uint64)
@@ -202,11 +163,8 @@ class FrameSums:
         A stack or a list is added at about the speed of memory. Single frames are slower, because the sums are read and
         written for each.
 
-        Raises
-        ------
-        ValueError
-            If a frame has another size, is not uint8 or uint16, or there are more than 32 768 frames. Earlier frames
-            may have been added.
+        Raises `ValueError` if a frame has another size, is not uint8 or uint16, or there are more than 32 768 frames.
+        Earlier frames may have been added.
         """
         if isinstance(frames, np.ndarray) and frames.ndim == 2:
             frames = (frames,)
@@ -233,7 +191,7 @@ class FrameSums:
         if not frames:
             return
         addresses = np.array([frame.ctypes.data for frame in frames], np.int64)
-        bands, n_labels = self._bands(), len(self._clipped)
+        bands, n_labels = -(-self.shape[0] // BAND), len(self._clipped)
         totals = np.zeros((bands, len(frames), n_labels), np.uint64)
         clipped = np.zeros((bands, n_labels, 2), np.int64)
         highest = np.zeros((bands, len(frames)), np.uint32)
@@ -247,9 +205,6 @@ class FrameSums:
         self._clipped += clipped.sum(axis=0)
         self.highest.extend(highest.max(axis=0).tolist())
         self.count += len(frames)
-
-    def _bands(self) -> int:
-        return -(-self.shape[0] // BAND)
 
     def state(self) -> dict[str, NDArray[np.integer]]:
         """Return the content of the sums as arrays by name, for `restore`.
@@ -272,21 +227,12 @@ class FrameSums:
     def restore(self, state: Mapping[str, NDArray[np.integer]]) -> FrameSums:
         """Replace the content by that of `state`; return self.
 
-        Raises
-        ------
-        KeyError
-            If an array is missing.
-        ValueError
-            If the arrays have another size or other labels, or contradict each other.
+        Raises `KeyError` if an array is missing.
+        Raises `ValueError` if the arrays have another size or other labels, or contradict each other.
         """
         frames, n_labels = state["frame_totals"].shape[0], len(self._clipped)
-        shapes = {
-            "sum": self.shape,
-            "sum_of_squares": self.shape,
-            "highest": (frames,),
-            "clipped": (n_labels, 2),
-            "frame_totals": (frames, n_labels),
-        }
+        shapes = {"sum": self.shape, "sum_of_squares": self.shape}
+        shapes |= {"highest": (frames,), "clipped": (n_labels, 2), "frame_totals": (frames, n_labels)}
         for name, shape in shapes.items():
             if state[name].shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {state[name].shape}")
@@ -303,10 +249,7 @@ class FrameSums:
     def merge(self, other: FrameSums) -> FrameSums:
         """Return new sums over the frames of both.
 
-        Raises
-        ------
-        ValueError
-            If they differ in shape, labels or clips, or have more than 32 768 frames together.
+        Raises `ValueError` if they differ in shape, labels or clips, or have more than 32 768 frames together.
         """
         same = (self.shape, self.black, self.white) == (other.shape, other.black, other.white)
         if not (same and np.array_equal(self.labels, other.labels)):
@@ -322,7 +265,7 @@ class FrameSums:
         both._frame_totals = self._frame_totals + other._frame_totals
         return both
 
-    def mean(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def mean(self, out: F64 | None = None) -> F64:
         """Return (rows, cols) the mean over the frames, in `out` if given."""
         return _filled(out, self.shape, mean_map, self.sum, self.count)
 
@@ -331,14 +274,14 @@ class FrameSums:
         fits = self.count * max(self.highest, default=0) < 1 << 16
         return MeanFrame(self.sum.astype(np.uint16 if fits else np.uint32), self.count, self.labels)
 
-    def variance(self, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def variance(self, out: F64 | None = None) -> F64:
         """Return (rows, cols) the unbiased temporal variance, in `out` if given.
 
         It is the integer n sum(y^2) - sum(y)^2, divided by n (n - 1).
         """
         return _filled(out, self.shape, variance_map, self.sum, self.sum_of_squares, self.count)
 
-    def frame_means(self) -> NDArray[np.float64]:
+    def frame_means(self) -> F64:
         """Return (frames, labels) the means of each frame, in the order of addition."""
         return np.array(self._frame_totals, dtype=np.float64) / label_pixels(self.shape, self.labels)
 
@@ -348,7 +291,7 @@ class FrameSums:
 
     def label_totals(self) -> tuple[LabelTotals, ...]:
         """Return the exact totals of each label."""
-        n, bands, n_labels = self.count, self._bands(), len(self._clipped)
+        n, bands, n_labels = self.count, -(-self.shape[0] // BAND), len(self._clipped)
         exact = np.zeros((bands, n_labels, 3), np.uint64)
         spread = np.zeros((bands, n_labels))
         label_squares(self.sum, self.sum_of_squares, self.labels, n, exact, spread)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
+
+from photosite.engine.arrays import C64, F32, F64, I64
 
 TAPS = 8
 """Rows that a row is interpolated from; the error is about 1e-7 of the kernel's sum, as single precision has."""
@@ -25,21 +26,11 @@ _WORKERS = -1
 
 @dataclass(frozen=True, eq=False)
 class Gridding:
-    """The position of each row of the frame's spectrum among the rows of a kernel's spectrum.
+    """The position of each row of the frame's spectrum among the rows of a kernel's spectrum."""
 
-    Parameters
-    ----------
-    size
-        Q, the rows of the kernel; odd.
-    first
-        (rows,) the first of the `TAPS` rows of the table; the others follow, periodically.
-    taps
-        (rows, TAPS) interpolation weights.
-    """
-
-    size: int
-    first: NDArray[np.int64]
-    taps: NDArray[np.float32]
+    size: int  # Q, the rows of the kernel; odd
+    first: I64  # (rows,) the first of the `TAPS` rows of the table; the others follow, periodically
+    taps: F32  # (rows, TAPS) interpolation weights
 
     @classmethod
     def of(cls, size: int, rows: int) -> Gridding:
@@ -49,13 +40,10 @@ class Gridding:
         first = np.floor(position).astype(np.int64) - TAPS // 2 + 1
         offset = position[:, None] - (first[:, None] + np.arange(TAPS))
         inside = np.maximum(1.0 - (2 * offset / TAPS) ** 2, 0.0)
-        return cls(
-            size,
-            first % long,
-            (np.i0(_kaiser_bessel_shape() * np.sqrt(inside)) / np.i0(_kaiser_bessel_shape())).astype(np.float32),
-        )
+        taps = np.i0(_kaiser_bessel_shape() * np.sqrt(inside)) / np.i0(_kaiser_bessel_shape())
+        return cls(size, first % long, taps.astype(np.float32))
 
-    def table(self, kernels: NDArray[np.float64], cols: int) -> NDArray[np.complex64]:
+    def table(self, kernels: F64, cols: int) -> C64:
         """Return (channels, 2 Q, cols // 2 + 1) complex64: the table of (channels, Q, Q) kernels, centred at Q // 2."""
         channels, size = kernels.shape[:2]
         shift = np.arange(size) - size // 2
@@ -68,16 +56,14 @@ class Gridding:
         narrow *= np.exp(2j * np.pi / cols * turns).astype(np.complex64)
         wide = np.zeros((channels, _OVERSAMPLING * size, cols // 2 + 1), np.complex64)
         wide[:, shift % (_OVERSAMPLING * size)] = narrow
-        table: NDArray[np.complex64] = scipy.fft.fft(wide, axis=1, overwrite_x=True, workers=_WORKERS)
-        return table
+        return np.asarray(scipy.fft.fft(wide, axis=1, overwrite_x=True, workers=_WORKERS))
 
 
 def _kaiser_bessel_shape() -> float:
     return math.pi * math.sqrt((TAPS / _OVERSAMPLING * (_OVERSAMPLING - 0.5)) ** 2 - 0.8)
 
 
-def _kaiser_bessel_transform(shift: NDArray[np.int64], long: int) -> NDArray[np.float64]:
+def _kaiser_bessel_transform(shift: I64, long: int) -> F64:
     """Return the transform of the Kaiser-Bessel function at shifts of a table of `long` rows."""
     argument = np.sqrt(_kaiser_bessel_shape() ** 2 - (math.pi * TAPS * shift / long) ** 2)
-    transform: NDArray[np.float64] = TAPS * np.sinh(argument) / argument / np.i0(_kaiser_bessel_shape())
-    return transform
+    return TAPS * np.sinh(argument) / argument / np.i0(_kaiser_bessel_shape())

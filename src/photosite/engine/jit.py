@@ -28,13 +28,7 @@ def compiled(*, parallel: bool = False, inline: bool = False) -> Callable[[F], F
     """Return a decorator that compiles a function at its first call and caches the result on disk.
 
     Floating point stays strict (no fast-math): the same input gives the same bits whatever the vector width.
-
-    Parameters
-    ----------
-    parallel
-        Run `numba.prange` loops on several threads.
-    inline
-        Inline the function into its callers.
+    `parallel` runs `numba.prange` loops on several threads, `inline` inlines the function into its callers.
     """
 
     def decorate(function: F) -> F:
@@ -101,21 +95,21 @@ def threads_for(items: int) -> Iterator[None]:
 prange = numba.prange
 
 
-def _reinterpreted(source: Any, target: Any) -> Callable[..., Any]:
+def _reinterpreted(source: Any, target: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], context.get_value_type(target))
 
-    return lambda typingctx, value: (target(source), codegen)
+    return target(source), codegen
 
 
 @intrinsic
 def _bits_of_double(typingctx: Any, value: Any) -> Any:
-    return _reinterpreted(types.float64, types.int64)(typingctx, value)
+    return _reinterpreted(types.float64, types.int64)
 
 
 @intrinsic
 def _double_of_bits(typingctx: Any, value: Any) -> Any:
-    return _reinterpreted(types.int64, types.float64)(typingctx, value)
+    return _reinterpreted(types.int64, types.float64)
 
 
 @intrinsic

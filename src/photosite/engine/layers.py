@@ -18,12 +18,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import C64, F32, F64, I64
 from photosite.engine.jit import compiled, prange
 from photosite.engine.resample import Overlap, mean_along_rows, mean_of_rows, overlap
 from photosite.engine.transfer import Transfer
 from photosite.engine.warp import Corners, Warp, warped_means
 
-STRIP = 256
+_STRIP = 256
 """Rows of cells that are resampled at a time."""
 WORKERS = -1
 _MAPS_PER_WARP = 4
@@ -32,24 +33,12 @@ _MAPS_PER_WARP = 4
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The padded grid of cells of a frame.
+    """The padded grid of cells of a frame."""
 
-    Parameters
-    ----------
-    shape
-        (rows, cols) of the frame in pixels.
-    padding
-        Smallest number of pixels beyond each border.
-    tile
-        (rows, cols) of the colour filter array's tile.
-    cells_per_pixel
-        Cells per pixel on each axis.
-    """
-
-    shape: tuple[int, int]
-    padding: int
-    tile: tuple[int, int]
-    cells_per_pixel: int = 1
+    shape: tuple[int, int]  # (rows, cols) of the frame in pixels
+    padding: int  # smallest number of pixels beyond each border
+    tile: tuple[int, int]  # (rows, cols) of the colour filter array's tile
+    cells_per_pixel: int = 1  # cells per pixel on each axis
 
     def before(self, axis: int) -> int:
         """Return the pixels of padding before the frame, a whole number of tiles."""
@@ -69,7 +58,7 @@ class Grid:
         """Return which samples each cell covers, for sample coordinate = start + step * pixel coordinate."""
         return overlap(self.cells(axis), start - self.before(axis) * step, step / self.cells_per_pixel, samples)
 
-    def centers(self, axis: int) -> NDArray[np.float64]:
+    def centers(self, axis: int) -> F64:
         """Return (cells,) the centres of the cells, in pixels from the frame's first border."""
         return (np.arange(self.cells(axis)) + 0.5) / self.cells_per_pixel - self.before(axis)
 
@@ -77,95 +66,50 @@ class Grid:
         """Return the distance in pixels from the frame's centre to the grid's farther border."""
         return max(self.before(axis), self.padded(axis) - self.before(axis) - self.shape[axis]) + self.shape[axis] / 2
 
-    def borders(self, axis: int) -> NDArray[np.float64]:
+    def borders(self, axis: int) -> F64:
         """Return (cells + 1,) the borders between cells, in pixels from the frame's first border."""
         return np.arange(self.cells(axis) + 1) / self.cells_per_pixel - self.before(axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Field weights of R modes: linear between nodes, constant beyond them.
+    """Field weights of R modes: linear between nodes, constant beyond them."""
 
-    Parameters
-    ----------
-    row, col
-        (P,), (Q,) increasing node positions, in pixels from the frame's first border.
-    weights
-        (R, P, Q).
-    """
-
-    row: NDArray[np.float64]
-    col: NDArray[np.float64]
-    weights: NDArray[np.float64]
-
-    def on_columns(self, grid: Grid) -> NDArray[np.float32]:
-        """Return (R, P, cols of cells) weights, interpolated along the rows."""
-        centers = grid.centers(1)
-        lines = self.weights.reshape(-1, self.col.size)
-        along = np.stack([np.interp(centers, self.col, line) for line in lines])
-        return along.reshape(*self.weights.shape[:2], centers.size).astype(np.float32)
-
-    def on_rows(self, grid: Grid) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Return for each row of cells the node above it, and the share of the node below."""
-        position = np.interp(grid.centers(0), self.row, np.arange(self.row.size))
-        index = np.minimum(position.astype(np.int64), max(self.row.size - 2, 0))
-        return index, (position - index).astype(np.float32)
+    # (P,), (Q,) increasing node positions, in pixels from the frame's first border
+    row: F64
+    col: F64
+    weights: F64  # (R, P, Q)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Weight maps as the lens places them on the frame.
+    """Weight maps as the lens places them on the frame."""
 
-    Parameters
-    ----------
-    weights
-        (K, rows, cols) maps.
-    start, step
-        (row, col) map coordinate of the frame's corner, and map samples per pixel.
-    warp
-        Distortion; None: cells see the place that `start` and `step` give.
-    occluders
-        Views of one map each, opacities from 0 to 1, that hide parts of the maps.
-    """
-
-    weights: NDArray[np.float32]
+    weights: F32  # (K, rows, cols) maps
+    # (row, col) map coordinate of the frame's corner, and map samples per pixel
     start: tuple[float, float]
     step: tuple[float, float]
-    warp: Warp | None = None
-    occluders: tuple[View, ...] = ()
+    warp: Warp | None = None  # distortion; None: cells see the place that `start` and `step` give
+    occluders: tuple[View, ...] = ()  # views of one map each, opacities from 0 to 1, that hide parts of the maps
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Maps, and the transfers of lens and sensor that act on them.
+    """Maps, and the transfers of lens and sensor that act on them."""
 
-    Parameters
-    ----------
-    views
-        The maps: one view, or one per wavelength node.
-    mixing
-        (terms, R, S): a term is the sum over r of `mixing[term, r] @ maps`, each times `field.weights[r]`. Modes whose
-        mixing is all 0 cost nothing.
-    transfer
-        From each term to each channel, or to one.
-    node_maps
-        (S_n, K) for each view: its node maps are these times its weights; the S of all views follow one another. They
-        are resampled once and stored. None: terms combine the weights of the only view, and S is K.
-    field
-        Field weights of the R modes; None: R is 1, and the weight is 1 everywhere.
-    channel
-        The only channel that the layer reaches; None: all.
-    """
-
-    views: tuple[View, ...]
-    mixing: NDArray[np.float32]
-    transfer: Transfer
-    node_maps: tuple[NDArray[np.float32], ...] | None = None
-    field: Field | None = None
-    channel: int | None = None
+    views: tuple[View, ...]  # the maps: one view, or one per wavelength node
+    # (terms, R, S): a term is the sum over r of `mixing[term, r] @ maps`, each times `field.weights[r]`. Modes whose
+    # mixing is all 0 cost nothing.
+    mixing: F32
+    transfer: Transfer  # from each term to each channel, or to one
+    # (S_n, K) for each view: its node maps are these times its weights; the S of all views follow one another. They are
+    # resampled once and stored. None: terms combine the weights of the only view, and S is K.
+    node_maps: tuple[F32, ...] | None = None
+    field: Field | None = None  # field weights of the R modes; None: R is 1, and the weight is 1 everywhere
+    channel: int | None = None  # the only channel that the layer reaches; None: all
 
 
-def term_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+def term_spectra(layer: Layer, grid: Grid, out: C64) -> Iterator[C64]:
     """Yield each term of a layer on the cells, transformed along its rows; all share the memory of `out`."""
     view = layer.views[0]
     if layer.node_maps is None and layer.field is None and view.warp is None and not view.occluders:
@@ -182,7 +126,7 @@ def term_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterat
 
 def _split_terms(layer: Layer) -> Iterator[Layer]:
     """Yield the layer with a few terms at a time, whose maps are warped together and stored."""
-    used: NDArray[np.bool_] = np.asarray(layer.mixing.any(axis=2))
+    used = np.asarray(layer.mixing.any(axis=2))
     maps, first = used.sum(axis=1), 0
     while first < len(maps):
         count = max(1, int(np.searchsorted(np.cumsum(maps[first:]), _MAPS_PER_WARP, side="right")))
@@ -196,28 +140,29 @@ def _split_terms(layer: Layer) -> Iterator[Layer]:
         yield replace(layer, mixing=mixing, node_maps=(layer.mixing[part][used[part]],))
 
 
-def _term_spectra(layer: Layer, grid: Grid, out: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+def _term_spectra(layer: Layer, grid: Grid, out: C64) -> Iterator[C64]:
     """As `term_spectra`, for any layer."""
-    maps: _Maps
-    if layer.node_maps is None:
-        maps = _maps_of_view(layer.views[0], grid)
-    else:
-        maps = _StoredMaps.of(layer.views, layer.node_maps, grid)
-    weights = None if layer.field is None else _FieldWeights.of(layer.field, grid)
+    stored = layer.node_maps
+    maps = _maps_of_view(layer.views[0], grid) if stored is None else _StoredMaps(layer.views, stored, grid)
+    weights = None if layer.field is None else _FieldWeights(layer.field, grid)
     for mix in layer.mixing:
         used = mix.any(axis=1)
-        for begin in range(0, out.shape[0], STRIP):
-            end = min(begin + STRIP, out.shape[0])
+        for begin, end in _strips(len(out)):
             combined = maps.rows(mix[used], begin, end)
             rows = combined[0] if weights is None else weights.sum(combined, used, begin, end)
             out[begin:end] = scipy.fft.rfft(rows, axis=1, workers=WORKERS)
         yield out
 
 
+def _strips(rows: int) -> Iterator[tuple[int, int]]:
+    """Yield the first row of each strip, and the one after its last."""
+    return ((begin, min(begin + _STRIP, rows)) for begin in range(0, rows, _STRIP))
+
+
 class _Maps(Protocol):
     """Maps on the grid's cells."""
 
-    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+    def rows(self, mixes: F32, begin: int, end: int) -> F32:
         """Return (R, end - begin, cols): rows of cells of the combinations (R, S) of maps."""
         ...
 
@@ -237,49 +182,38 @@ class _PlainMaps:
             grid.overlap(axis, view.start[axis], view.step[axis], view.weights.shape[axis + 1]) for axis in (0, 1)
         )
 
-    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+    def rows(self, mixes: F32, begin: int, end: int) -> F32:
         return np.stack([self._rows(mix, begin, end) for mix in mixes])
 
-    def _rows(self, mix: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+    def _rows(self, mix: F32, begin: int, end: int) -> F32:
         """Return (end - begin, cols) of the map `mix @ weights`; the axis with fewer samples is resampled last."""
         first, last = self._down.span(begin, end)
         strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
         if last - first <= end - begin:
-            wide = _along_rows(strip, self._across)
+            wide = mean_along_rows(strip, self._across)
             rows = np.empty((end - begin, wide.shape[1]), np.float32)
-            _of_rows(wide, self._down, begin, first, rows)
+            mean_of_rows(wide, self._down, begin, first, rows)
             return rows
         short = np.empty((end - begin, self._weights.shape[2]), np.float32)
-        _of_rows(strip, self._down, begin, first, short)
-        return _along_rows(short, self._across)
+        mean_of_rows(strip, self._down, begin, first, short)
+        return mean_along_rows(short, self._across)
 
-    def spectrum(self, mix: NDArray[np.float32], out: NDArray[np.complex64]) -> None:
+    def spectrum(self, mix: F32, out: C64) -> None:
         """Compute the map `mix @ weights`, transformed along its rows, into (rows, cols // 2 + 1).
 
         Resampling is linear on each axis, so the order is free: a map of few rows is transformed before its spectrum
         is resampled to all rows.
         """
         parts = out.view(np.float32)
-        rows = out.shape[0]
-        for begin in range(0, rows, STRIP):
-            end = min(begin + STRIP, rows)
+        for begin, end in _strips(len(out)):
             first, last = self._down.span(begin, end)
             if last - first <= end - begin:
                 strip = np.tensordot(mix, self._weights[:, first:last], axes=1)
-                wide = _along_rows(strip, self._across)
+                wide = mean_along_rows(strip, self._across)
                 narrow = scipy.fft.rfft(wide, axis=1, workers=WORKERS).view(np.float32)
-                _of_rows(narrow, self._down, begin, first, parts[begin:end])
+                mean_of_rows(narrow, self._down, begin, first, parts[begin:end])
             else:
                 out[begin:end] = scipy.fft.rfft(self._rows(mix, begin, end), axis=1, workers=WORKERS)
-
-
-def _along_rows(values: NDArray[np.float32], across: Overlap) -> NDArray[np.float32]:
-    resampled: NDArray[np.float32] = mean_along_rows(values, across.first, across.sample, across.share)
-    return resampled
-
-
-def _of_rows(values: NDArray[np.float32], down: Overlap, begin: int, offset: int, out: NDArray[np.float32]) -> None:
-    mean_of_rows(values, down.first, down.sample, down.share, begin, offset, out)
 
 
 class _WarpedMaps:
@@ -298,7 +232,7 @@ class _WarpedMaps:
             shape=(view.weights.shape[1], view.weights.shape[2]),
         )
 
-    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+    def rows(self, mixes: F32, begin: int, end: int) -> F32:
         first, last = self._corners.span(begin, end)
         values = np.tensordot(mixes, self._weights[:, first:last], axes=1)
         return warped_means(values, first, self._corners, begin, end)
@@ -309,72 +243,65 @@ class _OccludedMaps:
     """Maps times the transmission of what is in front of them, (rows, cols)."""
 
     maps: _Maps
-    transmission: NDArray[np.float32]
+    transmission: F32
 
-    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
+    def rows(self, mixes: F32, begin: int, end: int) -> F32:
         return self.maps.rows(mixes, begin, end) * self.transmission[begin:end]
 
 
-@dataclass(frozen=True, eq=False)
 class _StoredMaps:
-    """Node maps of all views, (S, rows, cols), resampled in advance."""
+    """Node maps of all views, resampled in advance."""
 
-    maps: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, views: Sequence[View], node_maps: Sequence[NDArray[np.float32]], grid: Grid) -> _StoredMaps:
+    def __init__(self, views: Sequence[View], node_maps: Sequence[F32], grid: Grid) -> None:
         shape = grid.cells(0), grid.cells(1)
-        stored = np.empty((sum(map(len, node_maps)), *shape), np.float32)
+        self._maps = np.empty((sum(map(len, node_maps)), *shape), np.float32)
         first = 0
         for view, mixes in zip(views, node_maps, strict=True):
             if not len(mixes):
                 continue
             maps = _maps_of_view(view, grid)
-            for begin in range(0, shape[0], STRIP):
-                end = min(begin + STRIP, shape[0])
-                stored[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
+            for begin, end in _strips(shape[0]):
+                self._maps[first : first + len(mixes), begin:end] = maps.rows(mixes, begin, end)
             first += len(mixes)
-        return cls(stored)
 
-    def rows(self, mixes: NDArray[np.float32], begin: int, end: int) -> NDArray[np.float32]:
-        out = np.empty((len(mixes), end - begin, self.maps.shape[2]), np.float32)
-        _mix_rows(self.maps[:, begin:end], mixes, out)
+    def rows(self, mixes: F32, begin: int, end: int) -> F32:
+        out = np.empty((len(mixes), end - begin, self._maps.shape[2]), np.float32)
+        _mix_rows(self._maps[:, begin:end], mixes, out)
         return out
 
 
-def _transmission(occluders: Sequence[View], grid: Grid) -> NDArray[np.float32]:
+def _transmission(occluders: Sequence[View], grid: Grid) -> F32:
     """Return (rows, cols) the light that passes all occluders; their parts of a cell are taken as independent."""
     passing = np.ones((grid.cells(0), grid.cells(1)), np.float32)
     whole = np.ones((1, 1), np.float32)
     for occluder in occluders:
         opacity = _maps_of_view(replace(occluder, occluders=()), grid)
-        for begin in range(0, passing.shape[0], STRIP):
-            end = min(begin + STRIP, passing.shape[0])
+        for begin, end in _strips(len(passing)):
             passing[begin:end] *= np.float32(1) - opacity.rows(whole, begin, end)[0]
     return passing
 
 
-@dataclass(frozen=True, eq=False)
 class _FieldWeights:
-    """Field weights on the grid's cells, see `Field.on_columns` and `Field.on_rows`."""
+    """Field weights on the grid's cells."""
 
-    across: NDArray[np.float32]
-    index: NDArray[np.int64]
-    share: NDArray[np.float32]
+    def __init__(self, field: Field, grid: Grid) -> None:
+        lines, centers = field.weights.reshape(-1, field.col.size), grid.centers(1)
+        along = np.stack([np.interp(centers, field.col, line) for line in lines]).astype(np.float32)
+        self._across = along.reshape(*field.weights.shape[:2], centers.size)
+        # For each row of cells the node above it, and the share of the node below.
+        position = np.interp(grid.centers(0), field.row, np.arange(field.row.size))
+        self._index = np.minimum(position.astype(np.int64), max(field.row.size - 2, 0))
+        self._share = (position - self._index).astype(np.float32)
 
-    @classmethod
-    def of(cls, field: Field, grid: Grid) -> _FieldWeights:
-        return cls(field.on_columns(grid), *field.on_rows(grid))
-
-    def sum(self, maps: NDArray[np.float32], used: NDArray[np.bool_], begin: int, end: int) -> NDArray[np.float32]:
+    def sum(self, maps: F32, used: NDArray[np.bool_], begin: int, end: int) -> F32:
         """Return (end - begin, cols): the sum of the maps of the used modes, times their field weights."""
         out = np.empty(maps.shape[1:], np.float32)
-        _weigh_rows(maps, self.across[used], self.index[begin:end], self.share[begin:end], out)
+        _weigh_rows(maps, self._across[used], self._index[begin:end], self._share[begin:end], out)
         return out
 
 
 @compiled(parallel=True)
-def _mix_rows(maps: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+def _mix_rows(maps: F32, mixes: F32, out: F32) -> None:
     """Compute out = mixes @ maps for maps (S, rows, cols)."""
     for i in prange(out.shape[1]):
         for r in range(out.shape[0]):
@@ -389,13 +316,7 @@ def _mix_rows(maps: NDArray[np.float32], mixes: NDArray[np.float32], out: NDArra
 
 
 @compiled(parallel=True)
-def _weigh_rows(
-    maps: NDArray[np.float32],
-    across: NDArray[np.float32],
-    index: NDArray[np.int64],
-    share: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
+def _weigh_rows(maps: F32, across: F32, index: I64, share: F32, out: F32) -> None:
     """Compute the sum over r of maps[r] times its field weight, interpolated between rows index and index + 1."""
     rows, cols = out.shape
     last = across.shape[1] - 1

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F64, I64
 from photosite.engine.jit import compiled, prange
-
-Floats = NDArray[np.float64]
 
 _LANES = 32
 _LABEL_LANES = 64
@@ -24,7 +23,7 @@ _BAND = 32
 
 
 @compiled()
-def _row_sum(values: Floats, lanes: Floats) -> float:
+def _row_sum(values: F64, lanes: F64) -> float:
     lanes[:] = 0.0
     whole = np.uint64(values.size) // np.uint64(_LANES) * np.uint64(_LANES)
     for first in range(np.uint64(0), whole, np.uint64(_LANES)):
@@ -39,7 +38,7 @@ def _row_sum(values: Floats, lanes: Floats) -> float:
 
 
 @compiled(parallel=True)
-def _line_sums(values: Floats, rows_out: Floats, bands_out: Floats) -> None:
+def _line_sums(values: F64, rows_out: F64, bands_out: F64) -> None:
     rows, cols = values.shape
     for band in prange(bands_out.shape[0]):
         lanes = np.empty(_LANES)
@@ -51,18 +50,8 @@ def _line_sums(values: Floats, rows_out: Floats, bands_out: Floats) -> None:
                 columns[c] += row[c]
 
 
-def line_means(values: Floats) -> tuple[float, Floats, Floats]:
-    """Return the mean of a map, of each row and of each column.
-
-    Parameters
-    ----------
-    values
-        (rows, cols), C-contiguous.
-
-    Returns
-    -------
-    float, ndarray, ndarray
-        Mean; (rows,); (cols,).
+def line_means(values: F64) -> tuple[float, F64, F64]:
+    """Return the mean of a map (rows, cols), C-contiguous, of each row and of each column.
 
     Examples
     --------
@@ -78,7 +67,7 @@ def line_means(values: Floats) -> tuple[float, Floats, Floats]:
 
 
 @compiled(parallel=True)
-def _residual_powers(values: Floats, row_offset: Floats, column_offset: Floats, out: Floats) -> None:
+def _residual_powers(values: F64, row_offset: F64, column_offset: F64, out: F64) -> None:
     rows, cols = values.shape
     for r in prange(rows):
         squares, fourths = np.zeros(_LANES), np.zeros(_LANES)
@@ -99,15 +88,8 @@ def _residual_powers(values: Floats, row_offset: Floats, column_offset: Floats, 
         out[r, 1] = fourths.sum()
 
 
-def residual_moments(values: Floats, row_offset: Floats, column_offset: Floats) -> tuple[float, float]:
-    """Return the mean second and fourth power of a map after subtracting an offset per row and per column.
-
-    Parameters
-    ----------
-    values
-        (rows, cols), C-contiguous.
-    row_offset, column_offset
-        (rows,), (cols,).
+def residual_moments(values: F64, row_offset: F64, column_offset: F64) -> tuple[float, float]:
+    """Return the mean second and fourth power of a C-contiguous map after subtracting an offset per row and column.
 
     Examples
     --------
@@ -121,20 +103,10 @@ def residual_moments(values: Floats, row_offset: Floats, column_offset: Floats) 
 
 
 @compiled(parallel=True)
-def smooth_separable(values: Floats, kernel: Floats) -> Floats:
+def smooth_separable(values: F64, kernel: F64) -> F64:
     """Convolve a map with one kernel along both axes; the border that the kernel cannot cover is cut off.
 
-    Parameters
-    ----------
-    values
-        (rows, cols), C-contiguous.
-    kernel
-        (n,), n odd, symmetric.
-
-    Returns
-    -------
-    ndarray
-        (rows - n + 1, cols - n + 1).
+    `values` is (rows, cols), C-contiguous, `kernel` (n,), n odd, symmetric, the result (rows - n + 1, cols - n + 1).
     """
     rows, cols = values.shape
     taps = kernel.size
@@ -158,7 +130,7 @@ def smooth_separable(values: Floats, kernel: Floats) -> Floats:
 
 
 @compiled(parallel=True)
-def _add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
+def _add_scaled(target: F64, source: NDArray[Any], factors: F64) -> None:
     rows, cols = target.shape
     for r in prange(rows):
         row, added, factor = target[r], source[r], factors[r % factors.shape[0]]
@@ -166,15 +138,8 @@ def _add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
             row[c] += np.float64(added[c]) * factor[c]
 
 
-def add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
-    """Add a map, multiplied by a repeating tile of factors, to another map in place.
-
-    Parameters
-    ----------
-    target, source
-        (rows, cols); the source may hold integers.
-    factors
-        (tile rows, tile cols).
+def add_scaled(target: F64, source: NDArray[Any], factors: F64) -> None:
+    """Add a map, which may hold integers, times a repeating tile of factors to another map in place.
 
     Examples
     --------
@@ -188,7 +153,7 @@ def add_scaled(target: Floats, source: NDArray[Any], factors: Floats) -> None:
 
 
 @compiled(parallel=True)
-def _power_sums(values: Floats, labels: NDArray[Any], center: Floats, out: Floats) -> None:
+def _power_sums(values: F64, labels: NDArray[Any], center: F64, out: F64) -> None:
     """Sum the first to fourth power of the deviation from `center[label]`, by row and label."""
     rows = values.shape[0]
     tile_rows, tile_cols = labels.shape
@@ -205,7 +170,7 @@ def _power_sums(values: Floats, labels: NDArray[Any], center: Floats, out: Float
 
 
 @compiled()
-def _lane_powers(values: Floats, centers: Floats, p1: Floats, p2: Floats, p3: Floats, p4: Floats) -> None:
+def _lane_powers(values: F64, centers: F64, p1: F64, p2: F64, p3: F64, p4: F64) -> None:
     size, lanes = np.uint64(values.size), np.uint64(centers.size)
     for first in range(np.uint64(0), size, lanes):
         for lane in range(min(lanes, size - first)):
@@ -217,7 +182,7 @@ def _lane_powers(values: Floats, centers: Floats, p1: Floats, p2: Floats, p3: Fl
             p4[lane] += square * square
 
 
-def label_pixels(shape: tuple[int, ...], labels: NDArray[np.integer]) -> NDArray[np.int64]:
+def label_pixels(shape: tuple[int, ...], labels: NDArray[np.integer]) -> I64:
     """Return the number of pixels of each label.
 
     Examples
@@ -241,15 +206,10 @@ class Moments:
     fourth: float
 
 
-def label_moments(values: Floats, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
+def label_moments(values: F64, labels: NDArray[np.integer] | None = None) -> tuple[Moments, ...]:
     """Return the moments of a map over the pixels of each label.
 
-    Parameters
-    ----------
-    values
-        (rows, cols).
-    labels
-        (tile rows, tile cols) repeating tile of labels, from 0; None is one label for all pixels.
+    `labels` is (tile rows, tile cols), a repeating tile of labels from 0; None is one label for all pixels.
 
     Examples
     --------
@@ -269,11 +229,6 @@ def label_moments(values: Floats, labels: NDArray[np.integer] | None = None) -> 
         if not final:
             center = center + powers[:, 0] / counts
     return tuple(
-        Moments(
-            pixels=int(n),
-            mean=float(c),
-            variance=float(p[1] / (n - 1)) if n > 1 else 0.0,
-            fourth=float(p[3] / n),
-        )
+        Moments(int(n), float(c), float(p[1] / (n - 1)) if n > 1 else 0.0, float(p[3] / n))
         for n, c, p in zip(counts, center, powers, strict=True)
     )

@@ -26,9 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F32, F64, I64
 from photosite.engine.jit import compiled, prange
 from photosite.engine.philox import BLINKING, EXPOSURE, FIXED_PATTERN, LINES, philox4x32
-from photosite.engine.random_runs import normal_run, poisson_run, random_words
+from photosite.engine.random_runs import new_run, normal_run, poisson_run, random_words
 from photosite.engine.variates import normal, poisson, uniform
 
 DEVIATE_STEP = 2.0**-12
@@ -38,116 +39,70 @@ _RUN = 1024
 
 
 class Exposure(NamedTuple):
-    """What all pixels of a frame share: constants of the sensor, the place on the chip, counter and key.
-
-    Parameters
-    ----------
-    exposure_s
-        Exposure time.
-    well_capacity_e, gain_dn_per_e, black_level_dn, white_level_dn
-        Constants of the sensor; gain is the system gain, electrons to digital numbers.
-    first_row, first_col
-        First row and column of the frame's rectangle on the chip.
-    chip_cols
-        Columns of the chip.
-    frame
-        Frame number, a word of the random counter.
-    k0, k1
-        Key of the random numbers.
-    """
+    """What all pixels of a frame share: constants of the sensor, the place on the chip, counter and key."""
 
     exposure_s: float
+    # Constants of the sensor; gain is the system gain, electrons to digital numbers
     well_capacity_e: float
     gain_dn_per_e: float
     black_level_dn: float
     white_level_dn: float
+    # First row and column of the frame's rectangle on the chip
     first_row: int
     first_col: int
     chip_cols: int
-    frame: np.uint32
+    frame: np.uint32  # frame number, a word of the random counter
+    # Key of the random numbers
     k0: np.uint32
     k1: np.uint32
 
 
 class DrawnConstants(NamedTuple):
-    """What all pixels of a drawn chip share.
+    """What all pixels of a drawn chip share."""
 
-    Parameters
-    ----------
-    prnu_scale, offset_scale_e
-        Units of the deviates in `DrawnMaps`.
-    read_noise_e
-        Standard deviation of the read noise.
-    """
-
+    # Units of the deviates in `DrawnMaps`
     prnu_scale: float
     offset_scale_e: float
     read_noise_e: float
 
 
 class DrawnMaps(NamedTuple):
-    """Fixed pattern of a drawn chip. Maps are (rows, cols); shape (1, 1) is one value for all pixels.
+    """Fixed pattern of a drawn chip. Maps are (rows, cols); shape (1, 1) is one value for all pixels."""
 
-    Parameters
-    ----------
-    prnu, offset
-        int16 deviates in units of the scales in `DrawnConstants`: relative deviation of the response, and DSNU.
-    dark_rate_e_per_s
-        float32 dark current.
-    """
-
+    # int16 deviates in units of the scales in `DrawnConstants`: relative deviation of the response, and DSNU
     prnu: NDArray[np.int16]
     offset: NDArray[np.int16]
-    dark_rate_e_per_s: NDArray[np.float32]
+    dark_rate_e_per_s: F32  # float32 dark current
 
 
 class MeasuredMaps(NamedTuple):
-    """Maps of a measured chip, (rows, cols) float32, and the line noise of one frame.
+    """Maps of a measured chip, (rows, cols) float32, and the line noise of one frame."""
 
-    Parameters
-    ----------
-    prnu
-        Relative deviation of the response; a response measured below 0 counts as 0.
-    offset_dn, dark_rate_dn_per_s
-        Deviation from the black level, and dark current. A dark current measured below 0 lowers the level and has no
-        shot noise, so that the mean is as measured.
-    read_noise_dn
-        Temporal standard deviation, line noise included. A variance measured below 0 is stored as minus the root of
-        its magnitude, and counts as 0.
-    row_dn, column_dn
-        (rows,), (cols,) float64 offset of each line in this frame.
-    line_variance_dn2
-        Variance of `row_dn` plus that of `column_dn`, which is subtracted from that of `read_noise_dn`.
-    gain_dn_per_e
-        Gain at which the maps were measured.
-    """
-
-    prnu: NDArray[np.float32]
-    offset_dn: NDArray[np.float32]
-    dark_rate_dn_per_s: NDArray[np.float32]
-    read_noise_dn: NDArray[np.float32]
-    row_dn: NDArray[np.float64]
-    column_dn: NDArray[np.float64]
+    prnu: F32  # relative deviation of the response; a response measured below 0 counts as 0
+    # Deviation from the black level, and dark current. A dark current measured below 0 lowers the level and has no shot
+    # noise, so that the mean is as measured.
+    offset_dn: F32
+    dark_rate_dn_per_s: F32
+    # Temporal standard deviation, line noise included. A variance measured below 0 is stored as minus the root of its
+    # magnitude, and counts as 0.
+    read_noise_dn: F32
+    # (rows,), (cols,) float64 offset of each line in this frame
+    row_dn: F64
+    column_dn: F64
+    # Variance of `row_dn` plus that of `column_dn`, which is subtracted from that of `read_noise_dn`
     line_variance_dn2: float
-    gain_dn_per_e: float
+    gain_dn_per_e: float  # gain at which the maps were measured
 
 
 class BlinkingPixels(NamedTuple):
-    """Pixels with random telegraph noise, which are in one of two states in each frame.
+    """Pixels with random telegraph noise, which are in one of two states in each frame."""
 
-    Parameters
-    ----------
-    place
-        (pixels, 2) row and column in the frame.
-    amplitude_dn, high_fraction, noise_dn
-        (pixels,) distance between the states, fraction of frames in the upper one, and noise within a state. The
-        offset in `MeasuredMaps` is the mean over both states.
-    """
-
-    place: NDArray[np.int64]
-    amplitude_dn: NDArray[np.float64]
-    high_fraction: NDArray[np.float64]
-    noise_dn: NDArray[np.float64]
+    place: I64  # (pixels, 2) row and column in the frame
+    # (pixels,) distance between the states, fraction of frames in the upper one, and noise within a state. The offset
+    # in `MeasuredMaps` is the mean over both states.
+    amplitude_dn: F64
+    high_fraction: F64
+    noise_dn: F64
 
 
 class Pixel(NamedTuple):
@@ -226,60 +181,12 @@ def pixel_number(r: int, c: int, exposure: Exposure) -> np.uint32:
 
 @compiled(inline=True)
 def expose_pixel(photo_e: float, pixel: Pixel, r: int, c: int, exposure: Exposure) -> np.uint16:
-    """Return the digital number of one pixel; the CPU kernels give the same for whole runs.
-
-    Parameters
-    ----------
-    photo_e
-        Mean electrons from light.
-    pixel
-        Parameters of the pixel.
-    r, c
-        Row and column in the frame.
-    exposure
-        What all pixels of the frame share.
-    """
+    """Return the digital number of the pixel at a row and column; the CPU kernels give the same for whole runs."""
     number = pixel_number(r, c, exposure)
     frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     electrons = poisson(mean_electrons(photo_e, pixel), number, frame, EXPOSURE, k0, k1)
     _, _, word, _ = philox4x32(number, frame, EXPOSURE, np.uint32(0), k0, k1)
     return digital_number(electrons, normal(word), pixel, exposure)
-
-
-class _Buffers(NamedTuple):
-    """Arrays for one run of pixels; a thread allocates them once per row."""
-
-    words: NDArray[np.uint32]
-    mean: NDArray[np.float64]
-    electrons: NDArray[np.float64]
-    deviates: NDArray[np.float64]
-    late: NDArray[np.int64]
-    tails: NDArray[np.float64]
-    trials: NDArray[np.uint32]
-
-
-@compiled()
-def _buffers() -> _Buffers:
-    return _Buffers(
-        np.empty((3, _RUN), np.uint32),
-        np.empty(_RUN, np.float64),
-        np.empty(_RUN, np.float64),
-        np.empty(_RUN, np.float64),
-        np.empty(_RUN, np.int64),
-        np.empty(_RUN, np.float64),
-        np.empty((2, _RUN), np.uint32),
-    )
-
-
-@compiled(inline=True)
-def _draw_words(n: int, first: np.uint32, exposure: Exposure, run: _Buffers) -> None:
-    random_words(first, n, exposure.frame, EXPOSURE, exposure.k0, exposure.k1, run.words)
-
-
-@compiled(inline=True)
-def _draw_electrons(n: int, first: np.uint32, exposure: Exposure, run: _Buffers) -> None:
-    frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
-    poisson_run(n, run.mean, run.words, first, frame, k0, k1, run.electrons, run.late, run.trials)
 
 
 @compiled(inline=True)
@@ -295,24 +202,16 @@ def _constant(values: NDArray[Any]) -> NDArray[Any]:
 
 
 @compiled(parallel=True)
-def expose_drawn(
-    photo_e: NDArray[np.float32], maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure
-) -> NDArray[np.uint16]:
+def expose_drawn(photo_e: F32, maps: DrawnMaps, constants: DrawnConstants, exposure: Exposure) -> NDArray[np.uint16]:
     """Return (rows, cols) digital numbers of a frame of a drawn chip, or of a rectangle of it.
 
-    Parameters
-    ----------
-    photo_e
-        (rows, cols) mean electrons from light, not negative.
-    maps
-        Fixed pattern of the same rows and columns.
-    constants, exposure
-        What all pixels share.
+    `photo_e` is (rows, cols) mean electrons from light, not negative; the maps are of the same rows and columns.
     """
     rows, cols = photo_e.shape
+    frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
     for r in prange(rows):
-        run = _buffers()
+        run = new_run(_RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
         prnu_1, offset_1, dark_1 = _constant(maps.prnu), _constant(maps.offset), _constant(maps.dark_rate_e_per_s)
         for c in range(0, cols, _RUN):
@@ -322,12 +221,12 @@ def expose_drawn(
             prnu = _row_from(maps.prnu, r, c, prnu_1)
             offset = _row_from(maps.offset, r, c, offset_1)
             dark = _row_from(maps.dark_rate_e_per_s, r, c, dark_1)
-            _draw_words(n, first, exposure, run)
+            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
             for i in range(n):
                 mean[i] = mean_electrons(float(photo[i]), drawn_pixel(prnu[i], offset[i], dark[i], constants, exposure))
-            _draw_electrons(n, first, exposure, run)
+            poisson_run(n, run, first, frame, k0, k1)
             if constants.read_noise_e > 0.0:
-                normal_run(n, run.words[2], deviates, run.late, run.tails)
+                normal_run(n, run.words[2], run)
             else:
                 deviates[:n] = 0.0
             for i in range(n):
@@ -337,18 +236,13 @@ def expose_drawn(
 
 
 @compiled(parallel=True)
-def expose_measured(photo_e: NDArray[np.float32], maps: MeasuredMaps, exposure: Exposure) -> NDArray[np.uint16]:
-    """Return (rows, cols) digital numbers of a frame of a measured chip, or of a rectangle of it.
-
-    Parameters
-    ----------
-    photo_e, maps, exposure
-        As for `expose_drawn`.
-    """
+def expose_measured(photo_e: F32, maps: MeasuredMaps, exposure: Exposure) -> NDArray[np.uint16]:
+    """Return digital numbers as `expose_drawn`, of a measured chip."""
     rows, cols = photo_e.shape
+    frame, k0, k1 = exposure.frame, exposure.k0, exposure.k1
     out = np.empty((rows, cols), np.uint16)
     for r in prange(rows):
-        run = _buffers()
+        run = new_run(_RUN)
         mean, electrons, deviates = run.mean, run.electrons, run.deviates
         row_dn = maps.row_dn[r]
         for c in range(0, cols, _RUN):
@@ -356,12 +250,12 @@ def expose_measured(photo_e: NDArray[np.float32], maps: MeasuredMaps, exposure: 
             first = pixel_number(r, c, exposure)
             photo, target, prnu, dark = photo_e[r, c:], out[r, c:], maps.prnu[r, c:], maps.dark_rate_dn_per_s[r, c:]
             offset, noise, columns = maps.offset_dn[r, c:], maps.read_noise_dn[r, c:], maps.column_dn[c:]
-            _draw_words(n, first, exposure, run)
+            random_words(first, n, frame, EXPOSURE, k0, k1, run.words)
             for i in range(n):
                 pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
                 mean[i] = mean_electrons(float(photo[i]), pixel)
-            _draw_electrons(n, first, exposure, run)
-            normal_run(n, run.words[2], deviates, run.late, run.tails)
+            poisson_run(n, run, first, frame, k0, k1)
+            normal_run(n, run.words[2], run)
             for i in range(n):
                 pixel = measured_pixel(prnu[i], offset[i], dark[i], noise[i], row_dn, columns[i], maps, exposure)
                 target[i] = digital_number(electrons[i], deviates[i], pixel, exposure)
@@ -370,22 +264,11 @@ def expose_measured(photo_e: NDArray[np.float32], maps: MeasuredMaps, exposure: 
 
 @compiled()
 def expose_blinking(
-    out: NDArray[np.uint16],
-    blinking: BlinkingPixels,
-    photo_e: NDArray[np.float32],
-    maps: MeasuredMaps,
-    exposure: Exposure,
+    out: NDArray[np.uint16], blinking: BlinkingPixels, photo_e: F32, maps: MeasuredMaps, exposure: Exposure
 ) -> None:
     """Replace the blinking pixels in a frame of `expose_measured`, each in a state drawn for this frame.
 
-    Parameters
-    ----------
-    out
-        (rows, cols) the frame, changed in place.
-    blinking
-        The pixels.
-    photo_e, maps, exposure
-        As for `expose_measured`.
+    `out` is (rows, cols) and changed in place; the other arguments are those of `expose_measured`.
     """
     for j in range(blinking.place.shape[0]):
         r, c = blinking.place[j, 0], blinking.place[j, 1]
@@ -395,16 +278,9 @@ def expose_blinking(
         shift_dn = blinking.amplitude_dn[j] * (high - blinking.high_fraction[j])
         prnu, offset, dark = maps.prnu[r, c], maps.offset_dn[r, c], maps.dark_rate_dn_per_s[r, c]
         noise_dn, row_dn, column_dn = blinking.noise_dn[j], maps.row_dn[r], maps.column_dn[c]
-        mean = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, maps, exposure)
-        pixel = Pixel(
-            mean.response,
-            mean.dark_e,
-            mean.offset_e,
-            mean.noise_e,
-            mean.offset_dn + shift_dn,
-            mean.noise_dn,
-            mean.map_gain_ratio,
-        )
+        p = measured_pixel(prnu, offset, dark, noise_dn, row_dn, column_dn, maps, exposure)
+        offset_dn = p.offset_dn + shift_dn
+        pixel = Pixel(p.response, p.dark_e, p.offset_e, p.noise_e, offset_dn, p.noise_dn, p.map_gain_ratio)
         out[r, c] = expose_pixel(float(photo_e[r, c]), pixel, r, c, exposure)
 
 
@@ -412,29 +288,20 @@ def expose_blinking(
 def normal_deviates(rows: int, cols: int, word: int, k0: np.uint32, k1: np.uint32) -> NDArray[np.int16]:
     """Return (rows, cols) standard normal deviates in units of DEVIATE_STEP.
 
-    Parameters
-    ----------
-    word
-        Word of the FIXED_PATTERN block: 0 PRNU, 1 DSNU, 2 dark current.
-    k0, k1
-        Key.
+    They are from a word of the FIXED_PATTERN block: 0 PRNU, 1 DSNU, 2 dark current.
     """
     out = np.empty((rows, cols), np.int16)
     for r in prange(rows):
-        words = np.empty((3, cols), np.uint32)
-        deviates = np.empty(cols, np.float64)
-        late = np.empty(cols, np.int64)
-        random_words(np.uint32(r * cols), cols, np.uint32(0), FIXED_PATTERN, k0, k1, words)
-        normal_run(cols, words[word], deviates, late, np.empty(cols, np.float64))
+        run = new_run(cols)
+        random_words(np.uint32(r * cols), cols, np.uint32(0), FIXED_PATTERN, k0, k1, run.words)
+        normal_run(cols, run.words[word], run)
         for c in range(cols):
-            out[r, c] = np.int16(math.floor(deviates[c] / DEVIATE_STEP + 0.5))
+            out[r, c] = np.int16(math.floor(run.deviates[c] / DEVIATE_STEP + 0.5))
     return out
 
 
 @compiled()
-def line_deviates(
-    first: int, count: int, word: int, frame: np.uint32, k0: np.uint32, k1: np.uint32
-) -> NDArray[np.float64]:
+def line_deviates(first: int, count: int, word: int, frame: np.uint32, k0: np.uint32, k1: np.uint32) -> F64:
     """Return (count,) standard normal deviates of the lines from `first` on; word 0 is for rows, 1 for columns."""
     out = np.empty(count, np.float64)
     for i in range(count):

@@ -7,9 +7,12 @@ on its counter alone, not on the run.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.engine.arrays import F64, I64
 from photosite.engine.elementary import exp
 from photosite.engine.jit import compiled
 from photosite.engine.philox import EXPOSURE, philox4x32
@@ -27,16 +30,34 @@ from photosite.engine.variates import (
     uniform_53,
 )
 
+Words = NDArray[np.uint32]
+
+
+class Run(NamedTuple):
+    """Arrays for one run of pixels; a thread allocates them once per row."""
+
+    words: Words
+    mean: F64
+    electrons: F64
+    deviates: F64
+    late: I64
+    tails: F64
+    trials: Words
+
+
+@compiled()
+def new_run(size: int) -> Run:
+    """Return arrays for runs of at most `size` pixels."""
+    empty = np.empty
+    return Run(
+        empty((3, size), np.uint32), empty(size), empty(size), empty(size), empty(size, np.int64), empty(size),
+        empty((2, size), np.uint32),
+    )  # fmt: skip
+
 
 @compiled()
 def random_words(
-    first: np.uint32,
-    n: int,
-    frame: np.uint32,
-    use: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    words: NDArray[np.uint32],
+    first: np.uint32, n: int, frame: np.uint32, use: np.uint32, k0: np.uint32, k1: np.uint32, words: Words
 ) -> None:
     """Fill (3, n) with the first three random words of each pixel."""
     zero = np.uint32(0)
@@ -48,19 +69,9 @@ def random_words(
 
 
 @compiled()
-def poisson_run(
-    n: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    first: np.uint32,
-    frame: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-    trials: NDArray[np.uint32],
-) -> None:
+def poisson_run(n: int, run: Run, first: np.uint32, frame: np.uint32, k0: np.uint32, k1: np.uint32) -> None:
     """Draw the Poisson counts of a run: one trial for each pixel, then undecided trials, then small means."""
+    words, mean, electrons, late, trials = run.words, run.mean, run.electrons, run.late, run.trials
     for i in range(n):
         electrons[i] = poisson_candidate(mean[i], words[0, i])
     for i in range(n):
@@ -70,7 +81,7 @@ def poisson_run(
     for i in range(n):
         late[left] = i
         left += int(trials[0, i])
-    _poisson_late(left, mean, words, first, frame, k0, k1, electrons, late, trials)
+    _poisson_late(left, run, first, frame, k0, k1)
     left = 0
     for i in range(n):
         late[left] = i
@@ -80,26 +91,14 @@ def poisson_run(
 
 
 @compiled()
-def _poisson_late(
-    left: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    first: np.uint32,
-    frame: np.uint32,
-    k0: np.uint32,
-    k1: np.uint32,
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-    trials: NDArray[np.uint32],
-) -> None:
+def _poisson_late(left: int, run: Run, first: np.uint32, frame: np.uint32, k0: np.uint32, k1: np.uint32) -> None:
     """Test the candidates of the listed pixels by the exact ratio; draw the rejected ones again until none is left.
 
     Each pixel gets the count that `poisson_after` gives from draw 0 on.
     """
+    words, mean, electrons, late, trials = run.words, run.mean, run.electrons, run.late, run.trials
     # Separate arrays: LLVM cannot tell that rows of one array do not overlap, and would not vectorise the loops.
-    means = np.empty(left, np.float64)
-    candidates = np.empty(left, np.float64)
-    accepted = np.empty(left, np.float64)
+    means, candidates, accepted = np.empty(left), np.empty(left), np.empty(left)
     for j in range(left):
         i = late[j]
         means[j] = mean[i]
@@ -134,19 +133,10 @@ def _poisson_late(
 
 
 @compiled()
-def _poisson_small(
-    left: int,
-    mean: NDArray[np.float64],
-    words: NDArray[np.uint32],
-    electrons: NDArray[np.float64],
-    late: NDArray[np.int64],
-) -> None:
+def _poisson_small(left: int, mean: F64, words: Words, electrons: F64, late: I64) -> None:
     """Draw the listed pixels by inversion, one count per step for all: the same sums as `poisson_small`."""
-    p = np.empty(left, np.float64)
-    term = np.empty(left, np.float64)
-    total = np.empty(left, np.float64)
-    small = np.empty(left, np.float64)
-    count = np.empty(left, np.float64)
+    p, small = np.empty(left), np.empty(left)
+    term, total, count = np.empty(left), np.empty(left), np.empty(left)
     for j in range(left):
         i = late[j]
         small[j] = mean[i]
@@ -172,14 +162,9 @@ def _poisson_small(
 
 
 @compiled()
-def normal_run(
-    n: int,
-    words: NDArray[np.uint32],
-    deviates: NDArray[np.float64],
-    late: NDArray[np.int64],
-    tails: NDArray[np.float64],
-) -> None:
-    """Draw the standard normal deviates of a run: the central range for all pixels, then the tails."""
+def normal_run(n: int, words: Words, run: Run) -> None:
+    """Draw the standard normal deviates of a run from one word per pixel: the central range for all, then the tails."""
+    deviates, late, tails = run.deviates, run.late, run.tails
     for i in range(n):
         deviates[i] = normal_central(uniform(words[i]) - 0.5)
     left = 0

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photosite.engine.arrays import F32, I64
 from photosite.engine.jit import compiled
 
 
-@dataclass(frozen=True, eq=False)
-class Overlap:
+class Overlap(NamedTuple):
     """The samples that each output covers, and their shares: entries first[i] to first[i + 1] belong to output i."""
 
-    first: NDArray[np.int64]
-    sample: NDArray[np.int64]
-    share: NDArray[np.float32]
+    first: I64
+    sample: I64
+    share: F32
 
     def span(self, start: int, end: int) -> tuple[int, int]:
         """Return the samples that outputs from start to end need: the first, and one after the last."""
@@ -48,13 +47,9 @@ def overlap(count: int, start: float, step: float, samples: int) -> Overlap:
 
 
 @compiled()
-def mean_along_rows(
-    values: NDArray[np.float32],
-    first: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    share: NDArray[np.float32],
-) -> NDArray[np.float32]:
+def mean_along_rows(values: F32, across: Overlap) -> F32:
     """Return (rows, count): each row of (rows, samples) resampled. Single-threaded, because strips are short."""
+    first, sample, share = across
     rows, count = values.shape[0], first.size - 1
     out = np.empty((rows, count), np.float32)
     for r in range(rows):
@@ -67,24 +62,15 @@ def mean_along_rows(
 
 
 @compiled()
-def mean_of_rows(
-    values: NDArray[np.float32],
-    first: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    share: NDArray[np.float32],
-    begin: int,
-    offset: int,
-    out: NDArray[np.float32],
-) -> None:
+def mean_of_rows(values: F32, down: Overlap, begin: int, offset: int, out: F32) -> None:
     """Compute outputs begin, begin + 1, ... as means of whole rows; values[0] is sample number `offset`."""
+    first, sample, share = down
     for i in range(out.shape[0]):
-        entry = first[begin + i]
-        row = values[sample[entry] - offset]
-        weight = share[entry]
-        for c in range(out.shape[1]):
-            out[i, c] = row[c] * weight
-        for entry in range(first[begin + i] + 1, first[begin + i + 1]):
-            row = values[sample[entry] - offset]
-            weight = share[entry]
-            for c in range(out.shape[1]):
-                out[i, c] += row[c] * weight
+        for entry in range(first[begin + i], first[begin + i + 1]):
+            row, weight = values[sample[entry] - offset], share[entry]
+            if entry == first[begin + i]:
+                for c in range(out.shape[1]):
+                    out[i, c] = row[c] * weight
+            else:
+                for c in range(out.shape[1]):
+                    out[i, c] += row[c] * weight

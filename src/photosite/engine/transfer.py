@@ -22,7 +22,8 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
+
+from photosite.engine.arrays import F32, F64
 
 _FOLD_NODES = 65
 """Nodes per axis at which the folded terms are computed; cubic interpolation between them."""
@@ -32,35 +33,22 @@ _FOLD_TOLERANCE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """The grid of cells and the photodetector on it. Lengths in m; pairs are (vertical, horizontal).
-
-    Parameters
-    ----------
-    pitch_m
-        Pixel pitch.
-    detector_m
-        Size of the photodetector, centred in the pixel.
-    cells_per_pixel
-        Cells per pixel on each axis; odd, so that a cell lies at the pixel's centre.
-    split_m
-        Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light, four
-        spots in all; 0 is no filter.
-    """
+    """The grid of cells and the photodetector on it. Lengths in m; pairs are (vertical, horizontal)."""
 
     pitch_m: tuple[float, float]
-    detector_m: tuple[float, float]
-    cells_per_pixel: int = 1
+    detector_m: tuple[float, float]  # size of the photodetector, centred in the pixel
+    cells_per_pixel: int = 1  # cells per pixel on each axis; odd, so that a cell lies at the pixel's centre
+    # Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light, four
+    # spots in all; 0 is no filter
     split_m: tuple[float, float] = (0.0, 0.0)
 
     def cell_m(self, axis: int) -> float:
         """Return the size of a cell on an axis, 0 vertical, 1 horizontal."""
         return self.pitch_m[axis] / self.cells_per_pixel
 
-    def aperture(self, axis: int, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def aperture(self, axis: int, frequency_per_m: F64) -> F64:
         """Return the transfer of photodetector, cell and low-pass filter on an axis: two sincs and a cosine."""
-        product: NDArray[np.float64] = np.sinc(frequency_per_m * self.detector_m[axis]) * np.sinc(
-            frequency_per_m * self.cell_m(axis)
-        )
+        product: F64 = np.sinc(frequency_per_m * self.detector_m[axis]) * np.sinc(frequency_per_m * self.cell_m(axis))
         if self.split_m[axis]:
             product *= np.cos(np.pi * frequency_per_m * self.split_m[axis])
         return product
@@ -68,54 +56,36 @@ class Sampling:
 
 @dataclass(frozen=True, eq=False)
 class RadialTransfer:
-    """Transfer of a rotationally symmetric lens, summed over wavelength, from each map to each channel.
+    """Transfer of a rotationally symmetric lens, summed over wavelength, from each map to each channel."""
 
-    Parameters
-    ----------
-    table
-        (channels, maps, nodes) at frequencies 0, step, 2 step, ...; linear between, 0 beyond. It is 0 for a channel
-        that a map does not reach.
-    step_per_m
-        Step between nodes, cycles/m.
-    """
-
-    table: NDArray[np.float64]
-    step_per_m: float
+    # (channels, maps, nodes) at frequencies 0, step, 2 step, ...; linear between, 0 beyond. It is 0 for a channel that
+    # a map does not reach.
+    table: F64
+    step_per_m: float  # step between nodes, cycles/m
 
     @property
     def reach_per_m(self) -> float:
         """Frequency beyond which the transfer is 0."""
         return float(self.step_per_m * (self.table.shape[2] - 1))
 
-    def at(self, frequency_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, frequency_per_m: F64) -> F64:
         """Return (channels, maps, ...) at frequencies of any shape."""
         nodes = self.table.shape[2]
         position = frequency_per_m / self.step_per_m
         index = np.minimum(position.astype(np.intp), nodes - 2)
         share = position - index
-        values: NDArray[np.float64] = np.where(
-            position <= nodes - 1,
-            self.table[:, :, index] * (1 - share) + self.table[:, :, index + 1] * share,
-            0.0,
-        )
-        return values
+        low, high = self.table[:, :, index], self.table[:, :, index + 1]
+        return np.where(position <= nodes - 1, low * (1 - share) + high * share, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Transfer from each term to each channel: a radial part, a part of any shape, or the sum of both.
+    """Transfer from each term to each channel: a radial part, a part of any shape, or the sum of both."""
 
-    Parameters
-    ----------
-    radial
-        Part that is a function of |f|, without photodetector and cell.
-    kernels
-        (channels, terms, Q, Q), Q odd: convolution kernels on the cells, photodetector and cell included, centred at
-        [Q // 2, Q // 2].
-    """
-
-    radial: RadialTransfer | None
-    kernels: NDArray[np.float64] | None = None
+    radial: RadialTransfer | None  # part that is a function of |f|, without photodetector and cell
+    # (channels, terms, Q, Q), Q odd: convolution kernels on the cells, photodetector and cell included, centred at [Q
+    # // 2, Q // 2]
+    kernels: F64 | None = None
 
     @property
     def channels(self) -> int:
@@ -129,13 +99,11 @@ class Transfer:
 class FoldedTerms:
     """The terms of H with m other than 0 as sums of products: down[channel, map, fy] @ across[:, fx]."""
 
-    down: NDArray[np.float32]  # (channels, maps, fy, products)
-    across: NDArray[np.float32]  # (products, fx)
+    down: F32  # (channels, maps, fy, products)
+    across: F32  # (products, fx)
 
 
-def sum_folded_terms(
-    transfer: RadialTransfer, sampling: Sampling, fy_per_m: NDArray[np.float64], fx_per_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def sum_folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> F64:
     """Return (channels, maps, fy, fx): the terms with m other than 0, below the Nyquist frequency."""
     rate = [1.0 / sampling.cell_m(axis) for axis in (0, 1)]
     most = [int(np.ceil(transfer.reach_per_m / r + 0.5)) for r in rate]
@@ -152,9 +120,7 @@ def sum_folded_terms(
     return total
 
 
-def folded_terms(
-    transfer: RadialTransfer, sampling: Sampling, fy_per_m: NDArray[np.float64], fx_per_m: NDArray[np.float64]
-) -> FoldedTerms:
+def folded_terms(transfer: RadialTransfer, sampling: Sampling, fy_per_m: F64, fx_per_m: F64) -> FoldedTerms:
     """Return the folded terms on a grid, from few nodes by singular value decomposition and cubic splines."""
     from scipy.interpolate import make_interp_spline
 
@@ -167,21 +133,20 @@ def folded_terms(
     down, across = kept[key]
     down = make_interp_spline(nodes[0], np.moveaxis(down, 2, 0), k=3)(np.abs(fy_per_m))
     across = make_interp_spline(nodes[1], across.T, k=3)(fx_per_m).T
-    return FoldedTerms(
-        np.ascontiguousarray(np.moveaxis(down, 0, 2), np.float32), np.ascontiguousarray(across, np.float32)
-    )
+    down = np.moveaxis(down, 0, 2)
+    return FoldedTerms(np.ascontiguousarray(down, np.float32), np.ascontiguousarray(across, np.float32))
 
 
-_products: WeakKeyDictionary[RadialTransfer, dict[tuple[Any, ...], tuple[NDArray[np.float64], NDArray[np.float64]]]]
+_products: WeakKeyDictionary[RadialTransfer, dict[tuple[Any, ...], tuple[F64, F64]]]
 _products = WeakKeyDictionary()
 """Folded terms at the nodes, for as long as a transfer lives; they do not depend on the frame's size."""
 
 
-def _fold_nodes(sampling: Sampling) -> list[NDArray[np.float64]]:
+def _fold_nodes(sampling: Sampling) -> list[F64]:
     return [np.linspace(0, 0.5 / sampling.cell_m(axis), _FOLD_NODES) for axis in (0, 1)]
 
 
-def _folded_products(transfer: RadialTransfer, sampling: Sampling) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _folded_products(transfer: RadialTransfer, sampling: Sampling) -> tuple[F64, F64]:
     """Return (channels, maps, nodes, products) and (products, nodes)."""
     table = sum_folded_terms(transfer, sampling, *_fold_nodes(sampling))
     flat = table.reshape(-1, _FOLD_NODES)

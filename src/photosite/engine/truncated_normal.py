@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photosite.engine.arrays import F64
 from photosite.engine.jit import compiled
 
 _MOST_HITS = 1_000_000
@@ -21,31 +21,16 @@ _MARGIN = 0.1
 """Distance of the chain's start from each wall, in standard deviations."""
 
 
-def positive_normal_draws(
-    mean: NDArray[np.float64],
-    factor: NDArray[np.float64],
-    momenta: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def positive_normal_draws(mean: F64, factor: F64, momenta: F64) -> F64:
     """Return draws of a normal vector, given that none of its entries is negative.
 
-    Parameters
-    ----------
-    mean
-        (d,) of the normal distribution before truncation.
-    factor
-        (d, d) with factor @ factor.T its covariance, of full rank.
-    momenta
-        (n, d) independent standard normal numbers, one row per draw.
+    - `mean`: (d,) of the normal distribution before truncation.
+    - `factor`: (d, d) with factor @ factor.T its covariance, of full rank.
+    - `momenta`: (n, d) independent standard normal numbers, one row per draw.
 
-    Returns
-    -------
-    numpy.ndarray
-        (n, d) the chain. It starts near the mode, so the first draws are not yet representative.
+    Returns (n, d) the chain. It starts near the mode, so the first draws are not yet representative.
 
-    Raises
-    ------
-    ArithmeticError
-        If a draw has too many reflections, because walls are too close to each other.
+    Raises `ArithmeticError` if a draw has too many reflections, because walls are too close to each other.
 
     Examples
     --------
@@ -62,7 +47,7 @@ def positive_normal_draws(
     return np.asarray(out @ factor.T + mean)
 
 
-def _inside(walls: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inside(walls: F64, offset: F64) -> F64:
     """Return (d,) the whitened point of highest density at least a tenth of a standard deviation from every wall.
 
     Least distance under linear inequalities, by non-negative least squares (C. L. Lawson and R. J. Hanson, "Solving
@@ -83,14 +68,7 @@ def _inside(walls: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[
 
 
 @compiled()
-def _chain(
-    walls: NDArray[np.float64],
-    products: NDArray[np.float64],
-    offset: NDArray[np.float64],
-    place: NDArray[np.float64],
-    momenta: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> bool:
+def _chain(walls: F64, products: F64, offset: F64, place: F64, momenta: F64, out: F64) -> bool:
     """Compute whitened draws z with walls @ z + offset >= 0, one per row of `out`; false after too many reflections."""
     count, size = momenta.shape
     at = place.copy()

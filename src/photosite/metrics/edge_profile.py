@@ -31,23 +31,14 @@ _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """The pixels of one channel.
+    """The pixels of one channel."""
 
-    Parameters
-    ----------
-    y, x, value
-        (n,) centres and values, line by line.
-    shape
-        (lines, columns) of their rectangle.
-    period
-        Columns after which the sites of the channel repeat.
-    """
-
+    # (n,) centres and values, line by line
     y: Array
     x: Array
     value: Array
-    shape: tuple[int, int]
-    period: int
+    shape: tuple[int, int]  # (lines, columns) of their rectangle
+    period: int  # columns after which the sites of the channel repeat
 
 
 @dataclass(frozen=True)
@@ -71,17 +62,10 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Mean values over the distance from the edge.
+    """Mean values over the distance from the edge."""
 
-    Parameters
-    ----------
-    distance
-        (bins,) centres of the bins, symmetric about the edge.
-    mean, variance
-        (bins,) mean of the pixels in each bin, interpolated to its centre, and the variance of that mean.
-    """
-
-    distance: Array
+    distance: Array  # (bins,) centres of the bins, symmetric about the edge
+    # (bins,) mean of the pixels in each bin, interpolated to its centre, and the variance of that mean
     mean: Array
     variance: Array
 
@@ -99,10 +83,7 @@ class Profile:
 def first_edge(values: Array, mask: NDArray[np.bool_]) -> Edge:
     """Return the edge from the centroids of the derivative of each line.
 
-    Raises
-    ------
-    InputError
-        If the contrast is too low, or the edge is not straight.
+    Raises `InputError` if the contrast is too low, or the edge is not straight.
     """
     ends = [float(values[:, part][mask[:, part]].mean()) for part in _sides(values.shape[1])]
     contrast = abs(ends[1] - ends[0]) / max(abs(ends[1] + ends[0]), 1e-300)
@@ -153,10 +134,7 @@ def _centroid(values: Array, mask: NDArray[np.bool_], middle: float, half: float
 def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
     """Return the lines over which the edge moves by whole periods, so that all phases are sampled equally.
 
-    Raises
-    ------
-    InputError
-        If the edge moves by less than one period, so that some phases are not sampled.
+    Raises `InputError` if the edge moves by less than one period, so that some phases are not sampled.
     """
     lines = pixels.shape[0]
     cycles = math.floor(lines * abs(edge.slope) / pixels.period)
@@ -173,10 +151,7 @@ def whole_cycles(pixels: Pixels, edge: Edge) -> Pixels:
 def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
     """Return the profile in bins of 1 / oversampling pixel, over the distances that every line covers.
 
-    Raises
-    ------
-    InputError
-        If the edge is too close to the sides of the region, or a bin has no pixel.
+    Raises `InputError` if the edge is too close to the sides of the region, or a bin has no pixel.
     """
     ends = edge.at(np.array([pixels.y.min(), pixels.y.max()]))
     margin = min(float(ends.min()), pixels.shape[1] - float(ends.max())) - pixels.period

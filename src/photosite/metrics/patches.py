@@ -24,12 +24,8 @@ class PatchStatistics:
 
     Parameters
     ----------
-    names
-        The patches.
-    channels
-        The channels, in reading order of the tile of the colour filter array.
-    frames
-        Number of frames.
+    names, channels, frames
+        The patches; the channels, in reading order of the tile of the colour filter array; the number of frames.
     pixels
         Pixels of the channel in the patch, per frame.
     mean_dn
@@ -98,10 +94,6 @@ def patch_statistics(
     sensor
         Source of the system gain for `mean_e`.
 
-    Returns
-    -------
-    PatchStatistics
-
     Raises
     ------
     InputError
@@ -130,7 +122,8 @@ def patch_statistics(
     first = stack[0]
     channels = channel_names(first.cfa)
     cells = np.array([[_cell(stack, region, channel) for channel in channels] for region in regions])
-    pixels, mean, error, spatial, variance_error, temporal, temporal_error, saturated = np.moveaxis(cells, -1, 0)
+    pixels, mean, error, spatial, spatial_error, temporal, temporal_error, saturated = np.moveaxis(cells, -1, 0)
+    several = len(stack) > 1
     return PatchStatistics(
         names=tuple(region.name for region in regions),
         channels=channels,
@@ -139,11 +132,11 @@ def patch_statistics(
         mean_dn=mean,
         standard_error_dn=error,
         spatial_noise_dn=spatial,
-        spatial_variance_error_dn2=variance_error,
-        temporal_noise_dn=temporal if len(stack) > 1 else None,
+        spatial_variance_error_dn2=spatial_error,
+        temporal_noise_dn=temporal if several else None,
         saturated_share=saturated,
         mean_e=None if sensor is None else mean / sensor.system_gain_dn_per_e,
-        temporal_variance_error_dn2=temporal_error if len(stack) > 1 else None,
+        temporal_variance_error_dn2=temporal_error if several else None,
     )
 
 

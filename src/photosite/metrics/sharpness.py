@@ -128,10 +128,6 @@ def slanted_edge_mtf(
         Window on the line spread function: "tukey" is flat over the middle half and falls to 0 as a cosine on both
         sides; "hamming" is that of ISO 12233:2014 and 2017, which smooths the curve more.
 
-    Returns
-    -------
-    SlantedEdge
-
     Raises
     ------
     InputError
@@ -163,9 +159,7 @@ def slanted_edge_mtf(
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
     lines, columns = np.nonzero(mask)
-    pixels = Pixels(
-        lines.astype(np.float64) + 0.5, columns.astype(np.float64) + 0.5, values[mask], values.shape, len(tile[0])
-    )
+    pixels = Pixels(lines + 0.5, columns + 0.5, values[mask], values.shape, len(tile[0]))
     edge = first_edge(values, mask)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)

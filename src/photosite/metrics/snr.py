@@ -53,14 +53,8 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
 
     Parameters
     ----------
-    sensor
-        The sensor.
-    volts
-        Signal at the pixel in volts, above 0.
-
-    Returns
-    -------
-    NoiseBudget
+    sensor, volts
+        The sensor, and the signal at the pixel in volts, above 0.
 
     Raises
     ------
@@ -113,10 +107,8 @@ def signal_at_snr_e(sensor: Sensor, snr_db: float) -> float:
 
     Parameters
     ----------
-    sensor
-        The sensor.
-    snr_db
-        The ratio, as `NoiseBudget.total_db`; at 0 dB signal and noise are equal.
+    sensor, snr_db
+        The sensor, and the ratio, as `NoiseBudget.total_db`; at 0 dB signal and noise are equal.
 
     Raises
     ------

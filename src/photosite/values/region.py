@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class Quadrilateral:
-    """A quadrilateral, such as a square patch in perspective.
+    """A quadrilateral, such as a square patch in perspective, in rows r0 to r1 and columns c0 to c1 (both excluded).
 
     Parameters
     ----------
@@ -79,6 +79,10 @@ class Quadrilateral:
 
     name: str
     corners: Corners
+    r0: int = field(init=False, repr=False)
+    r1: int = field(init=False, repr=False)
+    c0: int = field(init=False, repr=False)
+    c1: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         points = np.asarray(self.corners, dtype=np.float64)
@@ -89,29 +93,13 @@ class Quadrilateral:
         turns = turning(self.corners)
         if not (turns.min() > 0 or turns.max() < 0):
             raise self._error("a convex shape, in order around it")
+        rows, cols = zip(*self.corners, strict=True)
+        for first, end, values in (("r0", "r1", rows), ("c0", "c1", cols)):
+            object.__setattr__(self, first, math.floor(min(values)))
+            object.__setattr__(self, end, math.ceil(max(values)))
 
     def _error(self, expected: str) -> InputError:
         return InputError("corners", where=f"patch '{self.name}'", value=self.corners, expected=expected)
-
-    @property
-    def r0(self) -> int:
-        """First row."""
-        return math.floor(min(row for row, _ in self.corners))
-
-    @property
-    def r1(self) -> int:
-        """Last row, excluded."""
-        return math.ceil(max(row for row, _ in self.corners))
-
-    @property
-    def c0(self) -> int:
-        """First column."""
-        return math.floor(min(col for _, col in self.corners))
-
-    @property
-    def c1(self) -> int:
-        """Last column, excluded."""
-        return math.ceil(max(col for _, col in self.corners))
 
     def inside(self) -> NDArray[np.bool_]:
         """Return the pixels that are completely inside, (r1 - r0, c1 - c0)."""

@@ -28,10 +28,7 @@ from photosite.values.measured import COVERAGE_95
 class Source:
     """An independent source of uncertainty; two sources are equal only if they are the same object.
 
-    Parameters
-    ----------
-    below, above
-        Distance of the ends of the 95 % interval below and above the value, in standard uncertainties.
+    - `below`, `above`: Distance of the ends of the 95 % interval below and above the value, in standard uncertainties.
     """
 
     below: float = COVERAGE_95
@@ -65,10 +62,8 @@ class Source:
 
         # In standard uncertainties, the value times sqrt(2 / freedom).
         scale = math.sqrt(0.5 * freedom)
-        return cls(
-            (1.0 - freedom / float(chdtri(freedom, 0.025))) * scale,
-            (freedom / float(chdtri(freedom, 0.975)) - 1.0) * scale,
-        )
+        low, high = freedom / float(chdtri(freedom, 0.025)), freedom / float(chdtri(freedom, 0.975))
+        return cls((1.0 - low) * scale, (high - 1.0) * scale)
 
     def scaled(self, factor: float) -> Source:
         """Return a source with half-widths multiplied by a factor."""
@@ -93,15 +88,7 @@ class Uncertain:
 
     @classmethod
     def of(cls, value: float, standard_uncertainty: float = 0.0, source: Source | None = None) -> Uncertain:
-        """Return a new, independent input; exact where the uncertainty is 0.
-
-        Parameters
-        ----------
-        value, standard_uncertainty
-            Value and its standard uncertainty.
-        source
-            Source with the half-widths of the interval; default normal.
-        """
+        """Return a new, independent input; exact where the uncertainty is 0. The default source is normal."""
         if standard_uncertainty == 0.0:
             return cls(value)
         return cls(value, {source or Source(): standard_uncertainty})
@@ -210,12 +197,7 @@ def correlated(
 ) -> tuple[Uncertain, ...]:
     """Return inputs with a covariance matrix, such as the intercept and slope of a fitted line.
 
-    Parameters
-    ----------
-    values, covariance
-        (p,) values and their (p, p) covariance.
-    freedom
-        Degrees of freedom of the covariance.
+    - `values`, `covariance`, `freedom`: (p,) values, their (p, p) covariance, and its degrees of freedom.
 
     Examples
     --------
@@ -246,22 +228,15 @@ def weighted_mean(values: Sequence[Uncertain], weights: Sequence[float]) -> Unce
 
 def combined(values: Sequence[Uncertain], coefficients: Sequence[float] | NDArray[np.float64]) -> Uncertain:
     """Return a linear combination, correlations included."""
-    result = Uncertain(0.0)
-    for value, coefficient in zip(values, coefficients, strict=True):
-        result = result + value * float(coefficient)
-    return result
+    products = (value * float(part) for value, part in zip(values, coefficients, strict=True))
+    return sum(products, Uncertain(0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class JointCovariance:
     """The covariance of several results.
 
-    Parameters
-    ----------
-    names
-        (n,) names of the results.
-    matrix
-        (n, n) covariance in their units.
+    - `names`, `matrix`: (n,) names of the results, and (n, n) covariance in their units.
 
     Examples
     --------
@@ -284,15 +259,11 @@ class JointCovariance:
     def among(self, names: Sequence[str]) -> NDArray[np.float64]:
         """Return the (names, names) covariance of some results.
 
-        Raises
-        ------
-        InputError
-            If a name is unknown.
+        Raises `InputError` if a name is unknown.
         """
-        for name in names:
-            if name not in self.names:
-                hint = did_you_mean(name, self.names)
-                raise InputError("names", value=name, expected="names of results with a value", hint=hint)
+        if unknown := [name for name in names if name not in self.names]:
+            hint = did_you_mean(unknown[0], self.names)
+            raise InputError("names", value=unknown[0], expected="names of results with a value", hint=hint)
         place = [self.names.index(name) for name in names]
         return self.matrix[np.ix_(place, place)]
 
@@ -319,7 +290,5 @@ def derive(function: Callable[..., Uncertain], *inputs: Value) -> Value:
     >>> derive(lambda a, b: a / b, Uncertain.of(1.0), Missing("no volts")).reason
     'no volts'
     """
-    for entry in inputs:
-        if isinstance(entry, Missing):
-            return entry
-    return function(*inputs)
+    missing = [entry for entry in inputs if isinstance(entry, Missing)]
+    return missing[0] if missing else function(*inputs)

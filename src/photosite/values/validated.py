@@ -81,19 +81,18 @@ class Validated(BaseModel):
     def unknown(cls, name: str) -> InputError:
         """Return the error for an option that does not exist."""
         known = list(cls.model_fields)
-        return InputError(
-            f"unknown option '{name}'", hint=did_you_mean(name, known) if known else "There are no options"
-        )
+        hint = did_you_mean(name, known) if known else "There are no options"
+        return InputError(f"unknown option '{name}'", hint=hint)
 
     def given(self) -> dict[str, Any]:
         """Return the options that differ from their defaults."""
         defaults = {name: field.default for name, field in type(self).model_fields.items()}
         values = {name: getattr(self, name) for name in defaults}
-        return {
-            name: value
-            for name, value in values.items()
-            if value is not defaults[name] and (defaults[name] is None or value != defaults[name])
-        }
+        return {name: value for name, value in values.items() if _differs(value, defaults[name])}
+
+
+def _differs(value: object, default: object) -> bool:
+    return value is not default and (default is None or value != default)
 
 
 def located(error: InputError, *location: int | str, kind: str = "value_error") -> ValidationError:
@@ -150,6 +149,5 @@ def check_choice(name: str, value: object, choices: Any) -> None:
     """
     known = get_args(choices)
     if value not in known:
-        raise InputError(
-            name, value=value, expected=" or ".join(map(repr, known)), hint=did_you_mean(str(value), map(str, known))
-        )
+        hint = did_you_mean(str(value), map(str, known))
+        raise InputError(name, value=value, expected=" or ".join(map(repr, known)), hint=hint)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from photosite.develop.pair import develop_pair
+from photosite.develop.develop import develop_pair
 from photosite.report.calibration import FOOTER, provenance_blocks, rejected_blocks, warning_blocks
 from photosite.report.figures.sensor import noise_budget_figure
 from photosite.report.figures.validation import (
