@@ -1,4 +1,4 @@
-"""The camera against slow and obvious ways, an independent simulator, and its own promises."""
+"""The camera compared with direct computation and an independent simulator; seeds, regions, errors."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_reduction_of_maps_is_within_tolerance(monkeypatch: pytest.MonkeyPatch) 
     from photosite.camera import channel_transfers
     from photosite.camera import mean_image as mosaic
 
-    camera = ps.Camera(LENS, D200.with_(rows=264, cols=392))
+    camera = ps.Camera(LENS, D200.with_(rows=66, cols=98))
     made: list[int] = []
     plain = channel_transfers.reduced_transfers
 
@@ -236,7 +236,7 @@ def test_negative_radiance_is_an_error() -> None:
 
 SMALL = D200.with_(rows=40, cols=60, black_level_dn=64, dark_voltage_mv_per_s=1.0)
 CAMERA = ps.Camera(LENS, SMALL)
-CHART = ps.charts.macbeth()
+CHART = ps.charts.macbeth(wavelength_nm=np.arange(380, 781, 40))
 
 
 def test_seed_and_frame_number_determine_the_frame() -> None:
@@ -252,7 +252,8 @@ def test_new_process_gives_the_same_frame() -> None:
         "import photosite as ps, hashlib;"
         "s = ps.load_sensor('nikon-d200').with_(rows=40, cols=60, black_level_dn=64, dark_voltage_mv_per_s=1.0);"
         "c = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), s);"
-        "print(hashlib.sha256(c.capture(ps.charts.macbeth(), 1 / 3, seed=7).dn.tobytes()).hexdigest())"
+        "chart = ps.charts.macbeth(wavelength_nm=range(380, 781, 40));"
+        "print(hashlib.sha256(c.capture(chart, 1 / 3, seed=7).dn.tobytes()).hexdigest())"
     )
     import hashlib
 
@@ -274,9 +275,9 @@ def test_exposure_must_be_a_number(exposure_s: object) -> None:
         next(CAMERA.stream(CHART, exposure_s))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("exposure_s", [1e38, 1e300])
-def test_too_long_exposure_is_an_error(exposure_s: float) -> None:
+def test_too_long_exposure_is_an_error() -> None:
     """An error, without a NumPy warning before it."""
+    exposure_s = 1e38
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for call in (lambda: CAMERA.capture(CHART, exposure_s), lambda: next(CAMERA.stream(CHART, [exposure_s]))):
@@ -319,21 +320,22 @@ def test_invalid_camera_options() -> None:
     assert caught.value.value == "simpson"
 
 
-@pytest.mark.parametrize("region", [(0, 40, 0, 60), (3, 4, 7, 8), (11, 40, 1, 60), (0, 2, 58, 60)])
-def test_region_equals_that_part_of_the_frame(region: tuple[int, int, int, int]) -> None:
-    sensor = SMALL.with_(dcnu_percent=30)
-    camera = ps.Camera(LENS, sensor)
-    r0, r1, c0, c1 = region
-    whole = camera.capture(CHART, 1 / 3, seed=7, frame=3)
-    part = camera.capture(CHART, 1 / 3, seed=7, frame=3, region=region)
-    assert (part.dn == whole.dn[r0:r1, c0:c1]).all()
-    assert part.cfa[0][0] == whole.cfa[r0 % 2][c0 % 2]
+def test_region_equals_that_part_of_the_frame() -> None:
+    camera = ps.Camera(LENS, SMALL.with_(dcnu_percent=30))
+    mean = camera.mean_electrons(CHART, 1 / 3)
+    whole = camera.expose(mean, 1 / 3, seed=7, frame=3)
+    for region in ((0, 40, 0, 60), (3, 4, 7, 8), (11, 40, 1, 60), (0, 2, 58, 60)):
+        r0, r1, c0, c1 = region
+        part = camera.expose(mean, 1 / 3, seed=7, frame=3, region=region)
+        assert (part.dn == whole.dn[r0:r1, c0:c1]).all()
+        assert part.cfa[0][0] == whole.cfa[r0 % 2][c0 % 2]
+    assert (camera.capture(CHART, 1 / 3, seed=7, frame=3, region=region).dn == part.dn).all()
 
 
 @pytest.mark.parametrize("region", [(0, 41, 0, 60), (-1, 4, 0, 6), (5, 5, 0, 6), (0, 4, 9, 6)])
 def test_region_must_be_on_the_chip(region: tuple[int, int, int, int]) -> None:
     with pytest.raises(InputError) as caught:
-        CAMERA.capture(CHART, 1 / 3, region=region)
+        CAMERA.expose(np.zeros((40, 60), np.float32), 1 / 3, region=region)
     assert (caught.value.what, caught.value.value) == ("region", region)
 
 
@@ -352,7 +354,7 @@ def test_threads_do_not_change_a_frame() -> None:
 
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("this machine has one core")
-    camera = ps.Camera(LENS, D200.with_(rows=500, cols=700, black_level_dn=64))  # large enough for two threads
+    camera = ps.Camera(LENS, D200.with_(rows=450, cols=460, black_level_dn=64))  # large enough for two threads
     frames = []
     for threads in (1, 2):
         numba.set_num_threads(threads)

@@ -1,4 +1,4 @@
-"""Camera files: what they say, whose defaults hold, and what is wrong with them in one line."""
+"""Camera files: fields, defaults, and errors with the line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def written(folder: Path, text: str) -> Path:
     return file
 
 
-def test_an_empty_file_is_the_papers_set_up(tmp_path: Path) -> None:
+def test_empty_file_is_the_set_up_of_the_paper(tmp_path: Path) -> None:
     set_up, paper = load_camera(written(tmp_path, "")), SetUp()
     assert (set_up.sensor, set_up.optics, set_up.exposure_s) == (paper.sensor, paper.optics, 1 / 3)
     assert set_up.optics == DiffractionLimited(8, 50)
@@ -52,12 +52,8 @@ cells_per_pixel: 3
 """,
     )
     set_up = load_camera(file)
-    assert (set_up.name, set_up.exposure_s, set_up.integration, set_up.cells_per_pixel) == (
-        "phone",
-        1 / 50,
-        "rectangle",
-        3,
-    )
+    others = set_up.name, set_up.exposure_s, set_up.integration, set_up.cells_per_pixel
+    assert others == ("phone", 1 / 50, "rectangle", 3)
     assert (set_up.sensor.array.rows, set_up.sensor.name) == (40, ps.load_sensor("vendor-2.2um").name)
     assert set_up.optics == DiffractionLimited(2.8, 4.88, 0.9)
     scene = set_up.scene.scene()
@@ -153,7 +149,7 @@ def test_misspelled_names_get_the_similar_one(tmp_path: Path, text: str, meant: 
         load_camera(written(tmp_path, text))
 
 
-def test_the_method_of_a_picture_is_an_option(tmp_path: Path) -> None:
+def test_method_for_pictures_is_an_option(tmp_path: Path) -> None:
     codes = np.random.default_rng(1).integers(30, 220, (4, 6, 3)).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "a.png")
     text = "scene: {source: a.png, luminance_cd_m2: 40, options: {method: jakob-hanika}}\n"
@@ -161,7 +157,7 @@ def test_the_method_of_a_picture_is_an_option(tmp_path: Path) -> None:
     np.testing.assert_array_equal(set_up.weights, ps.pictures.from_rgb(codes, method="jakob-hanika").weights)
 
 
-def test_errors_of_making_the_scene_name_the_line(tmp_path: Path) -> None:
+def test_errors_of_the_scene_itself_name_the_line(tmp_path: Path) -> None:
     ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
     set_up = load_camera(written(tmp_path, "scene:\n  options: {variable: a}\n  source: field.h5\n  units: percent\n"))
     with pytest.raises(FileError) as caught:
@@ -176,7 +172,7 @@ def test_errors_of_making_the_scene_name_the_line(tmp_path: Path) -> None:
         load_camera(written(tmp_path, text)).scene.scene()
 
 
-def test_the_file_of_a_light_is_relative_to_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_illuminant_file_is_relative_to_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "elsewhere").mkdir()
     grid = np.arange(380, 781, 10)
     rows = [f"{nm},{nm - 300}" for nm in grid]
@@ -188,7 +184,7 @@ def test_the_file_of_a_light_is_relative_to_the_camera_file(tmp_path: Path, monk
 
 
 @pytest.mark.parametrize("first", ["photosite_sensor: 1", "photosite_camera: true"])
-def test_no_camera_file(tmp_path: Path, first: str) -> None:
+def test_file_that_is_not_a_camera_file(tmp_path: Path, first: str) -> None:
     file = tmp_path / "sensor.yaml"
     file.write_text(first + "\n")
     with pytest.raises(FileError, match="is not a camera file"):
@@ -197,7 +193,7 @@ def test_no_camera_file(tmp_path: Path, first: str) -> None:
 
 class TestSceneRequest:
     @pytest.mark.parametrize("name", BUILT_IN_SCENES)
-    def test_every_built_in_scene_is_made_with_its_defaults(self, name: str) -> None:
+    def test_every_built_in_scene_has_defaults(self, name: str) -> None:
         light = {"illuminant": "D65", "mean_luminance_cd_m2": 25.0, "wavelength_nm": np.arange(400, 701, 20)}
         scene = SceneRequest(name, {**light, "distance_m": 2.0, "width_m": 1.5}).scene()
         assert (scene.distance_m, scene.width_m, scene.wavelength_nm.size) == (2.0, 1.5, 16)
@@ -208,7 +204,7 @@ class TestSceneRequest:
             SceneRequest("macbeth", {"units": "W"})
         assert caught.value.arguments == {"units": "W"}
 
-    def test_a_file_has_the_options_of_reading_and_no_others(self, tmp_path: Path) -> None:
+    def test_files_have_the_options_of_reading_only(self, tmp_path: Path) -> None:
         ps.charts.uniform("A", 7).save(tmp_path / "field.h5")
         file = str(tmp_path / "field.h5")
         assert SceneRequest(file, {"mean_luminance_cd_m2": 9.0}).scene().mean_luminance_cd_m2() == pytest.approx(9)
@@ -249,18 +245,18 @@ class TestSceneRequest:
 class TestDrawnForTheCamera:
     @pytest.mark.parametrize("name", ["slanted-edge", "edge-star", "siemens-star", "ramp"])
     def test_edges_have_a_sample_for_each_cell(self, tmp_path: Path, name: str) -> None:
-        """A scene of 400 samples on a larger frame would be a staircase, whatever the cells."""
+        """An edge of 400 samples on a larger frame would have visible steps, whatever the number of cells."""
         file = written(tmp_path, f"scene: {name}\ncells_per_pixel: 3\n")
         set_up = load_camera(file)
         small = replace(set_up, sensor=set_up.sensor.with_(rows=200, cols=300))
         assert small.seen.scene().shape == (600, 900)
 
-    def test_a_given_size_is_kept(self, tmp_path: Path) -> None:
+    def test_given_size_is_kept(self, tmp_path: Path) -> None:
         set_up = load_camera(written(tmp_path, "scene: {source: slanted-edge, options: {rows: 20, cols: 30}}\n"))
         assert set_up.seen.scene().shape == (20, 30)
 
-    def test_the_measured_mtf_is_that_of_lens_and_pixel(self, tmp_path: Path) -> None:
-        """docs/cameras.md's set-up on a small chip: modulation within 0.01 of optics times aperture times cells."""
+    def test_measured_mtf_is_that_of_lens_and_pixel(self, tmp_path: Path) -> None:
+        """The set-up of docs/cameras.md on a small chip: MTF within 0.01 of lens times photodetector times cells."""
         from photosite.metrics.sharpness import slanted_edge_mtf
 
         file = written(
@@ -278,7 +274,7 @@ class TestDrawnForTheCamera:
         expected = lens * np.sinc(f * np.sqrt(0.9)) * np.sinc(f / 3) ** 2
         assert found.at(f) == pytest.approx(expected, abs=0.01)
 
-    def test_planes_with_a_picture_of_opacity_keep_its_size(self, tmp_path: Path) -> None:
+    def test_planes_with_an_opacity_picture_keep_its_size(self, tmp_path: Path) -> None:
         Image.new("L", (400, 400), 255).save(tmp_path / "mask.png")
         file = written(
             tmp_path,
@@ -327,7 +323,7 @@ class TestPlanes:
         picture.save(tmp_path / "mask.png")
         np.testing.assert_array_equal(read_alpha(tmp_path / "mask.png"), share.astype(np.float32))
 
-    def test_opacity_in_colour_or_of_another_size_is_refused(self, tmp_path: Path) -> None:
+    def test_opacity_in_colour_or_of_another_size_is_an_error(self, tmp_path: Path) -> None:
         Image.new("RGB", (3, 2)).save(tmp_path / "mask.png")
         file = written(tmp_path, "scene:\n  - {source: checkerboard, alpha: mask.png}\n")
         with pytest.raises(FileError) as caught:

@@ -21,6 +21,7 @@ from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 
 BASE = DiffractionLimited(4, 50)
 D200 = ps.load_sensor("nikon-d200").with_(rows=44, cols=64)
+FEW: dict[str, Any] = {"wavelength_nm": np.arange(380, 781, 40)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ def counted(**parts: Any) -> tuple[Lens, list[float]]:
 
 def test_second_frame_uses_the_cache() -> None:
     lens, calls = counted()
-    scene = ps.charts.macbeth()
+    scene = ps.charts.macbeth(**FEW)
     first = ps.Camera(lens, D200).mean_electrons(scene, 0.1)
     asked = len(calls)
     again = ps.Camera(lens, D200.with_(rows=44, cols=64)).mean_electrons(scene, 0.1)
@@ -53,30 +54,30 @@ def test_second_frame_uses_the_cache() -> None:
     assert len(calls) == asked
     assert (again == first).all()
     ps.Camera(lens, D200.with_(rows=88, cols=96)).mean_electrons(scene, 0.3)
-    assert len(calls) == asked  # neither the frame's size nor the exposure is the lens's affair
+    assert len(calls) == asked  # the lens does not depend on the size of the frame or the exposure
 
 
 def test_cache_key_has_scene_distance_sensor_and_cells() -> None:
     """Alternating frames through one lens, compared with a new lens for each frame."""
-    chart, color = ps.charts.macbeth(), LateralColor.from_magnification([400, 700], [1.0005, 0.9995])
+    chart, color = ps.charts.macbeth(**FEW), LateralColor.from_magnification([400, 700], [1.0005, 0.9995])
     lens, _ = counted(lateral_color=color)
     smaller = D200.with_(fill_factor=D200.pixel.fill_factor.value / 2)
     cases: list[tuple[ps.Scene, ps.Sensor, int]] = [
         (chart, D200, 1),
-        (ps.charts.macbeth("A"), D200, 1),
-        (ps.charts.macbeth(distance_m=1.5), D200, 1),
+        (ps.charts.macbeth("A", **FEW), D200, 1),
+        (ps.charts.macbeth(distance_m=1.5, **FEW), D200, 1),
         (chart, smaller, 1),
         (chart, D200.with_(cfa=(("B", "G"), ("G", "R"))), 1),
         (chart, D200, 3),
     ]
-    for scene, sensor, cells in [*cases, cases[0], cases[-1]]:
+    for scene, sensor, cells in [*cases, cases[0]]:
         fresh, _ = counted(lateral_color=color)
         expected = ps.Camera(fresh, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.1)
         assert (ps.Camera(lens, sensor, cells_per_pixel=cells).mean_electrons(scene, 0.1) == expected).all()
 
 
 def test_lateral_colour_samples_each_wavelength_once() -> None:
-    scene, sensor = ps.charts.macbeth(), D200
+    scene, sensor = ps.charts.macbeth(**FEW), D200
     alone, calls_alone = counted()
     ps.Camera(alone, sensor).mean_electrons(scene, 0.1)
     lens, calls = counted(lateral_color=LateralColor.from_magnification([400, 700], [1.004, 0.996]))
@@ -87,10 +88,10 @@ def test_lateral_colour_samples_each_wavelength_once() -> None:
 def test_cache_is_limited_and_freed_with_the_lens() -> None:
     lens, calls = counted()
     camera = ps.Camera(lens, D200)
-    for distance_m in np.linspace(1, 2, 9):
-        camera.mean_electrons(ps.charts.macbeth(distance_m=distance_m), 0.1)
+    for distance_m in np.linspace(1, 2, 6):
+        camera.mean_electrons(ps.charts.macbeth(distance_m=distance_m, **FEW), 0.1)
     asked = len(calls)
-    camera.mean_electrons(ps.charts.macbeth(distance_m=1.0), 0.1)
+    camera.mean_electrons(ps.charts.macbeth(distance_m=1.0, **FEW), 0.1)
     assert len(calls) > asked  # the first was dropped
     before = len(channel_transfers._cache)
     del lens, camera
@@ -100,9 +101,9 @@ def test_cache_is_limited_and_freed_with_the_lens() -> None:
 
 def test_used_lens_pickles() -> None:
     lens = Lens(DiffractionLimited(8, 50), focus_distance_m=2.0)
-    before = ps.Camera(lens, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5), 0.1)
+    before = ps.Camera(lens, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5, **FEW), 0.1)
     other = pickle.loads(pickle.dumps(lens))
-    assert (ps.Camera(other, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5), 0.1) == before).all()
+    assert (ps.Camera(other, D200).mean_electrons(ps.charts.macbeth(distance_m=1.5, **FEW), 0.1) == before).all()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def growing() -> LensDesign:
 
 
 def test_tolerance_is_a_hundredth_of_the_error_of_the_modes(monkeypatch: pytest.MonkeyPatch) -> None:
-    design, scene = growing(), ps.charts.macbeth()
+    design, scene = growing(), ps.charts.macbeth(**FEW)
     terms: list[int] = []
     plain = channel_transfers._terms
 

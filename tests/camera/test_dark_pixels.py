@@ -9,11 +9,11 @@ import photosite as ps
 from photosite.errors import InputError
 
 
-@pytest.mark.parametrize(("blades", "distance_m"), [(0, 1.5), (3, 5.0), (6, 1.5), (6, 5.0)])
+@pytest.mark.parametrize(("blades", "distance_m"), [(0, 1.5), (3, 5.0)])
 def test_defocused_point_on_black_is_not_negative(blades: int, distance_m: float) -> None:
     """Rounding of the transforms beside a wide, dim image is not an error, and light is conserved."""
     lens = ps.Lens(ps.DiffractionLimited(2.8, 50), ps.Wavefront(pupil=ps.Pupil(blades=blades)), focus_distance_m=2.0)
-    grid = np.arange(400.0, 701.0, 100)
+    grid = np.array([400.0, 550.0, 700.0])
     weights = np.zeros((1, 128, 192), np.float32)
     weights[0, 64, 96] = 1.0
     mono = {"cfa": "mono", "channels": {"M": {"wavelength_nm": [400, 700], "quantum_efficiency": [0.5, 0.5]}}}

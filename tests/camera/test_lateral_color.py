@@ -44,10 +44,10 @@ def comet() -> LensDesign:
 
 def scene() -> Scene:
     """Return a scene of six spectra in blocks, one of them a narrow line."""
-    grid = np.arange(400.0, 701, 10)
+    grid = np.arange(400.0, 701, 20)
     random = np.random.default_rng(12)
     basis = random.random((6, grid.size)) * 1e15
-    basis[5] = 3e16 * (grid == 610)
+    basis[5] = 3e16 * (grid == 620)
     weights = np.kron(random.random((6, 20, 29)), np.ones((3, 3))).astype(np.float32)
     return Scene(weights, basis, grid)
 
@@ -80,7 +80,11 @@ def sum_over_nodes(lens: Lens, what: Scene) -> NDArray[np.float64]:
     total = np.zeros((60, 88))
     for node_nm, share in zip(nodes_nm, shares, strict=True):
         optics: Optics = OneColor(lens, node_nm)  # type: ignore[assignment]
-        total += mosaic.image_rate(replace(what, basis=what.basis * share), ps.Camera(optics, SENSOR))
+        # The wavelengths of this node, and one without light on each side: the same integral with fewer transforms.
+        lit = np.flatnonzero(share)
+        part = slice(max(lit[0] - 1, 0), lit[-1] + 2)
+        light = replace(what, basis=(what.basis * share)[:, part], wavelength_nm=what.wavelength_nm[part])
+        total += mosaic.image_rate(light, ps.Camera(optics, SENSOR))
     return total
 
 

@@ -33,10 +33,8 @@ class Camera:
 
     Parameters
     ----------
-    optics
-        The lens, for example `DiffractionLimited`.
-    sensor
-        The sensor.
+    optics, sensor
+        The lens, for example `DiffractionLimited`, and the sensor.
     integration
         Rule of the integral over wavelength: "trapezoid", or "rectangle" to compare with tools that use it.
     cells_per_pixel
@@ -72,12 +70,13 @@ class Camera:
     def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
         """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.
 
+        Irradiance from the lens, times quantum efficiency, pixel area, fill factor and exposure, over wavelength.
+        The photodetector is a centred square of side pitch * sqrt(fill factor).
+
         Parameters
         ----------
-        scene
-            A scene, or `Planes` in depth.
-        exposure_s
-            Exposure time.
+        scene, exposure_s
+            A scene, or `Planes` in depth, and the exposure time.
 
         Returns
         -------
@@ -94,11 +93,6 @@ class Camera:
         -----
         PhotositeWarning
             If the sensor responds to light beyond the scene's wavelengths.
-
-        Notes
-        -----
-        Irradiance from the lens (`optics`), times quantum efficiency, pixel area, fill factor and exposure, summed over
-        wavelength. The photodetector is a centred square of side pitch * sqrt(fill factor).
         """
         time_s = check_exposure(exposure_s)
         rate = self._electron_rate(scene)
@@ -126,11 +120,10 @@ class Camera:
         ----------
         scene, exposure_s
             As for `mean_electrons`.
-        seed
-            Key of the temporal noise, 0 to 2^64 - 1. The same seed and frame number give the same frame.
-        frame
-            Frame number in a sequence, 0 to 2^32 - 1. Frames of one seed have independent noise. The fixed pattern
-            depends on the sensor's serial and is the same in all frames.
+        seed, frame
+            Key of the temporal noise, 0 to 2^64 - 1, and frame number in a sequence, 0 to 2^32 - 1. The same two give
+            the same frame; frames of one seed have independent noise. The fixed pattern depends on the sensor's serial
+            and is the same in all frames.
         region
             (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, the second of each excluded. The result equals that
             part of the whole frame. None is the whole frame.
@@ -176,15 +169,8 @@ class Camera:
             As for `capture`.
         exposures_s
             One exposure time, or several.
-        frames
-            Frames at each exposure.
-        first_frame
-            Number of the first frame; the n-th frame equals `capture` with frame first_frame + n.
-
-        Raises
-        ------
-        InputError
-            As `capture`, at the first frame.
+        frames, first_frame
+            Frames at each exposure; number of the first frame. The n-th equals `capture` with frame first_frame + n.
 
         Examples
         --------
@@ -223,16 +209,13 @@ class Camera:
         ----------
         mean_electrons
             (rows, cols) of the whole chip, as from `mean_electrons`; not negative.
-        exposure_s
-            Exposure time, for the dark current.
-        seed, frame, region, device
-            As for `capture`.
+        exposure_s, seed, frame, region, device
+            As for `capture`; the exposure time is that of the dark current.
 
         Raises
         ------
         InputError
-            If the shape is not the sensor's, a mean is negative or not finite, a number is out of range, the region is
-            not on the chip, or the device is unavailable.
+            As `capture`; or if the shape is not the sensor's, or a mean is negative or not finite.
         """
         time_s = check_exposure(exposure_s)
         dn = digital_numbers(self.sensor, mean_electrons, time_s, seed=seed, frame=frame, region=region, device=device)
@@ -254,12 +237,7 @@ class Camera:
         )
 
     def as_shot_neutral(self, light: Scene) -> str | None:
-        """Return the reading of a neutral gray in R, G and B, relative to the largest, for DNG's AsShotNeutral.
-
-        Parameters
-        ----------
-        light
-            A uniform field under the light.
+        """Return the reading of a uniform field in R, G and B, relative to the largest, for DNG's AsShotNeutral.
 
         Returns
         -------

@@ -202,15 +202,10 @@ def _cie_illuminant(name: str) -> Spectrum:
 def daylight(temperature_k: float) -> Spectrum:
     """Return daylight of a correlated colour temperature: relative energy, 100 at 560 nm, 300 to 830 nm.
 
-    Parameters
-    ----------
-    temperature_k
-        4000 to 25 000 K.
-
     Raises
     ------
     InputError
-        If the temperature is outside this range.
+        If the temperature is outside 4000 to 25 000 K.
 
     Notes
     -----
@@ -283,15 +278,10 @@ def white_led(temperature_k: float) -> Spectrum:
     chromaticity of a blackbody below 5000 K and of daylight above. The range is 300 to 1100 nm. Measured LEDs are
     "LED-B1" to "LED-B5".
 
-    Parameters
-    ----------
-    temperature_k
-        2200 to 10 000 K.
-
     Raises
     ------
     InputError
-        If the temperature is outside this range.
+        If the temperature is outside 2200 to 10 000 K.
 
     References
     ----------

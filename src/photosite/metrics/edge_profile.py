@@ -52,8 +52,7 @@ class Edge:
 
     def at(self, y: Array) -> Array:
         """Return the column coordinate where the edge crosses a line."""
-        across: Array = self.position + self.slope * (y - self.middle)
-        return across
+        return np.asarray(self.position + self.slope * (y - self.middle))
 
     def distance(self, pixels: Pixels) -> Array:
         """Return (n,) distances perpendicular to the edge, positive to the right."""

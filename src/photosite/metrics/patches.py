@@ -28,11 +28,9 @@ class PatchStatistics:
         The patches; the channels, in reading order of the tile of the colour filter array; the number of frames.
     pixels
         Pixels of the channel in the patch, per frame.
-    mean_dn
-        Mean above the black level, over pixels and frames.
-    standard_error_dn
-        Standard error of `mean_dn` as an estimate for the whole chip: it includes the fixed pattern, which more frames
-        do not reduce.
+    mean_dn, standard_error_dn
+        Mean above the black level, over pixels and frames, and its standard error as an estimate for the whole chip: it
+        includes the fixed pattern, which more frames do not reduce.
     spatial_noise_dn
         Standard deviation over the pixels of one frame, root mean square over frames: temporal noise, fixed pattern and
         non-uniform illumination together.
@@ -42,10 +40,8 @@ class PatchStatistics:
         assumed to be independent.
     temporal_noise_dn
         Standard deviation of a pixel over the frames, root mean square over pixels; None for a single frame.
-    saturated_share
-        Share of the pixels at or above the white level.
-    mean_e
-        `mean_dn` in electrons; None without a sensor.
+    saturated_share, mean_e
+        Share of the pixels at or above the white level; `mean_dn` in electrons, None without a sensor.
     temporal_variance_error_dn2
         Standard error of the square of `temporal_noise_dn`, from the scatter over independent pixels; None for a single
         frame.
@@ -87,10 +83,8 @@ def patch_statistics(
 
     Parameters
     ----------
-    frames
-        One frame, or several of the same scene and setting.
-    regions
-        The patches: rectangles or quadrilaterals at any position in the mosaic.
+    frames, regions
+        One frame, or several of the same scene and setting; rectangles or quadrilaterals anywhere in the mosaic.
     sensor
         Source of the system gain for `mean_e`.
 

@@ -34,16 +34,13 @@ class SlantedEdge:
     ----------
     frequency_cycles_per_pixel
         (n,) frequencies from 0 to 1 perpendicular to the edge; 0.5 is the Nyquist frequency of the pixels.
-    mtf
-        (n,) modulation transfer, 1 at 0.
-    standard_uncertainty
-        (n,) of `mtf`, from the scatter of pixels about the profile: noise and unevenness of the edge.
+    mtf, standard_uncertainty
+        (n,) modulation transfer, 1 at 0; the uncertainty is from the scatter of pixels about the profile: noise and
+        unevenness of the edge.
     channel
         Channel that was measured.
-    angle_deg
-        Angle to the vertical or the horizontal, whichever is closer; positive clockwise.
-    direction
-        "vertical" or "horizontal", whichever is closer.
+    angle_deg, direction
+        Angle to the "vertical" or the "horizontal", whichever is closer; positive clockwise.
     line, edge_position
         Rows (columns, for a horizontal edge) of the frame, and the column (row) coordinate where the fitted edge
         crosses the centre of each. Pixel i covers the coordinates i to i + 1.
@@ -116,14 +113,10 @@ def slanted_edge_mtf(
     region
         (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, ends excluded, divided by one edge from side to side.
         None: the whole frame. Wider regions give better low frequencies.
-    channel
-        Channel to measure; optional for a monochrome frame.
-    cfa
-        Tile of the colour filter array, if the frame is an array.
-    pitch_um
-        Pixel pitch, for frequencies in cycles/mm.
-    oversampling
-        Bins of the profile per pixel, 1 to 16.
+    channel, cfa
+        Channel to measure; optional for a monochrome frame. Tile of the colour filter array, if the frame is an array.
+    pitch_um, oversampling
+        Pixel pitch, for frequencies in cycles/mm; bins of the profile per pixel, 1 to 16.
     window
         Window on the line spread function: "tukey" is flat over the middle half and falls to 0 as a cosine on both
         sides; "hamming" is that of ISO 12233:2014 and 2017, which smooths the curve more.

@@ -18,14 +18,10 @@ class NoiseBudget:
 
     Parameters
     ----------
-    volts
-        Signal at the pixel, any shape; the other arrays have the same shape.
-    signal_e
-        The signal in electrons.
-    total_db
-        With all four noise sources.
-    shot_db, read_db, dsnu_db, prnu_db
-        With that noise source alone; +inf if the sensor has none of it.
+    volts, signal_e
+        Signal at the pixel, any shape, and in electrons; the other arrays have the same shape.
+    total_db, shot_db, read_db, dsnu_db, prnu_db
+        With all four noise sources, and with one alone; +inf if the sensor has none of it.
     dark_limited_below_volts
         Signal below which read noise and DSNU together exceed shot noise and PRNU together; 0 if the sensor has
         neither.
@@ -49,7 +45,8 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
 
     SNR = 10 log10(S^2 / N), S = volts / conversion gain in electrons and N the variance in electrons squared:
     S for shot noise, (read noise)^2, DSNU^2, (PRNU S)^2, and their sum for the total. Saturation is ignored: levels
-    above the voltage swing extrapolate.
+    above the voltage swing extrapolate. The total is that of one frame of a uniform surface, where the fixed pattern
+    counts as noise; for a single pixel over many frames it does not.
 
     Parameters
     ----------
@@ -61,10 +58,9 @@ def noise_budget(sensor: Sensor, volts: ArrayLike) -> NoiseBudget:
     InputError
         If a voltage is not above 0.
 
-    Notes
-    -----
-    Farrell, Okincha and Parmar (2008), Figure 6. The total is that of one frame of a uniform surface, where the fixed
-    pattern counts as noise; for a single pixel over many frames it does not.
+    References
+    ----------
+    Farrell, Okincha and Parmar (2008), Figure 6.
 
     Examples
     --------

@@ -17,14 +17,10 @@ class Measured:
 
     Parameters
     ----------
-    value
-        The value, in the unit at the end of its field's name.
-    standard_uncertainty
-        Standard uncertainty (GUM), in the same unit; 0 for an exact value.
-    source
-        Origin of the value.
-    assumed
-        Whether the value is an assumption, neither measured nor published.
+    value, standard_uncertainty
+        In the unit at the end of the field's name; the standard uncertainty (GUM) of an exact value is 0.
+    source, assumed
+        Origin of the value; whether it is an assumption, neither measured nor published.
 
     Raises
     ------

@@ -53,11 +53,10 @@ def standard_deviation(variance: Uncertain) -> Uncertain:
 def standard_deviation_interval_95(variance: Uncertain) -> tuple[float, float]:
     """Return the 95 % interval of `standard_deviation`: the signed roots of the ends of an interval of the variance.
 
-    A standard deviation is never negative, but a symmetric interval would lie below zero for one in 40 sensors without
-    any spread. Where the estimate is negative, this interval therefore reaches up to `upper_limit_95`. It then misses a
-    small true variance from above in fewer than 2.5 % of cases. The lower end is raised to compensate: a true variance
-    of 0 is excluded in 5 %. The coverage is 95 % for every true variance. Far from zero the interval is that of the
-    variance.
+    A symmetric interval would lie below zero for one in 40 sensors without any spread. Where the estimate is negative,
+    this interval therefore reaches up to `upper_limit_95`, and misses a small true variance from above in fewer than
+    2.5 % of cases. The lower end is raised to compensate: a true variance of 0 is excluded in 5 %. The coverage is 95 %
+    for every true variance. Far from zero the interval is that of the variance.
 
     References
     ----------
