@@ -14,7 +14,7 @@ from photosite.camera.depth import planes_electron_rate
 from photosite.camera.dng_profile import color_matrix, noise_profile
 from photosite.camera.mean_image import electron_rate, electrons_per_weight, image_regions
 from photosite.camera.optical_stack import channel_mixing, warn_of_transmittance_range
-from photosite.color.spectrum import Rule, integration_weights
+from photosite.color.spectrum import Rule
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.optics.protocols import Optics
@@ -25,6 +25,7 @@ from photosite.sensor.readout import Device, Rectangle, digital_numbers
 from photosite.values.cfa import shifted
 from photosite.values.exposure import check_exposure
 from photosite.values.region import Region
+from photosite.values.validated import check_choice
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,10 @@ class Camera:
     cells_per_pixel: int = 1
 
     def __post_init__(self) -> None:
-        integration_weights([500.0], self.integration)
-        if self.cells_per_pixel < 1 or self.cells_per_pixel % 2 == 0:
-            raise InputError("cells_per_pixel", value=self.cells_per_pixel, expected="odd and positive: 1, 3, 5, ...")
+        check_choice("integration", self.integration, Rule)
+        cells = self.cells_per_pixel
+        if not isinstance(cells, int | np.integer) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
+            raise InputError("cells_per_pixel", value=cells, expected="odd and positive: 1, 3, 5, ...")
 
     def mean_electrons(self, scene: Scene | Planes, exposure_s: float) -> NDArray[np.float32]:
         """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.

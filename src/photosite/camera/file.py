@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
@@ -116,17 +116,13 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):
         if data.get(key) is not None:
             given["exposure_s" if key == "exposure" else key] = read(file, data)
-    if (rule := optional_text(file, data, "integration")) is not None:
-        if rule not in get_args(Rule):
-            line = line_of(data, "integration")
-            raise FileError(file, "integration", line, value=rule, expected="'trapezoid' or 'rectangle'")
-        given["integration"] = rule
-    if (cells := data.get("cells_per_pixel")) is not None:
-        if not isinstance(cells, int) or isinstance(cells, bool) or cells < 1 or cells % 2 == 0:
-            line = line_of(data, "cells_per_pixel")
-            raise FileError(file, "cells_per_pixel", line, value=cells, expected="odd and positive: 1, 3, 5, ...")
-        given["cells_per_pixel"] = int(cells)
-    return SetUp(**given)
+    given |= {key: data[key] for key in ("integration", "cells_per_pixel") if data.get(key) is not None}
+    set_up = SetUp(**given)
+    try:
+        _ = set_up.camera
+    except InputError as error:
+        raise error.in_file(file, line_of(data, error.what)) from None
+    return set_up
 
 
 def _sensor(file: Path, data: Mapping[str, Any]) -> Sensor:

@@ -231,7 +231,7 @@ class FrameSums:
         Raises `ValueError` if the arrays have another size or other labels, or contradict each other.
         """
         frames, n_labels = state["frame_totals"].shape[0], len(self._clipped)
-        shapes = {"sum": self.shape, "sum_of_squares": self.shape}
+        shapes: dict[str, tuple[int, ...]] = {"sum": self.shape, "sum_of_squares": self.shape}
         shapes |= {"highest": (frames,), "clipped": (n_labels, 2), "frame_totals": (frames, n_labels)}
         for name, shape in shapes.items():
             if state[name].shape != shape:

@@ -63,8 +63,8 @@ class _Response:
         self._has_radial = transfer.radial is not None
         # Without a radial part, a placeholder that the numeric kernel ignores.
         radial = transfer.radial or RadialTransfer(np.zeros((1, 1, 2)), 1.0)
-        fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0)))
-        fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1))
+        fy = np.abs(np.fft.fftfreq(grid.cells(0), sampling.cell_m(0))).astype(np.float64)
+        fx = np.fft.rfftfreq(grid.cells(1), sampling.cell_m(1)).astype(np.float64)
         fold = folded_terms(radial, sampling, fy, fx)
         # Of all terms, which are the second axis of `table` and `fold_down`.
         self._radial = RadialRows(

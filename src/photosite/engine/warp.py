@@ -57,7 +57,7 @@ class Corners:
 
     def _scale(self, row: int) -> F64:
         nodes = np.arange(self.warp.scale.size) * self.warp.step_m2
-        return np.interp(self.y_m[row] ** 2 + self.x_m**2, nodes, self.warp.scale)
+        return np.asarray(np.interp(self.y_m[row] ** 2 + self.x_m**2, nodes, self.warp.scale))
 
 
 def warped_means(values: F32, offset: int, corners: Corners, begin: int, end: int) -> F32:

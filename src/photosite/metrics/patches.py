@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,23 +116,12 @@ def patch_statistics(
     _check_regions(regions, stack[0])
     first = stack[0]
     channels = channel_names(first.cfa)
-    cells = np.array([[_cell(stack, region, channel) for channel in channels] for region in regions])
-    pixels, mean, error, spatial, spatial_error, temporal, temporal_error, saturated = np.moveaxis(cells, -1, 0)
-    several = len(stack) > 1
-    return PatchStatistics(
-        names=tuple(region.name for region in regions),
-        channels=channels,
-        frames=len(stack),
-        pixels=pixels.astype(np.int64),
-        mean_dn=mean,
-        standard_error_dn=error,
-        spatial_noise_dn=spatial,
-        spatial_variance_error_dn2=spatial_error,
-        temporal_noise_dn=temporal if several else None,
-        saturated_share=saturated,
-        mean_e=None if sensor is None else mean / sensor.system_gain_dn_per_e,
-        temporal_variance_error_dn2=temporal_error if several else None,
-    )
+    cells = [[_cell(stack, region, channel) for channel in channels] for region in regions]
+    arrays: dict[str, Any] = {name: np.array([[cell[name] for cell in row] for row in cells]) for name in cells[0][0]}
+    if len(stack) == 1:
+        arrays |= {"temporal_noise_dn": None, "temporal_variance_error_dn2": None}
+    mean_e = None if sensor is None else arrays["mean_dn"] / sensor.system_gain_dn_per_e
+    return PatchStatistics(tuple(region.name for region in regions), channels, len(stack), mean_e=mean_e, **arrays)
 
 
 def _check_stack(stack: tuple[RawFrame, ...]) -> None:
@@ -170,8 +160,8 @@ def _pixels_of(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> NDAr
     return np.concatenate(parts, axis=1).astype(np.float64)
 
 
-def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[float, ...]:
-    """Return the statistics of one patch and channel, in the order that `patch_statistics` unpacks."""
+def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> dict[str, float]:
+    """Return the statistics of one patch and channel, by their names in `PatchStatistics`."""
     dn = _pixels_of(stack, region, channel)
     count = dn.shape[1]
     if count < 2:
@@ -180,16 +170,16 @@ def _cell(stack: tuple[RawFrame, ...], region: Patch, channel: str) -> tuple[flo
     spatial_variance = float(dn.var(axis=1, ddof=1).mean())
     temporal_variance = dn.var(axis=0, ddof=1) if len(stack) > 1 else np.zeros(count)
     error_variance = float(dn.mean(axis=0).var(ddof=1)) / count + _rounding_variance(spatial_variance)
-    return (
-        count,
-        float(dn.mean()) - stack[0].black_level_dn,
-        error_variance**0.5,
-        spatial_variance**0.5,
-        _error_of_variance(dn),
-        float(temporal_variance.mean()) ** 0.5,
-        float(temporal_variance.std(ddof=1)) / count**0.5,
-        float((dn >= stack[0].white_level_dn).mean()),
-    )
+    return {
+        "pixels": count,
+        "mean_dn": float(dn.mean()) - stack[0].black_level_dn,
+        "standard_error_dn": error_variance**0.5,
+        "spatial_noise_dn": spatial_variance**0.5,
+        "spatial_variance_error_dn2": _error_of_variance(dn),
+        "temporal_noise_dn": float(temporal_variance.mean()) ** 0.5,
+        "temporal_variance_error_dn2": float(temporal_variance.std(ddof=1)) / count**0.5,
+        "saturated_share": float((dn >= stack[0].white_level_dn).mean()),
+    }
 
 
 def _error_of_variance(dn: NDArray[np.float64]) -> float:

@@ -17,6 +17,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.edge_profile import Pixels, Profile, first_edge, refined, whole_cycles
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, shifted
 from photosite.values.region import Region
+from photosite.values.validated import check_choice
 
 Array = NDArray[np.float64]
 Window = Literal["tukey", "hamming"]
@@ -151,8 +152,8 @@ def slanted_edge_mtf(
         direction = "horizontal"
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
-    lines, columns = np.nonzero(mask)
-    pixels = Pixels(lines + 0.5, columns + 0.5, values[mask], values.shape, len(tile[0]))
+    y, x = (places.astype(np.float64) + 0.5 for places in np.nonzero(mask))
+    pixels = Pixels(y, x, values[mask], values.shape, len(tile[0]))
     edge = first_edge(values, mask)
     edge, profile = refined(whole_cycles(pixels, edge), edge, oversampling)
     frequency = np.linspace(0.0, 1.0, _FREQUENCIES)
@@ -178,8 +179,7 @@ def slanted_edge_mtf(
 def _check_options(oversampling: int, window: str, pitch_um: float | None) -> None:
     if not 1 <= oversampling <= 16:
         raise InputError("oversampling", value=oversampling, expected="from 1 to 16 bins per pixel")
-    if window not in ("tukey", "hamming"):
-        raise InputError("window", value=window, expected="'tukey' or 'hamming'")
+    check_choice("window", window, Window)
     if pitch_um is not None and not (math.isfinite(pitch_um) and pitch_um > 0):
         raise InputError("pitch_um", value=pitch_um, expected="above 0")
 
