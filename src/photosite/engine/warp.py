@@ -109,8 +109,8 @@ class _CornerRow(NamedTuple):
 
 @compiled()
 def _corner_row(corners: int, maps: int) -> _CornerRow:
-    known = np.zeros(corners, np.bool_)
-    return _CornerRow(np.empty((2, corners)), np.empty(corners, np.int64), np.empty((corners, maps)), known)
+    sample, known = np.empty(corners, np.int64), np.empty(corners, np.bool_)
+    return _CornerRow(np.empty((2, corners)), sample, np.empty((corners, maps)), known)
 
 
 @compiled(parallel=True)
@@ -119,6 +119,7 @@ def _warped_means(source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
         first, last = chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)
         above, below = _corner_row(corners, out.shape[0]), _corner_row(corners, out.shape[0])
+        above.known[:] = False  # numba allocates once per thread
         _find_places(trace, y_m[first], source, above)
         for r in range(first, last):
             _find_places(trace, y_m[r + 1], source, below)
