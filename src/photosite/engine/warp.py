@@ -109,23 +109,27 @@ class _CornerRow(NamedTuple):
 
 @compiled()
 def _corner_row(corners: int, maps: int) -> _CornerRow:
-    sample, known = np.empty(corners, np.int64), np.empty(corners, np.bool_)
-    return _CornerRow(np.empty((2, corners)), sample, np.empty((corners, maps)), known)
+    known = np.zeros(corners, np.bool_)
+    return _CornerRow(np.empty((2, corners)), np.empty(corners, np.int64), np.empty((corners, maps)), known)
 
 
 @compiled(parallel=True)
 def _warped_means(source: _Source, trace: _Trace, y_m: F64, out: F32) -> None:
-    rows, corners = out.shape[1], out.shape[2] + 1
+    rows = out.shape[1]
     for chunk in prange((rows + _CHUNK - 1) // _CHUNK):
-        first, last = chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows)
-        above, below = _corner_row(corners, out.shape[0]), _corner_row(corners, out.shape[0])
-        above.known[:] = False  # numba allocates once per thread
-        _find_places(trace, y_m[first], source, above)
-        for r in range(first, last):
-            _find_places(trace, y_m[r + 1], source, below)
-            below.known[:] = False
-            _row_of_means(source, above, below, r, out)
-            above, below = below, above
+        _chunk_of_means(source, trace, y_m, chunk * _CHUNK, min((chunk + 1) * _CHUNK, rows), out)
+
+
+@compiled()
+def _chunk_of_means(source: _Source, trace: _Trace, y_m: F64, first: int, last: int, out: F32) -> None:
+    # A function of its own: numba may compute allocations in a prange loop once for all its iterations.
+    above, below = (_corner_row(out.shape[2] + 1, out.shape[0]), _corner_row(out.shape[2] + 1, out.shape[0]))
+    _find_places(trace, y_m[first], source, above)
+    for r in range(first, last):
+        _find_places(trace, y_m[r + 1], source, below)
+        below.known[:] = False
+        _row_of_means(source, above, below, r, out)
+        above, below = below, above
 
 
 @compiled()
