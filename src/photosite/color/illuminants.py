@@ -171,7 +171,8 @@ def _cie_a_definition(grid: Array) -> Array:
     """Return CIE A from its definition, 100 at 560 nm."""
     exponent = _A_C2_M_K * 1e9 / _A_K
     with np.errstate(over="ignore"):
-        return 100 * ((560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid))
+        energy = (560 / grid) ** 5 * np.expm1(exponent / 560) / np.expm1(exponent / grid)
+    return np.asarray(100 * energy)
 
 
 @lru_cache(maxsize=32)

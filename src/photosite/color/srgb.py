@@ -41,4 +41,4 @@ def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     clipped = np.clip(linear, 0.0, 1.0, dtype=np.float32)
     # 1.055 p - 0.055, written so that white is 1 exactly.
     curve = 1 - np.float32(1.055) * (1 - clipped ** np.float32(1 / 2.4))
-    return np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve)
+    return np.asarray(np.where(clipped <= np.float32(0.0031308), np.float32(12.92) * clipped, curve))
