@@ -88,7 +88,7 @@ def test_lateral_colour_samples_each_wavelength_once() -> None:
 def test_cache_is_limited_and_freed_with_the_lens() -> None:
     lens, calls = counted()
     camera = ps.Camera(lens, D200)
-    for distance_m in np.linspace(1, 2, 6):
+    for distance_m in np.linspace(1, 2, 9):
         camera.mean_electrons(ps.charts.macbeth(distance_m=distance_m, **FEW), 0.1)
     asked = len(calls)
     camera.mean_electrons(ps.charts.macbeth(distance_m=1.0, **FEW), 0.1)
