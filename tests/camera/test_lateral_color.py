@@ -44,10 +44,10 @@ def comet() -> LensDesign:
 
 def scene() -> Scene:
     """Return a scene of six spectra in blocks, one of them a narrow line."""
-    grid = np.arange(400.0, 701, 20)
+    grid = np.arange(400.0, 701, 10)
     random = np.random.default_rng(12)
     basis = random.random((6, grid.size)) * 1e15
-    basis[5] = 3e16 * (grid == 620)
+    basis[5] = 3e16 * (grid == 610)
     weights = np.kron(random.random((6, 20, 29)), np.ones((3, 3))).astype(np.float32)
     return Scene(weights, basis, grid)
 
