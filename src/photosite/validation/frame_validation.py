@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
-from photosite.develop.pair import develop_pair
+from photosite.develop.develop import develop_pair
 from photosite.errors import InputError
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics, patch_statistics

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from photosite.develop.color_matrix import ColorMatrix, fit_color_matrix
-from photosite.develop.pair import develop_pair
+from photosite.develop.develop import develop_pair
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.patches import PatchStatistics
 from photosite.report.figures.marks import channel_handles
