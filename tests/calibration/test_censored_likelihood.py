@@ -101,7 +101,7 @@ CONDITIONS = {  # pixels, frames, black level, DSNU, read noise
 }
 
 
-SLOW = {"no fixed pattern", "hardly clipped"}
+SLOW = {"pairs", "mostly hidden", "no fixed pattern", "hardly clipped"}
 
 
 @pytest.mark.parametrize(

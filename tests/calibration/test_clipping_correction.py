@@ -79,7 +79,7 @@ def reference(seed, black, dsnu, read):
     [
         (0.0, 2.3, 2.17, 10, (0.0, 2.0)),
         pytest.param(-2.0, 2.3, 2.17, 10, (0.5,), marks=pytest.mark.slow),
-        (2.0, 1.0, 1.5, 1, (-0.5,)),
+        pytest.param(2.0, 1.0, 1.5, 1, (-0.5,), marks=pytest.mark.slow),
     ],
 )
 def test_corrected_levels_and_the_steps_between_them(black, dsnu, read, frames, shifts):

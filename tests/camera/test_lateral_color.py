@@ -88,7 +88,10 @@ def sum_over_nodes(lens: Lens, what: Scene) -> NDArray[np.float64]:
     "lens",
     [
         Lens(BASE, lateral_color=COLORS),
-        Lens(BASE, Wavefront({8: 120.0}), lateral_color=COLORS, distortion=Distortion.polynomial(-0.2)),
+        pytest.param(
+            Lens(BASE, Wavefront({8: 120.0}), lateral_color=COLORS, distortion=Distortion.polynomial(-0.2)),
+            marks=pytest.mark.slow,
+        ),
         Lens(BASE, comet(), lateral_color=COLORS),
     ],
     ids=["diffraction", "coma and distortion", "lens design"],

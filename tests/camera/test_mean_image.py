@@ -147,7 +147,7 @@ def comatic(scale: float) -> Any:
     )
 
 
-@pytest.mark.parametrize("f_number", [2.8, 8.0])
+@pytest.mark.parametrize("f_number", [pytest.param(2.8, marks=pytest.mark.slow), 8.0])
 def test_asymmetric_psf_equals_the_sum_over_wavelengths(f_number: float) -> None:
     """Compared with one transform pair per wavelength in double precision, with all folded terms: within 1e-5."""
     lens, flare = DiffractionLimited(f_number, 50), comatic(1.0)

@@ -79,7 +79,7 @@ def test_a_lens_from_its_file(photosite: Any, tmp_path: Path) -> None:
 
     lens = tmp_path / "mine.optics.yaml"
     lens.write_text(
-        "photosite_optics: 1\nf_number: 2.8\nfocal_length_mm: 50\n"
+        "photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\n"
         "blur: {kind: wavefront, zernike: {7: 40}, unit: nm}\nveiling_glare: {fraction: 0.02}\n"
     )
     photosite("simulate", *SMALL, "--optics", lens, "--exposure", "1/30", "-o", tmp_path / "shot.tif")

@@ -64,7 +64,9 @@ for cuda, cpu in zip(*streams, strict=True):
 """
 
 
-@pytest.mark.parametrize("program", [KERNEL, CAMERA], ids=["kernel", "camera"])
+@pytest.mark.parametrize(
+    "program", [pytest.param(KERNEL, id="kernel"), pytest.param(CAMERA, id="camera", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("target", ["simulator", "gpu"])
 def test_frames_equal_those_of_the_cpu(program: str, target: str) -> None:
     if target == "gpu" and not gpu():

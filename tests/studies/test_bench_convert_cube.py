@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from photosite.scene.io.files import open_cube, read_scene
 from photosite.studies.bench.convert_cube import BANDS, repeated, work_convert
@@ -12,6 +13,7 @@ from photosite.studies.bench.convert_cube import write_cube as write
 from photosite.studies.bench.timing import peak_mb
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_cube(tmp_path: Path) -> None:
     source, target = tmp_path / "cube.hdr", tmp_path / "scene.h5"
     write(source, 40, cols=1000)

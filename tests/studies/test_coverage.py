@@ -51,6 +51,7 @@ def test_intervals_cover_and_errors_are_centred(study: CoverageStudy) -> None:
     assert [(row.parameter, row.remarks) for row in study.rows if not row.passes] == []
 
 
+@pytest.mark.slow
 def test_uncertainties_a_third_too_small_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """The study has power: the photon transfer fit is made to state too small an uncertainty."""
     correct = fit._solve
