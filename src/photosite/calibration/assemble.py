@@ -120,6 +120,7 @@ def _warnings(
     if dark.clipped is not None:
         yield dark.clipped.warning(names)
     yield from level_warnings(reduction, dark.groups, channels)
+    yield from light.noise.warnings()
     yield from curvature_warnings(names, channels)
     for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):
         if isinstance(value, Implausible):

@@ -11,6 +11,7 @@ from photosite.calibration.checks.level_checks import check_channels, check_leve
 from photosite.calibration.dark import measure_dark_frames
 from photosite.calibration.fixed_pattern import measure_fixed_pattern
 from photosite.calibration.light import measure_light_frames
+from photosite.calibration.noise_structure import measure_noise_structure
 from photosite.calibration.reduction.checkpoint import Checkpoint
 from photosite.calibration.reduction.frame_reader import FrameReader, Progress
 from photosite.calibration.reduction.reduce import reduce_frames
@@ -90,7 +91,8 @@ def calibrate(
         reduction = reduce_frames(reader)
         check_levels(reduction)
         dark = measure_dark_frames(reduction, reader)
-        light = measure_light_frames(reduction, dark)
+        noise = measure_noise_structure(reduction, reader)
+        light = measure_light_frames(reduction, dark, noise, reader)
         check_channels(reduction, light.channels)
         patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
     calibration = assemble(reduction, dark, light, patterns, sensor)

@@ -2,31 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from photosite.calibration.dark import DarkResult
 from photosite.calibration.measurements import NO_LIGHT
+from photosite.calibration.noise_structure import NoiseStructure, without_flicker
 from photosite.calibration.photon_transfer.channel import Channel, gain_with_curvature
 from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_gain, gain_value
+from photosite.calibration.photon_transfer.summed_covariance import gain_by_summed_covariance
+from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.values.uncertain import Source, Value
 
 
 @dataclass(frozen=True)
 class LightResult:
-    """The channels, empty without light frames; photon transfer and system gain (DN/e-) of all of them together."""
+    """The channels, empty without light frames; photon transfer and system gain (DN/e-) of all of them together.
+
+    `noise` is the structure of the noise, which the gain takes into account.
+    """
 
     channels: tuple[Channel, ...]
     gain_fit: GainFit | None
     gain: Value
+    noise: NoiseStructure
 
 
-def measure_light_frames(reduction: Reduction, dark: DarkResult) -> LightResult:
-    """Analyse the light levels of each channel, and fit the system gain to all of them."""
+def measure_light_frames(
+    reduction: Reduction, dark: DarkResult, noise: NoiseStructure, reader: FrameReader
+) -> LightResult:
+    """Analyze the light levels of each channel, and fit the system gain to all of them."""
     if not reduction.lights:
-        return LightResult((), None, NO_LIGHT)
+        return LightResult((), None, NO_LIGHT, noise)
+    if noise.flicker is not None:
+        frames = dark.mean.statistics.frames
+        reduction = without_flicker(reduction, reader, [parts.row * frames for parts in dark.mean.noise])
     shared, white = Source(), (1 << reduction.frames.bits) - 1
     channels = tuple(Channel.of(k, reduction.lights, lines, white, shared) for k, lines in enumerate(dark.lines))
-    fit = fit_gain([channel.levels for channel in channels], [channel.used for channel in channels])
-    gain = gain_with_curvature(gain_value(fit), [channel.curvature for channel in channels])
-    return LightResult(channels, fit, gain)
+    levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
+    fit = fit_gain(levels, used)
+    gain = gain_value(fit)
+    if noise.shared is not None:
+        factors = noise.shared.factors
+        gain = gain_by_summed_covariance(levels, used, factors)
+        channels = tuple(
+            replace(channel, gain=gain_with_curvature(own, [channel.curvature]))
+            for channel in channels
+            for own in [gain_by_summed_covariance([channel.levels], [channel.used], [factors[channel.index]])]
+        )
+    return LightResult(channels, fit, gain_with_curvature(gain, [channel.curvature for channel in channels]), noise)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,17 @@ class LightLevels:
     def repeated(self) -> NDArray[np.bool_]:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)
+
+    def with_variances(self, factor: float) -> LightLevels:
+        """Return the levels with all temporal variances multiplied by a factor."""
+        return replace(
+            self,
+            shot=factor * self.shot,
+            shot_covariance=factor**2 * self.shot_covariance,
+            noise=factor * self.noise,
+            noise_uncertainty=factor * self.noise_uncertainty,
+            dark_share=factor * self.dark_share,
+        )
 
 
 def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLines) -> LightLevels:

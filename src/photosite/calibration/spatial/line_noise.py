@@ -53,17 +53,22 @@ def mean_frame_parts(reader: FrameReader, statistics: GroupStatistics, scatter: 
     FileError
         If a frame cannot be read.
     """
+    result = []
+    for parts in level_parts(reader, statistics):
+        parts = parts.scaled(1.0 / statistics.frames)
+        result.append(replace(parts, pixel=parts.pixel + Uncertain.of(0.0, scatter * abs(parts.total.value))))
+    return result
+
+
+def level_parts(reader: FrameReader, statistics: GroupStatistics) -> list[TemporalParts]:
+    """Split, per channel, the temporal variance of a group's frames, from a few frames spread evenly over the group."""
     members = {id(source) for source in statistics.group.frames}
     # Sort by content, so that the result does not depend on the order of the frames.
     used = sorted((entry for entry in reader.used_frames if id(entry.source) in members), key=lambda entry: entry.total)
     chosen = np.linspace(0, len(used) - 1, min(LINE_FRAMES, len(used))).round().astype(int)
     tile = reader.tile
     lines = line_sums((used[i].source.read() for i in chosen), (tile.shape[0], tile.shape[1]))
-    result = []
-    for k, level in enumerate(statistics.levels):
-        parts = temporal_parts(level, lines, tile, k).scaled(1.0 / level.frames)
-        result.append(replace(parts, pixel=parts.pixel + Uncertain.of(0.0, scatter * abs(parts.total.value))))
-    return result
+    return [temporal_parts(level, lines, tile, k) for k, level in enumerate(statistics.levels)]
 
 
 def independent(level: Level) -> TemporalParts:

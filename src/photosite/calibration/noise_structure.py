@@ -1,0 +1,135 @@
+"""Stage "noise structure": temporal noise that neighboring pixels or whole rows share, before photon transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photosite.calibration.photon_transfer.flicker import Flicker, find_flicker
+from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
+from photosite.calibration.photon_transfer.summed_covariance import (
+    FramePair,
+    NoiseCovariance,
+    SharedNoise,
+    find_shared_noise,
+    noise_covariances,
+)
+from photosite.calibration.reduction.frame_reader import FrameReader
+from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
+from photosite.calibration.reduction.reduce import Reduction
+from photosite.calibration.spatial.line_noise import level_parts
+from photosite.values.uncertain import Uncertain
+
+PIXELS = 1 << 21
+"""Pixels, over all pairs of frames of a level, that decide whether noise is correlated."""
+
+PIXELS_CORRELATED = 1 << 25
+"""Pixels that measure a correlation once it has been found."""
+
+LEAST_SIDE = 8
+"""Rows and columns of a channel below which frames are too small to tell neighbors from far pixels."""
+
+
+@dataclass(frozen=True)
+class NoiseStructure:
+    """Temporal noise that is not independent between pixels; None for each kind that is not seen beyond chance.
+
+    Parameters
+    ----------
+    shared
+        Correlation of the shot noise of neighboring pixels.
+    flicker
+        Flicker of the light, in rows.
+    """
+
+    shared: SharedNoise | None = None
+    flicker: Flicker | None = None
+
+    def warnings(self) -> list[str]:
+        """Return a warning for each kind: its size, and what it means for the results."""
+        found = []
+        if self.flicker is not None:
+            found.append(f"{self.flicker}; its noise was taken off the temporal variances of the flats")
+        if self.shared is not None:
+            found.append(str(self.shared))
+        return found
+
+
+def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseStructure:
+    """Return the structure of the temporal noise.
+
+    A few pairs of successive frames are read again: of the reference darks, and of the brightest flats in the linear
+    range.
+    """
+    frames = reduction.frames
+    flats = _brightest_linear(reduction)
+    if flats is None or min(frames.rows // reader.tile.shape[0], frames.cols // reader.tile.shape[1]) < LEAST_SIDE:
+        return NoiseStructure()
+    dark = reduction.darks[reduction.reference]
+    light_noise, dark_noise = (_covariances(reader, group, PIXELS) for group in (flats, dark))
+    signal = [light.mean - level.mean for light, level in zip(flats.levels, dark.levels, strict=True)]
+    flicker = find_flicker(light_noise, dark_noise, signal)
+    shared = find_shared_noise(light_noise, dark_noise)
+    if shared is not None and PIXELS < frames.rows * frames.cols * (min(flats.frames, dark.frames) // 2):
+        light_noise, dark_noise = (_covariances(reader, group, PIXELS_CORRELATED) for group in (flats, dark))
+        shared = find_shared_noise(light_noise, dark_noise) or shared
+    return NoiseStructure(shared, flicker)
+
+
+def without_flicker(reduction: Reduction, reader: FrameReader, dark_rows: Sequence[Uncertain]) -> Reduction:
+    """Return the reduction with the flicker of the light taken off the temporal variances of the flats.
+
+    Parameters
+    ----------
+    reduction
+        The reduced frames.
+    reader
+        The reader, for a few frames of each group.
+    dark_rows
+        Per channel: temporal variance that rows share in dark frames, DN^2. It stays, as it does in the dark frames.
+    """
+    lights = []
+    for group in reduction.lights:
+        if group.frames < 2:
+            lights.append(group)
+            continue
+        levels = []
+        for level, parts, dark in zip(group.levels, level_parts(reader, group), dark_rows, strict=True):
+            rows = parts.row - dark
+            pixel = parts.pixel + parts.column
+            uncertainty = pixel.standard_uncertainty
+            levels.append(replace(level, variance=level.variance - rows.value, variance_uncertainty=uncertainty))
+        lights.append(replace(group, levels=tuple(levels)))
+    return replace(reduction, lights=tuple(lights))
+
+
+def _brightest_linear(reduction: Reduction) -> GroupStatistics | None:
+    """Return the brightest flats of several frames, up to 70 % of the signal at the largest variance."""
+    flats = [entry for entry in reduction.lights if entry.frames > 1 and not any(level.clipped for level in entry.levels)]
+    if not flats:
+        return None
+    levels = [pooled_level(entry.levels) for entry in flats]
+    dark = pooled_level(reduction.darks[reduction.reference].levels).mean
+    peak = max(levels, key=lambda level: level.variance).mean - dark
+    linear = [i for i, level in enumerate(levels) if level.mean - dark <= LINEAR_SHARE * peak]
+    return flats[max(linear or [int(np.argmin([level.mean for level in levels]))], key=lambda i: levels[i].mean)]
+
+
+def _covariances(reader: FrameReader, group: GroupStatistics, pixels: int) -> list[NoiseCovariance]:
+    return noise_covariances(_pairs(reader, group, pixels), reader.tile)
+
+
+def _pairs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[FramePair]:
+    """Yield the middle rows of pairs of successive frames, spread evenly over the group."""
+    members = {id(source) for source in group.group.frames}
+    used = [entry.source for entry in reader.used_frames if id(entry.source) in members]
+    rows, cols = reader.frames.rows, reader.frames.cols
+    pairs = min(max(pixels // (rows * cols), 2), len(used) // 2)
+    step = reader.tile.shape[0]
+    height = min(max(pixels // pairs // cols, LEAST_SIDE * step), rows) // step * step
+    start = (rows - height) // 2 // step * step
+    for i in np.linspace(0, len(used) // 2 - 1, pairs).round().astype(int):
+        first, second = (source.read()[start : start + height] for source in used[2 * i : 2 * i + 2])
+        yield first, second

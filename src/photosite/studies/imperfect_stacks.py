@@ -1,0 +1,180 @@
+"""What a calibration answers to stacks of frames that are not clean, made by a plain NumPy generator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve
+
+from photosite.calibration.calibrate import calibrate
+from photosite.errors import PhotositeError
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+
+Frame = NDArray[np.float64]
+
+SHAPE = (192, 240)
+FRAMES = 8
+DARK_S = (0.01, 0.1, 1.0)
+LIGHT_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
+ELECTRONS_PER_S = 1.5e5
+GAIN = 0.3
+READ_NOISE_E = 6.0
+DSNU_DN = 0.6
+PRNU = 0.008
+BLACK_DN = 64.0
+WHITE_DN = 4095
+
+
+def _unchanged(values: Frame, rng: np.random.Generator) -> Frame:
+    return values
+
+
+@dataclass(frozen=True)
+class StackKind:
+    """A kind of imperfect stack: what happens to light, charge and digital numbers of every frame.
+
+    Parameters
+    ----------
+    name, size
+        Name, and size of the effect in words.
+    light, charge, numbers
+        Functions of (rows, cols) expected electrons of the light, of electrons, and of digital numbers before rounding;
+        the second argument draws random numbers.
+    cfa
+        Color filter array that is stated for the frames.
+    """
+
+    name: str
+    size: str
+    light: Callable[[Frame, np.random.Generator], Frame] = _unchanged
+    charge: Callable[[Frame, np.random.Generator], Frame] = _unchanged
+    numbers: Callable[[Frame, np.random.Generator], Frame] = _unchanged
+    cfa: tuple[tuple[str, ...], ...] = (("mono",),)
+
+    def frames(self, seed: int) -> FrameSet:
+        """Return a stack: darks at three exposure times, flats at eight levels up to saturation."""
+        rng = np.random.default_rng(seed)
+        response = 1.0 + PRNU * rng.normal(size=SHAPE)
+        offset = BLACK_DN + DSNU_DN * rng.normal(size=SHAPE)
+
+        def group(kind: str, exposure_s: float, electrons: float) -> FrameGroup:
+            sources = []
+            for i in range(FRAMES):
+                light = self.light(np.full(SHAPE, electrons) * response, rng)
+                charge = self.charge(rng.poisson(light).astype(np.float64), rng)
+                read = rng.normal(0.0, READ_NOISE_E, SHAPE)
+                numbers = self.numbers(offset + GAIN * (charge + read), rng)
+                dn = np.clip(np.rint(numbers), 0, WHITE_DN).astype(np.uint16)
+                sources.append(FrameSource(f"{kind} {exposure_s:g} s, frame {i}", lambda dn=dn: dn))
+            return FrameGroup(kind, exposure_s, tuple(sources))
+
+        darks = [group("dark", exposure_s, 0.0) for exposure_s in DARK_S]
+        lights = [group("light", exposure_s, ELECTRONS_PER_S * exposure_s) for exposure_s in LIGHT_S]
+        return FrameSet((*darks, *lights), rows=SHAPE[0], cols=SHAPE[1], bits=12, cfa=self.cfa)
+
+
+def _convolved(weights: Sequence[Sequence[float]]) -> Callable[[Frame, np.random.Generator], Frame]:
+    kernel = np.array(weights)
+    return lambda values, rng: np.asarray(convolve(values, kernel, mode="nearest"))
+
+
+def _rolling_bands(values: Frame, rng: np.random.Generator) -> Frame:
+    rows = np.arange(len(values))[:, None]
+    return values * (1.0 + 0.01 * np.sin(2.0 * math.pi * rows / 37.0 + rng.uniform(0.0, 2.0 * math.pi)))
+
+
+def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
+    rows, cols = (length // 2 for length in values.shape)
+    return values * np.tile([[0.55, 1.0], [1.0, 0.7]], (rows, cols))
+
+
+def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
+    return values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
+
+
+KINDS = (
+    StackKind("clean", "monochrome"),
+    StackKind("clean mosaic", "RGGB", light=_mosaic, cfa=(("R", "G"), ("G", "B"))),
+    StackKind(
+        "crosstalk", "2 % of the charge to each next pixel",
+        charge=_convolved([[0, 0.02, 0], [0.02, 0.92, 0.02], [0, 0.02, 0]]),
+    ),
+    StackKind(
+        "crosstalk in a mosaic", "2 % of the charge to each next pixel", light=_mosaic,
+        charge=_convolved([[0, 0.02, 0], [0.02, 0.92, 0.02], [0, 0.02, 0]]), cfa=(("R", "G"), ("G", "B")),
+    ),
+    StackKind(
+        "smoothing in the camera", "5 % of each next pixel",
+        numbers=_convolved([[0, 0.05, 0], [0.05, 0.8, 0.05], [0, 0.05, 0]]),
+    ),
+    StackKind(
+        "sharpening in the camera", "-10 % of each next pixel",
+        numbers=_convolved([[0, -0.1, 0], [-0.1, 1.4, -0.1], [0, -0.1, 0]]),
+    ),
+    StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
+    StackKind("flicker of the light", "bands of 1 %, 37 rows", light=_rolling_bands),
+    StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),
+    StackKind("mosaic not stated", "RGGB stated as monochrome", light=_mosaic),
+    StackKind("wrong phase", "RGGB stated as GRBG", light=_mosaic, cfa=(("G", "R"), ("B", "G"))),
+    StackKind("readout channels", "even columns 1 % brighter", light=_even_columns),
+)  # fmt: skip
+"""The kinds of stacks."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a calibration of a stack answers.
+
+    Parameters
+    ----------
+    kind
+        The kind of stack.
+    gain, prnu
+        Interval of 95 % of the system gain (DN/e-) and of PRNU (%), or the reason why it is withheld.
+    warnings
+        Warnings of the calibration, or the error that refused the stack.
+    """
+
+    kind: StackKind
+    gain: tuple[float, float] | str
+    prnu: tuple[float, float] | str
+    warnings: tuple[str, ...]
+
+    @property
+    def right(self) -> bool:
+        """Whether every interval that is given contains the truth."""
+        pairs = ((self.gain, GAIN), (self.prnu, 100.0 * PRNU))
+        return all(isinstance(given, str) or given[0] <= truth <= given[1] for given, truth in pairs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {
+            "kind": self.kind.name, "size": self.kind.size, "right": self.right,
+            "system_gain_dn_per_e": self.gain, "prnu_percent": self.prnu, "warnings": list(self.warnings),
+        }  # fmt: skip
+
+
+def imperfect_stacks(seed: int = 0, kinds: Sequence[StackKind] = KINDS) -> Iterator[Answer]:
+    """Calibrate a stack of each kind.
+
+    Examples
+    --------
+    >>> (answer,) = imperfect_stacks(seed=1, kinds=KINDS[:1])
+    >>> answer.right, answer.warnings
+    (True, ())
+    """
+    for kind in kinds:
+        try:
+            calibration = calibrate(kind.frames(seed))
+        except PhotositeError as error:
+            yield Answer(kind, str(error), str(error), (str(error),))
+            continue
+        given = []
+        for estimate in (calibration.system_gain_dn_per_e, calibration.prnu_percent):
+            given.append(estimate.reason or estimate.interval_95)
+        yield Answer(kind, given[0], given[1], tuple(calibration.warnings))
