@@ -9,7 +9,7 @@ from dataclasses import replace
 from photosite.calibration.checks.level_checks import level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.dark import DarkResult
-from photosite.calibration.fixed_pattern import FixedPattern
+from photosite.calibration.fixed_pattern import FixedPattern, FixedPatterns
 from photosite.calibration.light import LightResult
 from photosite.calibration.measurements import Measurements, pool_channels
 from photosite.calibration.parameter_estimates import LEAST_DARK_VARIANCE, estimate_parameters
@@ -21,6 +21,7 @@ from photosite.calibration.photon_transfer.photon_transfer import GainFit
 from photosite.calibration.photon_transfer.snr import snr_curve
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.result import Calibration
+from photosite.calibration.spatial.periodic_structure import PeriodicStructure
 from photosite.sensor.model import Sensor
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Uncertain, Value, derive
@@ -36,12 +37,14 @@ FAR_BELOW_ZERO = 4.75
 
 
 def assemble(
-    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: Sequence[FixedPattern], sensor: Sensor | None
+    reduction: Reduction, dark: DarkResult, light: LightResult, patterns: FixedPatterns, sensor: Sensor | None
 ) -> Calibration:
     """Return the calibration."""
     frames, names, channels = reduction.frames, reduction.names, light.channels
-    measured = _measure_channels(dark, channels, patterns)
+    measured = _measure_channels(dark, channels, patterns.channels)
     together = pool_channels(names, measured, dark.together, light.gain, dark.reference_exposure_s)
+    if light.noise.shared is not None and (why := light.noise.shared.filtered) is not None:
+        measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
     scale, mv_per_dn = _electrical_scale(sensor)
     estimates = estimate_parameters(together, mv_per_dn).estimates()
     per_channel = {name: estimate_parameters(m, mv_per_dn) for name, m in zip(names, measured, strict=True)}
@@ -53,12 +56,12 @@ def assemble(
         channels=per_channel if len(names) > 1 else {},
         curves={name: channel_curves(lines, by_name.get(name)) for name, lines in zip(names, dark.lines, strict=True)},
         snr={name: snr_curve(channel) for name, channel in by_name.items()},
-        spatial={name: pattern.spatial for name, pattern in zip(names, patterns, strict=True)},
+        spatial={name: pattern.spatial for name, pattern in zip(names, patterns.channels, strict=True)},
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in by_name.items()},
         linearity={name: m.linearity[0] for name, m in zip(names, measured, strict=True) if m.linearity},
         linear_range={name: linear_range(channel) for name, channel in by_name.items() if channel.used.any()},
-        warnings=tuple(_warnings(reduction, dark, light, together, estimates)),
+        warnings=tuple(_warnings(reduction, dark, light, patterns.structure, together, estimates)),
         rejected=reduction.rejected,
         frames_used=reduction.used,
         source=frames.source,
@@ -112,6 +115,7 @@ def _warnings(
     reduction: Reduction,
     dark: DarkResult,
     light: LightResult,
+    structure: PeriodicStructure | None,
     together: Measurements,
     estimates: Mapping[str, Estimate],
 ) -> Iterator[str]:
@@ -121,6 +125,8 @@ def _warnings(
         yield dark.clipped.warning(names)
     yield from level_warnings(reduction, dark.groups, channels)
     yield from light.noise.warnings()
+    if structure is not None:
+        yield str(structure)
     yield from curvature_warnings(names, channels)
     for name, value in (("dark current", together.dark_slope), ("quantum efficiency", together.responsivity)):
         if isinstance(value, Implausible):

@@ -7,7 +7,7 @@ until then, and the others that lie in the linear range are read again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.parts import Parts
+from photosite.calibration.spatial.periodic_structure import PeriodicStructure, periodic_structure
 from photosite.calibration.spatial.pixel_slopes import (
     PixelSlopes,
     SlopeSpread,
@@ -49,6 +50,18 @@ class FixedPattern:
     prnu1288: Parts | Missing
     prnu1288_unfiltered: Parts | Missing
     spatial: SpatialAnalysis | Missing
+
+    def withheld(self, why: Missing) -> FixedPattern:
+        """Return the pattern without what the flats show."""
+        return replace(self, response_variance=why, prnu1288=why, prnu1288_unfiltered=why)
+
+
+@dataclass(frozen=True)
+class FixedPatterns:
+    """The fixed pattern of each channel, and the periodic structure of the flats, if any."""
+
+    channels: tuple[FixedPattern, ...]
+    structure: PeriodicStructure | None = None
 
 
 @dataclass(frozen=True)
@@ -90,15 +103,17 @@ def plan_slopes(channel: Channel, lights: Sequence[GroupStatistics]) -> SlopePla
 
 def measure_fixed_pattern(
     reduction: Reduction, dark: DarkResult, light: LightResult, reader: FrameReader, outliers: OutlierThresholds | None
-) -> tuple[FixedPattern, ...]:
+) -> FixedPatterns:
     """Measure each channel's fixed pattern."""
     channels, lights = light.channels, reduction.lights
     half = [_half_saturated(channel, lights) for channel in channels]
     patterns = _dark_patterns(reduction, dark, half, reader)
     if not channels:
-        return tuple(
-            FixedPattern(NO_LIGHT, *parts, NO_LIGHT, NO_LIGHT, spatial_analysis(planes, NO_LIGHT, outliers))
-            for parts, planes in patterns
+        return FixedPatterns(
+            tuple(
+                FixedPattern(NO_LIGHT, *parts, NO_LIGHT, NO_LIGHT, spatial_analysis(planes, NO_LIGHT, outliers))
+                for parts, planes in patterns
+            )
         )
     plans = [plan_slopes(channel, lights) for channel in channels]
     coefficients = [{} if isinstance(plan, Missing) else plan.coefficients for plan in plans]
@@ -107,8 +122,12 @@ def measure_fixed_pattern(
     slopes = PixelSlopes((reduction.frames.rows, reduction.frames.cols), reader.tile)
     prnu: dict[int, PartsPair] = {}
     spatial: dict[int, SpatialAnalysis | Missing] = {}
+    brightest = max(groups, key=lambda i: lights[i].levels[0].mean, default=None)
+    structure = None
     for i in groups:
         mean = reader.mean(lights[i].group)
+        if i == brightest:
+            structure = periodic_structure(mean.mean(), dark.mean.mean, reader.tile)
         slopes.add(mean, [weights.get(i, 0.0) for weights in coefficients])
         if i not in half:
             continue
@@ -127,7 +146,9 @@ def measure_fixed_pattern(
             prnu[k], spatial[k] = (group, group), spatial_analysis(dark_planes, group, outliers)
         response = _response_variance(plans[k], spreads[k], None if dark.slopes is None else dark.slopes[k])
         result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k]))
-    return tuple(result)
+    if structure is not None and structure.of_mosaic():
+        result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
+    return FixedPatterns(tuple(result), structure)
 
 
 def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int | Missing:

@@ -54,6 +54,10 @@ class Measurements:
         notes = dict.fromkeys(self.from_channels[name] for name in names if name in self.from_channels)
         return "; ".join((text, *notes))
 
+    def without_noise(self, why: Missing) -> Measurements:
+        """Return the measurements without gain and without all noise and fixed pattern."""
+        return replace(self, **dict.fromkeys(_NOISE, why))
+
     def with_channel(self, channel: Channel, responsivity: Value, **others: Any) -> Measurements:
         """Return the measurements with gain, saturation and responsivity of a channel, and with other changes."""
         return replace(
@@ -109,6 +113,20 @@ def mean_for_sensor(mean: Value, variance: Value, pixels: int) -> Value:
         return mean
     return mean + Uncertain.of(0.0, math.sqrt(max(variance.value, 0.0) / pixels))
 
+
+_NOISE = (
+    "gain",
+    "read_variance",
+    "dsnu_variance",
+    "dark_variance",
+    "dark_variance_slope",
+    "dark_slope_variance",
+    "response_variance",
+    "dsnu1288",
+    "dsnu1288_filtered",
+    "prnu1288",
+    "prnu1288_unfiltered",
+)
 
 _MEANS_OVER_CHANNELS = (
     *("dsnu_variance", "dark_slope_variance", "response_variance", "saturation_dn", "responsivity"),

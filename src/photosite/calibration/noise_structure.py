@@ -92,7 +92,7 @@ def without_flicker(reduction: Reduction, reader: FrameReader, dark_rows: Sequen
     """
     lights = []
     for group in reduction.lights:
-        if group.frames < 2:
+        if group.frames < 2 or any(level.clipped for level in group.levels):
             lights.append(group)
             continue
         levels = []

@@ -294,10 +294,15 @@ class SharedNoise:
     correlation: tuple[float, float]
     factors: tuple[Value, ...]
 
+    @property
+    def filtered(self) -> Missing | None:
+        """Why the noise of the frames is not the sensor's; None where it is."""
+        return next((factor for factor in self.factors if isinstance(factor, Missing)), None)
+
     def __str__(self) -> str:
         known = [factor.value for factor in self.factors if isinstance(factor, Uncertain)]
-        if not known:
-            return f"{self.factors[0].reason}; the system gain, and what is derived from it, is withheld"
+        if self.filtered is not None:
+            return f"{self.filtered.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
         return (
             f"the shot noise of neighboring pixels is correlated, {describe(self.correlation)}, and the dark noise is "
             f"not: pixels share charge (crosstalk, interpixel capacitance or diffusion). The system gain comes from "

@@ -63,6 +63,23 @@ class PeriodicStructure:
                 return name
         return ""
 
+    def of_mosaic(self) -> bool:
+        """Return whether the structure is that of a mosaic whose channels are not stated, or not as they are."""
+        return self.difference > MOSAIC_SHARE and not self.by_lines
+
+    def __str__(self) -> str:
+        percent = 100.0 * self.difference
+        if not self.of_mosaic():
+            return (
+                f"the flats differ by {percent:.2g} % with a period of {self.period} {self.by_lines or 'pixels'}, as with "
+                f"readout channels of different gain; PRNU includes this difference"
+            )
+        likely = f"; {' or '.join(self.bayer_patterns())} fits" if self.period == 2 else ""
+        return (
+            f"the flats repeat every {self.period} rows and columns, by {percent:.2g} % of the signal, within what is "
+            f"stated as one channel, as with a color filter array that is not stated or has another phase{likely}"
+        )
+
     def bayer_patterns(self) -> tuple[str, ...]:
         """Return the Bayer patterns that fit: the greens lie on the diagonal whose two places are most alike."""
         if self.period != 2:
