@@ -6,7 +6,7 @@ until then, and the others that lie in the linear range are read again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,6 +132,8 @@ def measure_fixed_pattern(
         if i not in half:
             continue
         flat = GroupMean.of(reader, lights[i], mean, dark.scatter)
+        if light.noise.flicker is not None:
+            flat = replace(flat, noise=[parts.with_bands() for parts in flat.noise])
         for k in (k for k, group in enumerate(half) if group == i):
             dark_parts, dark_planes = patterns[k]
             plain, filtered = (
@@ -145,6 +147,10 @@ def measure_fixed_pattern(
         if isinstance(group, Missing):
             prnu[k], spatial[k] = (group, group), spatial_analysis(dark_planes, group, outliers)
         response = _response_variance(plans[k], spreads[k], None if dark.slopes is None else dark.slopes[k])
+        if light.noise.flicker is not None and isinstance(response, Uncertain):
+            response += Uncertain.of(
+                0.0, light.noise.flicker.share**2 * _share_left(channels[k], coefficients[k], lights)
+            )
         result.append(FixedPattern(response, *dark_parts, *prnu[k], spatial[k]))
     if structure is not None and structure.of_mosaic():
         result = [entry.withheld(Missing(f"{structure}; state it")) for entry in result]
@@ -200,6 +206,13 @@ def _response_variance(plan: SlopePlan | Missing, spread: SlopeSpread, dark: Slo
     if spread.mean <= 0.0:
         return Missing("the light frames do not get brighter with exposure")
     return relative_response_variance(spread, dark, plan.seconds_per_unit)
+
+
+def _share_left(channel: Channel, coefficients: Mapping[int, float], lights: Sequence[GroupStatistics]) -> float:
+    """Return the share of the relative variance of single frames that is left in the per-pixel slopes."""
+    of_group = {int(i): float(signal) for i, signal in zip(channel.levels.group, channel.levels.signal, strict=True)}
+    parts = {i: weight * of_group[i] for i, weight in coefficients.items()}
+    return sum(part**2 / lights[i].frames for i, part in parts.items()) / sum(parts.values()) ** 2
 
 
 def _light_less_dark(light: Parts | Missing, dark: Parts | Missing, channel: Channel, group: int) -> Parts | Missing:

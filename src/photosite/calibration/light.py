@@ -35,8 +35,8 @@ def measure_light_frames(
     if not reduction.lights:
         return LightResult((), None, NO_LIGHT, noise)
     if noise.flicker is not None:
-        frames = dark.mean.statistics.frames
-        reduction = without_flicker(reduction, reader, [parts.row * frames for parts in dark.mean.noise])
+        reduction, flicker = without_flicker(reduction, reader, dark.mean, noise.flicker)
+        noise = replace(noise, flicker=flicker)
     shared, white = Source(), (1 << reduction.frames.bits) - 1
     channels = tuple(Channel.of(k, reduction.lights, lines, white, shared) for k, lines in enumerate(dark.lines))
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]

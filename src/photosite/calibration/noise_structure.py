@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photosite.calibration.dark import GroupMean
 from photosite.calibration.photon_transfer.flicker import Flicker, find_flicker
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
 from photosite.calibration.photon_transfer.summed_covariance import (
@@ -20,7 +22,6 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, pooled_level
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.spatial.line_noise import level_parts
-from photosite.values.uncertain import Uncertain
 
 PIXELS = 1 << 21
 """Pixels, over all pairs of frames of a level, that decide whether noise is correlated."""
@@ -72,14 +73,18 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
     signal = [light.mean - level.mean for light, level in zip(flats.levels, dark.levels, strict=True)]
     flicker = find_flicker(light_noise, dark_noise, signal)
     shared = find_shared_noise(light_noise, dark_noise)
-    if shared is not None and PIXELS < frames.rows * frames.cols * (min(flats.frames, dark.frames) // 2):
+    if shared is not None and frames.rows * frames.cols * (min(flats.frames, dark.frames) // 2) > PIXELS:
         light_noise, dark_noise = (_covariances(reader, group, PIXELS_CORRELATED) for group in (flats, dark))
         shared = find_shared_noise(light_noise, dark_noise) or shared
     return NoiseStructure(shared, flicker)
 
 
-def without_flicker(reduction: Reduction, reader: FrameReader, dark_rows: Sequence[Uncertain]) -> Reduction:
-    """Return the reduction with the flicker of the light taken off the temporal variances of the flats.
+def without_flicker(
+    reduction: Reduction, reader: FrameReader, dark: GroupMean, flicker: Flicker
+) -> tuple[Reduction, Flicker]:
+    """Return the reduction with flicker taken off the temporal variances of the flats, and its size over all of them.
+
+    The variance that rows share in the reference dark frames stays, because it is subtracted with the dark variance.
 
     Parameters
     ----------
@@ -87,27 +92,31 @@ def without_flicker(reduction: Reduction, reader: FrameReader, dark_rows: Sequen
         The reduced frames.
     reader
         The reader, for a few frames of each group.
-    dark_rows
-        Per channel: temporal variance that rows share in dark frames, DN^2. It stays, as it does in the dark frames.
+    dark
+        The reference dark frames.
+    flicker
+        The flicker as found.
     """
-    lights = []
+    lights, shares = [], []
     for group in reduction.lights:
-        if group.frames < 2 or any(level.clipped for level in group.levels):
-            lights.append(group)
-            continue
-        levels = []
-        for level, parts, dark in zip(group.levels, level_parts(reader, group), dark_rows, strict=True):
-            rows = parts.row - dark
-            pixel = parts.pixel + parts.column
-            uncertainty = pixel.standard_uncertainty
-            levels.append(replace(level, variance=level.variance - rows.value, variance_uncertainty=uncertainty))
-        lights.append(replace(group, levels=tuple(levels)))
-    return replace(reduction, lights=tuple(lights))
+        if group.frames > 1 and not any(level.clipped for level in group.levels):
+            levels = []
+            for k, (level, parts) in enumerate(zip(group.levels, level_parts(reader, group), strict=True)):
+                rows = parts.row - dark.noise[k].row * dark.statistics.frames
+                uncertainty = (parts.pixel + parts.column).standard_uncertainty
+                levels.append(replace(level, variance=level.variance - rows.value, variance_uncertainty=uncertainty))
+                shares.append(rows.value / (level.mean - dark.statistics.levels[k].mean) ** 2)
+            group = replace(group, levels=tuple(levels))
+        lights.append(group)
+    share = math.sqrt(max(float(np.median(shares)), 0.0))
+    return replace(reduction, lights=tuple(lights)), replace(flicker, share=share or flicker.share)
 
 
 def _brightest_linear(reduction: Reduction) -> GroupStatistics | None:
     """Return the brightest flats of several frames, up to 70 % of the signal at the largest variance."""
-    flats = [entry for entry in reduction.lights if entry.frames > 1 and not any(level.clipped for level in entry.levels)]
+    flats = [
+        entry for entry in reduction.lights if entry.frames > 1 and not any(level.clipped for level in entry.levels)
+    ]
     if not flats:
         return None
     levels = [pooled_level(entry.levels) for entry in flats]

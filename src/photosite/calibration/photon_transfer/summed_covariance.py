@@ -7,9 +7,9 @@ times the mean signal of pixel i. So the summed covariance rises with the slope 
 (Moore, Ning and Baney, Proc. SPIE 5167 (2004) 204; Astier et al., A&A 629 (2019) A36). This also holds between the
 colors of a mosaic.
 
-The read noise joins after the charge is shared, and stays independent. A filter in the camera acts on all noise instead.
-So correlated noise of dark frames shows a filter. Its weights need not sum to 1, and it need not be linear: the system
-gain is then withheld.
+The read noise joins after the charge is shared, and stays independent. A filter in the camera acts on all noise. So
+correlated noise of dark frames shows a filter. Its weights need not sum to 1, and it need not be linear: the noise is
+then not the sensor's, and the system gain is withheld.
 """
 
 from __future__ import annotations
@@ -302,12 +302,14 @@ class SharedNoise:
     def __str__(self) -> str:
         known = [factor.value for factor in self.factors if isinstance(factor, Uncertain)]
         if self.filtered is not None:
-            return f"{self.filtered.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
+            return (
+                f"{self.filtered.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
+            )
         return (
             f"the shot noise of neighboring pixels is correlated, {describe(self.correlation)}, and the dark noise is "
             f"not: pixels share charge (crosstalk, interpixel capacitance or diffusion). The system gain comes from "
-            f"summed covariances, {100 * (float(np.mean(known)) - 1):.2g} % above that from variances; DSNU and PRNU are "
-            f"those of the frames, after the sharing"
+            f"summed covariances, {100 * (float(np.mean(known)) - 1):.2g} % above that from variances; DSNU and PRNU "
+            f"are those of the frames, after the sharing"
         )
 
 
@@ -362,8 +364,8 @@ def _why_not_charge(
     if share - FAR_APART * uncertainty < FILTER_SHARE:
         return Missing(f"{seen}, and too few dark frames show whether a filter in the camera is the cause")
     return Missing(
-        f"{seen}, in dark frames as in flats: the frames were filtered (noise reduction, sharpening, lossy compression, "
-        f"demosaicing or rescaling) before they were saved, and their noise is not the sensor's"
+        f"{seen}, in dark frames as in flat fields: the frames were filtered (noise reduction, sharpening, lossy "
+        f"compression, demosaicing or rescaling) before they were saved, and their noise is not the sensor's"
     )
 
 

@@ -37,6 +37,10 @@ class TemporalParts:
         """Temporal variance of a pixel: the sum of the three parts."""
         return self.pixel + self.row + self.column
 
+    def with_bands(self) -> TemporalParts:
+        """Return the parts with bands as the noise of rows: their mean over frames scatters as much as it is large."""
+        return TemporalParts(self.pixel, Uncertain.of(self.row.value, abs(self.row.value)), self.column)
+
     def scaled(self, factor: float) -> TemporalParts:
         """Return all parts multiplied by a factor, such as 1 / n for the mean of n frames."""
         return TemporalParts(self.pixel * factor, self.row * factor, self.column * factor)

@@ -1,4 +1,4 @@
-"""Periodic structure of flats: a color mosaic that is not stated, a wrong phase of it, readout channels of other gain."""
+"""Periodic structure of flat fields: a mosaic that is not stated, its wrong phase, and unequal readout channels."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ class PeriodicStructure:
         percent = 100.0 * self.difference
         if not self.of_mosaic():
             return (
-                f"the flats differ by {percent:.2g} % with a period of {self.period} {self.by_lines or 'pixels'}, as with "
-                f"readout channels of different gain; PRNU includes this difference"
+                f"the flat fields differ by {percent:.2g} % with a period of {self.period} {self.by_lines or 'pixels'}, as "
+                f"with readout channels of different gain; PRNU includes this difference"
             )
         likely = f"; {' or '.join(self.bayer_patterns())} fits" if self.period == 2 else ""
         return (
-            f"the flats repeat every {self.period} rows and columns, by {percent:.2g} % of the signal, within what is "
+            f"the flat fields repeat every {self.period} rows and columns, by {percent:.2g} % of the signal, within what is "
             f"stated as one channel, as with a color filter array that is not stated or has another phase{likely}"
         )
 
@@ -84,8 +84,8 @@ class PeriodicStructure:
         """Return the Bayer patterns that fit: the greens lie on the diagonal whose two places are most alike."""
         if self.period != 2:
             return ()
-        on, off = (abs(float(a - b)) for a, b in zip(*self.relative[[0, 0, 1, 1], [0, 1, 1, 0]].reshape(2, 2)))
-        return ("GRBG", "GBRG") if on < off else ("RGGB", "BGGR")
+        (a, b), (c, d) = self.relative.tolist()
+        return ("GRBG", "GBRG") if abs(a - d) < abs(b - c) else ("RGGB", "BGGR")
 
 
 def periodic_structure(
