@@ -107,6 +107,43 @@ def _recovery_line(recovery: Recovery) -> tuple[str, ...]:
     )
 
 
+@command.command("imperfect-stacks")
+@click.option("--stacks", type=options.Whole(1), default=1, help="Stacks of each kind, with seeds 0, 1, ...")
+@options.json_option
+def imperfect_stacks(stacks: int, as_json: bool) -> None:
+    """Calibrate stacks of frames that are not clean, and compare with the truth.
+
+    A plain NumPy generator makes the stacks: crosstalk, frames filtered in the camera, flicker, a color filter array
+    that is not stated, and clean ones. The table lists how many stacks of a kind are right, so that each 95 % interval
+    of system gain and PRNU contains the truth or is withheld, and how many withhold them. Below are the warnings of the
+    first stack of each kind. A stack takes about a second.
+
+    Example: photosite reproduce imperfect-stacks --stacks 20
+    """
+    from photosite.studies.imperfect_stacks import KINDS
+    from photosite.studies.imperfect_stacks import imperfect_stacks as study
+
+    stages, answers = Stages(), []
+    say_if_compiling()
+    stages.stage(f"calibrating {stacks} stacks of each kind")
+    for answer in study(range(stacks)):
+        answers.append(answer)
+        stages(len(answers), stacks * len(KINDS), "stacks")
+    rows = [("stack", "size", "right", "gain withheld", "PRNU withheld")]
+    told = []
+    for start in range(0, len(answers), stacks):
+        of_kind = answers[start : start + stacks]
+        counts = [sum(entry.right for entry in of_kind)]
+        counts += [
+            sum(isinstance(value, str) for value in values)
+            for values in zip(*((a.gain, a.prnu) for a in of_kind), strict=True)
+        ]
+        rows.append((of_kind[0].kind.name, of_kind[0].kind.size, *(f"{count} of {stacks}" for count in counts)))
+        told += [f"\n{of_kind[0].kind.name}:", *(f"  {warning}" for warning in of_kind[0].warnings or ["no warning"])]
+    content = {"stacks": [answer.to_dict() for answer in answers]}
+    show(as_json, content, lambda: "\n".join([table(rows, "<<>>>"), *told]))
+
+
 @command.command("coverage")
 @click.option("--sensors", type=options.Whole(1), help=f"Virtual sensors per condition.  [default: {SENSORS}]")
 @click.option(

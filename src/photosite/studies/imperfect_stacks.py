@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -155,28 +156,27 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        return {
-            "kind": self.kind.name, "size": self.kind.size, "right": self.right,
-            "system_gain_dn_per_e": self.gain, "prnu_percent": self.prnu, "warnings": list(self.warnings),
-        }  # fmt: skip
+        named = {"kind": self.kind.name, "size": self.kind.size, "right": self.right}
+        return {**named, **{name: getattr(self, name) for name in ("gain", "prnu", "warnings")}}
 
 
-def imperfect_stacks(seed: int = 0, kinds: Sequence[StackKind] = KINDS) -> Iterator[Answer]:
-    """Calibrate a stack of each kind.
+def imperfect_stacks(seeds: Iterable[int] = (0,), kinds: Sequence[StackKind] = KINDS) -> Iterator[Answer]:
+    """Calibrate a stack of each kind with each seed, in this order.
 
     Examples
     --------
-    >>> (answer,) = imperfect_stacks(seed=1, kinds=KINDS[:1])
+    >>> (answer,) = imperfect_stacks([2], KINDS[:1])
     >>> answer.right, answer.warnings
     (True, ())
     """
-    for kind in kinds:
+    for kind, seed in product(kinds, tuple(seeds)):
         try:
             calibration = calibrate(kind.frames(seed))
         except PhotositeError as error:
             yield Answer(kind, str(error), str(error), (str(error),))
             continue
-        given = []
-        for estimate in (calibration.system_gain_dn_per_e, calibration.prnu_percent):
-            given.append(estimate.reason or estimate.interval_95)
-        yield Answer(kind, given[0], given[1], tuple(calibration.warnings))
+        gain, prnu = (
+            estimate.interval_95 or str(estimate.reason)
+            for estimate in (calibration.system_gain_dn_per_e, calibration.prnu_percent)
+        )
+        yield Answer(kind, gain, prnu, tuple(calibration.warnings))

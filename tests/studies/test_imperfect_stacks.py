@@ -1,0 +1,56 @@
+"""What a calibration answers to stacks of frames that are not clean."""
+
+from __future__ import annotations
+
+import pytest
+
+from photosite.studies.imperfect_stacks import GAIN, KINDS, Answer, imperfect_stacks
+
+_BY_NAME = {kind.name: kind for kind in KINDS}
+
+
+def answer(name: str, seed: int = 2) -> Answer:
+    (found,) = imperfect_stacks([seed], [_BY_NAME[name]])
+    return found
+
+
+@pytest.mark.parametrize("name", ["crosstalk", "flicker of the light"])
+def test_the_gain_is_corrected(name: str) -> None:
+    found = answer(name)
+    assert not isinstance(found.gain, str)
+    low, high = found.gain
+    # Without the correction the gain is 15 % low and 25 % high.
+    assert low <= GAIN <= high
+    assert high - low < 0.07 * GAIN
+    assert found.right
+    assert found.warnings
+
+
+@pytest.mark.parametrize("name", ["smoothing in the camera", "sharpening in the camera"])
+def test_noise_of_filtered_frames_is_withheld(name: str) -> None:
+    found = answer(name)
+    assert isinstance(found.gain, str)
+    assert isinstance(found.prnu, str)
+
+
+@pytest.mark.parametrize("name", ["mosaic not stated", "wrong phase"])
+def test_prnu_of_a_mosaic_stated_otherwise_is_withheld(name: str) -> None:
+    found = answer(name)
+    assert not isinstance(found.gain, str)
+    assert isinstance(found.prnu, str)
+    assert "RGGB" in found.prnu
+
+
+def test_readout_channels_are_named() -> None:
+    found = answer("readout channels")
+    assert found.right
+    assert any("2 columns" in warning for warning in found.warnings)
+
+
+@pytest.mark.slow
+def test_clean_stacks_are_right_and_not_reported() -> None:
+    answers = list(imperfect_stacks(range(20), KINDS[:2]))
+    # 40 stacks of two 95 % intervals: fewer than 30 right in 1 of 5000.
+    assert sum(found.right for found in answers) >= 30
+    structure = ("correlated", "flickers", "period")
+    assert not [w for found in answers for w in found.warnings if any(word in w for word in structure)]
