@@ -56,7 +56,8 @@ class Measurements:
 
     def without_noise(self, why: Missing) -> Measurements:
         """Return the measurements without gain and without all noise and fixed pattern."""
-        return replace(self, **dict.fromkeys(_NOISE, why))
+        withheld: dict[str, Any] = dict.fromkeys(_NOISE, why)
+        return replace(self, **withheld)
 
     def with_channel(self, channel: Channel, responsivity: Value, **others: Any) -> Measurements:
         """Return the measurements with gain, saturation and responsivity of a channel, and with other changes."""

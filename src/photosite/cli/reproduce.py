@@ -129,7 +129,7 @@ def imperfect_stacks(stacks: int, as_json: bool) -> None:
     for answer in study(range(stacks)):
         answers.append(answer)
         stages(len(answers), stacks * len(KINDS), "stacks")
-    rows = [("stack", "size", "right", "gain withheld", "PRNU withheld")]
+    rows: list[tuple[str, ...]] = [("stack", "size", "right", "gain withheld", "PRNU withheld")]
     told = []
     for start in range(0, len(answers), stacks):
         of_kind = answers[start : start + stacks]

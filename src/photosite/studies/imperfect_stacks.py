@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -15,6 +16,7 @@ from scipy.ndimage import convolve
 from photosite.calibration.calibrate import calibrate
 from photosite.errors import PhotositeError
 from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
+from photosite.frames.frame_settings import Kind
 
 Frame = NDArray[np.float64]
 
@@ -66,7 +68,7 @@ class StackKind:
         response = 1.0 + PRNU * rng.normal(size=SHAPE)
         offset = BLACK_DN + DSNU_DN * rng.normal(size=SHAPE)
 
-        def group(kind: str, exposure_s: float, electrons: float) -> FrameGroup:
+        def group(kind: Kind, exposure_s: float, electrons: float) -> FrameGroup:
             sources = []
             for i in range(FRAMES):
                 light = self.light(np.full(SHAPE, electrons) * response, rng)
@@ -74,7 +76,7 @@ class StackKind:
                 read = rng.normal(0.0, READ_NOISE_E, SHAPE)
                 numbers = self.numbers(offset + GAIN * (charge + read), rng)
                 dn = np.clip(np.rint(numbers), 0, WHITE_DN).astype(np.uint16)
-                sources.append(FrameSource(f"{kind} {exposure_s:g} s, frame {i}", lambda dn=dn: dn))
+                sources.append(FrameSource(f"{kind} {exposure_s:g} s, frame {i}", partial(np.array, dn)))
             return FrameGroup(kind, exposure_s, tuple(sources))
 
         darks = [group("dark", exposure_s, 0.0) for exposure_s in DARK_S]
@@ -89,16 +91,19 @@ def _convolved(weights: Sequence[Sequence[float]]) -> Callable[[Frame, np.random
 
 def _rolling_bands(values: Frame, rng: np.random.Generator) -> Frame:
     rows = np.arange(len(values))[:, None]
-    return values * (1.0 + 0.01 * np.sin(2.0 * math.pi * rows / 37.0 + rng.uniform(0.0, 2.0 * math.pi)))
+    bands: Frame = values * (1.0 + 0.01 * np.sin(2.0 * math.pi * rows / 37.0 + rng.uniform(0.0, 2.0 * math.pi)))
+    return bands
 
 
 def _mosaic(values: Frame, rng: np.random.Generator) -> Frame:
     rows, cols = (length // 2 for length in values.shape)
-    return values * np.tile([[0.55, 1.0], [1.0, 0.7]], (rows, cols))
+    filtered: Frame = values * np.tile([[0.55, 1.0], [1.0, 0.7]], (rows, cols))
+    return filtered
 
 
 def _even_columns(values: Frame, rng: np.random.Generator) -> Frame:
-    return values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
+    brighter: Frame = values * (1.0 + 0.01 * (np.arange(values.shape[1]) % 2 == 0))
+    return brighter
 
 
 _RGGB = (("R", "G"), ("G", "B"))

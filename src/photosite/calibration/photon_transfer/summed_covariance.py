@@ -197,7 +197,7 @@ class _RowMeans:
     def of(cls, plane: NDArray[np.float64]) -> _RowMeans:
         means = plane.mean(axis=1)
         spectrum: NDArray[np.float64] = np.abs(np.fft.rfft(means)[1:]) ** 2
-        return cls(*plane.shape, float(means @ means) / (len(means) - 1), spectrum)
+        return cls(plane.shape[0], plane.shape[1], float(means @ means) / (len(means) - 1), spectrum)
 
 
 def _row_noise(means: Sequence[_RowMeans], of_pixels: float) -> tuple[float, float]:

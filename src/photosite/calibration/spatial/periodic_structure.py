@@ -68,15 +68,15 @@ class PeriodicStructure:
         return self.difference > MOSAIC_SHARE and not self.by_lines
 
     def __str__(self) -> str:
-        percent = 100.0 * self.difference
+        percent = f"{100.0 * self.difference:.2g} %"
         if not self.of_mosaic():
             return (
-                f"the flat fields differ by {percent:.2g} % with a period of {self.period} {self.by_lines or 'pixels'}, "
+                f"the flat fields differ by {percent} with a period of {self.period} {self.by_lines or 'pixels'}, "
                 f"as with readout channels of different gain; PRNU includes this difference"
             )
         likely = f"; {' or '.join(self.bayer_patterns())} fits" if self.period == 2 else ""
         return (
-            f"the flat fields repeat every {self.period} rows and columns, by {percent:.2g} % of the signal, within what "
+            f"the flat fields repeat every {self.period} rows and columns, by {percent} of the signal, within what "
             f"is stated as one channel, as with a color filter array that is not stated or has another phase{likely}"
         )
 
