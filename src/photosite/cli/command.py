@@ -52,7 +52,8 @@ class OptionSpelling:
             return _flag(parameter)
         if parameter is not None:
             spell = getattr(parameter.type, "spell", _text)
-            return f"{_flag(parameter)} {shlex.quote(spell(value))}"
+            words = value if parameter.nargs > 1 else [value]
+            return " ".join([_flag(parameter), *(shlex.quote(spell(word)) for word in words)])
         carrier = self._carrier(field)
         if carrier is None:
             return PythonSpelling().argument(field, value)

@@ -308,7 +308,7 @@ def wavelengths_option(text: str, default: str | None = None) -> Callable[[F], F
 def cube_options(wavelengths: str) -> Callable[[F], F]:
     """Add the options of reading a scene file that all commands have; `wavelengths` is the help of --wavelengths."""
     return stacked(
-        luminance_option(f"{LUMINANCE_HELP}  [default: a built-in scene's 40; a file's own]"),
+        luminance_option(f"{LUMINANCE_HELP}  [default: the file's own; 40 for built-in scenes]"),
         distance_option("Distance from lens to scene in m.  [default: a file's own, or 1.2]"),
         quantity(
             "--width", "width_m", unit="M", text="Width of the scene in m; without it, the scene fills the frame."
