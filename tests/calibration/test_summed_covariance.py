@@ -9,11 +9,11 @@ from scipy.ndimage import convolve
 from scipy.signal import correlate2d
 
 from photosite.calibration.photon_transfer.summed_covariance import (
-    FramePair,
+    Run,
     find_shared_noise,
     noise_covariances,
 )
-from photosite.values.uncertain import Missing, Uncertain
+from photosite.values.uncertain import Missing
 
 MONOCHROME = np.zeros((1, 1), np.int64)
 BAYER = np.array([[0, 1], [1, 2]])
@@ -21,35 +21,45 @@ CROSSTALK = np.array([[0.0, 0.03, 0.0], [0.02, 0.90, 0.02], [0.0, 0.03, 0.0]])
 SMOOTHING = np.array([[1.0, 2.0, 1.0], [2.0, 30.0, 2.0], [1.0, 2.0, 1.0]]) / 42.0
 
 
-def pairs(
+def runs(
     rng: np.random.Generator,
     electrons: float,
-    count: int = 4,
+    count: int = 8,
     shape: tuple[int, int] = (128, 160),
     charge: NDArray[np.float64] | None = None,
     numbers: NDArray[np.float64] | None = None,
     light: float = 0.0,
     row_dn: float = 0.0,
-) -> list[FramePair]:
-    """Return pairs of frames with 0.5 DN/e-, 3 DN of read noise and shading, and the stated weights."""
+    lag: float = 0.0,
+    blend: float = 0.0,
+) -> list[Run]:
+    """Return a run of frames with 0.5 DN/e-, 3 DN of read noise and shading, and the stated weights.
+
+    The next frame receives the share `lag` of the charge, and `blend` of the saved frame.
+    """
     shading = 1.0 + 0.3 * np.linspace(-1.0, 1.0, shape[1])
+    left: NDArray[np.float64] = electrons * lag * np.ones(shape)
+    last: NDArray[np.float64] | None = None
 
     def frame() -> NDArray[np.uint16]:
+        nonlocal left, last
         e = rng.poisson(electrons * shading * (1.0 + light * rng.normal()), shape).astype(float)
         if charge is not None:
             e = convolve(e, charge, mode="wrap")
+        left, e = lag * e, (1.0 - lag) * e + left
         dn = 100.0 + 0.5 * e + rng.normal(0.0, 3.0, shape) + row_dn * rng.normal(size=(shape[0], 1))
         if numbers is not None:
             dn = convolve(dn, numbers, mode="wrap")
-        return np.rint(dn).astype(np.uint16)
+        last = dn if last is None else blend * last + (1.0 - blend) * dn
+        return np.rint(last).astype(np.uint16)
 
-    return [(frame(), frame()) for _ in range(count)]
+    return [[frame() for _ in range(count)]]
 
 
 @pytest.mark.parametrize("tile", [MONOCHROME, BAYER], ids=["monochrome", "bayer"])
 def test_covariances_are_the_autocorrelation_of_the_weights(tile: NDArray[np.int64]) -> None:
     rng = np.random.default_rng(1)
-    light = noise_covariances(pairs(rng, 4000.0, 16, charge=CROSSTALK), tile)
+    light = noise_covariances(runs(rng, 4000.0, 32, charge=CROSSTALK), tile)
     expected = 0.25 * 4000.0 * correlate2d(CROSSTALK, CROSSTALK)
     expected[2, 2] += 9.0 + 1.0 / 12.0
     for channel in light:
@@ -60,7 +70,7 @@ def test_covariances_are_the_autocorrelation_of_the_weights(tile: NDArray[np.int
 
 def test_light_rows_and_shading_leave_no_covariance() -> None:
     rng = np.random.default_rng(2)
-    (found,) = noise_covariances(pairs(rng, 4000.0, 8, light=0.02, row_dn=4.0), MONOCHROME)
+    (found,) = noise_covariances(runs(rng, 4000.0, 16, light=0.02, row_dn=4.0), MONOCHROME)
     # 25 correlated scores; 1 in 600 by chance.
     assert np.abs(found.scores()).max() < 4.0
     # 128 rows of 16 frames: a standard deviation of 16 DN² is known to 3 %.
@@ -72,12 +82,13 @@ def test_light_rows_and_shading_leave_no_covariance() -> None:
 def test_shared_charge_gives_the_factor_of_photon_transfer() -> None:
     rng = np.random.default_rng(3)
     found = find_shared_noise(
-        noise_covariances(pairs(rng, 4000.0, 16, charge=CROSSTALK), MONOCHROME),
-        noise_covariances(pairs(rng, 0.0), MONOCHROME),
+        noise_covariances(runs(rng, 4000.0, 32, charge=CROSSTALK), MONOCHROME),
+        noise_covariances(runs(rng, 0.0), MONOCHROME),
     )
     assert found is not None
-    (factor,) = found.factors
-    assert isinstance(factor, Uncertain)
+    assert not isinstance(found.charge, Missing)
+    ((factor, between_frames),) = ((entry.factor, entry.between_frames) for entry in found.charge)
+    assert not len(between_frames)
     assert factor.value == pytest.approx(1.0 / np.sum(CROSSTALK**2), abs=3.0 * factor.standard_uncertainty)
     assert factor.relative < 0.01
 
@@ -85,12 +96,55 @@ def test_shared_charge_gives_the_factor_of_photon_transfer() -> None:
 def test_a_filter_shows_in_dark_frames() -> None:
     rng = np.random.default_rng(4)
     found = find_shared_noise(
-        noise_covariances(pairs(rng, 4000.0, numbers=SMOOTHING), BAYER),
-        noise_covariances(pairs(rng, 0.0, numbers=SMOOTHING), BAYER),
+        noise_covariances(runs(rng, 4000.0, numbers=SMOOTHING), BAYER),
+        noise_covariances(runs(rng, 0.0, numbers=SMOOTHING), BAYER),
     )
     assert found is not None
-    assert all(isinstance(factor, Missing) for factor in found.factors)
-    assert min(found.correlation) > 0.05
+    assert isinstance(found.charge, Missing)
+    assert found.neighbors is not None
+    assert min(found.neighbors) > 0.05
+    assert found.frames is None
+
+
+@pytest.mark.parametrize("tile", [MONOCHROME, BAYER], ids=["monochrome", "bayer"])
+def test_lag_gives_the_variance_that_the_frames_lack(tile: NDArray[np.int64]) -> None:
+    rng = np.random.default_rng(5)
+    light = noise_covariances(runs(rng, 4000.0, 8, lag=0.1), tile)
+    found = find_shared_noise(light, noise_covariances(runs(rng, 0.0, 8), tile))
+    assert found is not None
+    assert found.neighbors is None
+    assert found.frames == pytest.approx(0.09 / 0.82, rel=0.05)
+    assert not isinstance(found.charge, Missing)
+    for level, entry in zip(light, found.charge, strict=True):
+        # (0.9, 0.1) of the charge: variance 0.82, covariance with the next frame 0.09, with the one after none.
+        scores = (level.frames.values - [0.25 * 4000.0 * 0.09, 0.0]) / level.frames.uncertainty
+        assert np.abs(scores).max() < 3.5  # six scores: 3 in 1000
+        assert entry.factor.value == pytest.approx(1.0 / 0.82, abs=3.0 * entry.factor.standard_uncertainty)
+        # The variance of n frames about their own mean is 0.82 - 2 * 0.09 / n.
+        expected = 1.0 / (0.82 - 2.0 * 0.09 / np.array([2.0, 10.0]))
+        assert entry.factors(np.array([2.0, 10.0])) == pytest.approx(expected, rel=0.03)
+
+
+def test_blended_frames_show_in_dark_frames() -> None:
+    rng = np.random.default_rng(6)
+    found = find_shared_noise(
+        *(noise_covariances(runs(rng, electrons, 8, blend=0.1), MONOCHROME) for electrons in (4000.0, 0.0))
+    )
+    assert found is not None
+    assert isinstance(found.charge, Missing)
+    assert found.neighbors is None
+    assert found.frames == pytest.approx(0.1, abs=0.02)
+
+
+def test_shading_that_drifts_is_not_correlated_noise() -> None:
+    rng = np.random.default_rng(7)
+    rows, cols = np.mgrid[:128, :160] / 160.0
+    drift = 0.01 * (4.0 * rows * cols - 1.0)
+    light = [rng.poisson(2000.0 * (1.0 + t * drift)) for t in range(8)]
+    frames = [np.uint16(100.5 + charge + rng.normal(size=drift.shape)) for charge in light]
+    (found,) = noise_covariances([frames], MONOCHROME)
+    # Two scores; 1 in 1000 by chance. With blocks of 64: 6.
+    assert np.abs(found.frames.values / found.frames.uncertainty).max() < 3.5
 
 
 def clean_frames_found(seeds: range) -> int:
@@ -98,7 +152,7 @@ def clean_frames_found(seeds: range) -> int:
     for seed in seeds:
         rng = np.random.default_rng(seed)
         tile = (MONOCHROME, BAYER)[seed % 2]
-        light, dark = (noise_covariances(pairs(rng, e, 2, (66, 98)), tile) for e in (3000.0, 0.0))
+        light, dark = (noise_covariances(runs(rng, e, 4, (66, 98)), tile) for e in (3000.0, 0.0))
         found += find_shared_noise(light, dark) is not None
     return found
 

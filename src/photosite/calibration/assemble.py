@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from photosite.calibration.checks.first_frames import find_first_frames
 from photosite.calibration.checks.level_checks import level_warnings
 from photosite.calibration.checks.result_screening import Implausible, screen_responsivity
 from photosite.calibration.dark import DarkResult
@@ -43,7 +44,7 @@ def assemble(
     frames, names, channels = reduction.frames, reduction.names, light.channels
     measured = _measure_channels(dark, channels, patterns.channels)
     together = pool_channels(names, measured, dark.together, light.gain, dark.reference_exposure_s)
-    if light.noise.shared is not None and (why := light.noise.shared.filtered) is not None:
+    if light.noise.shared is not None and isinstance(why := light.noise.shared.charge, Missing):
         measured, together = [m.without_noise(why) for m in measured], together.without_noise(why)
     scale, mv_per_dn = _electrical_scale(sensor)
     estimates = estimate_parameters(together, mv_per_dn).estimates()
@@ -124,6 +125,8 @@ def _warnings(
     if dark.clipped is not None:
         yield dark.clipped.warning(names)
     yield from level_warnings(reduction, dark.groups, channels)
+    if (first := find_first_frames(reduction)) is not None:
+        yield str(first)
     yield from light.noise.warnings()
     if structure is not None:
         yield str(structure)

@@ -12,7 +12,7 @@ from photosite.calibration.photon_transfer.photon_transfer import GainFit, fit_g
 from photosite.calibration.photon_transfer.summed_covariance import gain_by_summed_covariance
 from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.reduce import Reduction
-from photosite.values.uncertain import Source, Value
+from photosite.values.uncertain import Missing, Source, Value
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,14 @@ def measure_light_frames(
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
     fit = fit_gain(levels, used)
     gain = gain_value(fit)
-    if noise.shared is not None:
-        factors = noise.shared.factors
-        gain = gain_by_summed_covariance(levels, used, factors)
+    if noise.shared is not None and isinstance(charge := noise.shared.charge, Missing):
+        gain = charge
+        channels = tuple(replace(channel, gain=charge) for channel in channels)
+    elif noise.shared is not None:
+        gain = gain_by_summed_covariance(levels, used, charge)
         channels = tuple(
             replace(channel, gain=gain_with_curvature(own, [channel.curvature]))
             for channel in channels
-            for own in [gain_by_summed_covariance([channel.levels], [channel.used], [factors[channel.index]])]
+            for own in [gain_by_summed_covariance([channel.levels], [channel.used], [charge[channel.index]])]
         )
     return LightResult(channels, fit, gain_with_curvature(gain, [channel.curvature for channel in channels]), noise)

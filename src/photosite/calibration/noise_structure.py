@@ -1,4 +1,4 @@
-"""Stage "noise structure": temporal noise that neighboring pixels or whole rows share, before photon transfer."""
+"""Stage "noise structure": temporal noise that pixels, frames or rows share, before photon transfer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 
 from photosite.calibration.dark import GroupMean
 from photosite.calibration.photon_transfer.flicker import Flicker, find_flicker
+from photosite.calibration.photon_transfer.frame_covariance import LEAST_RUN
 from photosite.calibration.photon_transfer.photon_transfer import LINEAR_SHARE
 from photosite.calibration.photon_transfer.summed_covariance import (
-    FramePair,
     NoiseCovariance,
+    Run,
     SharedNoise,
     find_shared_noise,
     noise_covariances,
@@ -29,18 +30,21 @@ PIXELS = 1 << 21
 PIXELS_CORRELATED = 1 << 25
 """Pixels that measure a correlation once it has been found."""
 
+RUN = 8
+"""Successive frames that are compared with each other."""
+
 LEAST_SIDE = 8
 """Rows and columns of a channel below which frames are too small to tell neighbors from far pixels."""
 
 
 @dataclass(frozen=True)
 class NoiseStructure:
-    """Temporal noise that is not independent between pixels; None for each kind that is not seen beyond chance.
+    """Temporal noise that is not independent; None for each kind that is not seen beyond chance.
 
     Parameters
     ----------
     shared
-        Correlation of the shot noise of neighboring pixels.
+        Correlation of the shot noise between neighboring pixels and between frames.
     flicker
         Flicker of the light, in rows.
     """
@@ -52,7 +56,7 @@ class NoiseStructure:
         """Return a warning for each kind: its size, and what it means for the results."""
         found = []
         if self.flicker is not None:
-            found.append(f"{self.flicker}; its noise was taken off the temporal variances of the flats")
+            found.append(f"{self.flicker}; its noise was taken off the temporal variances of the flat fields")
         if self.shared is not None:
             found.append(str(self.shared))
         return found
@@ -61,14 +65,14 @@ class NoiseStructure:
 def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseStructure:
     """Return the structure of the temporal noise.
 
-    A few pairs of successive frames are read again: of the reference darks, and of the brightest flats in the linear
-    range.
+    A few runs of successive frames are read again: of the reference dark frames, and of the brightest flat fields in
+    the linear range.
     """
     frames = reduction.frames
     flats = _brightest_linear(reduction)
     if flats is None or min(frames.rows // reader.tile.shape[0], frames.cols // reader.tile.shape[1]) < LEAST_SIDE:
         return NoiseStructure()
-    dark = reduction.darks[reduction.reference]
+    dark = reduction.reference_group
     light_noise, dark_noise = (_covariances(reader, group, PIXELS) for group in (flats, dark))
     signal = [light.mean - level.mean for light, level in zip(flats.levels, dark.levels, strict=True)]
     flicker = find_flicker(light_noise, dark_noise, signal)
@@ -82,7 +86,7 @@ def measure_noise_structure(reduction: Reduction, reader: FrameReader) -> NoiseS
 def without_flicker(
     reduction: Reduction, reader: FrameReader, dark: GroupMean, flicker: Flicker
 ) -> tuple[Reduction, Flicker]:
-    """Return the reduction with flicker taken off the temporal variances of the flats, and its size over all of them.
+    """Return the reduction without flicker in the temporal variances of the flat fields, and its size over all of them.
 
     The variance that rows share in the reference dark frames stays, because it is subtracted with the dark variance.
 
@@ -113,7 +117,7 @@ def without_flicker(
 
 
 def _brightest_linear(reduction: Reduction) -> GroupStatistics | None:
-    """Return the brightest flats of several frames, up to 70 % of the signal at the largest variance."""
+    """Return the brightest flat fields of several frames, up to 70 % of the signal at the largest variance."""
     flats = [
         entry for entry in reduction.lights if entry.frames > 1 and not any(level.clipped for level in entry.levels)
     ]
@@ -121,24 +125,26 @@ def _brightest_linear(reduction: Reduction) -> GroupStatistics | None:
         return None
     levels = [pooled_level(entry.levels) for entry in flats]
     dark = pooled_level(reduction.darks[reduction.reference].levels).mean
-    peak = max(levels, key=lambda level: level.variance).mean - dark
-    linear = [i for i, level in enumerate(levels) if level.mean - dark <= LINEAR_SHARE * peak]
-    return flats[max(linear or [int(np.argmin([level.mean for level in levels]))], key=lambda i: levels[i].mean)]
+    limit = LINEAR_SHARE * (max(levels, key=lambda level: level.variance).mean - dark)
+    signals = [level.mean - dark for level in levels]
+    # Without a level in the linear range, the darkest.
+    chosen = max((signal for signal in signals if signal <= limit), default=min(signals))
+    return flats[signals.index(chosen)]
 
 
 def _covariances(reader: FrameReader, group: GroupStatistics, pixels: int) -> list[NoiseCovariance]:
-    return noise_covariances(_pairs(reader, group, pixels), reader.tile)
+    return noise_covariances(_runs(reader, group, pixels), reader.tile)
 
 
-def _pairs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[FramePair]:
-    """Yield the middle rows of pairs of successive frames, spread evenly over the group."""
-    members = {id(source) for source in group.group.frames}
-    used = [entry.source for entry in reader.used_frames if id(entry.source) in members]
+def _runs(reader: FrameReader, group: GroupStatistics, pixels: int) -> Iterator[Run]:
+    """Yield the middle rows of runs of successive frames, spread evenly over the group."""
+    sources = reader.used_sources(group.group)
     rows, cols = reader.frames.rows, reader.frames.cols
-    pairs = min(max(pixels // (rows * cols), 2), len(used) // 2)
+    frames = min(max(2 * pixels // (rows * cols), LEAST_RUN), len(sources))
+    length = min(RUN, frames)
+    runs = frames // length
     step = reader.tile.shape[0]
-    height = min(max(pixels // pairs // cols, LEAST_SIDE * step), rows) // step * step
+    height = min(max(2 * pixels // frames // cols, LEAST_SIDE * step), rows) // step * step
     start = (rows - height) // 2 // step * step
-    for i in np.linspace(0, len(used) // 2 - 1, pairs).round().astype(int):
-        first, second = (source.read()[start : start + height] for source in used[2 * i : 2 * i + 2])
-        yield first, second
+    for first in np.linspace(0, len(sources) - length, runs).astype(int):
+        yield [source.read()[start : start + height] for source in sources[first : first + length]]

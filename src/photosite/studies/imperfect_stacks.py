@@ -48,6 +48,8 @@ class StackKind:
     light, charge, numbers
         Functions of (rows, cols) expected electrons of the light, of electrons, and of digital numbers before rounding;
         the second argument draws random numbers.
+    lag, blend
+        Share of the charge that the next frame receives; share of the saved frame that is blended into the next one.
     cfa
         Color filter array that is stated for the frames.
     prnu
@@ -59,6 +61,8 @@ class StackKind:
     light: Callable[[Frame, np.random.Generator], Frame] = _unchanged
     charge: Callable[[Frame, np.random.Generator], Frame] = _unchanged
     numbers: Callable[[Frame, np.random.Generator], Frame] = _unchanged
+    lag: float = 0.0
+    blend: float = 0.0
     cfa: tuple[tuple[str, ...], ...] = (("mono",),)
     prnu: float = PRNU
 
@@ -67,15 +71,19 @@ class StackKind:
         rng = np.random.default_rng(seed)
         response = 1.0 + PRNU * rng.normal(size=SHAPE)
         offset = BLACK_DN + DSNU_DN * rng.normal(size=SHAPE)
+        left, last = np.zeros(SHAPE), offset
 
         def group(kind: Kind, exposure_s: float, electrons: float) -> FrameGroup:
+            nonlocal left, last
             sources = []
             for i in range(FRAMES):
                 light = self.light(np.full(SHAPE, electrons) * response, rng)
                 charge = self.charge(rng.poisson(light).astype(np.float64), rng)
+                left, charge = self.lag * charge, (1.0 - self.lag) * charge + left
                 read = rng.normal(0.0, READ_NOISE_E, SHAPE)
                 numbers = self.numbers(offset + GAIN * (charge + read), rng)
-                dn = np.clip(np.rint(numbers), 0, WHITE_DN).astype(np.uint16)
+                last = (1.0 - self.blend) * numbers + self.blend * last
+                dn = np.clip(np.rint(last), 0, WHITE_DN).astype(np.uint16)
                 sources.append(FrameSource(f"{kind} {exposure_s:g} s, frame {i}", partial(np.array, dn)))
             return FrameGroup(kind, exposure_s, tuple(sources))
 
@@ -124,6 +132,8 @@ KINDS = (
         "sharpening in the camera", "-10 % of each next pixel",
         numbers=_convolved([[0, -0.1, 0], [-0.1, 1.4, -0.1], [0, -0.1, 0]]),
     ),
+    StackKind("image lag", "3 % of the charge to the next frame", lag=0.03),
+    StackKind("noise reduction over time", "20 % of the last frame", blend=0.2),
     StackKind("row noise", "1 DN", numbers=lambda v, rng: v + rng.normal(0.0, 1.0, (len(v), 1))),
     StackKind("flicker of the light", "bands of 1 %, 37 rows", light=_rolling_bands),
     StackKind("drift of the light", "2 % from frame to frame", light=lambda v, rng: v * (1 + 0.02 * rng.normal())),

@@ -52,8 +52,8 @@ class LightLevels:
     mean, spread, mean_variance
         (m,) mean including the dark, and standard deviation over pixels and frames, DN; variance of the mean over both,
         fixed pattern included.
-    clipped, white_share, group
-        (m,) whether the level is clipped; share of numbers at full scale; index of the light group.
+    clipped, white_share, group, frames
+        (m,) whether the level is clipped; share of numbers at full scale; index of the light group; number of frames.
     """
 
     abscissa: str
@@ -73,6 +73,7 @@ class LightLevels:
     clipped: NDArray[np.bool_]
     white_share: Array
     group: NDArray[np.intp]
+    frames: Array
 
     @property
     def photons_known(self) -> bool:
@@ -84,15 +85,15 @@ class LightLevels:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)
 
-    def with_variances(self, factor: float) -> LightLevels:
-        """Return the levels with all temporal variances multiplied by a factor."""
+    def with_variances(self, factors: Array) -> LightLevels:
+        """Return the levels with their temporal variances multiplied by (m,) factors."""
         return replace(
             self,
-            shot=factor * self.shot,
-            shot_covariance=factor**2 * self.shot_covariance,
-            noise=factor * self.noise,
-            noise_uncertainty=factor * self.noise_uncertainty,
-            dark_share=factor * self.dark_share,
+            shot=factors * self.shot,
+            shot_covariance=np.outer(factors, factors) * self.shot_covariance,
+            noise=factors * self.noise,
+            noise_uncertainty=factors * self.noise_uncertainty,
+            dark_share=factors[:, None] * self.dark_share,
         )
 
 
@@ -136,6 +137,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         clipped=np.array([level.clipped for level in levels]),
         white_share=each("high_fraction"),
         group=order,
+        frames=each("frames").astype(np.float64),
     )
 
 

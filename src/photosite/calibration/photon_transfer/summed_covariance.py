@@ -1,4 +1,4 @@
-"""Covariances of temporal noise between neighboring pixels, and photon transfer by summed covariances.
+"""Covariances of temporal noise between pixels and between frames, and photon transfer by summed covariances.
 
 Crosstalk, interpixel capacitance and charge diffusion share the charge of a pixel with its neighbors. The mean signal
 stays, but the variance falls, because every pixel averages over its neighbors. What is lost appears in the covariances:
@@ -6,6 +6,9 @@ for weights w that sum to 1 and independent shot noise, the sum over j of cov(i,
 times the mean signal of pixel i. So the summed covariance rises with the slope K where the variance rises with less
 (Moore, Ning and Baney, Proc. SPIE 5167 (2004) 204; Astier et al., A&A 629 (2019) A36). This also holds between the
 colors of a mosaic.
+
+The same holds in time. Image lag leaves a part of the charge for the next frames, and the covariances with these frames
+contain the variance that is lost.
 
 The read noise joins after the charge is shared, and stays independent. A filter in the camera acts on all noise. So
 correlated noise of dark frames shows a filter. Its weights need not sum to 1, and it need not be linear: the noise is
@@ -23,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainccinv, gammaincinv
 
+from photosite.calibration.photon_transfer.frame_covariance import FrameCovariance, FrameProducts
 from photosite.calibration.photon_transfer.photon_transfer import LightLevels, fit_gain, gain_value
 from photosite.sensor.noise_profile import QUANTISATION_DN2
 from photosite.values.uncertain import Missing, Uncertain, Value
@@ -42,8 +46,8 @@ A filter gives 1, crosstalk 0.
 FAR_APART = 3.0
 """Standard uncertainties by which that share must be apart from the limit."""
 
-FramePair = tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]
-"""Two frames of one level."""
+Run = Sequence[NDArray[np.unsignedinteger]]
+"""Two or more successive frames of one level."""
 
 _LAGS = range(-REACH, REACH + 1)
 _Planes = dict[tuple[int, int], NDArray[np.float64]]
@@ -68,6 +72,8 @@ class NoiseCovariance:
         Variance that the pixels of a row share, DN^2, and its standard uncertainty for independent rows.
     row_period
         Period of this variance in rows; None where no frequency stands out.
+    frames
+        Covariance with the same pixel in the next frames.
     """
 
     covariance: NDArray[np.float64]
@@ -76,11 +82,13 @@ class NoiseCovariance:
     row: float
     row_uncertainty: float
     row_period: float | None
+    frames: FrameCovariance
 
     @property
     def variance(self) -> float:
         """Variance of a pixel, DN^2."""
-        return float(self.covariance[REACH, REACH])
+        # The middle comes from differences of successive frames.
+        return float(self.covariance[REACH, REACH] + self.frames.values[:1].sum())
 
     @property
     def of_neighbors(self) -> NDArray[np.float64]:
@@ -92,24 +100,26 @@ class NoiseCovariance:
         return NoiseCovariance(
             self.covariance - other.covariance,
             np.hypot(self.uncertainty, other.uncertainty),
-            float(np.hypot(self.sum_uncertainty, other.sum_uncertainty)),
+            math.hypot(self.sum_uncertainty, other.sum_uncertainty),
             self.row - other.row,
-            float(np.hypot(self.row_uncertainty, other.row_uncertainty)),
+            math.hypot(self.row_uncertainty, other.row_uncertainty),
             self.row_period,
+            self.frames - other.frames,
         )
 
     def scores(self) -> NDArray[np.float64]:
-        """Return the covariances and their sum in standard uncertainties: normal for independent pixels."""
+        """Return the sum over the neighbors and every covariance, in standard uncertainties; normal within chance."""
+        of_sum = self.of_neighbors.sum() / self.sum_uncertainty
         of_lags = self.of_neighbors / _without_middle(self.uncertainty)
-        return np.append(of_lags, self.of_neighbors.sum() / self.sum_uncertainty)
+        return np.concatenate([[of_sum], of_lags, self.frames.values / self.frames.uncertainty])
 
 
 def _without_middle(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.delete(values.ravel(), values.size // 2)
 
 
-def noise_covariances(pairs: Iterable[FramePair], tile: NDArray[np.int64]) -> list[NoiseCovariance]:
-    """Estimate each channel's noise covariances from pairs of frames of one level.
+def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[NoiseCovariance]:
+    """Estimate each channel's noise covariances from runs of successive frames of one level.
 
     The difference of two frames contains no fixed pattern. Its part in proportion to the mean of the two, a change of
     the light, is subtracted. The covariance that a row shares is that with the far pixels of a row, and likewise for
@@ -117,8 +127,8 @@ def noise_covariances(pairs: Iterable[FramePair], tile: NDArray[np.int64]) -> li
 
     Parameters
     ----------
-    pairs
-        Pairs of frames of one shape.
+    runs
+        Runs of two or more frames of one shape; the frames of a run are taken in pairs, and together.
     tile
         The repeating tile of channel indices.
 
@@ -141,19 +151,23 @@ def noise_covariances(pairs: Iterable[FramePair], tile: NDArray[np.int64]) -> li
     products, squares, counts = np.zeros((3, channels, span, span))
     again = np.zeros((channels, span, span))
     means: list[list[_RowMeans]] = [[] for _ in range(channels)]
-    for first, second in pairs:
-        planes = _difference_planes(first, second, tile.shape)
-        variance = {phase: plane.var() for phase, plane in planes.items()}
-        for phase in planes:
-            k = tile[phase]
-            means[k].append(_RowMeans.of(planes[phase]))
-            for dy, dx, covariance, count, other in _lagged(planes, phase, tile.shape):
-                place = k, dy + REACH, dx + REACH
-                weight = variance[phase] * variance[other] * count
-                products[place] += covariance * count
-                squares[place] += weight
-                counts[place] += count
-                again[place] += weight * (tile[other] == k)
+    between = [FrameProducts() for _ in range(channels)]
+    for run in runs:
+        for (r, c), k in np.ndenumerate(tile):
+            between[k].add([dn[r :: tile.shape[0], c :: tile.shape[1]] for dn in run])
+        for first, second in zip(run[::2], run[1::2], strict=False):
+            planes = _difference_planes(first, second, tile.shape)
+            variance = {phase: plane.var() for phase, plane in planes.items()}
+            for phase in planes:
+                k = tile[phase]
+                means[k].append(_RowMeans.of(planes[phase]))
+                for dy, dx, covariance, count, other in _lagged(planes, phase, tile.shape):
+                    place = k, dy + REACH, dx + REACH
+                    weight = variance[phase] * variance[other] * count
+                    products[place] += covariance * count
+                    squares[place] += weight
+                    counts[place] += count
+                    again[place] += weight * (tile[other] == k)
     # A difference has twice the covariance of a frame. Within a channel, opposite lags have the same products.
     result = []
     for k in range(channels):
@@ -163,7 +177,11 @@ def noise_covariances(pairs: Iterable[FramePair], tile: NDArray[np.int64]) -> li
         # Crosstalk along a row adds to the variance of its mean.
         row, row_uncertainty = _row_noise(means[k], float(covariance[REACH].sum()))
         period = _row_period(means[k], tile.shape[0])
-        result.append(NoiseCovariance(covariance, uncertainty, 0.5 * float(of_sum), row, row_uncertainty, period))
+        result.append(
+            NoiseCovariance(
+                covariance, uncertainty, 0.5 * float(of_sum), row, row_uncertainty, period, between[k].covariance()
+            )
+        )
     return result
 
 
@@ -279,108 +297,171 @@ def _line_products(
 
 
 @dataclass(frozen=True)
+class SharedCharge:
+    """What photon transfer of a channel lacks because charge is shared.
+
+    Parameters
+    ----------
+    factor
+        Summed covariance of the shot noise over its variance.
+    between_frames
+        (FRAME_REACH,) correlation of the shot noise with that of the next frames; empty where there is none.
+    """
+
+    factor: Uncertain
+    between_frames: NDArray[np.float64]
+
+    def factors(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (levels,) summed covariance over the variance that so many successive frames of a level show.
+
+        Frames that are alike scatter less about their own mean.
+        """
+        lost = np.zeros(len(frames))
+        for lag, correlation in enumerate(self.between_frames, 1):
+            lost += 2.0 * correlation * np.maximum(frames - lag, 0.0) / (frames * np.maximum(frames - 1.0, 1.0))
+        return np.asarray(self.factor.value / (1.0 - lost))
+
+
+@dataclass(frozen=True)
 class SharedNoise:
     """Correlated shot noise of the light frames.
 
     Parameters
     ----------
-    correlation
-        Correlation with the next pixel of the row and of the column, the mean over the channels.
-    factors
-        Per channel: summed covariance of the shot noise over its variance, by which photon transfer is corrected, or
-        why it cannot be.
+    neighbors
+        Correlation with the next pixel of the row and of the column, the mean over the channels; None within chance.
+    frames
+        Correlation with the same pixel of the next frame; None within chance.
+    charge
+        By channel, what corrects photon transfer; or why the noise of the frames is not the sensor's.
     """
 
-    correlation: tuple[float, float]
-    factors: tuple[Value, ...]
-
-    @property
-    def filtered(self) -> Missing | None:
-        """Why the noise of the frames is not the sensor's; None where it is."""
-        return next((factor for factor in self.factors if isinstance(factor, Missing)), None)
+    neighbors: tuple[float, float] | None
+    frames: float | None
+    charge: tuple[SharedCharge, ...] | Missing
 
     def __str__(self) -> str:
-        known = [factor.value for factor in self.factors if isinstance(factor, Uncertain)]
-        if self.filtered is not None:
-            return (
-                f"{self.filtered.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
-            )
+        if isinstance(self.charge, Missing):
+            return f"{self.charge.reason}; system gain, read noise, DSNU, PRNU and what follows from them are withheld"
+        causes = []
+        if self.neighbors is not None:
+            causes.append("pixels share charge (crosstalk, interpixel capacitance or diffusion)")
+        if self.frames is not None:
+            causes.append("charge stays for the next frame (image lag)")
+        above = 100.0 * (float(np.mean([entry.factor.value for entry in self.charge])) - 1.0)
+        after = "; DSNU and PRNU are those of the frames, after the sharing" if self.neighbors is not None else ""
         return (
-            f"the shot noise of neighboring pixels is correlated, {describe(self.correlation)}, and the dark noise is "
-            f"not: pixels share charge (crosstalk, interpixel capacitance or diffusion). The system gain comes from "
-            f"summed covariances, {100 * (float(np.mean(known)) - 1):.2g} % above that from variances; DSNU and PRNU "
-            f"are those of the frames, after the sharing"
+            f"{_seen(self.neighbors, self.frames)}, and the dark noise is not: {' and '.join(causes)}. The system gain "
+            f"comes from summed covariances, {above:.2g} % above that from variances{after}"
         )
 
 
 def find_shared_noise(light: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance]) -> SharedNoise | None:
-    """Return how the shot noise of neighboring pixels is correlated; None where it is independent within chance.
+    """Return how shot noise is correlated between pixels and between frames; None where it is not, within chance.
 
     Parameters
     ----------
     light, dark
-        Noise covariances of the channels in flats and in dark frames.
+        Noise covariances of the channels in flat fields and in dark frames.
     """
     shot = [a - b for a, b in zip(light, dark, strict=True)]
     if any(entry.variance <= 0.0 for entry in shot):
         return None
-    scores = np.abs(np.concatenate([entry.scores() for entry in shot]))
-    if scores.max() < NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / scores.size):
+    scores = np.abs([entry.scores() for entry in shot])
+    limit = NormalDist().inv_cdf(1.0 - 0.5 * BY_CHANCE / scores.size)
+    if scores.max() < limit:
         return None
-    middle = REACH
-    correlation = tuple(
-        float(np.mean([entry.covariance[place] / entry.variance for entry in shot]))
-        for place in ((middle, middle + 1), (middle + 1, middle))
-    )
-    reason = _why_not_charge(shot, dark, correlation)
-    factors: list[Value] = []
-    for entry in shot:
-        share = float(entry.of_neighbors.sum()) / entry.variance
-        factors.append(reason or Uncertain.of(1.0 + share, entry.sum_uncertainty / entry.variance))
-    return SharedNoise((correlation[0], correlation[1]), tuple(factors))
+    of_neighbors, of_frames = np.split(scores, [1 + len(shot[0].of_neighbors)], axis=1)
+    neighbors = frames = None
+    if of_neighbors.max() >= limit:
+        across, down = (
+            float(np.mean([entry.covariance[place] / entry.variance for entry in shot]))
+            for place in ((REACH, REACH + 1), (REACH + 1, REACH))
+        )
+        neighbors = across, down
+    if of_frames.max(initial=0.0) >= limit:
+        frames = float(np.mean([entry.frames.values[0] / entry.variance for entry in shot]))
+    kinds = neighbors is not None, frames is not None
+    why = _why_not_charge(shot, dark, neighbors, frames)
+    return SharedNoise(neighbors, frames, why or tuple(_shared_charge(entry, *kinds) for entry in shot))
 
 
-def describe(correlation: Sequence[float]) -> str:
-    """Return the correlations with the next pixels in words."""
-    return f"by {correlation[0]:.2g} in rows and {correlation[1]:.2g} in columns"
+def _shared_charge(shot: NoiseCovariance, neighbors: bool, frames: bool) -> SharedCharge:
+    """Return the correction by the covariances with the neighbors, the next frames, or both."""
+    total = Uncertain(1.0)
+    if neighbors:
+        total += Uncertain.of(float(shot.of_neighbors.sum()), shot.sum_uncertainty) / shot.variance
+    if not frames:
+        return SharedCharge(total, np.empty(0))
+    total += Uncertain.of(2.0 * float(shot.frames.values.sum()), 2.0 * shot.frames.sum_uncertainty) / shot.variance
+    return SharedCharge(total, shot.frames.values / shot.variance)
+
+
+def _seen(neighbors: tuple[float, float] | None, frames: float | None) -> str:
+    """Return the correlations in words."""
+    seen = []
+    if neighbors is not None:
+        seen.append(f"neighboring pixels by {neighbors[0]:.2g} in rows and {neighbors[1]:.2g} in columns")
+    if frames is not None:
+        seen.append(f"successive frames by {frames:.2g}")
+    return f"the noise is correlated between {' and between '.join(seen)}"
 
 
 def _why_not_charge(
-    shot: Sequence[NoiseCovariance], dark: Sequence[NoiseCovariance], correlation: Sequence[float]
+    shot: Sequence[NoiseCovariance],
+    dark: Sequence[NoiseCovariance],
+    neighbors: tuple[float, float] | None,
+    frames: float | None,
 ) -> Missing | None:
     """Return why the correlation may come from a filter: the dark noise has it too, or may have it."""
-    of_shot = np.concatenate([entry.of_neighbors / entry.variance for entry in shot])
+    seen = _seen(neighbors, frames)
+    if frames is not None and frames < 0.0:
+        return Missing(f"{seen}, which image lag does not explain: the noise is not the sensor's")
     noise = [entry.variance - QUANTISATION_DN2 for entry in dark]
-    seen = f"the noise of neighboring pixels is correlated, {describe(correlation)}"
     if min(noise) <= QUANTISATION_DN2:
         return Missing(f"{seen}, and rounding hides whether the dark noise is too, as after a filter in the camera")
-    of_dark = np.concatenate([entry.of_neighbors / v for entry, v in zip(dark, noise, strict=True)])
-    u_dark = np.concatenate([_without_middle(entry.uncertainty) / v for entry, v in zip(dark, noise, strict=True)])
+
+    def chosen(of_neighbors: NDArray[np.float64], of_frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.append(of_neighbors if neighbors is not None else [], of_frames if frames is not None else [])
+
+    of_shot = np.concatenate([chosen(entry.of_neighbors, entry.frames.values) / entry.variance for entry in shot])
+    of_dark, u_dark = (
+        np.concatenate([values / variance for values, variance in zip(each, noise, strict=True)])
+        for each in (
+            [chosen(entry.of_neighbors, entry.frames.values) for entry in dark],
+            # Opposite lags of a channel have the same products, which doubles the variance of their sum.
+            [chosen(math.sqrt(2.0) * _without_middle(entry.uncertainty), entry.frames.uncertainty) for entry in dark],
+        )
+    )
     power = float(of_shot @ of_shot)
     share = float(of_shot @ of_dark) / power
-    uncertainty = float(np.sqrt(2.0 * np.sum((of_shot * u_dark) ** 2))) / power
+    uncertainty = float(np.sqrt(np.sum((of_shot * u_dark) ** 2))) / power
     if share + FAR_APART * uncertainty < FILTER_SHARE:
         return None
     if share - FAR_APART * uncertainty < FILTER_SHARE:
         return Missing(f"{seen}, and too few dark frames show whether a filter in the camera is the cause")
+    causes = []
+    if neighbors is not None:
+        causes.append("noise reduction, sharpening, lossy compression, demosaicing or rescaling")
+    if frames is not None:
+        causes.append("noise reduction over time, or copies of frames with small changes")
     return Missing(
-        f"{seen}, in dark frames as in flat fields: the frames were filtered (noise reduction, sharpening, lossy "
-        f"compression, demosaicing or rescaling) before they were saved, and their noise is not the sensor's"
+        f"{seen}, in dark frames as in flat fields: the frames were processed before they were saved "
+        f"({'; '.join(causes)}), and their noise is not the sensor's"
     )
 
 
 def gain_by_summed_covariance(
-    channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], factors: Sequence[Value]
+    channels: Sequence[LightLevels], used: Sequence[NDArray[np.bool_]], charge: Sequence[SharedCharge]
 ) -> Value:
-    """Return K in DN/e- from the variances multiplied by the factors of `SharedNoise`, or why it is missing.
+    """Return K in DN/e- from the summed covariances of the shot noise.
 
     The channels share pixel pairs, so the relative uncertainties of their factors count as one.
     """
-    known = [factor for factor in factors if isinstance(factor, Uncertain)]
-    if len(known) < len(factors):
-        return next(factor for factor in factors if isinstance(factor, Missing))
-    scaled = [levels.with_variances(factor.value) for levels, factor in zip(channels, known, strict=True)]
+    scaled = [
+        levels.with_variances(entry.factors(levels.frames)) for levels, entry in zip(channels, charge, strict=True)
+    ]
     gain = gain_value(fit_gain(scaled, used))
     if isinstance(gain, Missing):
         return gain
-    return gain * Uncertain.of(1.0, float(np.mean([factor.relative for factor in known])))
+    return gain * Uncertain.of(1.0, float(np.mean([entry.factor.relative for entry in charge])))

@@ -138,6 +138,10 @@ class FrameReader:
             return mean
         return self.sums(group).mean_frame()
 
+    def used_sources(self, group: FrameGroup) -> list[FrameSource]:
+        """Return the frames of a group that entered its sums, in their order."""
+        return [group.frames[i] for i in self._used[id(group)]]
+
     def _unread(self, group: FrameGroup) -> tuple[FrameSource, ...]:
         """Return the frames of a group that the checkpoint does not contain."""
         saved = None if self._checkpoint is None else self._checkpoint.load(group)
