@@ -192,7 +192,7 @@ def expose_pixel(photo_e: float, pixel: Pixel, r: int, c: int, exposure: Exposur
 @compiled(inline=True)
 def _row_from(values: NDArray[Any], r: int, c: int, constant: NDArray[Any]) -> NDArray[Any]:
     """Return a row of a map from a column on; a row of `_constant` if the map has shape (1, 1)."""
-    return constant if values.shape[1] == 1 else values[r, c:]
+    return constant if values.shape[0] == 1 and values.shape[1] == 1 else values[r, c:]
 
 
 @compiled()

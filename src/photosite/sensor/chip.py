@@ -70,8 +70,10 @@ def draw_chip(sensor: Sensor) -> Chip:
         sensor.electrons(noise.dsnu_mv.value),
         noise.dcnu_percent.value / 100 if noise.dark_voltage_mv_per_s.value else 0.0,
     )
-    shapes = [(array.rows, array.cols) if spread else (1, 1) for spread in spreads]
-    prnu, dsnu, dark = (_deviates(sensor.serial, *shape, word) for word, shape in enumerate(shapes))
+    prnu, dsnu, dark = (
+        _deviates(sensor.serial, array.rows, array.cols, word) if spread else np.zeros((1, 1), np.int16)
+        for word, spread in enumerate(spreads)
+    )
     log_spread = math.sqrt(math.log1p(spreads[_DARK_CURRENT] ** 2))
     rate = np.multiply(dark, np.float32(log_spread * DEVIATE_STEP), dtype=np.float32)
     rate -= np.float32(log_spread**2 / 2)
@@ -83,9 +85,7 @@ def draw_chip(sensor: Sensor) -> Chip:
 # Six maps: two chips with all three patterns.
 @lru_cache(maxsize=6)
 def _deviates(serial: str, rows: int, cols: int, word: int) -> NDArray[np.int16]:
-    """Return the normal deviates of a serial's pattern in units of DEVIATE_STEP; a single 0 for shape (1, 1)."""
-    if (rows, cols) == (1, 1):
-        return np.zeros((1, 1), np.int16)
+    """Return the normal deviates of a serial's pattern in units of DEVIATE_STEP."""
     key = int.from_bytes(hashlib.sha256(serial.encode()).digest()[:8], "little")
     with threads_for(rows * cols):
         deviates = normal_deviates(rows, cols, word, *key_from_seed(key))

@@ -1,0 +1,68 @@
+"""Frames of a sensor: every rectangle is bit-identical to that part of the whole frame."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from virtual_chips import drawn_maps, plant_blinking
+
+from photosite.sensor.chip import draw_chip
+from photosite.sensor.io.sensor_file import load_sensor
+from photosite.sensor.readout import digital_numbers
+
+SENSOR = load_sensor("nikon-d200").with_(
+    black_level_dn=64, dark_voltage_mv_per_s=0.5, dcnu_percent=20.0, dsnu_mv=2.0, prnu_percent=5.0
+)
+
+
+def rectangles(rows: int, cols: int) -> list[tuple[int, int, int, int]]:
+    ends = [[(a, b) for a in range(length) for b in range(a + 1, length + 1)] for length in (rows, cols)]
+    return [(*down, *across) for down, across in product(*ends)]
+
+
+@pytest.mark.parametrize("flat", [(), ("dsnu_mv",), ("prnu_percent", "dark_voltage_mv_per_s")])
+@pytest.mark.parametrize("shape", [(6, 5), (1, 7), (7, 1), (1, 1)])
+def test_every_rectangle_of_a_drawn_chip(shape: tuple[int, int], flat: tuple[str, ...]) -> None:
+    sensor = SENSOR.with_(rows=shape[0], cols=shape[1], **dict.fromkeys(flat, 0.0))
+    photo = np.linspace(0.0, 2000.0, shape[0] * shape[1], dtype=np.float32).reshape(shape)
+    whole = digital_numbers(sensor, photo, 0.5, seed=5, frame=2)
+    for region in rectangles(*shape):
+        r0, r1, c0, c1 = region
+        part = digital_numbers(sensor, photo, 0.5, seed=5, frame=2, region=region)
+        np.testing.assert_array_equal(part, whole[r0:r1, c0:c1], err_msg=str(region))
+
+
+def test_every_rectangle_of_a_measured_chip(tmp_path: Path) -> None:
+    sensor = SENSOR.with_(rows=6, cols=5)
+    chip = plant_blinking(drawn_maps(sensor), np.full(4, 60.0), np.full(4, 0.5))
+    sensor = sensor.with_(maps=chip.save(tmp_path / "a.maps.h5"))
+    photo = np.linspace(0.0, 2000.0, 30, dtype=np.float32).reshape(6, 5)
+    whole = digital_numbers(sensor, photo, 0.5, seed=5, frame=2)
+    for region in rectangles(6, 5):
+        r0, r1, c0, c1 = region
+        part = digital_numbers(sensor, photo, 0.5, seed=5, frame=2, region=region)
+        np.testing.assert_array_equal(part, whole[r0:r1, c0:c1], err_msg=str(region))
+
+
+@pytest.mark.parametrize("c0", [0, 1, 1000, 1023, 1024, 1025, 2048, 2099])
+@pytest.mark.parametrize("width", [1, 2, 1023, 1024, 1025])
+def test_columns_of_a_wide_chip(c0: int, width: int) -> None:
+    """Rows are computed in runs of 1024 pixels."""
+    sensor = SENSOR.with_(rows=2, cols=2100)
+    c1 = min(c0 + width, 2100)
+    photo = np.full((2, 2100), 500.0, np.float32)
+    whole = digital_numbers(sensor, photo, 0.5, seed=5)
+    np.testing.assert_array_equal(digital_numbers(sensor, photo, 0.5, seed=5, region=(0, 2, c0, c1)), whole[:, c0:c1])
+
+
+@pytest.mark.parametrize("shape", [(40, 1), (1, 40), (1, 1)])
+def test_a_chip_of_one_column_or_row_has_its_fixed_pattern(shape: tuple[int, int]) -> None:
+    quiet = {"read_noise_mv": 0.0, "dark_voltage_mv_per_s": 0.0, "dsnu_mv": 20.0}
+    sensor = SENSOR.with_(rows=shape[0], cols=shape[1], **quiet)
+    offset_dn = draw_chip(sensor).offset_e.map().astype(np.float64) * sensor.system_gain_dn_per_e
+    assert np.all(offset_dn != 0.0)
+    found = digital_numbers(sensor, np.zeros(shape, np.float32), 0.5, seed=5)
+    np.testing.assert_array_equal(found, np.clip(np.floor(64.5 + offset_dn), 0, 4095))
