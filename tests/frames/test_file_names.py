@@ -33,6 +33,21 @@ def settings(*names):
         ("flat_10_ms", 0.01),
         ("10ms", 0.01),
         ("flat_10ms_again_10ms", 0.01),
+        ("dark_0,5s_1", 0.5),
+        ("dark_1,5s", 1.5),
+        ("dark_0,125s", 0.125),
+        ("dark 2,50ms", 0.0025),
+        ("t=0,04s", 0.04),
+        ("flat_1,5e-3s", 0.0015),
+        ("flat_10ms,iso400", 0.01),
+        ("flat,10ms", 0.01),
+        ("dark_01_30s", 30.0),
+        ("dark_11_30s", 30.0),
+        ("dark_1_0.5s", 0.5),
+        ("dark_1_30ms", 0.03),
+        ("dark_30s_1", 30.0),
+        ("dark_1_1s", 1.0),
+        ("flat_1e999999999s", None),
         ("b_000_snap_001", None),
         ("flats10", None),
         ("IMG_2024s3", None),
@@ -45,11 +60,34 @@ def test_exposures(name, exposure_s):
     assert settings(name).exposure_s == exposure_s
 
 
-@pytest.mark.parametrize("name", ["flat_10ms_20ms", "run-1-30s"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "flat_10ms_20ms",
+        "run-1-30s",  # 1/30 s, or run 1 at 30 s
+        "1_8000s",
+        "dark_1_8000s_001",
+        "dark 1 30sec",
+        "dark0,5s",  # 0.5 s, or dark0 at 5 s
+        "iso400,10ms",
+        "gain_2,10ms",  # gain 2 at 10 ms, or 2.1 ms
+        "dark_1,500ms",  # 1.5 or 1500 ms
+    ],
+)
 def test_ambiguous_exposures(name):
-    """run-1-30s can be 1/30 s, or run 1 at 30 s."""
     with raises(FileError, f"the name '{name}' states two exposure times"):
         settings(name)
+
+
+@pytest.mark.parametrize("name", ["iso1,600", "gain_2_iso_400"])
+def test_ambiguous_gains(name):
+    with raises(FileError, f"the name '{name}' states two gain settings"):
+        settings(name)
+
+
+def test_settings_that_the_metadata_state_are_not_searched_for():
+    known = FrameSettings(exposure_s=1 / 8000)
+    assert settings_from_names(Path("x"), ["dark_1_8000s_iso100"], known) == FrameSettings("dark", gain_setting=100.0)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +98,9 @@ def test_ambiguous_exposures(name):
         ("iso-100", 100.0),
         ("gain_2.5_dark", 2.5),
         ("gain12dB", 12.0),
+        ("gain_2,5", 2.5),
+        ("gain_2,5_dark_0,5s", 2.5),
+        ("iso_1600,dark", 1600.0),
         ("again3", None),
         ("iso", None),
         ("isolated_400", None),
@@ -71,7 +112,14 @@ def test_gains(name, gain):
 
 @pytest.mark.parametrize(
     ("name", "celsius"),
-    [("dark_-10C_1", -10.0), ("dark_21.5degC", 21.5), ("temp20c", 20.0), ("dark-10C", None), ("abc", None)],
+    [
+        ("dark_-10C_1", -10.0),
+        ("dark_-10,5C_1", -10.5),
+        ("dark_21.5degC", 21.5),
+        ("temp20c", 20.0),
+        ("dark-10C", None),
+        ("abc", None),
+    ],
 )
 def test_temperatures(name, celsius):
     """A hyphen after a word can be a minus or not, so the number is ignored."""

@@ -141,15 +141,13 @@ def _open(file: FrameFile) -> Iterator[_OpenedFrame]:
     """Yield each frame of a file, with settings from its listing, else its metadata, else its names."""
     for header in read_headers(file.path):
         frame = replace(file, location=header.location)
-        from_header = header.settings
-        from_names = FrameSettings()
         if file.names:
+            settings = file.settings.or_else(header.settings)
             part = header.location.part if header.location else ""
             parts = part.split("/")[::-1] if isinstance(part, str) else []
-            from_names = settings_from_names(Path(frame.name), (*parts, *file.names))
+            settings = settings.or_else(settings_from_names(Path(frame.name), (*parts, *file.names), settings))
         else:
-            from_header = replace(from_header, photons_per_pixel=None)
-        settings = file.settings.or_else(from_header).or_else(from_names)
+            settings = file.settings.or_else(replace(header.settings, photons_per_pixel=None))
         if settings.exposure_s is None:
             sources = "file and name do" if file.names else "file does"
             raise frame.error(f"the {sources} not state the exposure time", hint=EXPOSURE_HINT)
