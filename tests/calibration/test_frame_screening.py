@@ -1,6 +1,6 @@
 """Half-read, black, white and lit frames are left out or refused; drifting lamps and saturation are accepted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -170,6 +170,33 @@ def test_the_grid_samples_all_phases_of_a_mosaic_and_all_pixels_of_small_frames(
     assert rows.max() < 65
     assert cols.ravel().tolist() == list(range(7))
     assert len(sample_grid((3000, 4000), 30_000)[0]) < SIDE
+
+
+@pytest.mark.parametrize("cfa", [(("mono",),), (("R", "G"), ("G", "B"))])
+def test_frames_clipped_at_a_constant_below_full_scale_are_no_copies(cfa: tuple[tuple[str, ...], ...]) -> None:
+    """Fully clipped frames are equal in every pixel; the gain then needs the saturation that they show."""
+    rng = np.random.default_rng(31)
+    clip = rng.integers(2800, 3300, (len(cfa), len(cfa[0])))
+    clip[0, -1] = clip[-1, 0]  # both green pixels
+    top = np.tile(clip, (ROWS // len(cfa), COLS // len(cfa[0])))
+    chip = Chip(31)
+    frames = {key: [np.minimum(dn, top).astype(np.uint16) for dn in stack] for key, stack in chip.frames().items()}
+    brightest = frames["light", 0.012]
+    assert np.array_equal(brightest[0], brightest[1])
+    calibration = calibrate(replace(frame_set(frames), cfa=cfa))
+    assert calibration.rejected == ()
+    low, high = calibration.system_gain_dn_per_e.interval_95
+    assert low <= 0.5 <= high
+    assert calibration.saturation_dn.value == pytest.approx(top.mean(), abs=0.1)
+    low, high = calibration.prnu_percent.interval_95
+    assert low <= 100.0 * chip.light.std() / chip.light.mean() <= high
+
+
+def test_copies_of_flat_fields_are_left_out() -> None:
+    frames = Chip(32).frames()
+    frames[STACK][5] = frames[STACK][3]
+    calibration = calibrate(frame_set(frames))
+    assert calibration.rejected == ("light-0.006-5 repeats light-0.006-3 pixel for pixel (light frames at 0.006 s)",)
 
 
 @pytest.mark.parametrize("fails_at", [12, 34])

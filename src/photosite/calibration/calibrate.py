@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from os import PathLike
 
@@ -53,7 +54,8 @@ def calibrate(
         again, and the count starts again for the maps.
     checkpoint
         Folder for intermediate sums, three times the size of a frame per exposure. An interrupted run resumes from it
-        with bit-identical results when it is called again with the same frames. The files are removed at the end.
+        with bit-identical results when it is called again with the same frames. The files are removed at the end. One
+        run at a time may use the folder.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def calibrate(
         If the frames cannot support a calibration, for example: several gain settings, one exposure time, no repeated
         dark frames, black levels clipped too far, flat fields that contradict the stated light or bit depth.
     FileError
-        If a frame cannot be read or has another size, or the checkpoint folder holds other files.
+        If a frame cannot be read or has another size, or the checkpoint folder holds other files or is in use.
     InputError
         If `frames` is not a FrameSet, or `sensor` cannot have taken these frames.
 
@@ -86,20 +88,20 @@ def calibrate(
     (True, 'the photons per pixel are not known; give them in a descriptor or a protocol')
     """
     sensor = check_frame_set(frames, sensor)
-    saved = None if checkpoint is None else Checkpoint(checkpoint, frames)
-    with FrameReader(frames, progress, saved) as reader:
-        reduction = reduce_frames(reader)
-        check_levels(reduction)
-        dark = measure_dark_frames(reduction, reader)
-        noise = measure_noise_structure(reduction, reader)
-        light = measure_light_frames(reduction, dark, noise, reader)
-        check_channels(reduction, light.channels)
-        patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
-    calibration = assemble(reduction, dark, light, patterns, sensor)
-    if maps:
-        calibration = _with_maps(frames, calibration, progress)
-    if saved is not None:
-        saved.remove()
+    with nullcontext() if checkpoint is None else Checkpoint(checkpoint, frames) as saved:
+        with FrameReader(frames, progress, saved) as reader:
+            reduction = reduce_frames(reader)
+            check_levels(reduction)
+            dark = measure_dark_frames(reduction, reader)
+            noise = measure_noise_structure(reduction, reader)
+            light = measure_light_frames(reduction, dark, noise, reader)
+            check_channels(reduction, light.channels)
+            patterns = measure_fixed_pattern(reduction, dark, light, reader, outliers)
+        calibration = assemble(reduction, dark, light, patterns, sensor)
+        if maps:
+            calibration = _with_maps(frames, calibration, progress)
+        if saved is not None:
+            saved.remove()
     return calibration
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +31,14 @@ class FrameSource:
         Returns the (rows, cols) uint16 digital numbers; each call reads the file again.
     thread_safe
         Whether several threads may call the `read` of different frames at the same time.
+    path
+        The file that `read` reads; None for a frame in memory.
     """
 
     name: str
     read: Callable[[], NDArray[np.uint16]]
     thread_safe: bool = False
+    path: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
         cfa = properties.sensor.array.cfa if cfa is None else cfa
         _check_sensor(source, properties.sensor, bits, cfa)
     sources = [
-        FrameSource(f.file.name, partial(_read, f.file.path, f.file.location, bits, cfa, shape), thread_safe=True)
+        FrameSource(f.file.name, partial(_read, f.file.path, f.file.location, bits, cfa, shape), True, path=f.file.path)
         for f in frames
     ]
     listed = [f.file.settings for f in frames]

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +20,45 @@ from photosite.calibration.reduction.groups import group_label
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import FileError
 from photosite.files.atomic import atomic_path
-from photosite.frames.frame_set import FrameGroup, FrameSet
+from photosite.files.lock import FolderLock
+from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 
-_VERSION = 3
+_VERSION = 4
 SAVE_EVERY_S = 20.0
 """Seconds of work that an interruption may lose; a finished group is saved at once."""
+
+
+SETTLED_NS = 2_000_000_000
+"""Age of a file from which its times identify its content: file systems round them, to 2 s at most (FAT)."""
+
+
+class FrameIdentity(NamedTuple):
+    """What identifies a frame that was read: the `file_stamp` before, and the SHA-256 of its digital numbers."""
+
+    stamp: tuple[int, ...] | None
+    sha256: str
+
+
+def file_stamp(source: FrameSource) -> tuple[int, ...] | None:
+    """Return size, times and number of a frame's file; None where they do not identify its content.
+
+    The system sets the time of change whenever content or times are written, so that an equal stamp means an unchanged
+    file. Frames in memory have no stamp, nor do files that have just changed. On Windows, where programs can restore
+    all times, no file has one.
+    """
+    if source.path is None or os.name == "nt":
+        return None
+    try:
+        found = os.stat(source.path)
+    except OSError:
+        return None
+    settled = time.time_ns() - max(found.st_ctime_ns, found.st_mtime_ns) > SETTLED_NS
+    return (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino) if settled else None
+
+
+def identity(stamp: tuple[int, ...] | None, dn: NDArray[np.unsignedinteger]) -> FrameIdentity:
+    """Return the identity of a frame that was read after its stamp was taken."""
+    return FrameIdentity(stamp, hashlib.sha256(np.ascontiguousarray(dn).data).hexdigest())
 
 
 @dataclass
@@ -28,6 +66,7 @@ class FirstPass:
     """How far the first pass over a group got."""
 
     read: int = 0  # number of frames read, in the order of the group
+    identities: list[FrameIdentity] = field(default_factory=list)  # of the frames read
     used: list[int] = field(default_factory=list)  # indices of those that are not repeats
     digests: list[str] = field(default_factory=list)  # of the sampled rows of each used frame
     rejected: list[str] = field(default_factory=list)  # reasons for the others
@@ -40,12 +79,13 @@ class Checkpoint:
     """A folder with one file of exact sums per group of a frame set.
 
     A run that resumes from it gives bit-identical results. The files are bound to the frames by their names, their size
-    and the totals of the first and the last frame summed. The folder is created if it does not exist.
+    and the identity of every frame that was read. The folder is created if it does not exist. It is
+    locked until the end of its `with` statement.
 
     Raises
     ------
     FileError
-        If the folder cannot be created, or holds other files.
+        If the folder cannot be created, holds other files, or is in use by another run.
     """
 
     def __init__(self, folder: str | PathLike[str], frames: FrameSet) -> None:
@@ -60,6 +100,15 @@ class Checkpoint:
         others = sorted(p.name for p in self.folder.iterdir() if not p.name.startswith((".", "sums-")))
         if others:
             raise FileError(folder, f"the folder holds {others[0]}", hint="Use an empty folder for the checkpoint")
+        self._lock = FolderLock(self.folder)
+
+    def __enter__(self) -> Checkpoint:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lock.release()
 
     def due(self) -> bool:
         """Return whether the sums should be saved again."""
@@ -93,7 +142,11 @@ class Checkpoint:
                     sums.restore({name: np.asarray(file[name]) for name in file})
                 if same:
                     tops, samples = tuple((a, b) for a, b in note["tops"]), list(np.asarray(file["samples"]))
-                    found = FirstPass(**note | {"tops": tops, "samples": samples})
+                    identities = [
+                        FrameIdentity(None if stamp is None else tuple(stamp), sha256)
+                        for stamp, sha256 in note["identities"]
+                    ]
+                    found = FirstPass(**note | {"tops": tops, "samples": samples, "identities": identities})
         except (OSError, KeyError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise FileError(path, f"the file holds no checkpoint, or is damaged ({reason})", hint="Remove it") from None
@@ -103,25 +156,14 @@ class Checkpoint:
                 f"the file belongs to other frames than {group_label(group)} of {self._frames.source}",
                 hint="Remove the folder, or use another one for the checkpoint",
             )
-        if sums is not None:
-            self._check_unchanged(group, sums.frame_totals(), found)
         return found
 
-    def _check_unchanged(self, group: FrameGroup, totals: list[int], found: FirstPass) -> None:
-        for place in sorted({0, len(found.used) - 1}) if found.used else ():
-            source = group.frames[found.used[place]]
-            if int(source.read().sum(dtype=np.uint64)) != totals[place]:
-                raise FileError(
-                    source.name,
-                    "the frame has changed since its sums were saved",
-                    hint=f"Remove the folder {self.folder} and start again",
-                )
-
     def remove(self) -> None:
-        """Remove the files, and the folder if it is then empty."""
+        """Remove the files, release the folder, and remove it if it is then empty."""
         for path in self._files.values():
             path.unlink(missing_ok=True)
-        if not any(self.folder.iterdir()):
+        self._lock.release()
+        with suppress(OSError):
             self.folder.rmdir()
 
     def _identity(self, group: FrameGroup) -> str:

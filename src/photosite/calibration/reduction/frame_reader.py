@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.checks.frame_screening import find_outlier_frames, sample_grid, top_value_shares
-from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass
+from photosite.calibration.reduction.checkpoint import Checkpoint, FirstPass, FrameIdentity, file_stamp, identity
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.engine.frame_sums import FrameSums, MeanFrame
@@ -24,8 +25,14 @@ from photosite.frames.frame_set import FrameGroup, FrameSet, FrameSource
 Progress = Callable[[int, int], None]
 """Called with (frames read, frames to read) after each frame."""
 
-_Read = tuple[FrameSource, NDArray[np.unsignedinteger]]
-"""A frame that was read: its source and its (rows, cols) digital numbers."""
+
+class _Read(NamedTuple):
+    """A frame that was read: its source, its (rows, cols) digital numbers and, for a checkpoint, its identity."""
+
+    source: FrameSource
+    dn: NDArray[np.unsignedinteger]
+    identity: FrameIdentity | None = None
+
 
 _TOGETHER, _TOGETHER_BYTES = 8, 160 << 20
 """Frames added to the sums in one pass, and their memory limit."""
@@ -75,7 +82,8 @@ class FrameReader:
         order = (*frames.of_kind("dark"), *frames.of_kind("light"))
         self._order = iter(order)
         self._checkpoint = checkpoint
-        self._first_pass = self._read_ahead(source for group in order for source in self._unread(group))
+        unread = (source for group in order for source in self._unread(group))
+        self._first_pass = self._read_ahead(unread, identify=checkpoint is not None)
         self._sums: FrameSums | None = None
 
     def __enter__(self) -> FrameReader:
@@ -104,6 +112,8 @@ class FrameReader:
             return result
         assert next(self._order) is group, "the first pass follows the order of the set"
         saved = None if self._checkpoint is None else self._checkpoint.load(group, result)
+        if saved is not None:
+            self._check_unchanged(group, saved)
         first = saved or FirstPass()
         self.rejected += first.rejected
         self._count(first.read)
@@ -147,6 +157,22 @@ class FrameReader:
         saved = None if self._checkpoint is None else self._checkpoint.load(group)
         return group.frames[saved.read if saved else 0 :]
 
+    def _check_unchanged(self, group: FrameGroup, first: FirstPass) -> None:
+        """Raise an error if a frame of the checkpoint has changed; frames are read where the stamp does not tell."""
+        doubtful = [
+            (source, known.sha256)
+            for source, known in zip(group.frames, first.identities, strict=False)
+            if known.stamp is None or known.stamp != file_stamp(source)
+        ]
+        reads = self._read_ahead((source for source, _ in doubtful), identify=True)
+        for (source, sha256), read in zip(doubtful, reads, strict=True):
+            if read.identity is None or read.identity.sha256 != sha256:
+                raise FileError(
+                    source.name,
+                    "the frame has changed since its sums were saved",
+                    hint="Remove the checkpoint folder and start again",
+                )
+
     def _screen(self, group: FrameGroup, first: FirstPass, sums: FrameSums) -> None:
         """Leave outlier frames out of a group's sums."""
         if outliers := find_outlier_frames(first.samples, self._dark_dn):
@@ -178,15 +204,17 @@ class FrameReader:
     def _new(self, group: FrameGroup, first: FirstPass) -> Iterator[_Read]:
         """Read the remaining frames of a group in the first pass, and leave repeats out."""
         grid = sample_grid(self._shape, len(group))
-        for source, dn in islice(self._first_pass, len(group) - first.read):
-            original = self._repeated(dn, group, first)
+        for read in islice(self._first_pass, len(group) - first.read):
+            if read.identity is not None:
+                first.identities.append(read.identity)
+            original = self._repeated(read.dn, group, first)
             if original is None:
                 first.used.append(first.read)
-                first.samples.append(dn[grid].astype(np.uint16))
+                first.samples.append(read.dn[grid].astype(np.uint16))
                 first.read += 1
-                yield source, dn
+                yield read
             else:
-                self._reject(first, f"{source.name} repeats {original} pixel for pixel ({group_label(group)})")
+                self._reject(first, f"{read.source.name} repeats {original} pixel for pixel ({group_label(group)})")
                 first.read += 1
                 self._count(1)
 
@@ -196,8 +224,8 @@ class FrameReader:
         """Add frames to the sums; save these now and then in the first pass over a group."""
         left = iter(reads)
         while batch := list(islice(left, self._together)):
-            sums.add([dn for _, dn in batch])
-            names = [source.name for source, _ in batch]
+            sums.add([read.dn for read in batch])
+            names = [read.source.name for read in batch]
             del batch  # free the frames before the next ones are read
             for name, highest in zip(names, sums.highest[-len(names) :], strict=True):
                 if highest > self.white:
@@ -217,21 +245,22 @@ class FrameReader:
             if self._progress is not None:
                 self._progress(self._done, self._expected)
 
-    def _read_ahead(self, sources: Iterable[FrameSource]) -> Iterator[_Read]:
+    def _read_ahead(self, sources: Iterable[FrameSource], identify: bool = False) -> Iterator[_Read]:
         """Yield the frames in order, read in threads where that is safe."""
         pending: deque[Future[_Read]] = deque()
         for source in sources:
             if source.thread_safe:
-                pending.append(self._threads.submit(self._checked, source))
+                pending.append(self._threads.submit(self._checked, source, identify))
             else:
                 pending.append(Future())
-                pending[-1].set_result(self._checked(source))
+                pending[-1].set_result(self._checked(source, identify))
             if len(pending) > self._ahead:
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
 
-    def _checked(self, source: FrameSource) -> _Read:
+    def _checked(self, source: FrameSource, identify: bool = False) -> _Read:
+        stamp = file_stamp(source) if identify else None
         dn = source.read()
         if dn.shape != self._shape or dn.dtype not in (np.uint8, np.uint16):
             raise FileError(
@@ -239,16 +268,26 @@ class FrameReader:
                 f"the frame is {dn.shape} of {dn.dtype}, but the others are {self._shape} of uint16",
                 hint="Remove it, or calibrate frames of one size",
             )
-        return source, dn
+        return _Read(source, dn, identity(stamp, dn) if identify else None)
 
     def _repeated(self, dn: NDArray[np.unsignedinteger], group: FrameGroup, first: FirstPass) -> str | None:
         """Return the name of an earlier frame of the group with the same pixels; some rows are compared first."""
         digest = hashlib.sha256(dn[:: max(1, dn.shape[0] // _SAMPLED_ROWS)].tobytes()).hexdigest()
         candidates = [group.frames[i] for i, other in zip(first.used, first.digests, strict=True) if other == digest]
-        # Frames that are all black or all white may repeat; any other two differ by their noise.
-        if candidates and 2 * np.count_nonzero((dn > 0) & (dn < self.white)) >= dn.size:
+        # Clipped frames may repeat; any other two differ by their noise.
+        if candidates and self._clipped_share(dn, group) <= 0.5:
             for candidate in candidates:
-                if np.array_equal(self._checked(candidate)[1], dn):
+                if np.array_equal(self._checked(candidate).dn, dn):
                     return candidate.name
         first.digests.append(digest)
         return None
+
+    def _clipped_share(self, dn: NDArray[np.unsignedinteger], group: FrameGroup) -> float:
+        """Return the share of pixels at 0 or at full scale, which for flat fields is the channel's highest number."""
+        height, width = self.tile.shape
+        clipped = 0
+        for label in range(int(self.tile.max()) + 1):
+            parts = [dn[r::height, c::width] for r, c in np.argwhere(self.tile == label)]
+            top = max(int(part.max(initial=1)) for part in parts) if group.kind == "light" else self.white
+            clipped += sum(int(np.count_nonzero((part == 0) | (part >= top))) for part in parts)
+        return clipped / dn.size

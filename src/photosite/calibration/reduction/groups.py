@@ -112,8 +112,8 @@ class Level:
 
     @property
     def clipped(self) -> bool:
-        """Whether so many numbers are clipped that the level is outside the linear range."""
-        return max(self.low_fraction, self.high_fraction) > CLIPPED_SHARE
+        """Whether a light level is outside the linear range: many numbers are clipped, or all pixels read the same."""
+        return max(self.low_fraction, self.high_fraction) > CLIPPED_SHARE or self.spatial_variance == 0.0
 
     @property
     def repeated(self) -> bool:
