@@ -166,3 +166,16 @@ def test_clean_frames_are_not_reported() -> None:
 def test_clean_frames_are_reported_in_fewer_than_one_of_a_thousand() -> None:
     # Expected: at most 1 of 2000; more than 4 has a probability of 0.4 %.
     assert clean_frames_found(range(1000, 3000)) <= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lag", "crosstalk"), [(0.014, 0.0), (0.0, 0.007)])
+def test_small_effects_are_found_in_95_of_100_stacks(lag: float, crosstalk: float) -> None:
+    weights = np.array([[0.0, crosstalk, 0.0], [crosstalk, 1.0 - 4.0 * crosstalk, crosstalk], [0.0, crosstalk, 0.0]])
+    found = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        light = noise_covariances(runs(rng, 3000.0, shape=(192, 240), charge=weights, lag=lag), MONOCHROME)
+        dark = noise_covariances(runs(rng, 0.0, shape=(192, 240)), MONOCHROME)
+        found += find_shared_noise(light, dark) is not None
+    assert found >= 38

@@ -42,10 +42,11 @@ def measure_light_frames(
     levels, used = [channel.levels for channel in channels], [channel.used for channel in channels]
     fit = fit_gain(levels, used)
     gain = gain_value(fit)
-    if noise.shared is not None and isinstance(charge := noise.shared.charge, Missing):
+    charge = None if noise.shared is None else noise.shared.charge
+    if isinstance(charge, Missing):
         gain = charge
-        channels = tuple(replace(channel, gain=charge) for channel in channels)
-    elif noise.shared is not None:
+        channels = tuple(replace(channel, gain=gain) for channel in channels)
+    elif charge is not None:
         gain = gain_by_summed_covariance(levels, used, charge)
         channels = tuple(
             replace(channel, gain=gain_with_curvature(own, [channel.curvature]))

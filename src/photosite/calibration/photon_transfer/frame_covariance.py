@@ -101,7 +101,7 @@ class FrameProducts:
         """Return the estimate; `UNKNOWN` without a run."""
         if not self._freedom:
             return UNKNOWN
-        inverse = np.linalg.inv(self._normal)
+        inverse: NDArray[np.float64] = np.linalg.inv(self._normal)
         variance = self._square / self._freedom
         return FrameCovariance((inverse @ self._fitted)[1:], 2.0 * variance**2 * inverse[1:, 1:])
 

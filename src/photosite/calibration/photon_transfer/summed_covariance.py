@@ -153,8 +153,8 @@ def noise_covariances(runs: Iterable[Run], tile: NDArray[np.int64]) -> list[Nois
     means: list[list[_RowMeans]] = [[] for _ in range(channels)]
     between = [FrameProducts() for _ in range(channels)]
     for run in runs:
-        for (r, c), k in np.ndenumerate(tile):
-            between[k].add([dn[r :: tile.shape[0], c :: tile.shape[1]] for dn in run])
+        for (r, c), channel in np.ndenumerate(tile):
+            between[channel].add([dn[r :: tile.shape[0], c :: tile.shape[1]] for dn in run])
         for first, second in zip(run[::2], run[1::2], strict=False):
             planes = _difference_planes(first, second, tile.shape)
             variance = {phase: plane.var() for phase, plane in planes.items()}
