@@ -96,8 +96,6 @@ def swapped():
 @pytest.mark.parametrize(
     ("frames", "problem"),
     [
-        (measurement(lights=((0.01, 500.0),), exposures=(0.01,)), "all 8 frames have the exposure time 0.01 s"),
-        (measurement(lights=((0.01, 500.0),)), "all light frames have the exposure time 0.01 s"),
         (equal_photons(), "all 2 light levels state 1000 photons per pixel"),
         (light_only(), "there are no dark frames"),
         (measurement(dark_frames=1), "there is one frame per dark exposure"),

@@ -155,15 +155,6 @@ def test_mixed_sizes(refused: Any, tmp_path: Path) -> None:
     assert "22 x 34" in message
 
 
-def test_one_exposure_only(refused: Any, tmp_path: Path) -> None:
-    frames = {
-        ("dark", 0.01): [_frame(seed=seed) for seed in range(4)],
-        ("light", 0.01): [_frame(mean=1500, seed=10 + seed) for seed in range(4)],
-    }
-    message = refused("calibrate", _stack(tmp_path, frames), "--report", tmp_path / "report.html")
-    assert "at least two exposure times" in message
-
-
 def test_darks_clipped_to_nothing(refused: Any, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     black = (rng.random((6, 32, 48)) < 0.01).astype(np.uint16)  # a hundredth of the numbers above 0

@@ -170,7 +170,13 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
         yield f"no flat field reached saturation{of_channel}; all unclipped levels were taken as linear"
     for name, channel in zip(names, channels, strict=True):
         if (levels := int(channel.used.sum())) < 3:
-            yield f"channel {name} has {levels} light levels in its linear range; its linearity could not be checked"
+            what = (
+                "the system gain comes from one level of light, and is too low if that level is close to saturation"
+                if levels == 1
+                else "its linearity could not be checked"
+            )
+            count = f"{levels} light level{'' if levels == 1 else 's'}"
+            yield f"channel {name} has {count} in its linear range; {what}"
 
 
 def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:

@@ -39,6 +39,7 @@ class Parameters:
     dsnu_mv: Annotated[Estimate, Label("DSNU", "mV", _NOISE)]
     prnu_percent: Annotated[Estimate, Label("PRNU", "%", _NOISE)]
     dark_voltage_mv_per_s: Annotated[Estimate, Label("Dark voltage", "mV/s", _DARK)]
+    dark_current_dn_per_s: Annotated[Estimate, Label("Dark current", "DN/s", _DARK)]
     dark_current_e_per_s: Annotated[Estimate, Label("Dark current", "e⁻/s", _DARK)]
     dark_current_from_variance_e_per_s: Annotated[Estimate, Label("Dark current from variance", "e⁻/s", _DARK)]
     dcnu_percent: Annotated[Estimate, Label("Dark current nonuniformity", "%", _DARK)]

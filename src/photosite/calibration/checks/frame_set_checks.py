@@ -20,8 +20,8 @@ def check_frame_set(frames: FrameSet, sensor: Sensor | None) -> Sensor | None:
     InputError
         If `frames` is not a FrameSet, or the sensor has another bit depth or CFA.
     CalibrationError
-        If there are several gain settings, no repeated dark frames, one exposure only, equal photons at all light
-        levels, or an exposure time that is not above zero.
+        If there are several gain settings, no repeated dark frames, equal photons at all light levels, or an exposure
+        time that is not above zero.
     """
     if not isinstance(frames, FrameSet):
         path = repr(str(frames)) if isinstance(frames, str | PathLike) else "..."
@@ -73,19 +73,6 @@ def _check_groups(frames: FrameSet) -> None:
         raise error(
             "there is one frame per dark exposure, which does not show temporal noise",
             "Take at least two dark frames at one exposure time, better 50",
-        )
-    exposures = {group.exposure_s for group in frames.groups}
-    levels = {(group.exposure_s, group.photons_per_pixel) for group in lights}
-    if len(exposures) == 1 and len(levels) < 2:
-        raise error(
-            f"all {frames.frame_count} frames have the exposure time {exposures.pop():g} s, but gain, PRNU and dark "
-            f"voltage are slopes",
-            "Take at least two exposure times, better ten, from dark to saturation",
-        )
-    if len(levels) == 1:
-        raise error(
-            f"all light frames have the exposure time {lights[0].exposure_s:g} s, but gain and PRNU are slopes",
-            "Take at least two light levels, better ten, up to saturation",
         )
     photons = {group.photons_per_pixel for group in lights}
     if len(lights) > 1 and len(photons) == 1 and None not in photons:
