@@ -25,6 +25,7 @@ from types import MappingProxyType
 from typing import Any, Protocol, Self
 
 _LONGEST_VALUE = 80
+_MOST_NAMES = 4
 
 
 class NotGiven(enum.Enum):
@@ -276,15 +277,18 @@ def message_of(error: Exception) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown name: the most similar known name, or all known names.
+    """Return a hint for an unknown name: known names that continue it, the most similar known name, or all.
 
     Examples
     --------
     >>> did_you_mean("fil_factor", ["fill_factor", "width_um"])
     "Did you mean 'fill_factor'?"
+    >>> did_you_mean("read_noise", ["read_noise_dn", "read_noise_e", "dsnu_e"])
+    "Did you mean 'read_noise_dn' or 'read_noise_e'?"
     >>> did_you_mean("zzz", ["fill_factor", "width_um"])
     'Known are: fill_factor, width_um'
     """
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"Did you mean '{close[0]}'?" if close else "Known are: " + ", ".join(names)
+    longer = [known for known in names if known.startswith(f"{name}_")][:_MOST_NAMES] if name else []
+    close = longer or difflib.get_close_matches(name, names, n=1)
+    return f"Did you mean {' or '.join(map(repr, close))}?" if close else "Known are: " + ", ".join(names)

@@ -22,7 +22,9 @@ def test_lists_every_built_in_scene_with_its_options(photosite: Any) -> None:
     assert tuple(message) == BUILT_IN_SCENES
     assert message["slanted-edge"]["options"]["contrast"] == 4.0
     text = photosite("scenes").out
-    assert "ENVI: .hdr" in text
+    assert ["ENVI", ".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat", ".hdr"] in [
+        line.split() for line in text.splitlines()
+    ]
     assert all(name in text for name in BUILT_IN_SCENES)
 
 

@@ -36,7 +36,7 @@ def test_schema_names_the_fields(photosite: Any) -> None:
 
 def test_check(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.sensor.yaml"
-    assert photosite("sensors", "export", "vendor-2.2um", file).status == 0
+    assert photosite("sensors", "export", "vendor-2.2um", "-o", file, "--json").json["sensor"] == str(file)
     checked = photosite("sensors", "check", file, "--json").json
     assert "pixel.conversion_gain_uv_per_e" in checked["assumed"]
     assert "pixel.fill_factor" not in checked["assumed"]
@@ -45,6 +45,6 @@ def test_check(photosite: Any, tmp_path: Path) -> None:
 def test_export_overwrites_nothing(photosite: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.sensor.yaml"
     file.write_text("mine", encoding="utf-8")
-    refused = photosite("sensors", "export", "nikon-d200", file)
+    refused = photosite("sensors", "export", "nikon-d200", "-o", file)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
     assert file.read_text(encoding="utf-8") == "mine"

@@ -106,6 +106,7 @@ def test_options_reach_the_simulation(photosite: Any, camera: Path, monkeypatch:
         (("--measured", "SHOT", "--illuminant", "A"), "--measured requires --sensor"),
         (("--measured", "SHOT", "--sensor", "nikon-d200"), "--measured requires --illuminant"),
         (("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A"), "--corners (four times row,col)"),
+        (("--measured", "SHOT", "--corners", *CORNERS[:3], "--json"), "got fewer before --json"),
         (
             ("--measured", "SHOT", "--sensor", "nikon-d200", "--illuminant", "A", "--detect", "--corners", *CORNERS),
             "either --corners (four times row,col) or --detect",

@@ -23,7 +23,7 @@ from typing import Any
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Rule
 from photosite.errors import FileError, InputError
-from photosite.files.yaml import check_keys, line_of, optional_text, read_yaml
+from photosite.files.yaml import check_keys, check_version, line_of, optional_text, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.protocols import Optics
 from photosite.scene.io.section import parse_scene
@@ -109,8 +109,7 @@ def load_camera(path: str | PathLike[str]) -> SetUp:
     """
     file = Path(path)
     data = read_yaml(file, "a camera file")
-    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1 or isinstance(data[VERSION_KEY], bool):
-        raise FileError(file, "the file is not a camera file", hint=f"Begin it with '{VERSION_KEY}: 1'")
+    check_version(file, data, VERSION_KEY)
     check_keys(file, data, _KEYS, "a camera file")
     given: dict[str, Any] = {"name": optional_text(file, data, "name")}
     for key, read in (("sensor", _sensor), ("optics", _optics), ("scene", parse_scene), ("exposure", _exposure)):

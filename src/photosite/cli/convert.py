@@ -13,8 +13,6 @@ from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import Stages, show
 
-_SUFFIXES = (".h5", ".mat", ".tif", ".tiff", ".hdr", ".exr")
-
 _REPLACEMENT = click.Choice(["refuse", "zero"])
 
 
@@ -78,19 +76,14 @@ _read_options = options.stacked(
 
 @click.command("convert", cls=Command)
 @click.argument("source", type=click.Path(path_type=Path))
-@options.file_option(
-    *("-o", "--output"),
-    suffixes=_SUFFIXES,
-    required=True,
-    text="Scene to write: .h5 (photosite's own), .mat, .tif, .hdr (ENVI), .exr.",
-)
+@options.scene_file_option
 @_read_options
 @options.json_option
 def command(source: Path, output: Path, as_json: bool, **given: Any) -> None:
     """Reduce a spectral image to a scene of few basis spectra, and write it.
 
-    Reads ENVI, MATLAB, HDF5, TIFF, OpenEXR and ISET files, measured charts (CGATS, CSV), and pictures (PNG, JPEG,
-    TIFF, Radiance). A cube is read twice, block by block: with .h5 as output, memory does not grow with it.
+    Reads spectral cubes, ISET's scenes, measured charts and pictures; `photosite scenes` lists the file formats. A cube
+    is read twice, block by block: with .h5 as output, memory does not grow with it.
 
     Example: photosite convert field.hdr -o field.h5 --units W/sr/m2/nm
     """

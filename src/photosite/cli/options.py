@@ -128,6 +128,13 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
     return checked
 
 
+def scene_file(text: str) -> Path:
+    """Parse a scene file to write, in any format of `photosite.scene.io.formats` that holds whole scenes."""
+    from photosite.scene.io.formats import suffixes_of_scenes
+
+    return output_file(*suffixes_of_scenes())(text)
+
+
 def output_folder(text: str) -> Path:
     """Parse a folder to write, which does not exist or is empty."""
     path = Path(text)
@@ -193,6 +200,15 @@ def file_option(
 def folder_option(kind: Callable[[str], Path], text: str, default: str | None = None) -> Callable[[F], F]:
     """Add -o / --output, a folder to write."""
     return option("-o", "--output", type=kind, metavar="FOLDER", default=default, required=default is None, help=text)
+
+
+scene_file_option = option(
+    *("-o", "--output"),
+    type=scene_file,
+    metavar="FILE",
+    required=True,
+    help="Scene to write: .h5 (photosite's own), or another format that `photosite scenes` lists as written.",
+)
 
 
 def sensor_option(default: str | None = None, *, text: str = "Preset or sensor file (YAML).") -> Callable[[F], F]:

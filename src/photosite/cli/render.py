@@ -12,17 +12,10 @@ from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.output import Stages, show
 
-_SUFFIXES = (".h5", ".exr", ".mat", ".tif", ".tiff", ".hdr")
-
 
 @click.command("render", cls=Command)
 @click.argument("source", type=click.Path(path_type=Path), required=False)
-@options.file_option(
-    *("-o", "--output"),
-    suffixes=_SUFFIXES,
-    required=True,
-    text="Scene to write: .h5 (photosite's own), .exr, .mat, .tif, .hdr (ENVI).",
-)
+@options.scene_file_option
 @click.option("--spp", type=options.Whole(1), default=64, help="Paths per pixel and group of four bands.")
 @click.option("--rows", type=options.Whole(1), metavar="N", help="Rows of the picture, instead of the scene's.")
 @click.option("--cols", type=options.Whole(1), metavar="N", help="Columns of the picture, instead of the scene's.")

@@ -111,9 +111,9 @@ def _recovery_line(recovery: Recovery) -> tuple[str, ...]:
 @click.option("--stacks", type=options.Whole(1), default=1, help="Stacks of each kind, with seeds 0, 1, ...")
 @options.json_option
 def imperfect_stacks(stacks: int, as_json: bool) -> None:
-    """Calibrate stacks of frames that are not clean, and compare with the truth.
+    """Calibrate stacks of frames that are not clean.
 
-    A plain NumPy generator makes the stacks: crosstalk, frames filtered in the camera, flicker, a color filter array
+    The results are compared with the truth. A plain NumPy generator makes the stacks: crosstalk, frames filtered in the camera, flicker, a color filter array
     that is not stated, and clean ones. The table lists how many stacks of a kind are right, so that each 95 % interval
     of system gain and PRNU contains the truth or is withheld, and how many withhold them. Below are the warnings of the
     first stack of each kind. A stack takes about a second.

@@ -13,6 +13,7 @@ from photosite.cli.command import Group
 from photosite.cli.output import listed, show, table
 
 if TYPE_CHECKING:
+    from photosite.scene.io.formats import Format
     from photosite.scene.scene import Scene
 
 
@@ -33,7 +34,9 @@ def command(ctx: click.Context, as_json: bool) -> None:
 @command.command("list")
 @options.json_option
 def list_(as_json: bool) -> None:
-    """List the built-in scenes with their options, as without a subcommand.
+    """List the built-in scenes with their options.
+
+    This is also what the command does without a subcommand.
 
     Example: photosite scenes list --json
     """
@@ -66,9 +69,17 @@ def _scenes_text(scenes: dict[str, dict[str, Any]]) -> str:
                 "Options with their defaults (--scene-option NAME=VALUE):",
                 (f"{name}: {written(entry['options'])}" for name, entry in scenes.items()),
             ),
-            listed("File formats (docs/scenes.md):", (f"{kind.name}: {' '.join(kind.suffixes)}" for kind in FORMATS)),
+            "File formats (docs/scenes.md):\n" + table([("format", "read", "written"), *map(_suffixes, FORMATS)], "<<<"),
         ]
     )
+
+
+def _suffixes(kind: Format) -> tuple[str, str, str]:
+    """Return a format's name and the suffixes that are read and written."""
+    from photosite.scene.io.formats import CHART
+
+    written = " ".join(kind.writes) + (" (charts only)" if kind.writes and CHART in kind.holds else "")
+    return kind.name, " ".join(kind.suffixes), written
 
 
 @command.command("show")

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from photosite.cli.command import Group
-from photosite.cli.options import json_option
+from photosite.cli.options import SENSOR_SUFFIXES, file_option, json_option
 from photosite.cli.output import show, table
 from photosite.errors import FileError
 from photosite.values.cfa import tile_text
@@ -119,17 +119,21 @@ def _assumed(node: Any, path: str = "") -> list[str]:
 
 @command.command("export")
 @click.argument("name", metavar="NAME|FILE")
-@click.argument("file", type=click.Path(path_type=Path))
-def export(name: str, file: Path) -> None:
+@file_option(
+    *("-o", "--output"), suffixes=SENSOR_SUFFIXES, required=True, text="Sensor file to write (YAML); a new name."
+)
+@json_option
+def export(name: str, output: Path, as_json: bool) -> None:
     """Write a sensor to a new file for editing.
 
     Existing files are not overwritten.
 
-    Example: photosite sensors export nikon-d200 mine.sensor.yaml
+    Example: photosite sensors export nikon-d200 -o mine.sensor.yaml
     """
     from photosite.sensor.io.sensor_file import load_sensor
 
-    if file.exists():
-        raise FileError(file, "the file exists already", hint="Choose another name")
-    load_sensor(name).save(file)
-    click.echo(f"wrote {file}")
+    if output.exists():
+        raise FileError(output, "the file exists already", hint="Choose another name")
+    sensor = load_sensor(name)
+    sensor.save(output)
+    show(as_json, {"name": sensor.name}, lambda: sensor.name, sensor=output)

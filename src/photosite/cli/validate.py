@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 def _corner(text: str) -> tuple[float, float]:
     """Parse row,col."""
+    if text[:1] == "-" and not text[1:2].isdecimal():
+        raise click.BadParameter(f"must be four corners row,col row,col row,col row,col, got fewer before {text}")
     try:
         row, col = (float(part) for part in text.split(","))
     except ValueError:

@@ -23,6 +23,16 @@ _MOST_VALUES = 1_000_000
 _DEEPEST = 200
 """Limit of open brackets."""
 
+FILE_KINDS = {
+    "photosite_sensor": "a sensor file",
+    "photosite_optics": "an optics file",
+    "photosite_lens_design": "an index of PSF files",
+    "photosite_camera": "a camera file",
+    "photosite_protocol": "a protocol of dark frames and flat fields",
+    "photosite_spectral": "a spectral protocol",
+}
+"""photosite's own YAML files, by the key that holds the version of the format."""
+
 
 def read_yaml(file: Path, what: str) -> Any:
     """Read a YAML file; `what` names the expected content in messages, such as "a protocol"."""
@@ -30,6 +40,26 @@ def read_yaml(file: Path, what: str) -> Any:
         return parse_yaml(read_small(file, what, LARGEST_BYTES).decode("utf-8"), file)
     except UnicodeDecodeError:
         raise FileError(file, f"is not {what}: it is not text in UTF-8") from None
+
+
+def check_version(path: str | PathLike[str], data: Any, key: str) -> None:
+    """Raise `FileError` unless the content has a key of `FILE_KINDS` with the version 1.
+
+    Examples
+    --------
+    >>> check_version("mine.yaml", {"photosite_sensor": 1}, "photosite_camera")
+    Traceback (most recent call last):
+    photosite.errors.FileError: mine.yaml: is a sensor file, not a camera file
+    """
+    fields = data if isinstance(data, Mapping) else {}
+    if key in fields:
+        if (version := fields[key]) != 1 or isinstance(version, bool):
+            expected = "1, the version of the file format"
+            raise FileError(path, key, line_of(data, key), value=version, expected=expected)
+        return
+    if other := next((kind for name, kind in FILE_KINDS.items() if name in fields), None):
+        raise FileError(path, f"is {other}, not {FILE_KINDS[key]}")
+    raise FileError(path, f"is not {FILE_KINDS[key]}", hint=f"Begin it with '{key}: 1'")
 
 
 def parse_yaml(content: str, path: str | PathLike[str]) -> Any:

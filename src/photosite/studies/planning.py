@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from photosite.calibration.parameters import Parameters, parameter_label
+from photosite.calibration.parameters import PARAMETER_LABELS, Parameters
 from photosite.calibration.plan import PlannedGroup, predict
-from photosite.errors import InputError
+from photosite.errors import InputError, did_you_mean
 from photosite.frames.frame_settings import KINDS, Kind
 from photosite.sensor.model import Sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
@@ -62,15 +62,17 @@ class Want:
         name, sign, number = (part.strip() for part in text.partition("="))
         if not sign:
             raise InputError("want", value=text, expected="PARAMETER=NUMBER or PARAMETER=NUMBER%")
-        parameter_label(name)
+        if name not in PARAMETER_LABELS:
+            hint = did_you_mean(name, PARAMETER_LABELS)
+            raise InputError("want", value=text, expected="PARAMETER=NUMBER of a known parameter", hint=hint)
         relative = number.endswith("%")
         try:
             size = float(number.removesuffix("%"))
         except ValueError:
             size = math.nan
         if not (math.isfinite(size) and size > 0.0):
-            hint = "Give 0.1 or 2%, for example"
-            raise InputError(name, value=number, expected="a number above 0", hint=hint, where="want")
+            expected = f"{name}=NUMBER or {name}=NUMBER% with a number above 0"
+            raise InputError("want", value=text, expected=expected, hint=f"Give {name}=2%, for example")
         return cls(name, size / 100 if relative else size, relative)
 
     def reached(self, found: Estimate) -> float:
@@ -212,10 +214,16 @@ def step_from(text: str) -> Step:
     """
     parts = [part.strip() for part in text.split(":")]
     kind = next((kind for kind in KINDS if kind == parts[0]), None)
-    if len(parts) != 3 or kind is None or not parts[2].isdecimal():
-        expected = "dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES, such as light:1/50:5"
-        raise InputError("step", value=text, expected=expected)
-    return Step(kind, parse_exposure(parts[1]), int(parts[2]))
+    try:
+        if len(parts) == 3 and kind is not None:
+            return Step(kind, parse_exposure(parts[1]), int(parts[2]))
+    except ValueError:  # InputError included
+        pass
+    expected = (
+        "dark:EXPOSURE:FRAMES or light:EXPOSURE:FRAMES with an exposure time above 0 s and 1 frame or more, such as "
+        "light:1/50:5"
+    )
+    raise InputError("step", value=text, expected=expected)
 
 
 @dataclass(frozen=True)

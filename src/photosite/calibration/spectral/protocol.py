@@ -32,7 +32,7 @@ from photosite.calibration.spectral.bands import Band, Passband, Photodiode, Spe
 from photosite.color.spectrum_file import read_spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.validation import line_at, validated
-from photosite.files.yaml import line_of, read_yaml
+from photosite.files.yaml import check_version, line_of, read_yaml
 from photosite.frames.frame_file import FrameFile, SetProperties
 from photosite.frames.frame_set import FrameSource
 from photosite.frames.frame_settings import FrameSettings, Kind
@@ -45,8 +45,6 @@ from photosite.values.exposure import parse_exposure
 from photosite.values.measured import Measured
 from photosite.values.region import Region
 from photosite.values.validated import Section
-
-VERSION_KEY = "photosite_spectral"
 
 Files = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
@@ -148,10 +146,7 @@ def read_spectral_protocol(file: Path, model: type[_Model]) -> tuple[_Model, Any
         If the file cannot be read or its content is invalid; with the line.
     """
     data = read_yaml(file, "a spectral protocol")
-    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
-        found = data.get(VERSION_KEY) if isinstance(data, dict) else None
-        expected = "1, the version of the file format"
-        raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=found, expected=expected)
+    check_version(file, data, "photosite_spectral")
     return validated(model, data, file), data
 
 

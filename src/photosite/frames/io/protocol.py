@@ -25,7 +25,7 @@ from typing import Any
 
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_path
-from photosite.files.yaml import check_keys, dump_yaml, line_of, optional_text, read_yaml
+from photosite.files.yaml import check_keys, check_version, dump_yaml, line_of, optional_text, read_yaml
 from photosite.frames.frame_file import FrameFile
 from photosite.frames.frame_settings import FrameSettings
 from photosite.values.cfa import NAMED, Cfa, cfa_from
@@ -138,10 +138,7 @@ def read_protocol(path: str | PathLike[str]) -> Protocol:
     """Read a protocol. It is not checked that its frames exist."""
     file = Path(path)
     data = read_yaml(file, "a protocol")
-    version = data.get(VERSION_KEY) if isinstance(data, Mapping) else None
-    if version != 1:
-        expected = "1, the version of the file format"
-        raise FileError(file, VERSION_KEY, line_of(data, VERSION_KEY), value=version, expected=expected)
+    check_version(file, data, VERSION_KEY)
     check_keys(file, data, _KEYS, "a protocol")
     frames = data.get("frames")
     if not isinstance(frames, Sequence) or isinstance(frames, str) or not frames:

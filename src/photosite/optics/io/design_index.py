@@ -19,7 +19,7 @@ from pydantic import Field, StrictBool, StrictInt
 
 from photosite.errors import FileError, InputError, in_file
 from photosite.files.validation import validated
-from photosite.files.yaml import line_of, read_yaml
+from photosite.files.yaml import check_version, line_of, read_yaml
 from photosite.optics.checks import camera_wavelengths
 from photosite.optics.io import zemax
 from photosite.optics.io.psf_listing import Axes, FirstRow, Layout, PsfListing, lens_design_of, read_grid
@@ -27,7 +27,6 @@ from photosite.optics.lens_design import LensDesign
 from photosite.optics.sampled_psf import check_spacing
 from photosite.values.validated import Number, PositiveNumber, Section
 
-VERSION_KEY = "photosite_lens_design"
 _SUFFIXES = (".txt", ".dat", ".psf")
 
 
@@ -96,8 +95,7 @@ def read_index(path: Path, first_row: FirstRow | None = None, **options: Any) ->
     Raises `FileError` if the index or a file that it names is invalid, or a PSF is missing.
     """
     data = read_yaml(path, "an index of PSF files")
-    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
-        raise FileError(path, f"is not an index of PSF files: it has no '{VERSION_KEY}: 1'")
+    check_version(path, data, "photosite_lens_design")
     index: _Index = validated(_Index, data, path)
     listings = []
     for number, file in enumerate(index.files):

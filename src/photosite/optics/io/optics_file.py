@@ -34,7 +34,7 @@ from photosite.color.spectrum import Spectrum
 from photosite.errors import FileError, InputError
 from photosite.files.atomic import atomic_folder
 from photosite.files.validation import validated
-from photosite.files.yaml import LARGEST_BYTES, dump_yaml, line_of, read_yaml
+from photosite.files.yaml import LARGEST_BYTES, check_version, dump_yaml, read_yaml
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.optics.distortion import LateralColor
 from photosite.optics.field_points import FieldPoints
@@ -47,7 +47,6 @@ from photosite.optics.pupil import Pupil
 from photosite.optics.tables import OtfTable, PsfTable
 from photosite.optics.wavefront import Wavefront
 
-VERSION_KEY = "photosite_optics"
 SUFFIXES = (".yaml", ".yml")
 Fields = dict[str, Any]
 Tables = dict[str, Callable[[Path], None]]
@@ -65,9 +64,7 @@ def read_optics(path: Path, read: Read) -> Lens:
         If the file is missing or does not describe a lens, or a file that it names is invalid; with the line.
     """
     data = read_yaml(path, "an optics file")
-    if not isinstance(data, dict) or data.get(VERSION_KEY) != 1:
-        line = line_of(data, VERSION_KEY)
-        raise FileError(path, f"does not describe a lens: it has no '{VERSION_KEY}: 1'", line)
+    check_version(path, data, "photosite_optics")
     found = parse_optics(data, path, read)
     return found if isinstance(found, Lens) else Lens(found)
 

@@ -175,8 +175,6 @@ def write(scene: Scene, path: Path, *, interleave: str = "bsq") -> None:
     kind = next((kind for kind in _INTERLEAVES if kind == interleave), None)
     if kind is None:
         raise InputError("interleave", value=interleave, expected="'bsq', 'bil' or 'bip'")
-    if path.suffix.lower() != ".hdr":
-        raise FileError(path, "name", value=path.name, expected=f"that of the header, {path.with_suffix('.hdr').name}")
     cube = cube_of_scene(scene)
     rows, cols, bands = cube.shape
     with atomic_path(path) as header, atomic_path(path.with_suffix(".img")) as numbers:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from photosite.errors import FileError, InputError, PhotositeWarning, did_you_mean
 from photosite.scene.bands import within_range
 from photosite.scene.cube import SpectralCube, select_bands
-from photosite.scene.io.formats import FORMATS, format_of, not_reduced
+from photosite.scene.io.formats import FORMATS, Format, format_of, not_reduced
 from photosite.scene.options import ReadOptions
 from photosite.scene.reduction import Progress
 from photosite.scene.scene import Scene
@@ -114,7 +113,7 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
         If the format has no such option.
     """
     file = Path(path)
-    write = _writer_of(file)
+    write = _format_to_write(file).load().write
     known = list(inspect.signature(write).parameters)[2:]
     for name in options:
         if name not in known:
@@ -123,14 +122,13 @@ def write_scene(scene: Scene, path: str | PathLike[str], **options: Any) -> None
     write(scene, file, **options)
 
 
-def _writer_of(path: Path) -> Callable[..., None]:
-    """Return the function that writes a scene to a file of this name."""
-    kind = next((kind for kind in FORMATS if path.suffix.lower() in kind.suffixes and kind.writes), None)
+def _format_to_write(path: Path) -> Format:
+    """Return the format of a scene file to write."""
+    kind = next((kind for kind in FORMATS if path.suffix.lower() in kind.writes), None)
     if kind is None:
-        suffixes = ", ".join(kind.suffixes[0] for kind in FORMATS if kind.writes)
+        suffixes = ", ".join(kind.writes[0] for kind in FORMATS if kind.writes)
         raise FileError(path, f"cannot be written: a scene file has one of the suffixes {suffixes}")
-    write: Callable[..., None] = kind.load().write
-    return write
+    return kind
 
 
 def convert(
@@ -173,22 +171,22 @@ def convert(
     (41, 8, True)
     """
     read_options, source, target = ReadOptions(**options), Path(path), Path(output)
-    write = _writer_of(target)
+    kind = _format_to_write(target)
     found = _opened(source, read_options)
     _check_apart(source, found, target)
     if isinstance(found, Scene):
         reduced = read_options.method == "jakob-hanika"  # spectra of single colors are reduced as a cube's are
         if "tolerance" in options and not reduced:
             raise not_reduced(source, found, read_options)
-        write(found, target)
+        kind.load().write(found, target)
         return Reduction(found, found.wavelength_nm.size, reduced=reduced)
     try:
-        if target.suffix.lower() in FORMATS[0].suffixes:
+        if kind.module == "hdf5":
             from photosite.scene.io.hdf5 import reduce_to_own
 
             return reduce_to_own(lambda store: reduce_cube(found, read_options, store=store, progress=progress), target)
         reduction = reduce_cube(found, read_options, progress=progress)
-        write(reduction.scene, target)
+        kind.load().write(reduction.scene, target)
         return reduction
     finally:
         found.release()

@@ -58,7 +58,7 @@ class Format:
     options
         Options of reading that apply to the format, whatever the file holds.
     writes
-        Whether scenes can be written in it.
+        Suffixes of the files that scenes can be written to; none where its module has no `write`.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Format:
     holds: tuple[Content, ...]
     signatures: tuple[bytes, ...] = ()
     options: frozenset[str] = frozenset()
-    writes: bool = False
+    writes: tuple[str, ...] = ()
 
     def load(self) -> ModuleType:
         """Import and return its module."""
@@ -105,10 +105,16 @@ FORMATS: tuple[Format, ...] = (
         (CUBE, SCENE),
         (b"\x89HDF\r\n\x1a\n",),
         frozenset({"variable", "interleave"}),
-        writes=True,
+        writes=(".h5", ".hdf5", ".hdf", ".he5"),
     ),
     Format(
-        "MATLAB", (".mat",), "matlab", (CUBE,), (b"MATLAB 5.0", b"MATLAB 7.3"), frozenset({"variable"}), writes=True
+        "MATLAB",
+        (".mat",),
+        "matlab",
+        (CUBE,),
+        (b"MATLAB 5.0", b"MATLAB 7.3"),
+        frozenset({"variable"}),
+        writes=(".mat",),
     ),
     Format(
         "TIFF",
@@ -116,11 +122,24 @@ FORMATS: tuple[Format, ...] = (
         "tiff",
         (CUBE, DISPLAY_PICTURE),
         (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
-        writes=True,
+        writes=(".tif", ".tiff"),
     ),
-    Format("ENVI", (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"), "envi", (CUBE,), (b"ENVI",), writes=True),
     Format(
-        "OpenEXR", (".exr",), "exr", (CUBE, LIGHT_PICTURE), (b"\x76\x2f\x31\x01",), frozenset({"no_data"}), writes=True
+        "ENVI",
+        (".hdr", ".img", ".bsq", ".bil", ".bip", ".raw", ".dat"),
+        "envi",
+        (CUBE,),
+        (b"ENVI",),
+        writes=(".hdr",),
+    ),
+    Format(
+        "OpenEXR",
+        (".exr",),
+        "exr",
+        (CUBE, LIGHT_PICTURE),
+        (b"\x76\x2f\x31\x01",),
+        frozenset({"no_data"}),
+        writes=(".exr",),
     ),
     Format(
         "CGATS",
@@ -128,9 +147,9 @@ FORMATS: tuple[Format, ...] = (
         "cgats",
         (CHART,),
         (b"CGATS", b"IT8.", b"CTI3", b"ISO28178"),
-        writes=True,
+        writes=(".cgats", ".it8", ".ti3", ".txt"),
     ),
-    Format("CSV", (".csv", ".tsv"), "chart_csv", (CHART,), writes=True),
+    Format("CSV", (".csv", ".tsv"), "chart_csv", (CHART,), writes=(".csv", ".tsv")),
     Format(
         "PNG or JPEG", (".png", ".jpg", ".jpeg"), "picture", (DISPLAY_PICTURE,), (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
     ),
@@ -139,6 +158,11 @@ FORMATS: tuple[Format, ...] = (
     ),
 )
 """In the order of the test by signature: a MATLAB 7.3 file is HDF5 behind 512 other bytes."""
+
+
+def suffixes_of_scenes() -> tuple[str, ...]:
+    """Return the suffixes in which any scene can be written, not only a chart's patches."""
+    return tuple(suffix for kind in FORMATS if CHART not in kind.holds for suffix in kind.writes)
 
 
 def not_reduced(path: Path, scene: SpectralCube | Scene, options: ReadOptions) -> FileError:

@@ -8,10 +8,10 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from photosite.errors import FileError, InputError
+from photosite.errors import InputError
 from photosite.files.atomic import atomic_path
 from photosite.files.validation import validated
-from photosite.files.yaml import dump_yaml, line_of, parse_yaml, read_yaml
+from photosite.files.yaml import check_version, dump_yaml, parse_yaml, read_yaml
 from photosite.sensor.io.maps_file import copy_maps
 from photosite.sensor.model import Maps, Sensor
 
@@ -74,10 +74,7 @@ def parse_sensor(content: str, path: str | PathLike[str]) -> Sensor:
 
 
 def _sensor_from(data: Any, path: str | PathLike[str]) -> Sensor:
-    version = data.get("photosite_sensor") if isinstance(data, dict) else None
-    if version != 1:
-        line = line_of(data, "photosite_sensor")
-        raise FileError(path, "photosite_sensor", line, value=version, expected="1, the version of the file format")
+    check_version(path, data, "photosite_sensor")
     sensor: Sensor = validated(Sensor, data, path)
     if sensor.maps is None:
         return sensor
