@@ -8,7 +8,7 @@ import photosite as ps
 figure = Figure(figsize=(8.8, 3.4), layout="constrained")
 charts = {
     "ColorChecker Classic, measured reflectances": ps.charts.macbeth("D65"),
-    "ColorChecker SG, from published colours": ps.charts.color_checker_sg("D65"),
+    "ColorChecker SG, from published colors": ps.charts.color_checker_sg("D65"),
 }
 for axes, (title, chart) in zip(figure.subplots(1, 2), charts.items(), strict=True):
     axes.imshow(as_seen(chart), interpolation="antialiased")

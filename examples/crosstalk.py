@@ -1,11 +1,11 @@
-"""A ColorChecker by pixels without and with crosstalk, developed with the colour matrix of the sensor without it."""
+"""A ColorChecker by pixels without and with crosstalk, developed with the color matrix of the sensor without it."""
 
 import numpy as np
 from drawing import auto_exposure_s, crop, d200, mean_on, panels, save
 
 import photosite as ps
 
-LEAKS = {"R": 0.04, "G": 0.02, "B": 0.01}  # share of a pixel's light that each of its four neighbours collects
+LEAKS = {"R": 0.04, "G": 0.02, "B": 0.01}  # share of a pixel's light that each of its four neighbors collects
 kernels = {name: [[0.0, k, 0.0], [k, 1 - 4 * k, k], [0.0, k, 0.0]] for name, k in LEAKS.items()}
 lens = ps.DiffractionLimited(f_number=8, focal_length_mm=50)
 chart = ps.charts.macbeth("D65", 100)

@@ -1,4 +1,4 @@
-"""A checkerboard through a straight lens, a lens with barrel distortion, and one with lateral colour."""
+"""A checkerboard through a straight lens, a lens with barrel distortion, and one with lateral color."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ shift_um = np.array([[6.0], [0.0], [-6.0]]) * 1.1 * corner_mm  # 0.6 % of the im
 lenses = {
     "no distortion": ps.Lens(BASE),
     "barrel, 6 % at the corner": ps.Lens(BASE, distortion=barrel),
-    "lateral colour, ±0.6 %": ps.Lens(
+    "lateral color, ±0.6 %": ps.Lens(
         BASE, lateral_color=ps.LateralColor(np.array([450.0, 550.0, 650.0]), edge, shift_um)
     ),
 }

@@ -18,7 +18,7 @@ chip_m = 300 * camera.sensor.pixel.width_um.value * 1e-6
 shown = []
 for luminance_cd_m2 in (500.0, 50.0, 5.0):
     scene = ps.pictures.from_rgb(portrait, "A", luminance_cd_m2)
-    # The portrait is half a metre wide and fills the frame: |m| = f / (d - f).
+    # The portrait is half a meter wide and fills the frame: |m| = f / (d - f).
     scene = replace(scene, distance_m=0.05 * (1 + 0.5 / chip_m), width_m=None)
     mean_e = camera.mean_electrons(scene, 1 / 60)
     raw = camera.expose(mean_e, 1 / 60, seed=2008)

@@ -1,4 +1,4 @@
-"""False colours on a zone plate, and what an optical low-pass filter leaves of them."""
+"""False colors on a zone plate, and what an optical low-pass filter leaves of them."""
 
 from drawing import auto_exposure_s, d200, panels, photograph, save
 

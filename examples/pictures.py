@@ -1,4 +1,4 @@
-"""Reflectance spectra recovered from sRGB colours, and a high dynamic range picture as a scene."""
+"""Reflectance spectra recovered from sRGB colors, and a high dynamic range picture as a scene."""
 
 import numpy as np
 from drawing import as_seen, save
@@ -30,7 +30,7 @@ upper.axes[0].set_ylabel("reflectance")
 upper.supxlabel("wavelength (nm)", fontsize=9)
 upper.legend(*upper.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
-# The colours of the chart's first three rows as light, a tenth of the luminance from column to column.
+# The colors of the chart's first three rows as light, a tenth of the luminance from column to column.
 tiles = np.array([display[region.r0, region.c0] for region in chart.regions[:18]]).reshape(3, 6, 3) ** 2.2
 tiles *= 10.0 ** -np.arange(6)[None, :, None]
 lamps = ps.pictures.from_hdr(np.kron(tiles, np.ones((20, 20, 1))), white_luminance_cd_m2=1e5)

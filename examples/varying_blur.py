@@ -39,7 +39,7 @@ star = ps.charts.siemens_star("D65", 100, cycles=24, waveform="square", patches=
 scene = replace(star, weights=np.tile(star.weights, (1, ROWS // SIDE, COLS // SIDE)))
 varying = design(np.linspace(0, 1, 9), edge_mm, pixel_um)
 lenses = {
-    "blur of the centre everywhere": design(np.zeros(1), edge_mm, pixel_um),
+    "blur of the center everywhere": design(np.zeros(1), edge_mm, pixel_um),
     f"coma and field curvature: {len(varying.low_rank.modes)} modes, "
     f"RMS error {100 * varying.low_rank.relative_error:.1f} %": varying,
 }
@@ -48,7 +48,7 @@ for title, blur in lenses.items():
     camera = ps.Camera(ps.Lens(BASE, blur=blur), green)
     picture = ps.develop(camera.capture(scene, auto_exposure_s(camera, scene), seed=2008), "none")
     whole.append((title, picture))
-    parts.append(("centre, enlarged 3 times", crop(picture, np.s_[88:152], np.s_[168:232], 3)))
+    parts.append(("center, enlarged 3 times", crop(picture, np.s_[88:152], np.s_[168:232], 3)))
     parts.append(("lower right corner", crop(picture, np.s_[-72:-8], np.s_[-72:-8], 3)))
 figure, _ = panels([whole, parts])
 save(figure, "varying-blur.png")

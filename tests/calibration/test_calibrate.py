@@ -274,13 +274,13 @@ def test_a_negative_spread_enters_the_sensor_file_as_zero_with_a_note(virtual):
 
 
 def test_hidden_read_noise_is_reported_with_its_limit(virtual):
-    """Quantisation hides a read noise of 0.2 DN (EMVA 1288's 0.24 DN^2), and the result has a warning."""
+    """Quantization hides a read noise of 0.2 DN (EMVA 1288's 0.24 DN^2), and the result has a warning."""
     base = virtual.sensor(4, rows=64, cols=80)
     sensor = base.with_(read_noise_mv=0.2 * base.mv_per_dn)
     calibration = calibrate(virtual.frame_set(sensor, 4))
     true_e = sensor.electrons(sensor.noise.read_noise_mv.value)
     assert calibration.temporal_dark_noise_e.upper_limit_95 > true_e
-    assert any("quantisation hides the read noise" in warning for warning in calibration.warnings)
+    assert any("quantization hides the read noise" in warning for warning in calibration.warnings)
 
 
 def test_curves_hold_the_points_and_the_line(mono, calibration):

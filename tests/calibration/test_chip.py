@@ -116,7 +116,7 @@ def test_read_noise_of_each_pixel_is_recovered(trip) -> None:
     assert second.read_noise_freedom == freedom
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], freedom * ratio.size)
     assert low < freedom * ratio.sum() < high
-    # Row and column noise correlates neighbours, so only one ratio in a hundred is tested.
+    # Row and column noise correlates neighbors, so only one ratio in a hundred is tested.
     assert stats.kstest(freedom * ratio[::101], "chi2", (freedom,)).pvalue > 1e-4
 
 

@@ -4,7 +4,7 @@
 with different parameters and a different chip, half of them limited by the converter and half by the well.
 
 For each parameter, at least 85 % of the 95 % intervals must contain the truth, and the pulls (error over standard
-uncertainty) must be centred and of normal width. With intervals that contain it in exactly 95 % of cases, 40 sensors
+uncertainty) must be centered and of normal width. With intervals that contain it in exactly 95 % of cases, 40 sensors
 pass the first with probability 99.7 % and 20 sensors with 98.4 %; a mean pull beyond 3.5 standard errors has
 probability 0.05 %. Many parameters share their errors, so new seeds would raise a false alarm over all of them in
 roughly one run of ten; these seeds are fixed. With 100 seeds (200 sensors; 100 for parameters in photons) 93 to 100 %
@@ -90,7 +90,7 @@ def test_saturation_is_between_the_exposures(outcomes):
 
 
 def test_channels_agree_with_the_truth(outcomes):
-    """Gain and PRNU of 60 colour channels: 95 % coverage expected, 85 % is 3.5 standard errors below."""
+    """Gain and PRNU of 60 color channels: 95 % coverage expected, 85 % is 3.5 standard errors below."""
     _, calibrations = outcomes
     covered = {"system_gain_dn_per_e": [], "prnu_percent": [], "read_noise_dn": [], "dsnu_dn": []}
     for sensor, calibration in calibrations[MONO:]:

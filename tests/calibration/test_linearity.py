@@ -72,7 +72,7 @@ def test_a_straight_line_has_no_error_and_units_do_not_matter():
 
 def test_uncertainties_are_those_of_repeated_measurements():
     """A clearly curved response, measured 2000 times. The spread of 2000 values is known to 1.6 %, so 8 % is five times
-    that; linearisation and the noise of the weights stay below 2 %. Errors are small against the cubic curvature, so
+    that; linearization and the noise of the weights stay below 2 %. Errors are small against the cubic curvature, so
     that the extremes stay at their levels."""
     rng = np.random.default_rng(2)
     x = np.linspace(0.02, 1.0, 30)

@@ -40,7 +40,7 @@ def test_equal_pixels_have_one_variance_despite_outliers() -> None:
 
 
 def test_uncertainties_from_moderated_variances_cover() -> None:
-    """Normalised squared deviations average to 1; with unmoderated variances they average to 15/13."""
+    """Normalized squared deviations average to 1; with unmoderated variances they average to 15/13."""
     true = inverse_chi_square(4.0, 20.0, 200_000, 4)
     variance = draw(true, 5)
     best = moderated(variance, FREEDOM, noise_spread(variance, FREEDOM))

@@ -55,7 +55,7 @@ def test_intervals_hold_at_any_phase(noise, black):
     if found.read_noise_dn.value is None:
         assert noise < 0.45
         assert found.read_noise_dn.upper_limit_95 > noise
-        assert "quantisation hides the read noise" in found.read_noise_dn.reason
+        assert "quantization hides the read noise" in found.read_noise_dn.reason
     else:
         assert held(found.read_noise_dn, noise)
         assert held(found.read_noise_e, noise / GAIN)

@@ -24,7 +24,7 @@ LENS = DiffractionLimited(f_number=8, focal_length_mm=50)
 
 
 def random_scene(rows: int, cols: int, seed: int = 1, count: int = 5) -> Scene:
-    """Blocks of random colours over the D200's wavelengths."""
+    """Blocks of random colors over the D200's wavelengths."""
     rng = np.random.default_rng(seed)
     grid = np.arange(380.0, 781.0, 20)
     weights = np.kron(rng.random((count, rows // 4, cols // 4)), np.ones((4, 4)))

@@ -1,4 +1,4 @@
-"""Distortion and lateral colour of a camera: positions, light, and the sum over wavelengths."""
+"""Distortion and lateral color of a camera: positions, light, and the sum over wavelengths."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_mapping_without_distortion_with_a_field_psf() -> None:
 def test_points_follow_the_mapping(k: float, cells: int, limit: float) -> None:
     """A grid of points one pixel wide on black: their centroids, compared with the cubic.
 
-    The remaining error is that of the cells: a point that is no whole number of cells wide is moved to their centres.
+    The remaining error is that of the cells: a point that is no whole number of cells wide is moved to their centers.
     """
     rows, cols, apart = 240, 320, 40
     sensor = mono(rows, cols)

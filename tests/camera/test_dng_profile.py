@@ -1,4 +1,4 @@
-"""The colour matrix and the noise profile that raw frames carry."""
+"""The color matrix and the noise profile that raw frames carry."""
 
 from __future__ import annotations
 

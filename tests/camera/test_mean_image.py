@@ -43,7 +43,7 @@ class Lens(DiffractionLimited):
 
 @dataclass(frozen=True)
 class Spot:
-    """A Gaussian of light: share, standard deviation, centre (down, right)."""
+    """A Gaussian of light: share, standard deviation, center (down, right)."""
 
     share: float
     sigma_m: float
@@ -223,7 +223,7 @@ def test_kernels_and_cones_add_up_to_all_light(f_number: float, cells: int) -> N
 
 @pytest.mark.parametrize("reach_m", [7e-3, math.inf, math.nan])
 def test_spread_larger_than_any_frame_is_an_error(reach_m: float) -> None:
-    """Micrometres instead of millimetres, for example."""
+    """Micrometers instead of millimeters, for example."""
     whole = plane(*COMA)
     given = PlanePsf(whole.otf, whole.cutoff_per_m, lambda w: reach_m)
     with pytest.raises(InputError, match="number of cells over which the lens spreads a point"):
@@ -278,7 +278,7 @@ def test_low_pass_filter_splits_a_point_into_four(cells: int) -> None:
 
 ROWS, COLS = 24, 30
 NODES_Y_M, NODES_X_M = np.array([-60e-6, 5e-6, 80e-6]), np.array([-100e-6, -20e-6, 30e-6, 75e-6])
-"""Neither even nor centred, and the outer ones within the frame's padding."""
+"""Neither even nor centered, and the outer ones within the frame's padding."""
 
 
 def spots_at(y_m: float, x_m: float) -> tuple[Spot, Spot]:

@@ -1,4 +1,4 @@
-"""The optical stack compared with closed forms, sums by hand, and a loop over pixels and their neighbours."""
+"""The optical stack compared with closed forms, sums by hand, and a loop over pixels and their neighbors."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def one_light(sensor: ps.Sensor, name: str = "M") -> ps.Sensor:
 
 
 def kernels(size: int, seed: int) -> dict[str, list[list[float]]]:
-    """A kernel for each colour, different in every direction."""
+    """A kernel for each color, different in every direction."""
     rng = np.random.default_rng(seed)
     drawn = rng.random((3, size, size))
     return {name: (kernel / kernel.sum()).tolist() for name, kernel in zip("RGB", drawn, strict=True)}
 
 
 def handed_out(mosaic: NDArray[np.float64], of: dict[str, Any], tile: tuple[tuple[str, ...], ...]) -> Any:
-    """Each pixel gives its shares to its neighbours; shares outside the frame are lost."""
+    """Each pixel gives its shares to its neighbors; shares outside the frame are lost."""
     rows, cols = mosaic.shape
     out = np.zeros_like(mosaic)
     for r, c in np.ndindex(rows, cols):
@@ -73,7 +73,7 @@ def test_uniform_colours_match_the_mixing_matrix_by_hand() -> None:
 
 
 def test_neutral_and_color_matrix_include_crosstalk() -> None:
-    """The neutral in the metadata is the reading of a uniform field, and a chart is developed to its colours."""
+    """The neutral in the metadata is the reading of a uniform field, and a chart is developed to its colors."""
     plus = [[0, 0.03, 0], [0.05, 0.84, 0.05], [0, 0.03, 0]]
     wide = [[0.02, 0.02, 0.02], [0.02, 0.84, 0.02], [0.02, 0.02, 0.02]]
     sensor = D200.with_(crosstalk={"optical": {"R": wide, "G": plus, "B": plus}})
@@ -93,7 +93,7 @@ def test_neutral_and_color_matrix_include_crosstalk() -> None:
 
 
 def test_optical_crosstalk_precedes_electrical() -> None:
-    """Random kernels per colour, away from the border: the two stages, pixel by pixel."""
+    """Random kernels per color, away from the border: the two stages, pixel by pixel."""
     crosstalk = Crosstalk.model_validate({"optical": kernels(3, 1), "electrical": kernels(5, 2)})
     rng = np.random.default_rng(3)
     mosaic = np.zeros((24, 30))

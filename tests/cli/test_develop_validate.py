@@ -30,7 +30,7 @@ def test_develop_is_what_the_library_gives(photosite: Any, shots: Path, tmp_path
     assert (done.status, done.json["depth"]) == (0, depth)
     picture = ps.develop(ps.read_raw(shots / "a.dng"))
     with Image.open(tmp_path / "a.png") as image:
-        # Pillow cuts 16-bit colour to its upper 8 bits.
+        # Pillow cuts 16-bit color to its upper 8 bits.
         expected = np.rint(picture * (2**depth - 1)).astype(int) >> (depth - 8)
         np.testing.assert_array_equal(np.asarray(image), expected)
 

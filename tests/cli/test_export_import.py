@@ -60,7 +60,7 @@ def test_emva_descriptor_and_results(photosite: Any, stack: Path, tmp_path: Path
     folder, results = tmp_path / "emva", tmp_path / "results.xml"
     done = photosite("export", stack, "emva", "-o", folder)
     assert done.status == 0
-    assert "not in a descriptor: colour filter array" in done.err
+    assert "not in a descriptor: color filter array" in done.err
     before = photosite("calibrate", stack, "--json").json["parameters"]
     after = photosite("calibrate", folder, "--cfa", "rggb", "--json").json["parameters"]
     for name in ("system_gain_dn_per_e", "read_noise_e", "quantum_efficiency_percent", "prnu1288_percent"):

@@ -115,7 +115,7 @@ def test_libcamera_of_the_lowest_setting(photosite: Any, shot: tuple[Path, GainS
     output = tmp_path / "tuning.json"
     done = photosite("export", shot[0], "libcamera", "--target", "pisp", "-o", output, "--json")
     assert done.status == 0
-    assert "gain setting 100 is assumed to be analogue gain 1" in done.err
+    assert "gain setting 100 is assumed to be analog gain 1" in done.err
     assert done.json["loss"] == LIBCAMERA_LOSS
     tuning = json.loads(output.read_text())
     assert tuning["target"] == "pisp"

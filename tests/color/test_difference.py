@@ -1,4 +1,4 @@
-"""Colour differences against published values."""
+"""Color differences against published values."""
 
 import numpy as np
 import pytest

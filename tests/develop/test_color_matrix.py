@@ -1,4 +1,4 @@
-"""The fitted colour matrix and its cross-validation."""
+"""The fitted color matrix and its cross-validation."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TRUTH = np.array([[0.41, 0.36, 0.18], [0.21, 0.72, 0.07], [0.02, 0.12, 0.95]])
 
 @pytest.fixture
 def patches():
-    """Camera RGB and colours that no matrix maps onto each other exactly."""
+    """Camera RGB and colors that no matrix maps onto each other exactly."""
     rng = np.random.default_rng(24)
     rgb = rng.uniform(0.05, 0.9, (24, 3))
     return rgb, rgb @ TRUTH.T + rng.normal(0, 0.01, (24, 3))

@@ -11,7 +11,7 @@ from photosite.values.cfa import NAMED, channel_mask
 
 BAYER = ("rggb", "bggr", "gbrg", "grbg")
 
-# On a Bayer tile a channel's neighbours are all beside or all diagonal; on this one the weights matter.
+# On a Bayer tile a channel's neighbors are all beside or all diagonal; on this one the weights matter.
 DIAGONAL = (("R", "G", "B"), ("G", "B", "R"), ("B", "R", "G"))
 
 

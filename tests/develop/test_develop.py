@@ -1,4 +1,4 @@
-"""Developed pictures with known colours, and invalid arguments."""
+"""Developed pictures with known colors, and invalid arguments."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ FROM_XYZ = np.array([[0.8367, -0.2248, -0.0981], [-0.3931, 1.1500, 0.2720], [-0.
 
 
 def flat_frame(rgb, cfa="rggb", shape=(8, 10), black=1000.0, **more):
-    """An even surface of one camera colour, in units of the white level, on a 16-bit mosaic."""
+    """An even surface of one camera color, in units of the white level, on a 16-bit mosaic."""
     tile = NAMED[cfa]
     signal = sum(v * channel_mask(tile, c, shape) for c, v in zip("RGB", rgb, strict=True))
     dn = np.rint(black + signal * (65535 - black)).astype(np.uint16)
@@ -52,7 +52,7 @@ def test_a_known_colour_becomes_its_srgb(cfa, xyz):
 def test_gray_world_makes_an_even_field_gray_whatever_the_matrix(matrix):
     picture = develop(flat_frame((0.61, 0.33, 0.18)), "gray-world", matrix, exposure=0.5)
     assert np.ptp(picture, axis=-1).max() < 1e-4
-    # Gains normalised to their least, red's: the field stands at red's 0.61 of white.
+    # Gains normalized to their least, red's: the field stands at red's 0.61 of white.
     np.testing.assert_allclose(picture, encode_srgb(np.float32([0.305]))[0], atol=1e-4)
 
 

@@ -27,7 +27,7 @@ def test_8_bits_through_pillow(picture: np.ndarray, tmp_path: Path) -> None:
 
 
 def test_16_bits(picture: np.ndarray, tmp_path: Path) -> None:
-    """Pillow checks the chunks; it reduces 16-bit colour to 8 bits, so imagecodecs decodes the values."""
+    """Pillow checks the chunks; it reduces 16-bit color to 8 bits, so imagecodecs decodes the values."""
     save_picture(picture, tmp_path / "p.png", bits=16)
     with Image.open(tmp_path / "p.png") as image:
         image.verify()

@@ -12,7 +12,7 @@ from photosite.engine.crosstalk import gathered, scale_by_angle
 
 
 def plain(mosaic: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Every pixel and neighbour; beyond the border, shifted by whole tiles into the frame."""
+    """Every pixel and neighbor; beyond the border, shifted by whole tiles into the frame."""
     (rows, cols), (period_r, period_c, size, _) = mosaic.shape, shares.shape
 
     def back(index: int, length: int, period: int) -> int:
@@ -43,7 +43,7 @@ def test_gathered_equals_the_sum_over_neighbours(shape: tuple[int, int], tile: t
 
 @pytest.mark.parametrize("shape", [(2, 2), (3, 5), (1, 4), (2, 300)])
 def test_frames_smaller_than_the_kernel(shape: tuple[int, int]) -> None:
-    """One tile is enough: its pixels are their own neighbours."""
+    """One tile is enough: its pixels are their own neighbors."""
     tile = (min(shape[0], 2), 2)
     rng = np.random.default_rng(4)
     mosaic, shares = rng.random(shape), rng.random((*tile, 7, 7)) / 49

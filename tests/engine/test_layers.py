@@ -84,7 +84,7 @@ def test_radial_part_and_kernel_add_up() -> None:
 
 @pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 2), (4, 4)])
 def test_kernel_is_a_convolution_for_any_tile(tile: tuple[int, int]) -> None:
-    """Compared with SciPy's, in the centre of a frame, at each channel's sites."""
+    """Compared with SciPy's, in the center of a frame, at each channel's sites."""
     from scipy.signal import convolve2d
 
     grid = Grid((24, 36), 8, tile)

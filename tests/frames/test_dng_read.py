@@ -52,7 +52,7 @@ def test_a_dng_of_another_program(tmp_path, dn, order, area):
 
 
 def test_an_active_area_that_starts_at_an_odd_place(tmp_path, dn):
-    """LibRaw moves such an area by a pixel, so the colours are compared by their place on the whole chip."""
+    """LibRaw moves such an area by a pixel, so the colors are compared by their place on the whole chip."""
     path = tmp_path / "a.dng"
     path.write_bytes(hand_made_dng(dn, area=[3, 5, 58, 68]))
     frame = read(path)

@@ -89,7 +89,7 @@ def test_eight_and_signed_bits(tmp_path):
         (np.zeros((4, 5), np.int32), {}, "pixels"),
         (np.zeros((4, 5), np.int16), {"BSCALE": 2.0}, "pixels"),
         (np.zeros((4, 5), np.int8), {}, "pixels"),
-        (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a colour picture"),
+        (np.zeros((3, 4, 5), np.uint16), {}, "3 planes are those of a color picture"),
         (np.zeros(5, np.uint16), {}, "shape"),
         (np.zeros((4, 5), np.uint16), {"EXPTIME": "long"}, "EXPTIME"),
         (np.zeros((4, 5), np.uint16), {"EXPTIME": 0.0}, "exposure_s"),

@@ -111,7 +111,7 @@ def test_paths_that_are_not_a_measurement(tmp_path):
     [
         ({"shape": (24, 27)}, "the size is 24 x 27, but"),
         ({"bits": 14}, "the bit depth is 14, but"),
-        ({"cfa": cfa_from("rggb")}, "the colour filter array is RG/GB, but"),
+        ({"cfa": cfa_from("rggb")}, "the color filter array is RG/GB, but"),
     ],
 )
 @pytest.mark.parametrize("ending", ["dng", "tif", "png"])

@@ -94,7 +94,7 @@ def test_properties_from_the_sensor(tmp_path):
     assert frames.sensor.pixel.width_um.value == 6.05
     with raises(FileError, "the frames have 14 bits, but the sensor 'Nikon D200' 12"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\nbits: 14\nsensor: mine.sensor.yaml\n" + entry))
-    with raises(FileError, "the frames have the colour filter array GB/RG"):
+    with raises(FileError, "the frames have the color filter array GB/RG"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\ncfa: gbrg\nsensor: mine.sensor.yaml\n" + entry))
     with pytest.raises(FileError, match=r"nowhere\.yaml"):
         open_frames(protocol(tmp_path, "photosite_protocol: 1\nsensor: nowhere.yaml\n" + entry))

@@ -48,7 +48,7 @@ class PageReader(HTMLParser):
 
     @property
     def text(self) -> str:
-        """Text of the page with normalised white space."""
+        """Text of the page with normalized white space."""
         return " ".join("".join(self.words).split())
 
     def values(self, attribute: str) -> list[str]:

@@ -57,7 +57,7 @@ class MonochromatorRun:
     sensor
         The virtual sensor; its dark frames must not clip (`photosite.studies.virtual_lab.with_pedestal`).
     centres_nm
-        Centres of the bands.
+        Centers of the bands.
     bandwidth_nm
         Full width at half maximum of the triangular bands.
     frames, dark_frames

@@ -129,7 +129,7 @@ def test_area_and_moments_of_cells() -> None:
     area = amplitude.sum() * (2 / 40) ** 2
     assert area == pytest.approx(3 * math.sqrt(3) / 4, rel=1e-4)
     assert (amplitude * y).sum() == pytest.approx(0, abs=0.1)
-    # Second moment of an equilateral triangle about its centre: side^4 sqrt(3) / 96, side sqrt(3).
+    # Second moment of an equilateral triangle about its center: side^4 sqrt(3) / 96, side sqrt(3).
     assert (amplitude * y * y).sum() * (2 / 40) ** 2 == pytest.approx(9 * math.sqrt(3) / 96, rel=2e-3)
     assert amplitude[-3:].sum() < amplitude[8:11].sum()  # the corner is at the top, y up
 

@@ -37,7 +37,7 @@ def plane_otf(spread: PlanePsf | RadialPsf, y: Array, x: Array, wavelength_nm: f
 
 
 def point_spread(spread: PlanePsf | RadialPsf, wavelength_nm: float, count: int) -> Array:
-    """(count, count) samples at half a period of the cutoff, the centre at count // 2; peak of the Airy pattern 1."""
+    """(count, count) samples at half a period of the cutoff, the center at count // 2; peak of the Airy pattern 1."""
     f = np.fft.fftfreq(count) * 2
     otf = plane_otf(spread, f[:, None], f[None], wavelength_nm)
     spectrum = otf * (4 / count**2) / (math.pi / 4)

@@ -111,7 +111,7 @@ def test_report_contains_every_value_and_interval(of_loop) -> None:
     cells = [cell for table in tables for row in table.rows if not isinstance(row, Heading) for cell in row]
     assert len(cells) > 200
     for cell in cells:
-        # A line of a neighbouring cell may separate the words of a cell.
+        # A line of a neighboring cell may separate the words of a cell.
         for word in cell.split():
             assert words(word) in whole, f"'{word}' of '{cell}'"
 

@@ -62,7 +62,7 @@ def test_verdict_and_tests(right_page: Page, wrong: FrameValidation) -> None:
     assert notice.warning
     assert [row[-2:] for row in tests.rows] == [("< 1e-12", "differ")] * 2
     text = render_page(wrong_page)
-    assert "The colour filter arrays differ" in text
+    assert "The color filter arrays differ" in text
     assert "The exposure times differ: measured 0.333333 s, simulated 0.3 s." in text
 
 
@@ -116,5 +116,5 @@ def test_monochrome_camera_has_no_colours() -> None:
     scene = in_perspective(macbeth(), CORNERS, (150, 224))
     result = validate_frames([camera.capture(scene, 1 / 3, seed=1)], replace(CONDITIONS, sensor=mono), CORNERS)
     assert result.agrees
-    assert blocks(validation_page(result), "Colours") == ()
-    assert result.validation.notes == ("no colour differences: the channels are not R, G and B",)
+    assert blocks(validation_page(result), "Colors") == ()
+    assert result.validation.notes == ("no color differences: the channels are not R, G and B",)

@@ -70,7 +70,7 @@ def test_the_scene_agrees_with_random_points_of_the_chart():
     wrong = 0
     for _ in range(400):
         r, c = rng.integers(0, scene.shape[0]), rng.integers(0, scene.shape[1])
-        # The scene is centred on the frame and scaled evenly to cover it.
+        # The scene is centered on the frame and scaled evenly to cover it.
         step = min(samples / SHAPE)
         parts = (np.array([r, c]) + rng.uniform(0, 1, (400, 2)) - (samples - np.array(SHAPE) * step) / 2) / step
         at = np.floor(back(parts)).astype(int)

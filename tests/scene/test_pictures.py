@@ -1,4 +1,4 @@
-"""Pictures as spectra: they keep their colours, and their reflectances are valid."""
+"""Pictures as spectra: they keep their colors, and their reflectances are valid."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def linear_srgb(picture: np.ndarray) -> np.ndarray:
 
 
 def differences(scene: Scene, linear: np.ndarray) -> np.ndarray:
-    """CIEDE2000 of a scene's colours from linear sRGB; one factor for the whole picture is the caller's luminance."""
+    """CIEDE2000 of a scene's colors from linear sRGB; one factor for the whole picture is the caller's luminance."""
     seen = xyz(np.einsum("kij,kl->ijl", scene.weights.astype(np.float64), scene.basis), scene.wavelength_nm)
     wanted = linear @ XYZ_FROM_SRGB.T
     return delta_e_2000(seen * wanted[..., 1].mean() / seen[..., 1].mean(), wanted)
@@ -74,7 +74,7 @@ def test_smooth_reflectances_are_valid_and_within_the_tolerance() -> None:
         assert error < tolerance
         assert scene.relative_error == pytest.approx(error, rel=1e-2)
         assert len(scene.basis) < len(finest.basis)
-        assert differences(scene, linear_srgb(picture)).max() < 0.03  # colours are not affected
+        assert differences(scene, linear_srgb(picture)).max() < 0.03  # colors are not affected
 
 
 def some_colours(count: int = 400) -> np.ndarray:
@@ -118,7 +118,7 @@ def test_range_of_reduced_reflectances_agrees_with_the_docs() -> None:
 
 
 def test_the_error_weights_colours_by_their_frequency() -> None:
-    """One rare colour beside a thousand of another: the error is that of the whole picture."""
+    """One rare color beside a thousand of another: the error is that of the whole picture."""
     picture = np.concatenate([np.tile(CHECKER[:, :1], (1, 1000, 1)), CHECKER], axis=1)
     truth, scene = (from_rgb(picture, method="jakob-hanika", tolerance=t) for t in (1e-6, 3e-2))
     assert truth.reflectance is not None
@@ -136,7 +136,7 @@ def test_linear_values_are_light() -> None:
 
 @pytest.mark.parametrize("space", ["Display P3", "Adobe RGB", "BT.2020", "ProPhoto RGB"])
 def test_other_spaces_by_way_of_their_own_matrices(space: str) -> None:
-    """Colours of sRGB, encoded in the space by colour-science, are the scene that sRGB gives."""
+    """Colors of sRGB, encoded in the space by colour-science, are the scene that sRGB gives."""
     import colour
 
     wide = colour.RGB_to_RGB(
@@ -154,7 +154,7 @@ def test_white_is_white_in_every_space() -> None:
 
 def test_colours_outside_srgb() -> None:
     picture = np.array([[[0.0, 1.0, 0.0], [0.5, 0.5, 0.5], [0.6, 0.3, 0.3], [0.1, 0.75, 0.1]]])
-    with pytest.raises(InputError, match="2 of 4 pixels have colours outside sRGB") as caught:
+    with pytest.raises(InputError, match="2 of 4 pixels have colors outside sRGB") as caught:
         from_rgb(picture, space="Display P3")
     assert caught.value.arguments == {"out_of_gamut": "clip", "method": "jakob-hanika"}
     clipped = from_rgb(picture, space="Display P3", out_of_gamut="clip")
@@ -183,7 +183,7 @@ def test_rounding_outside_0_to_1_is_accepted() -> None:
 def test_light_outside_srgb_is_clipped_on_request() -> None:
     picture = np.full((2, 3, 3), 7.0)
     picture[1, 2] = 5.0, -0.5, 2.0
-    with pytest.raises(InputError, match="1 of 6 pixels have colours outside sRGB") as caught:
+    with pytest.raises(InputError, match="1 of 6 pixels have colors outside sRGB") as caught:
         from_hdr(picture, 1.0)
     assert caught.value.arguments == {"out_of_gamut": "clip"}
     clipped = from_hdr(picture, 1.0, out_of_gamut="clip")
@@ -213,7 +213,7 @@ def test_light_has_its_colours() -> None:
         (lambda: from_hdr(np.ones((2, 2, 3))), "needs one luminance"),
         (lambda: from_hdr(np.ones((2, 2, 3)), 1.0, mean_luminance_cd_m2=2.0), "needs one luminance"),
         (lambda: from_hdr(np.ones((2, 2, 3), np.uint8), 1.0), "of uint8"),
-        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "4 of 4 pixels have colours outside sRGB"),
+        (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0), "4 of 4 pixels have colors outside sRGB"),
         (lambda: from_hdr(-np.ones((2, 2, 3)), 1.0, out_of_gamut="clip"), "black picture"),
         (lambda: from_hdr(np.full((2, 2, 3), np.inf), 1.0), "finite everywhere"),
         (lambda: from_hdr(np.zeros((2, 2, 3)), 1.0), "black picture"),

@@ -1,4 +1,4 @@
-"""Scenes on frames: centred, covering, to scale."""
+"""Scenes on frames: centered, covering, to scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth reflectances from colours: against colour-science's own Jakob and Hanika."""
+"""Smooth reflectances from colors: against colour-science's own Jakob and Hanika."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def test_coefficients_of_known_reflectances_are_found() -> None:
     true = rng.normal(0.0, [4.0, 2.0, 1.0], (200, 3))
     reflectance = sigmoid_reflectance(true, GRID)
     found = sigmoid_reflectance(sigmoid_coefficients(reflectance @ weights().T, weights(), GRID), GRID)
-    assert np.abs((found - reflectance) @ weights().T).max() < 1.2e-5  # the share of grey, 1e-5, and the solver's 1e-6
+    assert np.abs((found - reflectance) @ weights().T).max() < 1.2e-5  # the share of gray, 1e-5, and the solver's 1e-6
     assert np.quantile(np.abs(found - reflectance).max(axis=1), 0.9) < 1e-2
 
 
 @pytest.mark.parametrize("rgb", [(0.2, 0.4, 0.1), (0.6, 0.3, 0.3), (0.05, 0.1, 0.3)])
 def test_reflectances_are_those_that_colour_science_finds(rgb: tuple[float, ...]) -> None:
-    """Its optimiser stops at an invisible colour difference, so its spectra differ slightly."""
+    """Its optimizer stops at an invisible color difference, so its spectra differ slightly."""
     colour = colour_science()
     from colour.recovery import XYZ_to_sd_Jakob2019
 
@@ -72,5 +72,5 @@ def test_every_srgb_colour_has_a_valid_reflectance() -> None:
 
 
 def test_colours_that_no_surface_has() -> None:
-    with pytest.raises(InputError, match="1 colours are brighter or more saturated"):
+    with pytest.raises(InputError, match="1 colors are brighter or more saturated"):
         sigmoid_coefficients([[0.2, 0.2, 0.2], [0.9, 0.1, 0.0]], weights(), GRID)

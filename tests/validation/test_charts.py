@@ -1,4 +1,4 @@
-"""The chart's colours against colour-science's own integration."""
+"""The chart's colors against colour-science's own integration."""
 
 import numpy as np
 import pytest

@@ -64,7 +64,7 @@ def test_the_other_orders_of_corners_are_the_seven_other_symmetries_of_a_rectang
     corners = ((0.0, 0.0), (0.0, 3.0), (2.0, 3.0), (2.0, 0.0))
     orders = corner_orders(corners)
     assert len({*orders.values(), corners}) == 8
-    for order in orders.values():  # each goes round: neighbours stay neighbours
+    for order in orders.values():  # each goes round: neighbors stay neighbors
         steps = [abs(corners.index(a) - corners.index(b)) for a, b in zip(order, order[1:] + order[:1], strict=True)]
         assert set(steps) <= {1, 3}
     # A chart that was turned clockwise by 90 degrees has its first corner where the second would be.

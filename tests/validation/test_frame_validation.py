@@ -129,8 +129,8 @@ def test_another_cfa_is_reported():
     conditions = replace(CONDITIONS, sensor=SENSOR.with_(cfa="gbrg"))
     result = validate_frames(frames, conditions, CORNERS)
     assert not result.agrees
-    assert result.contradictions[0].startswith("the colour filter arrays differ: RG/GB")
-    assert result.diagnosis[0].startswith("the colour filter array is RG/GB: ")
+    assert result.contradictions[0].startswith("the color filter arrays differ: RG/GB")
+    assert result.diagnosis[0].startswith("the color filter array is RG/GB: ")
     # Files without a CFA: no contradiction, but the same diagnosis.
     bare = [replace(frame, cfa=NAMED["mono"]) for frame in frames]
     without_cfa = validate_frames(bare, conditions, CORNERS)

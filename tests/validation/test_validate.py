@@ -180,7 +180,7 @@ def test_monochrome_and_charts_of_ones_own():
     result = validate(*frames, chart=None, regions=regions)
     assert result.agrees
     assert result.color is None
-    assert result.notes == ("no colour differences: the channels are not R, G and B",)
+    assert result.notes == ("no color differences: the channels are not R, G and B",)
 
 
 def test_some_patches_of_the_chart_will_do():
@@ -196,7 +196,7 @@ def test_some_patches_of_the_chart_will_do():
         "no regression of channel R: it needs three different patches",
         "no regression of channel G: it needs three different patches",
         "no regression of channel B: it needs three different patches",
-        "no colour differences: rgb must be four patches or more, got '2 patches'",
+        "no color differences: rgb must be four patches or more, got '2 patches'",
     )
 
 
@@ -218,7 +218,7 @@ def test_frames_of_two_kinds_are_not_compared():
     frame = shoot(16)
     with pytest.raises(InputError, match="size: measured 112 x 166, simulated 110 x 166"):
         validate(frame, RawFrame(frame.dn[:110], 12, frame.cfa))
-    with pytest.raises(InputError, match="colour filter array: measured RG/GB, simulated GB/RG"):
+    with pytest.raises(InputError, match="color filter array: measured RG/GB, simulated GB/RG"):
         validate(frame, RawFrame(frame.dn, 12, NAMED["gbrg"]))
     with pytest.raises(InputError, match="bit depth: measured 12, simulated 14"):
         validate(frame, RawFrame(frame.dn, 14, frame.cfa))

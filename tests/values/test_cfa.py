@@ -1,4 +1,4 @@
-"""Colour filter arrays from names and tiles."""
+"""Color filter arrays from names and tiles."""
 
 from __future__ import annotations
 

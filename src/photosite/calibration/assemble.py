@@ -180,7 +180,7 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
 
 
 def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:
-    """Warn of temporal variances that contradict the model, or that quantisation hides."""
+    """Warn of temporal variances that contradict the model, or that quantization hides."""
     if fit is not None and fit.degrees_of_freedom and (scatter := fit.chi_square / fit.degrees_of_freedom) > SCATTER:
         yield (
             f"the photon transfer points scatter {math.sqrt(scatter):.2g} times as much as sampling explains; "
@@ -200,5 +200,5 @@ def _noise_warnings(fit: GainFit | None, m: Measurements) -> Iterator[str]:
     if isinstance(m.dark_variance, Uncertain) and m.dark_variance.value < LEAST_DARK_VARIANCE:
         yield (
             f"the dark temporal variance, {m.dark_variance.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: "
-            f"quantisation hides the read noise; use its upper limit"
+            f"quantization hides the read noise; use its upper limit"
         )

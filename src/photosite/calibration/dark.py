@@ -80,7 +80,7 @@ class DarkResult:
 
 
 def measure_dark_frames(reduction: Reduction, reader: FrameReader) -> DarkResult:
-    """Analyse the dark frames.
+    """Analyze the dark frames.
 
     Some frames of the reference group are read again, for the sums of their rows and columns and, where it is clipped
     at 0, for its zeros.

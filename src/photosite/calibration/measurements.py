@@ -24,11 +24,11 @@ class Measurements:
     """
 
     pixels: int
-    read_variance: Value  # temporal, of the reference dark frames, without quantisation and dark shot noise
+    read_variance: Value  # temporal, of the reference dark frames, without quantization and dark shot noise
     black_level: Value  # intercept of the mean dark signal
     dark_slope: Value  # slope of the mean dark signal against exposure
     dark_slope_variance: Value  # over pixels
-    dark_variance: Value  # temporal, at exposure zero, quantisation included
+    dark_variance: Value  # temporal, at exposure zero, quantization included
     dark_variance_slope: Value  # against exposure
     read_method: str
     dsnu_variance: Value = NO_LIGHT  # of the mean reference dark frame

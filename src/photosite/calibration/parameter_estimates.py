@@ -20,7 +20,7 @@ COARSEST_STEP = 0.10
 EMVA 1288 asks for 50 equal exposure steps or more."""
 
 LEAST_DARK_VARIANCE = 0.24
-"""DN^2; EMVA 1288: below it quantisation hides the temporal dark noise, and this is its upper limit."""
+"""DN^2; EMVA 1288: below it quantization hides the temporal dark noise, and this is its upper limit."""
 
 
 def estimate_parameters(m: Measurements, mv_per_dn: Value) -> Parameters:
@@ -86,14 +86,14 @@ def _percent_of_dark(slope: Value) -> Value:
 
 
 def _read_noise(m: Measurements, scale: Value, method: str) -> Estimate:
-    """Return the read noise, multiplied by a scale; only its upper limit where quantisation hides it."""
+    """Return the read noise, multiplied by a scale; only its upper limit where quantization hides it."""
     dark, found = m.dark_variance, _deviation(m.read_variance, scale, method)
     if not isinstance(dark, Uncertain) or dark.value >= LEAST_DARK_VARIANCE or found.value is None:
         return found
     assert isinstance(scale, Uncertain) and found.interval_95  # noqa: PT018
     limit = max(math.sqrt(LEAST_DARK_VARIANCE - QUANTISATION_DN2) * scale.value, found.interval_95[1])
     return Estimate(
-        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: quantisation "
+        reason=f"the dark temporal variance, {dark.value:.3g} DN², is below {LEAST_DARK_VARIANCE} DN²: quantization "
         f"hides the read noise; its 95 % upper limit is {limit:.3g}",
         upper_limit_95=limit,
         method=method,
@@ -138,7 +138,7 @@ def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tu
 
 
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
-    """Return the electrons at SNR 1, quantisation included: sqrt(var / K^2 + 1/4) + 1/2."""
+    """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2."""
     if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
         return Missing("the dark temporal variance is negative at exposure zero; take shorter darks")
     return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)

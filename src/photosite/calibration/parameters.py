@@ -25,7 +25,7 @@ class Label:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
-    """The parameters of a sensor or of one colour channel, named after EMVA 1288 and the 2008 paper.
+    """The parameters of a sensor or of one color channel, named after EMVA 1288 and the 2008 paper.
 
     Noise and nonuniformity are standard deviations. `_dn`, `_e` and `_mv` are the same quantity in digital numbers,
     electrons and millivolts at the pixel.

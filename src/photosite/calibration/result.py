@@ -30,7 +30,7 @@ class Calibration(Parameters):
     Parameters
     ----------
     channels
-        The same parameters per colour channel; empty for a monochrome chip.
+        The same parameters per color channel; empty for a monochrome chip.
     curves
         Per channel ("M" for a monochrome chip), the points behind the fits: "dark_signal", "dark_variance",
         "response" and "photon_transfer", where they could be measured.
@@ -155,7 +155,7 @@ class Calibration(Parameters):
         Returns
         -------
         dict
-            `parameters` (name to `Estimate.to_dict`), `channels` (the same per colour channel), `model`, `general`
+            `parameters` (name to `Estimate.to_dict`), `channels` (the same per color channel), `model`, `general`
             (results of the general model per channel), `linear_range`, `outlier_pixels` (per channel, candidates for
             the defect list), `warnings`, `rejected`; with maps also `defects` (number of each kind) and `temporal`.
         """

@@ -73,7 +73,7 @@ class Camera:
         """Return the mean electrons from light in every pixel, without noise, fixed pattern or dark current.
 
         Irradiance from the lens, times quantum efficiency, pixel area, fill factor and exposure, over wavelength.
-        The photodetector is a centred square of side pitch * sqrt(fill factor).
+        The photodetector is a centered square of side pitch * sqrt(fill factor).
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class Camera:
         Returns
         -------
         ndarray
-            (rows, cols) float32 mosaic: each pixel behind its own colour filter.
+            (rows, cols) float32 mosaic: each pixel behind its own color filter.
 
         Raises
         ------

@@ -4,7 +4,7 @@ A chart has 24 spectra and a cube may have more, but three channels behind a len
 modes of a lens that varies over the field resemble each other. Maps and modes are therefore combined to the few *terms*
 that matter, by singular value decomposition.
 
-With lateral colour, the images of a few wavelengths, the *wavelength nodes*, stand for those of all
+With lateral color, the images of a few wavelengths, the *wavelength nodes*, stand for those of all
 (`distortion.frame_wavelength_nodes`). For each node the maps are first reduced to few *node maps*; terms are then
 combinations of the node maps of all nodes. A single channel responds to few wavelengths, so it needs fewer node maps
 and terms; all channels together share them. The alternative with less work is chosen.

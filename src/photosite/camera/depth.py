@@ -1,6 +1,6 @@
 """Scenes in depth: planes at different distances, imaged separately and combined from the farthest to the nearest.
 
-Every plane has its own magnification, defocus, distortion and relative illumination. Neighbouring planes that the lens
+Every plane has its own magnification, defocus, distortion and relative illumination. Neighboring planes that the lens
 blurs alike, for example all planes in focus, occlude each other on the frame's cells, before the blur. Planes blurred
 differently are combined by their opacity alpha, imaged in the same way as the plane itself, channel by channel::
 
@@ -54,7 +54,7 @@ def planes_electron_rate(planes: Planes, camera: Camera) -> NDArray[np.float32]:
 
 
 def _groups(planes: tuple[Plane, ...], camera: Camera) -> list[tuple[Plane, ...]]:
-    """Group neighbouring planes that the lens blurs alike."""
+    """Group neighboring planes that the lens blurs alike."""
     groups: list[tuple[Plane, ...]] = []
     for plane in planes:
         if groups and _alike(camera, groups[-1][0].scene, plane.scene):

@@ -1,4 +1,4 @@
-"""Distortion and lateral colour on a frame: wavelength nodes, warps, and the regions of a distorted image."""
+"""Distortion and lateral color on a frame: wavelength nodes, warps, and the regions of a distorted image."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def frame_wavelength_nodes(
 ) -> tuple[list[float], Array]:
     """Return a few wavelengths whose images stand for all, and the share of each wavelength's light at each of them.
 
-    The images of neighbouring nodes are at most a quarter of a pixel apart anywhere in the frame.
+    The images of neighboring nodes are at most a quarter of a pixel apart anywhere in the frame.
 
     - `mapping`: Distortion of the lens; None is no distortion, and one node.
     - `wavelength_nm`: (wavelengths,) of the light.

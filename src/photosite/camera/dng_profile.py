@@ -1,4 +1,4 @@
-"""The colour matrix and the noise profile of a camera, as DNG defines them for raw files."""
+"""The color matrix and the noise profile of a camera, as DNG defines them for raw files."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _color_matrix(responses: tuple[tuple[float, ...], ...]) -> NDArray[np.float6
 def noise_profile(sensor: Sensor, exposure_s: float) -> NDArray[np.float64]:
     """Return (channels, 2) scale and offset: a signal s from 0 (black) to 1 (white) has the variance scale s + offset.
 
-    The scale is photon shot noise. The offset is read noise, DSNU, dark current shot noise and quantisation. The model
+    The scale is photon shot noise. The offset is read noise, DSNU, dark current shot noise and quantization. The model
     has no PRNU, whose variance grows with the square of the signal. It is NoiseProfile of DNG 1.7.
 
     Examples

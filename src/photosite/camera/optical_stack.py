@@ -119,7 +119,7 @@ def _apply_angular_response(
 
 
 def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
-    """Return optical and electrical crosstalk as one gathering kernel per site of the colour filter array's tile.
+    """Return optical and electrical crosstalk as one gathering kernel per site of the color filter array's tile.
 
     Returns (tile rows, tile cols, size, size): the share that a pixel at that site receives of the electrons of the
     pixel (i - size // 2) rows below it and (j - size // 2) columns to its right. The shares that one pixel gives to all
@@ -128,7 +128,7 @@ def crosstalk_shares(crosstalk: Crosstalk, cfa: Cfa) -> NDArray[np.float64]:
     Examples
     --------
     >>> right = ((0, 0, 0), (0, 0.9, 0.1), (0, 0, 0))
-    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbour
+    >>> crosstalk_shares(Crosstalk(optical={"M": right}), (("M",),))[0, 0, 1]  # from the left neighbor
     array([0.1, 0.9, 0. ])
     """
     light = _kernels_by_site(crosstalk.optical, cfa)

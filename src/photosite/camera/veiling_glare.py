@@ -1,6 +1,6 @@
 """Veiling glare: light that lens surfaces and barrel scatter over the sensor, added to a mosaic of mean electrons.
 
-A fraction g of all light is scattered: out = (1 - g) x + g G x, for each colour channel separately. G spreads light
+A fraction g of all light is scattered: out = (1 - g) x + g G x, for each color channel separately. G spreads light
 uniformly over the frame, or with the kernel exp(-distance / s) / (2 pi s^2), whose integral over the plane is 1. Beyond
 the frame's border the light is the frame's mirror image, so that a uniform field stays uniform and no light is lost.
 Light sources outside the frame are not in the scene, and do not contribute.
@@ -34,7 +34,7 @@ def add_glare(mosaic: NDArray[np.float32], glare: VeilingGlare, cfa: Cfa, pitch_
     """Scatter a fraction of a mosaic's light over it, in place.
 
     - `mosaic`: (rows, cols) mean electrons.
-    - `glare`, `cfa`: Fraction and spread of the scattered light; tile of the colour filter array.
+    - `glare`, `cfa`: Fraction and spread of the scattered light; tile of the color filter array.
     - `pitch_m`: (vertical, horizontal) pixel pitch.
 
     Raises `InputError` if the glare's spread is less than 16 pixels (for a 2 x 2 tile): that is a point spread.
@@ -94,7 +94,7 @@ class _Axis:
         self.tile = tile
         self.to_blocks = np.zeros((count, pixels))
         self.to_blocks[output, cover.sample] = cover.share
-        # Linear between block centres; constant beyond the first and last, as in the mirror image.
+        # Linear between block centers; constant beyond the first and last, as in the mirror image.
         position = np.clip((np.arange(pixels) + 0.5) / width - 0.5, 0, count - 1)
         self.to_pixels = np.maximum(0.0, 1 - np.abs(position[:, None] - np.arange(count)))
         self.frequency_per_m = np.arange(count) / (2 * pixels * pitch_m)

@@ -58,13 +58,13 @@ _read_options = options.stacked(
     click.option(
         "--out-of-gamut",
         type=click.Choice(["refuse", "clip"]),
-        help="What to do with a display picture's colours that the method cannot represent.  [default: refuse]",
+        help="What to do with a display picture's colors that the method cannot represent.  [default: refuse]",
     ),
     click.option(
         "--method",
         type=click.Choice(["mallett-yuksel", "jakob-hanika"]),
-        help="How a display picture's colours become spectra: weights of three reflectances, or a smooth reflectance "
-        "for each colour.  [default: mallett-yuksel]",
+        help="How a display picture's colors become spectra: weights of three reflectances, or a smooth reflectance "
+        "for each color.  [default: mallett-yuksel]",
     ),
     click.option("--variable", metavar="NAME", help="The data set that holds the cube, where a file has several."),
     click.option(

@@ -60,7 +60,7 @@ def command(
 ) -> None:
     """Develop a raw frame (DNG, camera raw, TIFF, PNG, HDF5 or FITS) into a picture (PNG, sRGB).
 
-    Steps: bilinear demosaic, white balance, the file's colour matrix, sRGB encoding.
+    Steps: bilinear demosaic, white balance, the file's color matrix, sRGB encoding.
 
     Example: photosite develop shot.dng -o shot.png --white-balance none --depth 16
     """

@@ -165,7 +165,7 @@ def _write_libcamera(source: _Source, output: Path, target: str) -> str:
 
     lowest = source.profiles()[0]
     if lowest.gain_setting is not None:
-        say(f"gain setting {lowest.gain_setting:g} is assumed to be analogue gain 1")
+        say(f"gain setting {lowest.gain_setting:g} is assumed to be analog gain 1")
     write_libcamera(lowest, output, target=target)
     return LIBCAMERA_LOSS
 

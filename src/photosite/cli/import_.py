@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--model", help="Camera, for files that hold several.")
 @click.option(
-    "--mono", is_flag=True, help="For darktable: the camera has no colour filters. Files from photosite state it."
+    "--mono", is_flag=True, help="For darktable: the camera has no color filters. Files from photosite state it."
 )
 @click.option("--gain-setting", type=float, metavar="ISO", help="Gain setting, for files that hold several.")
 @options.sensor_option(text="Sensor for all properties that the profile does not hold. Required for -o.")

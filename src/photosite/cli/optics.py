@@ -109,7 +109,7 @@ def _facts(lens: Lens) -> dict[str, Any]:
         "a fixed focus": lens.focus_distance_m is not None,
         "relative illumination": lens.illumination is not None,
         "distortion": lens.distortion is not None,
-        "lateral colour": lens.lateral_color is not None,
+        "lateral color": lens.lateral_color is not None,
         "veiling glare": lens.veiling_glare is not None,
     }
     return {

@@ -19,7 +19,7 @@ from photosite.cli.output import Stages, show
 @click.option("--spp", type=options.Whole(1), default=64, help="Paths per pixel and group of four bands.")
 @click.option("--rows", type=options.Whole(1), metavar="N", help="Rows of the picture, instead of the scene's.")
 @click.option("--cols", type=options.Whole(1), metavar="N", help="Columns of the picture, instead of the scene's.")
-@options.wavelengths_option("Centres of the bands in nm, in equal steps.", default="400:700:10")
+@options.wavelengths_option("Centers of the bands in nm, in equal steps.", default="400:700:10")
 @click.option(
     "--set",
     "parameters",
@@ -28,7 +28,7 @@ from photosite.cli.output import Stages, show
     metavar="NAME=VALUE",
     help="Value of $NAME in the scene file; may be repeated.",
 )
-@options.quantity("--unit", "unit_m", unit="M", default=1.0, text="Metres per unit of the scene file.")
+@options.quantity("--unit", "unit_m", unit="M", default=1.0, text="Meters per unit of the scene file.")
 @options.distance_option()
 @options.luminance_option("Mean luminance of the scene in cd/m2, for lights without an absolute scale.")
 @click.option("--variant", default="scalar_spectral", help="Variant of Mitsuba.")

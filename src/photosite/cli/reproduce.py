@@ -113,10 +113,10 @@ def _recovery_line(recovery: Recovery) -> tuple[str, ...]:
 def imperfect_stacks(stacks: int, as_json: bool) -> None:
     """Calibrate stacks of frames that are not clean.
 
-    The results are compared with the truth. A plain NumPy generator makes the stacks: crosstalk, frames filtered in the camera, flicker, a color filter array
-    that is not stated, and clean ones. The table lists how many stacks of a kind are right, so that each 95 % interval
-    of system gain and PRNU contains the truth or is withheld, and how many withhold them. Below are the warnings of the
-    first stack of each kind. A stack takes about a second.
+    The results are compared with the truth. A plain NumPy generator makes the stacks: crosstalk, frames filtered in the
+    camera, flicker, a color filter array that is not stated, and clean ones. The table lists how many stacks of a kind
+    are right, so that each 95 % interval of system gain and PRNU contains the truth or is withheld, and how many
+    withhold them. Below are the warnings of the first stack of each kind. A stack takes about a second.
 
     Example: photosite reproduce imperfect-stacks --stacks 20
     """

@@ -62,6 +62,7 @@ def _scenes_text(scenes: dict[str, dict[str, Any]]) -> str:
         }
         return ", ".join(f"{key}={text}" for key, text in texts.items()) or "none"
 
+    formats = [("format", "read", "written"), *map(_suffixes, FORMATS)]
     return "\n\n".join(
         [
             table([("scene", "description"), *((name, entry["summary"]) for name, entry in scenes.items())], "<<"),
@@ -69,7 +70,7 @@ def _scenes_text(scenes: dict[str, dict[str, Any]]) -> str:
                 "Options with their defaults (--scene-option NAME=VALUE):",
                 (f"{name}: {written(entry['options'])}" for name, entry in scenes.items()),
             ),
-            "File formats (docs/scenes.md):\n" + table([("format", "read", "written"), *map(_suffixes, FORMATS)], "<<<"),
+            f"File formats (docs/scenes.md):\n{table(formats, '<<<')}",
         ]
     )
 

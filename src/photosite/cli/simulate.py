@@ -73,7 +73,7 @@ def command(
     it.
 
     Corners of the ColorChecker for `photosite validate --corners`: its patches extend 62 P above and below the frame's
-    centre and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
+    center and 94 P to its left and right, with P = max(cols / 196, rows / 132) for square pixels. The D200's
     corners are 71.18,79.02 71.18,3792.98 2520.82,3792.98 2520.82,79.02.
 
     Example: photosite simulate --scene siemens-star --f-number 4 --exposure 1/10 -o shot.dng
@@ -167,7 +167,7 @@ def _light(request: SceneRequest | PlanesRequest, scene: Scene | Planes) -> Scen
 
 
 def _with_white_balance(raw: RawFrame, camera: Camera, light: Scene | None) -> RawFrame:
-    """Return the frame with the camera's response to grey under its light, which a DNG stores as its white balance."""
+    """Return the frame with the camera's response to gray under its light, which a DNG stores as its white balance."""
     if light is None or (neutral := camera.as_shot_neutral(light)) is None:
         return raw
     return replace(raw, metadata={**raw.metadata, "as_shot_neutral": neutral})

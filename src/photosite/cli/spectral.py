@@ -37,7 +37,7 @@ def command(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Measure the quantum efficiency of each colour channel.
+    """Measure the quantum efficiency of each color channel.
 
     PROTOCOL is a YAML file with 'photosite_spectral: 1'. It lists either bands of light (monochromator or filters) with
     their frames, dark frames and photodiode readings, or frames of a chart under known lights ('lights'). System gain

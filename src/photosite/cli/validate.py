@@ -98,7 +98,7 @@ def command(
     tolerance_percent: float,
     **camera: Any,
 ) -> None:
-    """Compare raw frames of a chart with simulated frames: patch means, noise, colours, and a verdict.
+    """Compare raw frames of a chart with simulated frames: patch means, noise, colors, and a verdict.
 
     Two paths, MEASURED and SIMULATED, are raw files or folders of raw files of one scene and setting. The chart fills
     the frame.
@@ -219,7 +219,7 @@ def _defaults_used(ctx: click.Context) -> list[str]:
 
 
 def _text(agrees: bool, lines: Sequence[str], result: Validation) -> str:
-    """Return the verdict, reasons and notes, patch means and colour differences."""
+    """Return the verdict, reasons and notes, patch means and color differences."""
     channels = result.measured.channels
     rows = [("patch", *(f"{c} {what}" for c in channels for what in ("measured", "simulated")))]
     for name, measured, simulated in zip(

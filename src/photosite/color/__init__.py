@@ -1,1 +1,1 @@
-"""Spectra, illuminants, colour-matching functions, XYZ, Lab, sRGB and colour difference."""
+"""Spectra, illuminants, color-matching functions, XYZ, Lab, sRGB and color difference."""

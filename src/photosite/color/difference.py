@@ -1,4 +1,4 @@
-"""Colour differences between tristimulus values under D65 (CIE 015:2018), computed by colour-science.
+"""Color differences between tristimulus values under D65 (CIE 015:2018), computed by colour-science.
 
 All functions take (..., 3) XYZ with Y = 1 for the perfect white under D65, return (...,) differences, and raise
 `InputError` for other shapes and values that are not finite.
@@ -14,7 +14,7 @@ from photosite.color.tristimulus import lab
 
 
 def delta_e_76(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
-    """Return the CIE 1976 colour difference: the distance in L*a*b*.
+    """Return the CIE 1976 color difference: the distance in L*a*b*.
 
     Examples
     --------
@@ -26,13 +26,13 @@ def delta_e_76(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
 
 
 def delta_e_94(reference_xyz: ArrayLike, xyz: ArrayLike) -> NDArray[np.float64]:
-    """Return the CIE 1994 colour difference with kL = kC = kH = 1 and the constants 0.045 and 0.015.
+    """Return the CIE 1994 color difference with kL = kC = kH = 1 and the constants 0.045 and 0.015.
 
     The formula is not symmetric: chroma and hue are weighted by the chroma of the reference.
 
     References
     ----------
-    CIE 116-1995, "Industrial colour-difference evaluation".
+    CIE 116-1995, "Industrial color-difference evaluation".
 
     Examples
     --------
@@ -44,7 +44,7 @@ def delta_e_94(reference_xyz: ArrayLike, xyz: ArrayLike) -> NDArray[np.float64]:
 
 
 def delta_e_2000(xyz: ArrayLike, other_xyz: ArrayLike) -> NDArray[np.float64]:
-    """Return the CIEDE2000 colour difference with kL = kC = kH = 1 (ISO/CIE 11664-6:2014).
+    """Return the CIEDE2000 color difference with kL = kC = kH = 1 (ISO/CIE 11664-6:2014).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Illuminants: CIE tables, blackbodies, daylight of any colour temperature, LEDs, and measured spectra from files."""
+"""Illuminants: CIE tables, blackbodies, daylight of any color temperature, LEDs, and measured spectra from files."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def illuminant(name: str | float | Spectrum, wavelength_nm: ArrayLike = DEFAULT_
 
         - a CIE illuminant: `"A"`, `"D65"`, `"FL2"` or `"F2"`, `"LED-B1"`, ...; `"tungsten"` is CIE A;
         - a blackbody's temperature: `3200`, `"3200K"` or `"blackbody 3200"`;
-        - daylight or a white LED of a colour temperature: `"daylight 5600"` or `"D5600"`, `"led 4000"`;
+        - daylight or a white LED of a color temperature: `"daylight 5600"` or `"D5600"`, `"led 4000"`;
         - a CSV file, `"lamp.csv"` (`read_illuminant`);
         - a `Spectrum` of relative energy.
     wavelength_nm
@@ -201,7 +201,7 @@ def _cie_illuminant(name: str) -> Spectrum:
 
 @lru_cache(maxsize=32)
 def daylight(temperature_k: float) -> Spectrum:
-    """Return daylight of a correlated colour temperature: relative energy, 100 at 560 nm, 300 to 830 nm.
+    """Return daylight of a correlated color temperature: relative energy, 100 at 560 nm, 300 to 830 nm.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def led(peak_nm: ArrayLike, fwhm_nm: ArrayLike, power: Sequence[float] | None = 
 
 @lru_cache(maxsize=32)
 def white_led(temperature_k: float) -> Spectrum:
-    """Return a white LED, a blue die with a phosphor, of a correlated colour temperature: relative energy.
+    """Return a white LED, a blue die with a phosphor, of a correlated color temperature: relative energy.
 
     A model: a die at 450 nm, 20 nm wide, and a Gaussian phosphor, 120 nm wide. The phosphor's peak and share give the
     chromaticity of a blackbody below 5000 K and of daylight above. The range is 300 to 1100 nm. Measured LEDs are

@@ -1,4 +1,4 @@
-"""Colour-matching functions, luminance, XYZ and Lab.
+"""Color-matching functions, luminance, XYZ and Lab.
 
 Spectral radiance is in photons/s/sr/m2/nm unless a name says energy.
 """

@@ -1,1 +1,1 @@
-"""From a raw frame to a picture: demosaic, white balance, colour matrix, display encoding."""
+"""From a raw frame to a picture: demosaic, white balance, color matrix, display encoding."""

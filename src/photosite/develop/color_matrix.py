@@ -13,16 +13,16 @@ from photosite.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class ColorMatrix:
-    """A fitted colour matrix and its colour errors.
+    """A fitted color matrix and its color errors.
 
     Parameters
     ----------
     matrix
         (3, 3): XYZ under D65 = matrix @ camera RGB.
     delta_e_76, delta_e_94, delta_e_2000
-        (patches,), difference between fitted and true colour; the true colour is the reference of CIE 1994.
+        (patches,), difference between fitted and true color; the true color is the reference of CIE 1994.
     delta_e_76_left_out, delta_e_94_left_out, delta_e_2000_left_out
-        (patches,), the same for a matrix fitted without that patch: the error to expect for other colours.
+        (patches,), the same for a matrix fitted without that patch: the error to expect for other colors.
     """
 
     matrix: NDArray[np.float64]
@@ -55,12 +55,12 @@ def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
         (patches, 3), linear camera red, green and blue, black at 0. Its unit is free (digital numbers, electrons,
         volts); the matrix includes it and the exposure.
     xyz
-        (patches, 3), the patches under D65. Colour differences need Y = 1 for the perfect white.
+        (patches, 3), the patches under D65. Color differences need Y = 1 for the perfect white.
 
     Raises
     ------
     InputError
-        If the shapes differ, there are fewer than four patches, or the camera's colours, with or without one patch, lie
+        If the shapes differ, there are fewer than four patches, or the camera's colors, with or without one patch, lie
         in a plane.
 
     Notes
@@ -86,13 +86,13 @@ def fit_color_matrix(rgb: ArrayLike, xyz: ArrayLike) -> ColorMatrix:
         raise InputError("rgb, xyz", expected="finite")
     solution, _, rank, _ = np.linalg.lstsq(camera, target, rcond=None)
     if rank < 3:
-        raise InputError("the camera RGB of the patches lie in a plane", hint="Add patches of other colours")
+        raise InputError("the camera RGB of the patches lie in a plane", hint="Add patches of other colors")
     basis, _ = np.linalg.qr(camera)
     leverage = np.sum(basis**2, axis=1)
     highest = int(np.argmax(leverage))
     if 1.0 - leverage[highest] < 1e-9:
         problem = f"without patch {highest} the camera RGB of the patches lie in a plane"
-        raise InputError(problem, hint="Add patches of other colours")
+        raise InputError(problem, hint="Add patches of other colors")
     fitted = camera @ solution
     left_out = target - (target - fitted) / (1.0 - leverage[:, None])
     return ColorMatrix(

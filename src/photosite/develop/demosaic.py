@@ -11,7 +11,7 @@ from photosite.values.cfa import Cfa, channel_names, tile_text
 _NEIGHBOURS: tuple[tuple[int, int, float], ...] = tuple(
     (dr, dc, 2.0 if 0 in (dr, dc) else 1.0) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0)
 )
-"""(row step, column step, weight) of the bilinear kernel without its centre."""
+"""(row step, column step, weight) of the bilinear kernel without its center."""
 
 
 def plane_names(cfa: Cfa) -> tuple[str, ...]:
@@ -30,8 +30,8 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
     """Interpolate every channel of a mosaic to every pixel.
 
     A pixel keeps its channel's value. For another channel it gets the mean of that channel's pixels among the
-    eight neighbours, with weight 2 for direct neighbours and 1 for diagonal ones. At the borders the mean is over the
-    neighbours that exist. A constant channel stays constant; one that is linear in row and column stays linear except
+    eight neighbors, with weight 2 for direct neighbors and 1 for diagonal ones. At the borders the mean is over the
+    neighbors that exist. A constant channel stays constant; one that is linear in row and column stays linear except
     in the outermost rows and columns.
 
     Parameters
@@ -39,7 +39,7 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
     mosaic
         (rows, cols), any real numbers.
     cfa
-        Tile of the colour filter array.
+        Tile of the color filter array.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
     Raises
     ------
     InputError
-        If the mosaic is not two-dimensional, or a pixel has no neighbour of some channel.
+        If the mosaic is not two-dimensional, or a pixel has no neighbor of some channel.
 
     References
     ----------
@@ -80,7 +80,7 @@ def demosaic_bilinear(mosaic: ArrayLike, cfa: Cfa) -> NDArray[np.float32]:
 
 
 def _from_neighbours(padded: NDArray[np.float32], cfa: Cfa, site: tuple[int, int], name: str) -> NDArray[np.float32]:
-    """Return the channel's weighted mean over the neighbours of all pixels at one site of the tile."""
+    """Return the channel's weighted mean over the neighbors of all pixels at one site of the tile."""
     rows, cols = padded.shape[0] - 2, padded.shape[1] - 2
     height, width = len(cfa), len(cfa[0])
     row, col = np.arange(site[0], rows, height), np.arange(site[1], cols, width)

@@ -33,22 +33,22 @@ def develop(
 ) -> NDArray[np.float32]:
     """Develop a raw frame into a display picture.
 
-    Steps: scale black level to 0 and white level to 1, bilinear demosaic, white balance, colour matrix to linear sRGB,
-    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for colour.
+    Steps: scale black level to 0 and white level to 1, bilinear demosaic, white balance, color matrix to linear sRGB,
+    exposure, sRGB encoding. A monochrome frame becomes gray, without the steps for color.
 
     Parameters
     ----------
     raw
         The frame: channels R, G and B in any tile, or one channel.
     white_balance
-        "gray-world": scale red and blue to the mean of green, without saturated pixels and their neighbours. "none":
+        "gray-world": scale red and blue to the mean of green, without saturated pixels and their neighbors. "none":
         unbalanced. Or three gains for red, green and blue. With a white balance, equal balanced values become neutral,
         whatever the matrix. Saturated pixels are limited to the level at which the first channel saturates, so that
         they are not tinted.
     color_matrix
         (3, 3), camera RGB to XYZ under D65, or the result of `fit_color_matrix`; its scale is free. Default: the
-        inverse of `raw.color_matrix`. Without that, camera RGB is taken as linear sRGB: a recognisable picture with
-        wrong colours.
+        inverse of `raw.color_matrix`. Without that, camera RGB is taken as linear sRGB: a recognizable picture with
+        wrong colors.
     exposure
         "auto": the 99.5th percentile over pixels of the brightest primary becomes display white. Or a factor; with 1 a
         neutral surface at the sensor's white level becomes display white.
@@ -81,7 +81,7 @@ def develop(
     planes = _normalised_planes(raw)
     if planes.shape[2] == 1:
         if not isinstance(white_balance, str) or color_matrix is not None:
-            problem = "a monochrome frame has no white balance and no colour matrix"
+            problem = "a monochrome frame has no white balance and no color matrix"
             raise InputError(problem, hint="Omit both arguments")
         _check_white_balance(white_balance)
         linear = np.repeat(planes, 3, axis=2)
@@ -102,7 +102,7 @@ def develop(
 def develop_pair(
     first: RawFrame, second: RawFrame, color_matrix: ColorMatrix | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Develop two frames with the same colour matrix and exposure, so that only the frames cause differences.
+    """Develop two frames with the same color matrix and exposure, so that only the frames cause differences.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _balance(planes: NDArray[np.float32], raw: RawFrame, white_balance: str | Se
             raise InputError("white_balance", value=white_balance, expected=expected)
     planes *= gains.astype(np.float32)
     if saturated.any():
-        # If a channel is clipped, its ratio to the others does not follow the light's colour.
+        # If a channel is clipped, its ratio to the others does not follow the light's color.
         planes[saturated] = np.minimum(planes[saturated], np.float32(gains.min()))
     # A neutral surface first saturates the channel with the least gain: that level is 1.
     planes /= np.float32(gains.min())

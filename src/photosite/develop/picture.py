@@ -42,7 +42,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
 
     References
     ----------
-    ISO/IEC 15948, with an sRGB chunk. Pillow has no 16-bit colour.
+    ISO/IEC 15948, with an sRGB chunk. Pillow has no 16-bit color.
 
     Examples
     --------

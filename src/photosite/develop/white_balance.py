@@ -33,7 +33,7 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
 
     References
     ----------
-    G. Buchsbaum, "A spatial processor model for object colour perception", J. Franklin Institute 310, 1980.
+    G. Buchsbaum, "A spatial processor model for object color perception", J. Franklin Institute 310, 1980.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def gray_world_gains(rgb: ArrayLike, left_out: ArrayLike | None = None) -> NDArr
 
 
 def saturated_neighbourhood(raw: RawFrame) -> NDArray[np.bool_]:
-    """Return the pixels with a saturated pixel, at or above `white_level_dn`, in their 3 x 3 neighbourhood.
+    """Return the pixels with a saturated pixel, at or above `white_level_dn`, in their 3 x 3 neighborhood.
 
     Examples
     --------

@@ -14,7 +14,7 @@ _BLOCK = 256
 def gathered(mosaic: F32, shares: F64) -> F32:
     """Return each pixel's sum of shares of the pixels around it.
 
-    Beyond its border the mosaic repeats the nearest pixels of the same site in the colour filter array's tile.
+    Beyond its border the mosaic repeats the nearest pixels of the same site in the color filter array's tile.
 
     - `mosaic`: (rows, cols), one whole tile or more.
     - `shares`: (tile rows, tile cols, size, size), size odd: the share that a pixel at that site receives of the pixel
@@ -42,7 +42,7 @@ def _gather(mosaic: F32, weights: F32, offsets: I64, period_c: int, reach: int, 
             end = min(begin + block, cols)
             total = out[r, begin:end]
             total[:] = np.float32(0)
-            # first to last: columns whose neighbours are all inside the frame.
+            # first to last: columns whose neighbors are all inside the frame.
             first, last = min(max(begin, reach), end), max(min(end, cols - reach), begin)
             last = max(first, last)
             for t in range(taps):
@@ -87,7 +87,7 @@ def scale_by_angle(mosaic: F32, y: F64, x: F64, channel_of: I64, angle: F64, res
         k = 0
         for c in range(cols):
             theta = np.arctan(np.sqrt(y[r] * y[r] + x[c] * x[c]))
-            # Neighbours have nearly the same angle: start from the previous interval.
+            # Neighbors have nearly the same angle: start from the previous interval.
             while k < last and theta > angle[k + 1]:
                 k += 1
             while k > 0 and theta < angle[k]:

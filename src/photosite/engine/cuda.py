@@ -1,6 +1,6 @@
 """The pixel model on an NVIDIA GPU: one thread per pixel, with the same functions and the same bits as on the CPU.
 
-numba's CUDA target compiles the functions of `pixel_model`. Two optimisations would change bits and are switched off:
+numba's CUDA target compiles the functions of `pixel_model`. Two optimizations would change bits and are switched off:
 the compiler's fusing of a * b + c into one rounding, and the link-time step that would fuse it later. The compiled code
 is searched, and rejected if it contains a fused or inexact operation.
 """

@@ -94,7 +94,7 @@ def add_residuals(
     - `bins_per_dn`: Bins of the histogram per digital number.
     - `fourth`: (rows, cols) sum of the fourth powers of the residuals; updated in place.
     - `histogram`: (blocks, bins) residuals by block of rows: the rows are divided evenly into as many blocks as it has
-      rows. Updated in place. The centre of the bins is 0; the first and the last bin also count what lies beyond them.
+      rows. Updated in place. The center of the bins is 0; the first and the last bin also count what lies beyond them.
     """
     rows, cols = frame.shape
     blocks, bins = histogram.shape

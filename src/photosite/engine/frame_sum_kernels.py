@@ -39,7 +39,7 @@ _TOGETHER = 8
 _NARROW = 23_170
 """The largest number for which eight squares sum to less than 2^32."""
 
-# Unsigned: numba tests whether a signed index counts from the end, which prevents vectorisation.
+# Unsigned: numba tests whether a signed index counts from the end, which prevents vectorization.
 _TWO, _LOW_32, _32 = np.uint64(2), np.uint64(0xFFFFFFFF), np.uint64(32)
 _BLOCK, _LINE = np.uint64(64), np.uint64(16)  # pairs of pixels: per prefetch block, per cache line
 _LOW_16, _16 = np.uint32(0xFFFF), np.uint32(16)

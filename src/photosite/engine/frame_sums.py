@@ -2,7 +2,7 @@
 
 All statistics that calibration needs of a stack are polynomials of second order in its digital numbers. Integer sums
 hold them without rounding, so that results do not depend on the order of frames or on how a stack was split and merged.
-A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its colour channel.
+A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its color channel.
 """
 
 from __future__ import annotations

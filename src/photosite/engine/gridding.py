@@ -5,7 +5,7 @@ length, and each row of the frame's spectrum is interpolated from the `TAPS` nea
 The kernel is divided by the transform of the Kaiser-Bessel function before (gridding: Fessler and Sutton, "Nonuniform
 fast Fourier transforms using min-max interpolation", IEEE Trans. Signal Process. 51, 560 (2003), section IV; shape
 parameter after Beatty, Nishimura and Pauly, IEEE Trans. Med. Imaging 24, 799 (2005), eq. 5). Interpolation along rows
-keeps all neighbours contiguous in memory, for vector instructions.
+keeps all neighbors contiguous in memory, for vector instructions.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Gridding:
         return cls(size, first % long, taps.astype(np.float32))
 
     def table(self, kernels: F64, cols: int) -> C64:
-        """Return (channels, 2 Q, cols // 2 + 1) complex64: the table of (channels, Q, Q) kernels, centred at Q // 2."""
+        """Return (channels, 2 Q, cols // 2 + 1) complex64: that of (channels, Q, Q) kernels, centered at Q // 2."""
         channels, size = kernels.shape[:2]
         shift = np.arange(size) - size // 2
         lines = np.zeros((channels, size, cols), np.float32)

@@ -4,7 +4,7 @@ A layer's *term* is a combination of weight maps on the padded grid of cells. If
 the sum of several combinations, each times a field weight. If the lens distorts, each cell takes the mean of a map over
 the place it sees through a warp. Occluders attenuate a map before the lens blurs it.
 
-With lateral colour, each wavelength node has a view of its own. A few *node maps* per node are resampled once and
+With lateral color, each wavelength node has a view of its own. A few *node maps* per node are resampled once and
 stored, and all terms are combinations of them.
 """
 
@@ -37,7 +37,7 @@ class Grid:
 
     shape: tuple[int, int]  # (rows, cols) of the frame in pixels
     padding: int  # smallest number of pixels beyond each border
-    tile: tuple[int, int]  # (rows, cols) of the colour filter array's tile
+    tile: tuple[int, int]  # (rows, cols) of the color filter array's tile
     cells_per_pixel: int = 1  # cells per pixel on each axis
 
     def before(self, axis: int) -> int:
@@ -59,11 +59,11 @@ class Grid:
         return overlap(self.cells(axis), start - self.before(axis) * step, step / self.cells_per_pixel, samples)
 
     def centers(self, axis: int) -> F64:
-        """Return (cells,) the centres of the cells, in pixels from the frame's first border."""
+        """Return (cells,) the centers of the cells, in pixels from the frame's first border."""
         return (np.arange(self.cells(axis)) + 0.5) / self.cells_per_pixel - self.before(axis)
 
     def farthest(self, axis: int) -> float:
-        """Return the distance in pixels from the frame's centre to the grid's farther border."""
+        """Return the distance in pixels from the frame's center to the grid's farther border."""
         return max(self.before(axis), self.padded(axis) - self.before(axis) - self.shape[axis]) + self.shape[axis] / 2
 
     def borders(self, axis: int) -> F64:

@@ -1,7 +1,7 @@
 """Statistics and arithmetic on maps of floating-point numbers: line means, moments, smoothing, scaled sums.
 
 Sums are accumulated in a fixed order, in lanes that become vector instructions, so that a result does not depend on the
-number of threads. A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its colour
+number of threads. A *label* is an integer that a repeating tile assigns to each pixel, such as the index of its color
 channel.
 """
 

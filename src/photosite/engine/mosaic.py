@@ -24,7 +24,7 @@ def mosaic_of_layers(
 ) -> F32:
     """Return (rows, cols), the mosaic of weight maps, seen through a lens by a sensor.
 
-    The light of all layers adds up. `sites` are (row, col) of each channel in the colour filter array's tile.
+    The light of all layers adds up. `sites` are (row, col) of each channel in the color filter array's tile.
     """
     places = [(r, c, channel) for channel, of_channel in enumerate(sites) for r, c in of_channel]
     folds = _empty_folds(grid, places)

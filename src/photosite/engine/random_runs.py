@@ -97,7 +97,7 @@ def _poisson_late(left: int, run: Run, first: np.uint32, frame: np.uint32, k0: n
     Each pixel gets the count that `poisson_after` gives from draw 0 on.
     """
     words, mean, electrons, late, trials = run.words, run.mean, run.electrons, run.late, run.trials
-    # Separate arrays: LLVM cannot tell that rows of one array do not overlap, and would not vectorise the loops.
+    # Separate arrays: LLVM cannot tell that rows of one array do not overlap, and would not vectorize the loops.
     means, candidates, accepted = np.empty(left), np.empty(left), np.empty(left)
     for j in range(left):
         i = late[j]

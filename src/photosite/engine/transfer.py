@@ -1,8 +1,8 @@
 """Transfer functions of lens, photodetector and pixel grid (docs/theory.md).
 
 Maps are constant over rectangular cells, one or more per pixel. A pixel reads the map, spread by the lens and the cell,
-averaged over its photodetector, at its centre. That is the discrete convolution with the kernel
-`(spread * aperture * cell)(pixel centre - cell centre)`, whose transform is the continuous one folded at the sampling
+averaged over its photodetector, at its center. That is the discrete convolution with the kernel
+`(spread * aperture * cell)(pixel center - cell center)`, whose transform is the continuous one folded at the sampling
 frequency,
 
     H(f) = sum_m transfer(|f + m fs|) aperture(f + m fs) cell(f + m fs).
@@ -36,8 +36,8 @@ class Sampling:
     """The grid of cells and the photodetector on it. Lengths in m; pairs are (vertical, horizontal)."""
 
     pitch_m: tuple[float, float]
-    detector_m: tuple[float, float]  # size of the photodetector, centred in the pixel
-    cells_per_pixel: int = 1  # cells per pixel on each axis; odd, so that a cell lies at the pixel's centre
+    detector_m: tuple[float, float]  # size of the photodetector, centered in the pixel
+    cells_per_pixel: int = 1  # cells per pixel on each axis; odd, so that a cell lies at the pixel's center
     # Distances by which a birefringent low-pass filter splits a point on each axis into two of half the light, four
     # spots in all; 0 is no filter
     split_m: tuple[float, float] = (0.0, 0.0)
@@ -83,7 +83,7 @@ class Transfer:
     """Transfer from each term to each channel: a radial part, a part of any shape, or the sum of both."""
 
     radial: RadialTransfer | None  # part that is a function of |f|, without photodetector and cell
-    # (channels, terms, Q, Q), Q odd: convolution kernels on the cells, photodetector and cell included, centred at [Q
+    # (channels, terms, Q, Q), Q odd: convolution kernels on the cells, photodetector and cell included, centered at [Q
     # // 2, Q // 2]
     kernels: F64 | None = None
 

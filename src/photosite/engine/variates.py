@@ -33,7 +33,7 @@ _HALF_LOG_2_PI = 0.91893853320467274
 
 @compiled(inline=True)
 def uniform(word: np.uint32) -> float:
-    """Return a uniform number in (0, 1), symmetric about 1/2: the centre of one of 2^32 equal cells."""
+    """Return a uniform number in (0, 1), symmetric about 1/2: the center of one of 2^32 equal cells."""
     return (float(word) + 0.5) * _GRAIN
 
 

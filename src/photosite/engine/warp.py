@@ -5,7 +5,7 @@ quadrilateral between them. With F(x, y) the integral of the map along its row f
 
     mean = (1 / area) * closed integral of F dy,
 
-exact for a map that is constant within each sample. Neighbouring cells share corners and edges, so that no light is
+exact for a map that is constant within each sample. Neighboring cells share corners and edges, so that no light is
 lost or counted twice. Without distortion the mean equals that of `resample`.
 """
 
@@ -32,7 +32,7 @@ class Warp:
     # 2. Linear between these, constant beyond. Scale times distance must increase.
     scale: F64
     step_m2: float  # step between nodes, m^2
-    pitch_m: tuple[float, float]  # (vertical, horizontal) pixel pitch; the axis passes through the centre of the frame
+    pitch_m: tuple[float, float]  # (vertical, horizontal) pixel pitch; the axis passes through the center of the frame
 
 
 @dataclass(frozen=True, eq=False)

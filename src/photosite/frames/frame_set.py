@@ -84,7 +84,7 @@ class FrameSet:
     bits
         Bit depth of the converter.
     cfa
-        Tile of the colour filter array.
+        Tile of the color filter array.
     source
         What was opened: a folder, a descriptor, a protocol, or "memory".
     sensor

@@ -70,7 +70,7 @@ def frame_set_from_files(files: Sequence[FrameFile], source: str, properties: Se
     shape = _common("size", frames, [(f.header.rows, f.header.cols) for f in frames], properties.shape)
     bits = _bits(frames, properties)
     cfas = [f.header.resolve_cfa(f.file.path, properties.cfa) for f in frames]
-    cfa = _common("colour filter array", frames, cfas, None)
+    cfa = _common("color filter array", frames, cfas, None)
     if properties.sensor is not None:
         cfa = properties.sensor.array.cfa if cfa is None else cfa
         _check_sensor(source, properties.sensor, bits, cfa)
@@ -239,7 +239,7 @@ def _check_sensor(source: str, sensor: Sensor, bits: int, cfa: Cfa) -> None:
         raise FileError(source, f"the frames have {bits} bits, but the sensor '{sensor.name}' {sensor.readout.bits}")
     if sensor.array.cfa != cfa:
         theirs = f"the sensor '{sensor.name}' {tile_text(sensor.array.cfa)}"
-        raise FileError(source, f"the frames have the colour filter array {tile_text(cfa)}, but {theirs}")
+        raise FileError(source, f"the frames have the color filter array {tile_text(cfa)}, but {theirs}")
 
 
 def _read(

@@ -53,7 +53,7 @@ def open_frames(
         descriptor in a folder defines its frames; otherwise all frames in the folder are used. A folder without frames
         is searched one level down, unless a subfolder is a measurement with its own listing.
     bits, cfa
-        Bit depth of the converter and colour filter array (`"rggb"` or its tile), if neither files nor protocol state
+        Bit depth of the converter and color filter array (`"rggb"` or its tile), if neither files nor protocol state
         them.
     dark, light
         Glob patterns (`"DSC_00*.NEF"`, `"run1/*"`) of the dark and the light frames. They override metadata and names,

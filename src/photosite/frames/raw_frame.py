@@ -30,9 +30,9 @@ class RawFrame:
     dn
         (rows, cols) uint16, digital numbers, black level included.
     bits
-        Bit depth of the analogue-to-digital converter; the highest number is 2^bits - 1.
+        Bit depth of the analog-to-digital converter; the highest number is 2^bits - 1.
     cfa
-        Tile of the colour filter array; `(("M",),)` for a monochrome sensor.
+        Tile of the color filter array; `(("M",),)` for a monochrome sensor.
     black_level_dn
         Mean digital number of a pixel without light.
     white_level_dn

@@ -33,7 +33,7 @@ _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 class Pixels:
     """The pixels of one channel."""
 
-    # (n,) centres and values, line by line
+    # (n,) centers and values, line by line
     y: Array
     x: Array
     value: Array
@@ -63,8 +63,8 @@ class Edge:
 class Profile:
     """Mean values over the distance from the edge."""
 
-    distance: Array  # (bins,) centres of the bins, symmetric about the edge
-    # (bins,) mean of the pixels in each bin, interpolated to its centre, and the variance of that mean
+    distance: Array  # (bins,) centers of the bins, symmetric about the edge
+    # (bins,) mean of the pixels in each bin, interpolated to its center, and the variance of that mean
     mean: Array
     variance: Array
 
@@ -171,18 +171,18 @@ def profile_across(pixels: Pixels, edge: Edge, oversampling: int) -> Profile:
         raise InputError("angle of the edge", value=angle_deg, expected=expected, hint=hint, arguments=arguments)
     middle = (np.arange(2 * half) + 0.5 - half) / oversampling
     mean = np.bincount(index, value, 2 * half) / count
-    # The pixels of a bin are not centred in it: interpolate their mean to the centre along the slope of the profile.
+    # The pixels of a bin are not centered in it: interpolate their mean to the center along the slope of the profile.
     off = np.bincount(index, place - middle[index], 2 * half) / count
     slope = np.gradient(mean, middle + off)
     residual = value - (mean[index] + slope[index] * (place - middle[index] - off[index]))
-    # Pool the variance of neighbouring bins, which hold few pixels each.
+    # Pool the variance of neighboring bins, which hold few pixels each.
     degrees = np.convolve(np.maximum(count - 1, 0), np.ones(9), "same")
     scatter = np.convolve(np.bincount(index, residual**2, 2 * half), np.ones(9), "same")
     return Profile(middle, mean - slope * off, scatter / np.maximum(degrees, 1) / count)
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:
-    """Return the edge whose slope minimises the residuals of the pixels about their profile, and that profile.
+    """Return the edge whose slope minimizes the residuals of the pixels about their profile, and that profile.
 
     The slope is found by Gauss-Newton steps. A shift of the line only shifts the profile; the line is put, by
     convention, where the profile is half way from dark to bright.

@@ -26,7 +26,7 @@ class PatchStatistics:
     Parameters
     ----------
     names, channels, frames
-        The patches; the channels, in reading order of the tile of the colour filter array; the number of frames.
+        The patches; the channels, in reading order of the tile of the color filter array; the number of frames.
     pixels
         Pixels of the channel in the patch, per frame.
     mean_dn, standard_error_dn
@@ -98,8 +98,8 @@ def patch_statistics(
     Notes
     -----
     The standard error combines the standard deviation over pixels of the mean frame, divided by the square root of
-    their number, with the quantisation error of the mean. Noise of standard deviation s dithers the converter; the
-    remaining quantisation error has the variance sum_k exp(-(2 pi k s)^2) / (2 pi^2 k^2), which is 1/12 DN^2 without
+    their number, with the quantization error of the mean. Noise of standard deviation s dithers the converter; the
+    remaining quantization error has the variance sum_k exp(-(2 pi k s)^2) / (2 pi^2 k^2), which is 1/12 DN^2 without
     noise and below 1e-5 for s above 0.5 DN (B. Widrow and I. Kollar, "Quantization Noise", 2008, chapter 4).
 
     Examples
@@ -202,7 +202,7 @@ def _error_of_variance(dn: NDArray[np.float64]) -> float:
 
 
 def _rounding_variance(variance_dn2: float) -> float:
-    """Return the variance of the quantisation error of a mean, given the variance of the rounded values."""
+    """Return the variance of the quantization error of a mean, given the variance of the rounded values."""
     # Sheppard's correction: rounding added 1/12. A smaller total means that all pixels are within one step.
     before_rounding = max(variance_dn2 - 1.0 / 12.0, 0.0)
     if before_rounding == 0.0:

@@ -44,7 +44,7 @@ class SlantedEdge:
         Angle to the "vertical" or the "horizontal", whichever is closer; positive clockwise.
     line, edge_position
         Rows (columns, for a horizontal edge) of the frame, and the column (row) coordinate where the fitted edge
-        crosses the centre of each. Pixel i covers the coordinates i to i + 1.
+        crosses the center of each. Pixel i covers the coordinates i to i + 1.
     distance, profile
         Distance from the edge in pixels, negative on the dark side, and the profile there: 0 dark, 1 bright.
     pitch_um
@@ -115,7 +115,7 @@ def slanted_edge_mtf(
         (r0, r1, c0, c1), rows r0 to r1 and columns c0 to c1, ends excluded, divided by one edge from side to side.
         None: the whole frame. Wider regions give better low frequencies.
     channel, cfa
-        Channel to measure; optional for a monochrome frame. Tile of the colour filter array, if the frame is an array.
+        Channel to measure; optional for a monochrome frame. Tile of the color filter array, if the frame is an array.
     pitch_um, oversampling
         Pixel pitch, for frequencies in cycles/mm; bins of the profile per pixel, 1 to 16.
     window
@@ -134,7 +134,7 @@ def slanted_edge_mtf(
     the centroids of the lines' derivatives. Pixels are binned by their perpendicular distance from it, in bins of
     1 / oversampling pixel. The windowed differences of the bins are transformed. It differs from the standard in four
     points. The line is refined by least squares of the pixels about the profile, which is less sensitive to noise. The
-    mean of a bin is interpolated to its centre. The losses by differences and by bins, sinc(f / oversampling) each, are
+    mean of a bin is interpolated to its center. The losses by differences and by bins, sinc(f / oversampling) each, are
     divided out. Only the sites of one channel are used, without demosaicing.
 
     Examples

@@ -107,7 +107,7 @@ def overlap_quadrature(s: Array, terms: tuple[Term, ...], obscuration: float, co
     Parameters
     ----------
     s
-        (frequencies,) relative to the cutoff, 0 to 1: the centres of the copies are 2 s apart.
+        (frequencies,) relative to the cutoff, 0 to 1: the centers of the copies are 2 s apart.
     terms
         Terms (n, 0) of the wavefront.
     obscuration
@@ -147,7 +147,7 @@ def _disc_overlap(distance: Array, large: float, small: float) -> Array:
 
 
 def _segment(radius: float, height: Array) -> Array:
-    """Return the area of a disc beyond a chord at a height from its centre."""
+    """Return the area of a disc beyond a chord at a height from its center."""
     share = np.clip(height / radius, -1.0, 1.0)
     return radius**2 * (np.arccos(share) - share * np.sqrt(1 - share * share))
 
@@ -156,7 +156,7 @@ def _disc_quadrature(s: Array, large: float, small: float, factor: float, count:
     """Return x, y and weights, (frequencies, nodes), over the overlap of a disc at -s and a smaller one at s.
 
     Rows are at y = small sin(angle), where chords are smooth. Up to the corners where the circles meet, a row ends on
-    the large disc; beyond, if the small disc's centre is inside, on the small one. The lower half equals the upper.
+    the large disc; beyond, if the small disc's center is inside, on the small one. The lower half equals the upper.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         meet = np.where(s > 0, ((2 * s) ** 2 + small**2 - large**2) / (4 * s), 0.0 if large == small else -np.inf)

@@ -1,4 +1,4 @@
-"""Distortion and lateral colour, as lens data sheets, camera calibrations and design programs state them.
+"""Distortion and lateral color, as lens data sheets, camera calibrations and design programs state them.
 
 Ideal heights are those of the distortion-free lens: image distance times the tangent of the field angle. Both combine
 to a `RadialMapping`, which also defines the curve between tabulated heights.
@@ -23,7 +23,7 @@ _NODES = 65
 """Heights of a mapping that combines several tables."""
 _ANY_WAVELENGTH_NM = np.array([550.0])
 _LARGEST_SHARE = 0.1
-"""Largest lateral colour relative to the image height; more indicates a wrong unit."""
+"""Largest lateral color relative to the image height; more indicates a wrong unit."""
 _LEAST_RATIO = 0.2
 """Smallest ratio of the first point off the axis; fisheyes reach it at 78 degrees."""
 _ANY_HEIGHT_M = 1.0
@@ -165,7 +165,7 @@ class LateralColor:
     wavelength_nm
         (L,) increasing; linear in between, the nearest one beyond.
     field
-        Image heights on the sensor without lateral colour, or field angles.
+        Image heights on the sensor without lateral color, or field angles.
     shift_um
         (L, n).
     everywhere
@@ -207,7 +207,7 @@ class LateralColor:
 
     @classmethod
     def from_magnification(cls, wavelength_nm: ArrayLike, magnification: ArrayLike) -> LateralColor:
-        """Return the lateral colour from image heights relative to those of the reference wavelength."""
+        """Return the lateral color from image heights relative to those of the reference wavelength."""
         scale = number_array("magnification", magnification, (np.size(wavelength_nm),))
         shift = ((scale - 1) * 1e3)[:, None].round(12)
         return cls(np.asarray(wavelength_nm, np.float64), FieldPoints(height_mm=np.array([1.0])), shift, True)
@@ -216,7 +216,7 @@ class LateralColor:
 def combined_mapping(
     distortion: Distortion | None, lateral_color: LateralColor | None, image_distance_m: float
 ) -> RadialMapping | None:
-    """Return distortion and lateral colour as one mapping; None if both are None.
+    """Return distortion and lateral color as one mapping; None if both are None.
 
     The image distance turns field angles into heights.
     """

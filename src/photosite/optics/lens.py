@@ -155,7 +155,7 @@ class Lens:
         return Wavefront().point_spread(self.base, distance_m, self.focus_distance_m)
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
-        """Return distortion and lateral colour as one mapping; None if the lens has neither."""
+        """Return distortion and lateral color as one mapping; None if the lens has neither."""
         return combined_mapping(self.distortion, self.lateral_color, self.image_distance_m(distance_m))
 
     def save(self, path: str | PathLike[str], provenance: Mapping[str, str] | None = None) -> None:

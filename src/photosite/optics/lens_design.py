@@ -51,7 +51,7 @@ class LensDesign:
         (L,) increasing.
     psf
         (F, L, n, n) samples of every field point at every wavelength, rows downwards as in the frame, the nominal image
-        point at the sample (n // 2, n // 2). Each is normalised to sum 1.
+        point at the sample (n // 2, n // 2). Each is normalized to sum 1.
     spacing_um
         Distance between samples on the sensor.
     field_y, field_x

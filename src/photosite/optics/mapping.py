@@ -158,7 +158,7 @@ def wavelength_nodes(
     """Return a few of the (wavelengths,), whose images represent all, and the (nodes, wavelengths) weights on them.
 
     `reach_m` is the largest ideal image height that is needed. `step_m` is the largest distance between the images of
-    neighbouring nodes, where it is largest, for linear weights on two nodes. Weights sum to 1 over the nodes; cubic
+    neighboring nodes, where it is largest, for linear weights on two nodes. Weights sum to 1 over the nodes; cubic
     ones may be negative.
 
     Notes

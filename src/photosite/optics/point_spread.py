@@ -1,7 +1,7 @@
 """Point spread functions (PSF) on the sensor, given by their optical transfer functions (OTF).
 
 Positions on the sensor are (y, x) in m: y down the rows of the frame, x along its columns, 0 on the optical axis. A PSF
-is normalised to unit energy. Its OTF is
+is normalized to unit energy. Its OTF is
 
     otf(fy, fx) = integral of psf(y, x) exp(-2 pi i (fy y + fx x)) dy dx,
 

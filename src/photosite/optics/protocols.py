@@ -33,7 +33,7 @@ class Optics(Protocol):
         """Return the point spread function on the sensor."""
 
     def mapping(self, distance_m: float) -> RadialMapping | None:
-        """Return distortion and lateral colour; None for a lens that has neither."""
+        """Return distortion and lateral color; None for a lens that has neither."""
 
     @property
     def veiling_glare(self) -> VeilingGlare | None:

@@ -48,7 +48,7 @@ class Pupil:
     roundness
         Curvature of the blades: 0 straight edges, 1 arcs of the full circle; in between, arcs of radius 1 / roundness.
     vanes
-        Number of spider vanes, evenly spaced, from the centre to the rim.
+        Number of spider vanes, evenly spaced, from the center to the rim.
     vane_width
         Width of a vane relative to the pupil's diameter.
     vane_rotation_deg

@@ -228,7 +228,7 @@ class PsfTable:
         (n // 2, n // 2), the middle one for odd n; a centroid elsewhere shifts the image. Each wavelength sums to 1.
     spacing_um
         Distance between samples on the sensor.
-    normalise
+    normalize
         Divide each wavelength by its sum.
 
     Raises
@@ -332,7 +332,7 @@ def _checked_sum(samples: Array, wavelength_nm: float, spacing_um: float) -> flo
 
 
 def _neighbours(grid: Array, wavelength_nm: float) -> tuple[int, int, float]:
-    """Return the indices of the neighbouring wavelengths, and the weight of the second."""
+    """Return the indices of the neighboring wavelengths, and the weight of the second."""
     high = int(np.clip(np.searchsorted(grid, wavelength_nm), 0, grid.size - 1))
     low = max(high - 1, 0) if grid[high] > wavelength_nm else high
     if low == high:

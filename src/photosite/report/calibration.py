@@ -106,7 +106,7 @@ _READING = (
     "frames, the report states the reason.",
     "In the plots, error bars are 95 % intervals from sampling, due to the finite number of frames and pixels. Bands "
     "around lines are the 95 % intervals of the lines, from the covariance of each fit. Filled points were fitted. "
-    "Hollow points lie outside the linear range and were not. Each colour channel has its own colour, marker and line "
+    "Hollow points lie outside the linear range and were not. Each color channel has its own color, marker and line "
     "style.",
     "A standard deviation is the root of a variance, and a small variance is the difference of two larger ones, which "
     "chance can make negative. The value then has a minus sign, and an upper limit below which the true value lies "

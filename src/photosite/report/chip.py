@@ -112,7 +112,7 @@ def nonuniformity_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """
     found = _analyses(calibration)
     if not found:
-        return (_not_analysed(calibration),)
+        return (_not_analyzed(calibration),)
     light = {channel: analysis.light for channel, analysis in found.items()}
     blocks: list[Block] = [Subheading("Spectrograms"), *_of_kinds(found, _spectrogram)]
     if not _patterns(found, "light"):
@@ -136,8 +136,8 @@ def _analyses(calibration: Calibration) -> dict[str, SpatialAnalysis]:
     return {channel: found for channel, found in calibration.spatial.items() if isinstance(found, SpatialAnalysis)}
 
 
-def _not_analysed(calibration: Calibration) -> Paragraph:
-    return first_reason(calibration.spatial, "the patterns of these frames were not analysed")
+def _not_analyzed(calibration: Calibration) -> Paragraph:
+    return first_reason(calibration.spatial, "the patterns of these frames were not analyzed")
 
 
 def _patterns(found: Mapping[str, SpatialAnalysis], kind: str) -> dict[str, FramePattern]:
@@ -219,7 +219,7 @@ def outlier_pixel_blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return the outlier pixels of the histograms, candidates for a defect list, with the rule that found them."""
     found = _analyses(calibration)
     if not found:
-        return (_not_analysed(calibration),)
+        return (_not_analyzed(calibration),)
     patterns = [(channel, pattern) for kind in _FRAMES for channel, pattern in _patterns(found, kind).items()]
     titles = columns("Frame", "Channel", numeric("Pixels"), numeric("Listed beyond"), "Unit", "Rule")
     rows = tuple(

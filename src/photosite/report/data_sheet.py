@@ -85,7 +85,7 @@ def _sensor_table(calibration: Calibration) -> Table:
         ("Measurement", calibration.source),
         ("Size", f"{calibration.rows} × {calibration.cols} pixels (rows × columns)"),
         ("Converter", f"{calibration.bits} bits"),
-        ("Colour filter array", "monochrome" if tile == "M" else tile),
+        ("Color filter array", "monochrome" if tile == "M" else tile),
     ]
     if base is not None:
         pixel = base.pixel

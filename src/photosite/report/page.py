@@ -150,8 +150,8 @@ class Section:
 
         Examples
         --------
-        >>> Section("Noise & colour", ()).anchor
-        'noise-colour'
+        >>> Section("Noise & color", ()).anchor
+        'noise-color'
         """
         words = "".join(letter if letter.isalnum() else " " for letter in self.title.lower()).split()
         return "-".join(words)

@@ -52,7 +52,7 @@ _TABLE_1 = (
     _Row("DSNU", "e⁻", lambda s: _electrons(s, s.noise.dsnu_mv), "dsnu_e"),
     _Row("PRNU", "%", lambda s: s.noise.prnu_percent, "prnu_percent"),
     _Row("Analog gain, as system gain", "e⁻/DN", _electrons_per_dn, "system_gain_dn_per_e"),
-    _Row("Quantisation", "bit", lambda s: float(s.readout.bits)),
+    _Row("Quantization", "bit", lambda s: float(s.readout.bits)),
 )
 """Farrell, Okincha and Parmar (2008), Table 1, sensor and pixel.
 

@@ -211,7 +211,7 @@ class _Document(FPDF):
                 self.cell(width, 5, image.title)
             self.ln(6)
         top = self.get_y()
-        self.set_draw_color(0)  # the default colour of SVG elements; fpdf2 would use the current colour
+        self.set_draw_color(0)  # the default color of SVG elements; fpdf2 would use the current color
         self.set_fill_color(0)
         for image, left in zip(block.images, lefts, strict=True):
             self.image(io.BytesIO(image.content), x=left, y=top, w=width, alt_text=image.alternative)

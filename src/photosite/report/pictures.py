@@ -34,7 +34,7 @@ def enlarge(picture: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
 
 
 def magnified(picture: NDArray[np.float32], reference: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
-    """Return the difference from a reference (a picture or a colour), multiplied by a factor, around middle gray.
+    """Return the difference from a reference (a picture or a color), multiplied by a factor, around middle gray.
 
     The result is clipped to the display's range.
 

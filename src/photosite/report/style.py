@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-# Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
+# Okabe and Ito, "Color Universal Design" (2008): distinguishable with any color vision.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 GRAY = "#6B6B6B"
@@ -101,7 +101,7 @@ def two_panels(height_in: float = 5.4, upper_share: float = 1.0) -> tuple[Figure
 
 
 def channel_style(channel: str, position: int = 0) -> tuple[str, str, LineStyle]:
-    """Return colour, marker and line style of a colour channel.
+    """Return color, marker and line style of a color channel.
 
     R, G and B look the same in every figure; the position among the channels selects the style of other names.
 

@@ -75,7 +75,7 @@ def interval_text(entry: Estimate) -> str:
 
 
 def channel_table(channels: Mapping[str, Parameters]) -> Table:
-    """Return a table with a column per colour channel, and a row per parameter that at least one channel has."""
+    """Return a table with a column per color channel, and a row per parameter that at least one channel has."""
     estimates = {channel: parameters.estimates() for channel, parameters in channels.items()}
     rows = tuple(
         (*_label_and_unit(name), *(format_estimate(estimates[channel][name]) for channel in channels))
@@ -83,7 +83,7 @@ def channel_table(channels: Mapping[str, Parameters]) -> Table:
         if any(estimates[channel][name].value is not None for channel in channels)
     )
     titles = columns("Parameter", "Unit", *map(numeric, channels))
-    return Table("By colour channel, with standard uncertainties", titles, rows)
+    return Table("By color channel, with standard uncertainties", titles, rows)
 
 
 def linear_range_table(ranges: Mapping[str, LinearRange]) -> Table:

@@ -56,7 +56,7 @@ def validation_page(result: FrameValidation) -> Page:
         Section("Conditions of the simulation", _conditions_blocks(result)),
         Section("Pictures", _picture_blocks(result)),
         Section("Patches", _patch_blocks(result)),
-        Section("Colours", _color_blocks(result)),
+        Section("Colors", _color_blocks(result)),
         Section("Numbers", _number_blocks(result)),
     )
     return Page("Measured against simulated", lead, sections, _FOOTER)
@@ -100,7 +100,7 @@ def _test_row(name: str, test: ChiSquare, share: float) -> tuple[str, ...]:
 def _conditions_blocks(result: FrameValidation) -> tuple[Block, ...]:
     conditions, frame = result.conditions, result.measured
     rows: list[tuple[str, str]] = [
-        ("Sensor file", f"{conditions.sensor.name}, colour filter array {tile_text(conditions.sensor.array.cfa)}"),
+        ("Sensor file", f"{conditions.sensor.name}, color filter array {tile_text(conditions.sensor.array.cfa)}"),
         ("Frames", f"{frame.shape[0]} × {frame.shape[1]} pixels, {frame.bits} bits, black {frame.black_level_dn:g} DN"),
         ("Illuminant", conditions.lamp.name),
     ]
@@ -132,7 +132,7 @@ def _picture_blocks(result: FrameValidation) -> tuple[Block, ...]:
     factor = -(-measured.shape[1] // WIDEST)
     outlined = _outlined(shrink(measured), result, origin, factor)
     caption = (
-        "The chart, developed with bilinear demosaicing and the same colour matrix and exposure for both. The outlines "
+        "The chart, developed with bilinear demosaicing and the same color matrix and exposure for both. The outlines "
         "in the measured picture mark the compared regions; check that they lie within the patches."
     )
     images = (
@@ -176,14 +176,14 @@ def _color_blocks(result: FrameValidation) -> tuple[Block, ...]:
     if colors is None:
         return ()
     caption = (
-        "Colour difference between measured and simulated patch means, with a colour matrix fitted to the simulated "
+        "Color difference between measured and simulated patch means, with a color matrix fitted to the simulated "
         "patches under D65. The smallest visible difference between adjacent surfaces is about 1."
     )
     summary = (
         f"CIEDE2000: median {np.median(colors.delta_e_2000):.2f}, largest {colors.delta_e_2000.max():.2f} "
         f"({colors.names[int(colors.delta_e_2000.argmax())]})."
     )
-    figure = figure_block(color_difference_figure(colors), "Colour difference of each patch", caption)
+    figure = figure_block(color_difference_figure(colors), "Color difference of each patch", caption)
     return (Paragraph(summary), figure)
 
 

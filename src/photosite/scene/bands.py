@@ -32,7 +32,7 @@ def wavelengths_in_nm(path: Path, values: ArrayLike | None, unit: str | None, wa
     path
         The file, for messages.
     values, unit
-        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometres: no other
+        (bands,) as in the file; None where it has none. Values from 200 to 2600 without a unit are nanometers: no other
         unit puts them into a camera's range.
     wanted
         (bands,) nm, given by the caller for a file without them.

@@ -91,10 +91,10 @@ class ReadOptions(Validated):
     patch_cols
         Patches in a row of a measured chart, whose file lists them in order.
     method
-        How the colours of a display picture (PNG, JPEG, TIFF) become spectra, as for `photosite.pictures.from_rgb`;
+        How the colors of a display picture (PNG, JPEG, TIFF) become spectra, as for `photosite.pictures.from_rgb`;
         None: "mallett-yuksel". With "jakob-hanika" the tolerance is that of its reduction.
     out_of_gamut
-        What to do with its colours that the method cannot represent, as for `photosite.pictures.from_rgb`; None:
+        What to do with its colors that the method cannot represent, as for `photosite.pictures.from_rgb`; None:
         "refuse".
 
     Examples

@@ -89,7 +89,7 @@ def _apply(matrix: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[
 
 
 def _centring(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3): centres the points and scales them to unit size, against rounding errors (Hartley)."""
+    """(3, 3): centers the points and scales them to unit size, against rounding errors (Hartley)."""
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
     scale = 1.0 / size if size > 0 else 1.0
@@ -141,7 +141,7 @@ def seen_patches(chart: Scene, corners: Corners, inner: float) -> tuple[Quadrila
     corners
         Of its patches in the frame, in the order of `field_corners`.
     inner
-        Part of each patch's side to keep, around its centre; above 0, at most 1.
+        Part of each patch's side to keep, around its center; above 0, at most 1.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def in_perspective(chart: Scene, corners: Corners, frame_shape: tuple[int, int],
     """Return the scene of a chart whose patches have given corners in the frame, with black around it.
 
     Its samples are pixels or squares of pixels, each the mean of the chart over its area, small enough that the inner
-    part of a patch has one colour.
+    part of a patch has one color.
 
     Parameters
     ----------

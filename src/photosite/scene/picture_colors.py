@@ -38,7 +38,7 @@ _BLOCK = 1 << 20
 
 
 class OutsideSrgbError(InputError):
-    """A picture has colours outside sRGB, which are to be refused."""
+    """A picture has colors outside sRGB, which are to be refused."""
 
 
 def checked_picture(picture: ArrayLike, out_of_gamut: OutOfGamut = "refuse") -> NDArray[Any]:
@@ -187,14 +187,14 @@ def srgb_weights(
     space, linear
         As for `linear_srgb_of`.
     out_of_gamut
-        What to do with colours outside, except for rounding.
+        What to do with colors outside, except for rounding.
     highest
         1, or infinity for a picture of light.
 
     Raises
     ------
     OutsideSrgbError
-        If colours are outside and are to be refused; with their number.
+        If colors are outside and are to be refused; with their number.
 
     Examples
     --------
@@ -215,9 +215,9 @@ def srgb_weights(
         with np.errstate(over="ignore"):  # the caller checks for infinity
             weights[:, first : first + step] = np.moveaxis(np.clip(values, 0.0, highest), 2, 0)
     if out_of_gamut == "refuse" and outside:
-        bounded_hint = ", or {method} for colours that a surface can have" if bounded else ""
+        bounded_hint = ", or {method} for colors that a surface can have" if bounded else ""
         raise OutsideSrgbError(
-            f"{outside} of {weights[0].size} pixels have colours outside sRGB",
+            f"{outside} of {weights[0].size} pixels have colors outside sRGB",
             hint="Pass {out_of_gamut}" + bounded_hint,
             arguments={"out_of_gamut": "clip"} | ({"method": "jakob-hanika"} if bounded else {}),
         )

@@ -1,7 +1,7 @@
-"""Pictures as scenes: spectra from colours.
+"""Pictures as scenes: spectra from colors.
 
-A display picture (`from_rgb`) becomes a flat print: its colours are reflectances under a light. A picture
-of light of any range (`from_hdr`) becomes a scene whose colours are radiances.
+A display picture (`from_rgb`) becomes a flat print: its colors are reflectances under a light. A picture
+of light of any range (`from_hdr`) becomes a scene whose colors are radiances.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from photosite.values.validated import check_choice
 
 PICTURE_WAVELENGTH_NM: NDArray[np.float64] = np.arange(380.0, 781.0, 5.0)
 """Wavelengths of the basis reflectances. On a grid of 10 nm the peaks of D65 change a red by a CIEDE2000 of 0.6; here
-no colour of sRGB changes by more than 0.03."""
+no color of sRGB changes by more than 0.03."""
 PICTURE_WAVELENGTH_NM.flags.writeable = False
 
 
@@ -38,7 +38,7 @@ def srgb_reflectance(wavelength_nm: ArrayLike = PICTURE_WAVELENGTH_NM) -> NDArra
     """Return the reflectances (3, wavelengths) of sRGB's red, green and blue; linear between 5 nm entries.
 
     They are not negative and their sum is 1 at every wavelength, so that linear sRGB from 0 to 1 gives a valid
-    reflectance. Under D65 it has the colour that it was made from; of all such reflectances it is a smooth one.
+    reflectance. Under D65 it has the color that it was made from; of all such reflectances it is a smooth one.
 
     Raises
     ------
@@ -81,17 +81,17 @@ def from_rgb(
     rule: Rule = "trapezoid",
     name: str = "picture",
 ) -> Scene:
-    """Return a picture, by default of sRGB, as a flat, evenly lit print of matte colours.
+    """Return a picture, by default of sRGB, as a flat, evenly lit print of matte colors.
 
-    Every pixel's colour becomes a reflectance under the illuminant. Display white is the perfect white. Shadows, gloss
-    and light in the picture become colours of the print.
+    Every pixel's color becomes a reflectance under the illuminant. Display white is the perfect white. Shadows, gloss
+    and light in the picture become colors of the print.
 
     Parameters
     ----------
     picture
         (rows, cols, 3): unsigned integers of 8 or 16 bits, or floats from 0 to 1, with 1e-6 for rounding.
     illuminant
-        As for `photosite.color.illuminants.illuminant`. Under "D65" the scene has the picture's colours.
+        As for `photosite.color.illuminants.illuminant`. Under "D65" the scene has the picture's colors.
     mean_luminance_cd_m2
         Mean over all samples.
     space
@@ -100,14 +100,14 @@ def from_rgb(
     linear
         Whether the values are proportional to light. False: they are encoded by the space's own curve.
     method
-        "mallett-yuksel": three basis reflectances weighted by sRGB; three spectra, exact, for colours of sRGB only.
-        "jakob-hanika": a smooth reflectance for each colour (`photosite.scene.sigmoid`), reduced to few spectra; for
-        all colours that a surface can have. It takes about a minute for a million colours.
+        "mallett-yuksel": three basis reflectances weighted by sRGB; three spectra, exact, for colors of sRGB only.
+        "jakob-hanika": a smooth reflectance for each color (`photosite.scene.sigmoid`), reduced to few spectra; for
+        all colors that a surface can have. It takes about a minute for a million colors.
     out_of_gamut
-        What to do with colours that the method cannot represent: "refuse" them, or "clip" red, green and blue to sRGB.
+        What to do with colors that the method cannot represent: "refuse" them, or "clip" red, green and blue to sRGB.
     tolerance
         Largest RMS error of the reduction with "jakob-hanika", relative to the reflectances' RMS; it does not change
-        colours under D65.
+        colors under D65.
     wavelength_nm
         (wavelengths,) of the scene, from 380 to 780 nm.
     distance_m, width_m, name
@@ -123,12 +123,12 @@ def from_rgb(
     Raises
     ------
     InputError
-        If the picture is black or has colours that cannot be represented, or an argument is invalid.
+        If the picture is black or has colors that cannot be represented, or an argument is invalid.
 
     Notes
     -----
     Spaces whose white is not D65 are adapted to it by Bradford's transform. Integrated again under D65 on the 5 nm
-    grid, colours of sRGB differ by a CIEDE2000 below 0.03, by either method; on one of 1 nm below 0.08 and 0.04. The
+    grid, colors of sRGB differ by a CIEDE2000 below 0.03, by either method; on one of 1 nm below 0.08 and 0.04. The
     smooth reflectances are from 0 to 1; reduced ones exceed it by the error (0.04 at a tolerance of 1e-3).
 
     Examples
@@ -148,7 +148,7 @@ def from_rgb(
     if method == "mallett-yuksel":
         weights = srgb_weights(codes, space, linear=linear, out_of_gamut=out_of_gamut)
     else:
-        # A surface can have colours outside sRGB; the smooth method itself rejects impossible ones.
+        # A surface can have colors outside sRGB; the smooth method itself rejects impossible ones.
         values = linear_srgb_of(display_values(codes), space, linear=linear)
         clipped = np.clip(values, 0.0, 1.0) if out_of_gamut == "clip" else values
         weights, reflectance, lost = raised(clipped, grid, tolerance)
@@ -182,8 +182,8 @@ def from_hdr(
     mean_luminance_cd_m2
         Mean over all samples.
     white
-        Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colours are
-        this light through the filters of Mallett and Yuksel. Any light but "D65" shifts all colours.
+        Spectrum of white light, as for `photosite.color.illuminants.illuminant`; other colors are
+        this light through the filters of Mallett and Yuksel. Any light but "D65" shifts all colors.
     space, out_of_gamut, wavelength_nm, distance_m, width_m, rule, name
         As for `from_rgb`.
 
@@ -196,7 +196,7 @@ def from_hdr(
     Raises
     ------
     InputError
-        If the picture is black or has colours outside sRGB that are not to be clipped, or an argument is invalid.
+        If the picture is black or has colors outside sRGB that are not to be clipped, or an argument is invalid.
 
     Examples
     --------

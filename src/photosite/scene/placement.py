@@ -65,7 +65,7 @@ def place(
     pixel_aspect: float = 1.0,
     cols_per_pixel: float | None = None,
 ) -> Placement:
-    """Centre a scene of square samples on a frame; shapes are (rows, cols).
+    """Center a scene of square samples on a frame; shapes are (rows, cols).
 
     Parameters
     ----------

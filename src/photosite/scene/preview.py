@@ -49,7 +49,7 @@ def preview(
 
     Notes
     -----
-    Colours outside sRGB and light above white are clipped.
+    Colors outside sRGB and light above white are clipped.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Scenes rendered by Mitsuba 3, band by band.
 
 Mitsuba's spectral radiance is W/sr/m2/nm: the unit of its `blackbody`, and of emitters with spectra in that unit.
-Mitsuba's default film converts spectra to colour; here a film records the radiance of each pixel in each band.
+Mitsuba's default film converts spectra to color; here a film records the radiance of each pixel in each band.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ RENDER_WAVELENGTH_NM: NDArray[np.float64] = np.arange(400.0, 701.0, 10.0)
 RENDER_WAVELENGTH_NM.flags.writeable = False
 
 EXAMPLE = Path(__file__).parent / "examples" / "still_life.xml"
-"""Painted objects on a table under a lamp of 3200 K, in metres and W/sr/m2/nm."""
+"""Painted objects on a table under a lamp of 3200 K, in meters and W/sr/m2/nm."""
 
 _LANES = 4
 """Wavelengths per path in Mitsuba, a quarter of the film's range apart."""
@@ -71,7 +71,7 @@ def render_mitsuba(
     scene
         A scene file (XML), or a dictionary as `mitsuba.load_dict` takes it.
     wavelength_nm
-        (wavelengths,) centres of the bands, in equal steps. A band is as wide as the step, 10 nm where there is only
+        (wavelengths,) centers of the bands, in equal steps. A band is as wide as the step, 10 nm where there is only
         one; its value is the mean radiance over it.
     spp
         Paths per pixel and group of four bands.
@@ -86,10 +86,10 @@ def render_mitsuba(
     parameters
         Values of a scene file's `$names`.
     unit_m
-        Metres in a unit of the scene.
+        Meters in a unit of the scene.
     distance_m
         From the lens to the scene. None: the focus distance of the scene's camera; else the distance of the object in
-        the centre of the picture; else 1.2 m.
+        the center of the picture; else 1.2 m.
     mean_luminance_cd_m2
         Mean luminance to scale the scene to, for lights without an absolute scale (RGB, D65, environment pictures).
     tolerance
@@ -350,7 +350,7 @@ def _view(mitsuba: Any, scene: Any, camera: Any) -> tuple[float | None, float | 
     hit = scene.ray_intersect(ray)
     if not np.isfinite(_number(hit.t)):
         return None, span
-    # The ray starts at the near clipping plane, and the centre of a cropped film is off the axis.
+    # The ray starts at the near clipping plane, and the center of a cropped film is off the axis.
     to_world = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
     depth = (np.array(hit.p, dtype=np.float64).ravel() - to_world[:3, 3]) @ to_world[:3, 2]
     return float(depth), span

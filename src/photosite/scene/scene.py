@@ -63,7 +63,7 @@ class Scene:
 
     Examples
     --------
-    >>> grey = Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10))
+    >>> gray = Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10))
     >>> grey.shape, grey.weights.shape, grey.basis.shape
     ((1, 1), (1, 1, 1), (1, 31))
     """

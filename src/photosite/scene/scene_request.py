@@ -149,7 +149,7 @@ class SceneRequest:
     def drawn_for(self, frame: tuple[int, int], samples_per_m: float) -> SceneRequest:
         """Return the same scene with at least one sample per cell of a camera, where it can have any size.
 
-        A scene without a width fills the frame's (rows, cols) cells; `samples_per_m` are cells across a metre of it.
+        A scene without a width fills the frame's (rows, cols) cells; `samples_per_m` are cells across a meter of it.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Smooth reflectances from colours, after Jakob and Hanika: a sigmoid of a parabola over wavelength.
+"""Smooth reflectances from colors, after Jakob and Hanika: a sigmoid of a parabola over wavelength.
 
 Such a reflectance has three coefficients, is between 0 and 1, and has at most one maximum or minimum.
 """
@@ -20,7 +20,7 @@ from photosite.scene.reduction import principal_spectra
 Array = NDArray[np.float64]
 
 _BLOCK = 1 << 15
-"""Colours solved together; their (colours, wavelengths) arrays take tens of megabytes."""
+"""Colors solved together; their (colors, wavelengths) arrays take tens of megabytes."""
 
 _RAISED_NM = np.arange(380.0, 781.0, 5.0)
 _STEPS = 100
@@ -28,7 +28,7 @@ _CLOSE = 1e-6
 """Largest accepted error of a tristimulus value, relative to the white's Y."""
 
 _EXTREME = 1e-5
-"""Share of mid-grey mixed into a colour: black and white would need infinite coefficients."""
+"""Share of mid-gray mixed into a color: black and white would need infinite coefficients."""
 
 _CENTRE_NM, _HALF_NM = 570.0, 210.0
 """The parabola's variable is -1 at 360 nm, 1 at 780 nm."""
@@ -69,12 +69,12 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
     Raises
     ------
     InputError
-        If a colour has no such reflectance: it is brighter or more saturated than a surface can be.
+        If a color has no such reflectance: it is brighter or more saturated than a surface can be.
 
     Notes
     -----
-    The Levenberg-Marquardt method on all colours at once, starting from grey. The error is below 1e-6 of the white,
-    after a share of 1e-5 of mid-grey is mixed in: black and the perfect white have no finite coefficients.
+    The Levenberg-Marquardt method on all colors at once, starting from gray. The error is below 1e-6 of the white,
+    after a share of 1e-5 of mid-gray is mixed in: black and the perfect white have no finite coefficients.
     """
     wanted = np.asarray(tristimulus, dtype=np.float64)
     weigh = np.asarray(weights, dtype=np.float64)
@@ -89,7 +89,7 @@ def sigmoid_coefficients(tristimulus: ArrayLike, weights: ArrayLike, wavelength_
         if (error > _CLOSE).any():
             worst = here.start + int(error.argmax())
             raise InputError(
-                f"{int((error > _CLOSE).sum())} colours are brighter or more saturated than a surface can be, the "
+                f"{int((error > _CLOSE).sum())} colors are brighter or more saturated than a surface can be, the "
                 f"first of them X, Y, Z {wanted[worst].round(4).tolist()} where white has {white.round(4).tolist()}"
             )
     return coefficients
@@ -105,7 +105,7 @@ def _powers(grid: Array) -> Array:
 
 
 def _greys(wanted: Array, white: Array) -> Array:
-    """Coefficients (n, 3) of greys of about the colours' lightness."""
+    """Coefficients (n, 3) of grays of about the colors' lightness."""
     level = 2 * np.clip((wanted / white).mean(axis=1), 0.01, 0.99) - 1
     c = np.zeros_like(wanted)
     c[:, 2] = level / np.sqrt(1 - level * level)
@@ -113,7 +113,7 @@ def _greys(wanted: Array, white: Array) -> Array:
 
 
 def _solve(c: Array, wanted: Array, weigh: Array, powers: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Improved coefficients (n, 3), and the largest error of each colour (n,)."""
+    """Improved coefficients (n, 3), and the largest error of each color (n,)."""
     damping = np.full(len(wanted), 1e-2)
     residual, slope = _error(c, wanted, weigh, powers)
     size = (residual**2).sum(axis=1)
@@ -125,7 +125,7 @@ def _solve(c: Array, wanted: Array, weigh: Array, powers: Array, jacobian: Array
         J = (slope[open_] @ jacobian).reshape(-1, 3, 3)
         normal = np.einsum("nij,nik->njk", J, J)
         gradient = np.einsum("nij,ni->nj", J, residual[open_])
-        # Damping by each coefficient's own scale keeps flat directions of dark and saturated colours moving.
+        # Damping by each coefficient's own scale keeps flat directions of dark and saturated colors moving.
         diagonal = np.einsum("njj->nj", normal)
         scale = diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30
         normal[:, [0, 1, 2], [0, 1, 2]] += damping[open_, None] * scale
@@ -178,7 +178,7 @@ def raised(linear: Array, grid: Array, tolerance: float) -> tuple[NDArray[np.flo
 def _kept_spectra(gram: Array, grid: Array, tolerance: float) -> Array:
     """(K, wavelengths), orthonormal: the three that span the observer's weights under D65, and the fewest others.
 
-    Spectra projected on them keep their colours under D65, whatever the tolerance.
+    Spectra projected on them keep their colors under D65, whatever the tolerance.
     """
     carriers = color_matching_functions(grid) * integration_weights(grid) * illuminant("D65", grid)
     # A complete orthonormal basis, whose first three are those; the rest is reduced separately.

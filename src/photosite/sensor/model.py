@@ -28,7 +28,7 @@ from photosite.values.validated import Section, input_error
 
 
 class Array(Section):
-    """The pixel array: its size and the tile of its colour filter array."""
+    """The pixel array: its size and the tile of its color filter array."""
 
     rows: int = Field(gt=0, le=65_536, strict=True)
     cols: int = Field(gt=0, le=65_536, strict=True)
@@ -47,7 +47,7 @@ class Pixel(Section):
 
 
 class Channel(Section):
-    """One colour channel: its quantum efficiency, colour filter included."""
+    """One color channel: its quantum efficiency, color filter included."""
 
     wavelength_nm: Increasing
     quantum_efficiency: tuple[UnitInterval, ...]

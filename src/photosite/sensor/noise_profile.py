@@ -31,7 +31,7 @@ class NoiseProfile:
     Parameters
     ----------
     channels
-        Names of the colour channels, `("M",)` for a monochrome sensor.
+        Names of the color channels, `("M",)` for a monochrome sensor.
     slope, offset
         One for each channel. The slope is photon noise, system gain / (white - black); the offset is the variance in
         the dark: read noise, DSNU and rounding.

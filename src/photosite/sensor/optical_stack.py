@@ -27,7 +27,7 @@ from photosite.values.measured import Measured
 from photosite.values.validated import Section
 
 Kernel = tuple[tuple[float, ...], ...]
-"""Rows by columns: how the electrons of the centre pixel are distributed over its neighbourhood."""
+"""Rows by columns: how the electrons of the center pixel are distributed over its neighborhood."""
 
 SUM_TOLERANCE = 1e-6
 """Tolerance of a kernel's sum, for shares written with few digits."""
@@ -155,10 +155,10 @@ class AngularResponse(Section):
 
 
 class Crosstalk(Section):
-    """Crosstalk kernels, one for each colour of the pixel that light or charge leaves.
+    """Crosstalk kernels, one for each color of the pixel that light or charge leaves.
 
-    A kernel's centre stays in the pixel, the entry above the centre goes to the pixel in the row before, and so on.
-    `optical` is light that has passed this pixel's filter and is collected by a neighbour; `electrical` is charge that
+    A kernel's center stays in the pixel, the entry above the center goes to the pixel in the row before, and so on.
+    `optical` is light that has passed this pixel's filter and is collected by a neighbor; `electrical` is charge that
     diffuses from the pixel that collected it. Light is distributed first, then charge.
 
     Examples
@@ -232,7 +232,7 @@ class OpticalStack(Section):
         """Raise `InputError` unless the stack is consistent with the sensor.
 
         Tables must have the sensor's channels, filters must cover each channel's response (first and last wavelength),
-        and an array with crosstalk must not be smaller than the tile of its colour filter array.
+        and an array with crosstalk must not be smaller than the tile of its color filter array.
         """
         self._check_channels(list(responds_nm))
         for name, filter_ in self.filters.items():

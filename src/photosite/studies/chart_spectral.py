@@ -127,7 +127,7 @@ def unit_electrons(scene: Scene, sensor: Sensor, optics: Optics, exposure_s: flo
     """Return (patches, wavelengths) patch means of a monochrome sensor that responds at one wavelength of the scene.
 
     Each column is a capture without noise, with blur and relative illumination, by a sensor of the same pixels. Its
-    quantum efficiency is 1 at that wavelength and falls to 0 at the neighbouring ones.
+    quantum efficiency is 1 at that wavelength and falls to 0 at the neighboring ones.
 
     Raises
     ------

@@ -18,7 +18,7 @@ RelativeDifference = np.ma.MaskedArray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class ChiSquare:
-    """A sum of squared standardised differences.
+    """A sum of squared standardized differences.
 
     The degrees of freedom, the number of differences less that of fitted parameters, are the expected sum for two equal
     cameras; the p-value is the probability of a sum this large or larger.
@@ -178,7 +178,7 @@ def check_verdict_settings(level: float, tolerance_percent: float) -> None:
 
 
 def chi_square(squares: NDArray[np.float64], fitted: int = 0) -> ChiSquare:
-    """Return the sum of squared standardised differences, less the number of fitted parameters in freedom."""
+    """Return the sum of squared standardized differences, less the number of fitted parameters in freedom."""
     from scipy.stats import chi2
 
     total, freedom = float(squares.sum()), int(squares.size) - fitted

@@ -1,4 +1,4 @@
-"""Charts that validation supports: the positions and colours of their patches."""
+"""Charts that validation supports: the positions and colors of their patches."""
 
 from __future__ import annotations
 

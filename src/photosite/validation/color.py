@@ -1,4 +1,4 @@
-"""Colour differences between measured and simulated patches."""
+"""Color differences between measured and simulated patches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from photosite.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class ColorComparison:
-    """Colour differences between measured and simulated patches, both through one colour matrix.
+    """Color differences between measured and simulated patches, both through one color matrix.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class ColorComparison:
         (patches,) differences between measured and simulated; measured is the reference of CIE 1994.
     matrix
         Camera RGB in DN above black to XYZ under D65, fitted to the simulated patches, with its residuals against the
-        patches' true colours.
+        patches' true colors.
     """
 
     names: tuple[str, ...]
@@ -42,10 +42,10 @@ def compare_colors(
     reference_xyz: NDArray[np.float64] | None,
     notes: list[str],
 ) -> ColorComparison | None:
-    """Return the colour differences of the patches that have no saturated channel.
+    """Return the color differences of the patches that have no saturated channel.
 
     The matrix is fitted to the simulated patches and applied to both without rescaling. A measured chart that is
-    uniformly brighter therefore differs in colour.
+    uniformly brighter therefore differs in color.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def compare_colors(
     used
         (patches, channels), false where a value is saturated.
     reference_xyz
-        (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None if the colours are unknown.
+        (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None if the colors are unknown.
     notes
-        List that gets the reason if there are no colour differences.
+        List that gets the reason if there are no color differences.
 
     Examples
     --------
@@ -72,13 +72,13 @@ def compare_colors(
         if set(channels) != {"R", "G", "B"}:
             raise InputError("the channels are not R, G and B")
         if reference_xyz is None:
-            raise InputError("the patches' colours are unknown")
+            raise InputError("the patches' colors are unknown")
         order = [channels.index(name) for name in "RGB"]
         whole = np.flatnonzero(used.all(axis=1))
         measured_rgb, simulated_rgb = (mean[whole][:, order] for mean in means)
         matrix = fit_color_matrix(simulated_rgb, reference_xyz[whole])
     except InputError as reason:
-        notes.append(f"no colour differences: {reason}")
+        notes.append(f"no color differences: {reason}")
         return None
     xyz = matrix.apply(measured_rgb), matrix.apply(simulated_rgb)
     chosen = tuple(names[patch] for patch in whole)

@@ -25,7 +25,7 @@ _PARALLELOGRAM = (0.88, 1.06)  # area over 12 times the root of the determinant 
 _MOST_ELONGATED = 3.0
 _SMALLEST = 30  # pixels of the smallest patch in the reduced picture
 _ALIKE = 2.2  # largest ratio of areas of two patches, in perspective and with damaged borders
-_MISS = 0.3  # largest deviation from the position predicted by neighbours, in distances between patches
+_MISS = 0.3  # largest deviation from the position predicted by neighbors, in distances between patches
 _FEWEST = 17  # patches needed of the 24; dark patches on a black border may not be found
 _CORRELATION = 0.5  # smallest correlation of the patches' brightness with that of a ColorChecker
 
@@ -36,7 +36,7 @@ _PASS_CORNERS: Any = {"hint": "Pass {corners}", "arguments": {"corners": _EXAMPL
 
 @dataclass(frozen=True, eq=False)
 class _Blobs:
-    """Even parts of the picture: (n, 2) centres and (n,) areas, in pixels."""
+    """Even parts of the picture: (n, 2) centers and (n,) areas, in pixels."""
 
     middle: NDArray[np.float64]
     area: NDArray[np.float64]
@@ -142,7 +142,7 @@ def _grids(blobs: _Blobs) -> Iterator[dict[tuple[int, int], int]]:
 def _grown(
     blobs: _Blobs, alike: NDArray[np.intp], first: int, along: NDArray[np.float64], down: NDArray[np.float64]
 ) -> dict[tuple[int, int], int]:
-    """Grow a grid from one blob to its neighbours: which blob is at which place."""
+    """Grow a grid from one blob to its neighbors: which blob is at which place."""
     places = {(0, 0): first}
     steps = {(0, 0): (down, along)}
     queue = [(0, 0)]

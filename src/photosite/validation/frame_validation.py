@@ -36,7 +36,7 @@ Fitted = Literal["fill_factor", "light"]
 """Parameters that can be fitted, one at a time, because both scale all patches alike."""
 
 INNER = 0.6
-"""Fraction of a patch's side that is compared, about its centre; the rest allows for blur and inexact corners."""
+"""Fraction of a patch's side that is compared, about its center; the rest allows for blur and inexact corners."""
 
 MOST_SIMULATED = 10
 """Largest number of frames that are simulated."""
@@ -139,7 +139,7 @@ class FrameValidation:
         return f"fitted: {what} {value} ± {known}{unit} (95 % interval {low_end} to {high_end})"
 
     def pictures(self) -> tuple[NDArray[np.float32], NDArray[np.float32], tuple[int, int]]:
-        """Return the chart as measured and as simulated, developed with the same colour matrix and exposure.
+        """Return the chart as measured and as simulated, developed with the same color matrix and exposure.
 
         The pictures are (rows, cols, 3) in display sRGB. The third value is the (row, col) of their first pixel.
         """
@@ -147,7 +147,7 @@ class FrameValidation:
         low, high = points.min(axis=0), points.max(axis=0)
         margin = _MARGIN * float((high - low).max())
         tile = (len(self.measured.cfa), len(self.measured.cfa[0]))
-        # The pictures start at a tile of the colour filter array.
+        # The pictures start at a tile of the color filter array.
         top, left = (max(0, math.floor((low[axis] - margin) / tile[axis]) * tile[axis]) for axis in (0, 1))
         bottom, right = (min(self.measured.shape[axis], math.ceil(high[axis] + margin)) for axis in (0, 1))
         seen, made = (replace(frame, dn=frame.dn[top:bottom, left:right]) for frame in (self.measured, self.simulated))
@@ -325,7 +325,7 @@ def _simulated_sensor(sensor: Sensor, frame: RawFrame, seed: int) -> tuple[Senso
         sensor = sensor.with_(serial=f"{sensor.serial}, simulated {seed}")
     if frame.cfa == MONOCHROME and sensor.array.cfa != MONOCHROME:
         notes.append(
-            f"the frames have no colour filter array; that of the sensor file, {tile_text(sensor.array.cfa)}, is used"
+            f"the frames have no color filter array; that of the sensor file, {tile_text(sensor.array.cfa)}, is used"
         )
     black_dn = sensor.readout.black_level_dn.value
     if frame.black_level_dn != black_dn:
@@ -341,7 +341,7 @@ def _contradictions(frame: RawFrame, sensor: Sensor, fill_factor: FillFactorFit 
     found = []
     if frame.cfa not in (MONOCHROME, sensor.array.cfa):
         found.append(
-            f"the colour filter arrays differ: {tile_text(frame.cfa)} in the frames' files, "
+            f"the color filter arrays differ: {tile_text(frame.cfa)} in the frames' files, "
             f"{tile_text(sensor.array.cfa)} in the sensor file, which is used"
         )
     if frame.bits != sensor.readout.bits:
@@ -360,7 +360,7 @@ def _contradictions(frame: RawFrame, sensor: Sensor, fill_factor: FillFactorFit 
 def _other_assumptions(
     stack: Sequence[RawFrame], chart: Scene, corners: Corners, patches: Sequence[Quadrilateral]
 ) -> dict[str, PatchStatistics]:
-    """Return patch statistics for other orientations of the chart and of the colour filter array."""
+    """Return patch statistics for other orientations of the chart and of the color filter array."""
     found = {}
 
     def read(what: str, frame: RawFrame, regions: Sequence[Quadrilateral]) -> None:
@@ -375,7 +375,7 @@ def _other_assumptions(
     if stack[0].cfa in tiles:
         for tile in tiles:
             if tile != stack[0].cfa:
-                what = f"the colour filter array is {tile_text(tile)}"
+                what = f"the color filter array is {tile_text(tile)}"
                 read(what, replace(stack[0], cfa=tile), patches)
     return found
 

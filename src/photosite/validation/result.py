@@ -32,7 +32,7 @@ class PatchDifferences(ABC):
         Regression of the means of the first on those of the second, all channels together and each channel; None with
         fewer than three distinct points.
     color, notes
-        Colour differences, or None; what was left out and why.
+        Color differences, or None; what was left out and why.
     """
 
     level: float

@@ -32,7 +32,7 @@ _COLUMN = re.compile(r"(?P<channel>.+?)(?P<error>_standard_error)?_(?P<unit>e|dn
 
 @dataclass(frozen=True)
 class Mosaic:
-    """A mosaic in electrons, (rows, cols), and the tile of its colour filter array."""
+    """A mosaic in electrons, (rows, cols), and the tile of its color filter array."""
 
     electrons: NDArray[np.float64]
     cfa: Cfa

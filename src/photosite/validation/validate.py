@@ -1,4 +1,4 @@
-"""Compare measured frames with simulated frames: patch means, noise, colours, and a verdict."""
+"""Compare measured frames with simulated frames: patch means, noise, colors, and a verdict."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def validate(
     """Compare measured frames with simulated frames of the same chart, on the raw mosaic.
 
     The verdict is based on two chi-square tests, of patch means and of the noise over pixels. Where both sides are
-    stacks of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Colour
+    stacks of frames, a third tests the noise from frame to frame. The tests share the false-alarm rate evenly. Color
     differences are reported and have no test of their own. Saturated channels of patches are left out, and patches with
-    a saturated channel have no colour difference; `notes` lists them.
+    a saturated channel have no color difference; `notes` lists them.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def validate(
         Regions of the patches, with the chart's patch names; None for a chart that fills the frame.
     reference_xyz
         (patches, 3) tristimulus values under D65, Y = 1 for the perfect white; None uses the chart's. Without a chart
-        and without these there are no colour differences.
+        and without these there are no color differences.
     level
         False-alarm rate of the verdict, between 0 and 1.
     tolerance_percent
@@ -153,7 +153,7 @@ def _first(frames: Frames, what: str) -> RawFrame:
 def _check_same_kind(measured: RawFrame, simulated: RawFrame) -> None:
     facts = (
         ("size", *(f"{rows} x {cols}" for rows, cols in (measured.shape, simulated.shape))),
-        ("colour filter array", tile_text(measured.cfa), tile_text(simulated.cfa)),
+        ("color filter array", tile_text(measured.cfa), tile_text(simulated.cfa)),
         ("bit depth", str(measured.bits), str(simulated.bits)),
     )
     for what, one, other in facts:

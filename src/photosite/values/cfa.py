@@ -1,4 +1,4 @@
-"""Colour filter arrays: which channel a pixel belongs to."""
+"""Color filter arrays: which channel a pixel belongs to."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMED: dict[str, Cfa] = {
 
 
 def cfa_from(tile: str | Sequence[Sequence[str]]) -> Cfa:
-    """Return a colour filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
+    """Return a color filter array from its name (`"rggb"`) or its tile (`[["R", "G"], ["G", "B"]]`).
 
     Raises
     ------

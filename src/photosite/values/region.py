@@ -109,7 +109,7 @@ class Quadrilateral:
         within = np.ones((row.size, col.size), dtype=np.bool_)
         for (r0, c0), (r1, c1) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             down, along = r1 - r0, c1 - c0
-            # Cross product of side and vector to the pixel's centre; its corners differ by at most half the sum.
+            # Cross product of side and vector to the pixel's center; its corners differ by at most half the sum.
             distance = direction * (down * (col - c0) - along * (row - r0))
             within &= distance >= 0.5 * (abs(down) + abs(along)) - 1e-9
         return within

@@ -160,7 +160,7 @@ def test_a_set_gives_the_lens_it_was_written_from(kind: str, tmp_path: Path) -> 
     assert lens.name == "Made Up"
     reference = real_mm(REFERENCE_NM)
 
-    # Distortion and lateral colour, also between the heights.
+    # Distortion and lateral color, also between the heights.
     mapping = lens.mapping(math.inf if kind == "codev" else lens.focus_distance_m or 0)
     assert mapping is not None
     np.testing.assert_allclose(mapping.wavelength_nm, WAVES)

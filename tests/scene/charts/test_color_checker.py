@@ -1,4 +1,4 @@
-"""The ColorChecker: published colours, regions and luminance."""
+"""The ColorChecker: published colors, regions and luminance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ColorChecker SG: its smooth reflectances have the published colours."""
+"""The ColorChecker SG: its smooth reflectances have the published colors."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def test_the_chart_has_its_reflectances_and_their_source_in_its_name() -> None:
 
 
 def test_the_middle_of_the_chart_is_a_color_checker_classic() -> None:
-    """The SG has the Classic's 24 colours at E2 to J5, smooth here and measured there.
+    """The SG has the Classic's 24 colors at E2 to J5, smooth here and measured there.
 
-    Neighbours differ by 20 and more, so a misplaced patch would be found.
+    Neighbors differ by 20 and more, so a misplaced patch would be found.
     """
     colour = colour_science()
     light = photons_from_energy(illuminant("D50"), DEFAULT_WAVELENGTH_NM)

@@ -13,7 +13,7 @@ from photosite.scene import charts
 
 
 def fields(count: int, **options: float) -> np.ndarray:
-    """(count, rows, cols) greys from 0 to 1."""
+    """(count, rows, cols) grays from 0 to 1."""
     return np.stack(
         [charts.dead_leaves(seed=seed, contrast=math.inf, **options).weights[0] for seed in range(count)]
     ).astype(np.float64)

@@ -14,7 +14,7 @@ FINE = 60
 
 
 def points(rows: int, cols: int, pattern: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """Means over samples of a pattern of (down, right) from the centre, by 60 x 60 points each."""
+    """Means over samples of a pattern of (down, right) from the center, by 60 x 60 points each."""
     down, right = ((np.arange(count * FINE) + 0.5) / FINE - count / 2 for count in (rows, cols))
     return pattern(down[:, None], right[None, :]).reshape(rows, FINE, cols, FINE).mean(axis=(1, 3))
 
@@ -111,7 +111,7 @@ def test_siemens_star_holds_means(waveform: str) -> None:
 
 
 def test_siemens_star_has_the_stated_accuracy() -> None:
-    """Samples at all distances from the centre, against 200 x 200 Gauss-Legendre points each."""
+    """Samples at all distances from the center, against 200 x 200 Gauss-Legendre points each."""
     star = charts.siemens_star(cycles=144, patches=False, rows=256, cols=256).weights[0]
     nodes, shares = np.polynomial.legendre.leggauss(200)
     for away in (4, 8, 13, 20, 30, 45, 60, 80, 100):

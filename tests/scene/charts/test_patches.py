@@ -1,4 +1,4 @@
-"""Charts of any reflectances, and of greys over several decades."""
+"""Charts of any reflectances, and of grays over several decades."""
 
 from __future__ import annotations
 
@@ -88,6 +88,6 @@ def test_greys_cover_six_decades_and_are_named_by_density() -> None:
     assert -np.log10(levels) == pytest.approx([float(r.name.split()[1]) for r in chart.regions], abs=0.005)
     seen = [float(luminance_cd_m2(chart.radiance(r.r0, r.c0), chart.wavelength_nm)) for r in chart.regions]
     assert np.mean(seen) == pytest.approx(1000.0, rel=1e-6)
-    # Successive patches are neighbours, so that dark ones are far from bright ones.
+    # Successive patches are neighbors, so that dark ones are far from bright ones.
     corners = np.array([(r.r0, r.c0) for r in chart.regions])
     assert (np.abs(np.diff(corners, axis=0)).sum(axis=1) == 32).all()

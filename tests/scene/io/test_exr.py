@@ -132,7 +132,7 @@ def test_half_precision_and_a_part_that_is_not_the_first(tmp_path: Path) -> None
 
 
 def test_layout_of_pbrt(tmp_path: Path) -> None:
-    """Names, units and picture as PBRT-v4's spectral film writes them (film.cpp): centres of 16 buckets, 3 decimals."""
+    """Names, units and picture as PBRT-v4's spectral film writes them (film.cpp): centers of 16 buckets, 3 decimals."""
     edges = np.linspace(360, 830, 17)
     names = [
         f"S0.{centre:.3f}".replace(".", ",").replace(",", ".", 1) + "nm" for centre in (edges[1:] + edges[:-1]) / 2
@@ -266,7 +266,7 @@ def test_invalid_spectral_files(
     [
         (["depth.Z", "N.X"], {}, "neither spectral channels"),
         ([f"AOV{k:02d}" for k in range(20)], {}, "and 12 more"),
-        (["S1.500,0nm"], {}, "only polarised light"),
+        (["S1.500,0nm"], {}, "only polarized light"),
         (["T.500,0nm", "T.450,0nm.500,0nm"], {}, "re-radiation"),
         (["T.500,0nm"], {"units": "W/m2/sr/nm"}, "has reflectances"),
         (["T.500,0nm"], {}, "reflectances"),

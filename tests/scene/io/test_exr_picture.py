@@ -40,7 +40,7 @@ def test_picture_keeps_its_range_and_its_white_luminance(tmp_path: Path) -> None
     rgb = some_picture()
     scene = read_scene(picture(tmp_path / "a.exr", rgb, whiteLuminance=200.0))
     assert_allclose(scene.weights, np.moveaxis(rgb, 2, 0), rtol=1e-6)
-    # The matrix has four decimals, and the spectra shift colours slightly: 1 % of the brightest channel.
+    # The matrix has four decimals, and the spectra shift colors slightly: 1 % of the brightest channel.
     assert (np.abs(linear_srgb_of(scene) - 200 * rgb) < 0.01 * 200 * rgb.max(axis=2, keepdims=True)).all()
     white = read_scene(picture(tmp_path / "b.exr", np.ones((2, 2, 3)), whiteLuminance=200.0))
     assert luminance_cd_m2(white.radiance(0, 0), white.wavelength_nm) == pytest.approx(200, rel=1e-9)
@@ -58,7 +58,7 @@ def test_picture_at_a_luminance_under_a_light(tmp_path: Path) -> None:
 
 
 def test_other_primaries_are_converted(tmp_path: Path) -> None:
-    """Linear Rec. 2020 of colours inside sRGB; the matrix is of Rec. ITU-R BT.2087-0."""
+    """Linear Rec. 2020 of colors inside sRGB; the matrix is of Rec. ITU-R BT.2087-0."""
     from_709 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
     rgb = np.random.default_rng(4).uniform(0.1, 1, (4, 6, 3))
     wide = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)

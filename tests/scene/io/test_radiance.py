@@ -54,7 +54,7 @@ def hdr(path: Path, values: np.ndarray, head: str = "", *, runs: bool = True, ma
 
 
 def decades(rows: int = 11, cols: int = 30) -> np.ndarray:
-    """(rows, cols, 3) colours over eight decades, with runs of one value."""
+    """(rows, cols, 3) colors over eight decades, with runs of one value."""
     values = 10.0 ** np.linspace(-4, 4, rows)[:, None, None] * RNG.uniform(0.2, 1.0, (rows, cols, 3))
     values[:, 5:20] = values[:, 5:6]
     return values

@@ -118,7 +118,7 @@ def test_the_calibrated_sensor_agrees_with_the_true_one(loop: ClosedLoop) -> Non
 
 
 def _noise(raw: RawFrame) -> NDArray[np.float64]:
-    """Return the normalised noise of the green pixels of all patches."""
+    """Return the normalized noise of the green pixels of all patches."""
     patches = [
         raw.dn[r.r0 + r.r0 % 2 : r.r1 : 2, r.c0 + 1 - r.c0 % 2 : r.c1 : 2].astype(float).ravel()
         for r in ps.charts.macbeth_regions(*raw.shape)

@@ -47,7 +47,7 @@ LEVEL_SCATTER, BLOCK_SCATTER, MOST = 6.0, 4.0, 2.0
 """Scatter of the group that the limits follow, as multiples, and the largest limit."""
 
 LEAST_NOISE_DN = 0.5
-"""Least noise assumed, DN, where quantisation hides it."""
+"""Least noise assumed, DN, where quantization hides it."""
 
 _NORMAL = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""

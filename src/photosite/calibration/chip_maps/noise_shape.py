@@ -71,7 +71,7 @@ def measure_noise_shape(
         (rows, cols) unbiased temporal variance, and sum of the fourth powers of the deviations from the pixel's mean,
         over so many frames.
     histogram, width
-        (16, bins) deviations by block of rows, centred on 0; width of a bin, DN.
+        (16, bins) deviations by block of rows, centered on 0; width of a bin, DN.
     """
     method = f"{frames} dark frames, k-statistics over pixels, jackknife over {BLOCKS} blocks of rows"
     if frames < 4:
@@ -131,7 +131,7 @@ def tukey_shape(counts: NDArray[np.floating], width: float) -> float:
     """Return the shape of the Tukey lambda distribution with the highest correlation to a histogram.
 
     The quantile function is Q(p) = (p^lambda - (1 - p)^lambda) / lambda. A bin from p0 to p1 is compared with the mean
-    of Q between them, in closed form, so that the bin width does not matter. The (bins,) counts are centred on 0.
+    of Q between them, in closed form, so that the bin width does not matter. The (bins,) counts are centered on 0.
 
     Examples
     --------

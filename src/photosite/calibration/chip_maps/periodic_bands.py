@@ -15,7 +15,7 @@ _WINDOW = 65
 """Number of frequencies whose median is the background of the middle one."""
 
 _INDEPENDENT = _WINDOW / 1.94
-"""Effective number of independent frequencies in the window: Hann's window correlates neighbours (4/9 and 1/36)."""
+"""Effective number of independent frequencies in the window: Hann's window correlates neighbors (4/9 and 1/36)."""
 
 LEAST_CYCLES = 5
 """Cycles over all lines below which a period counts as shading, not as a band."""
@@ -48,10 +48,10 @@ class Band:
 def find_bands(profiles: NDArray[np.floating]) -> tuple[Band, ...]:
     """Find periodic bands in line means, strongest first.
 
-    The statistic is the power at each frequency, mean over the profiles, divided by the median of its neighbours. For n
+    The statistic is the power at each frequency, mean over the profiles, divided by the median of its neighbors. For n
     profiles of independent lines, n times the power over its mean follows the gamma distribution of shape n. Because
     the mean is itself an estimate, the ratio follows Fisher's F, which gives the probability of the highest of m
-    values. Hann's window keeps a strong band from leaking into its neighbours. Only the maximum of a peak counts.
+    values. Hann's window keeps a strong band from leaking into its neighbors. Only the maximum of a peak counts.
 
     `profiles` holds (profiles, lines) line means in DN: one profile of the mean frame, or one per frame. Fewer lines
     than `SHORTEST` give no bands.

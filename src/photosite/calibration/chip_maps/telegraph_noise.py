@@ -19,7 +19,7 @@ LEAST_DISTANCE = 4.0
 3.5 for those of a uniform one (a slow drift)."""
 
 LEAST_VARIANCE_DN2 = 0.5
-"""Smallest temporal variance. Below it, the two levels may be neighbouring integers, as in every quiet pixel."""
+"""Smallest temporal variance. Below it, the two levels may be neighboring integers, as in every quiet pixel."""
 
 MOST_FRAMES = 256
 """Largest number of frames of a pixel that are used; the first ones."""

@@ -4,7 +4,7 @@ The structure is `results / section / figure`; a figure has `short`, `symbol`, `
 units are those of the reference implementation (github.com/EMVA1288/emva1288, `Results1288.xml`). Its reader needs a
 number or "None" for every value and ignores other elements. Uncertainties are in such elements: `standard_uncertainty`,
 `interval_95`, `upper_limit_95`, `method`, and `reason` where the value is None. The section `photosite` contains every
-parameter of the calibration, and `photosite_R` and so on those of the colour channels.
+parameter of the calibration, and `photosite_R` and so on those of the color channels.
 """
 
 from __future__ import annotations

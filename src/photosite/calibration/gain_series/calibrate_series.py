@@ -1,4 +1,4 @@
-"""Calibrate several gain settings of one measurement, and analyse them together."""
+"""Calibrate several gain settings of one measurement, and analyze them together."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def calibrate_series(
     *,
     checkpoint: str | PathLike[str] | None = None,
 ) -> GainSeries:
-    """Calibrate every gain setting of a measurement, and analyse them together.
+    """Calibrate every gain setting of a measurement, and analyze them together.
 
     Each setting is calibrated by `calibrate`. The joint analysis gives the conversion-gain switch, if there is one
     (false alarms in at most 1 % of series; see `series_statistics.find_switch`), the read noise before and after the
@@ -103,7 +103,7 @@ def calibrate_series(
 
 
 def analyse_series(steps: Sequence[GainStep], base: Sensor | None = None, source: str = "") -> GainSeries:
-    """Analyse calibrated settings together; `steps` in ascending order."""
+    """Analyze calibrated settings together; `steps` in ascending order."""
     warnings = [f"gain setting {step.setting:g}: {text}" for step in steps for text in step.calibration.warnings]
     known = [step for step in steps if step.calibration.system_gain_dn_per_e.value is not None]
     if len(known) < 2:

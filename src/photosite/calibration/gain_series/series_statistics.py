@@ -74,7 +74,7 @@ def _scatter(values: Array) -> float:
 
 @dataclass(frozen=True)
 class StepTest:
-    """Test for a step between any two neighbouring settings.
+    """Test for a step between any two neighboring settings.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One colour channel of the light frames: saturation, linear range, gain, and the curvature of its response.
+"""One color channel of the light frames: saturation, linear range, gain, and the curvature of its response.
 
 EMVA 1288 fits straight lines through the origin up to 70 % of saturation, and so does this package. For a converter or
 amplifier with 2 % curvature the photon transfer line is off by 3 %, because the variance goes with the square of the
@@ -42,7 +42,7 @@ BY_CHANCE = 1e-3
 
 @dataclass(frozen=True)
 class Channel:
-    """One colour channel of the light frames.
+    """One color channel of the light frames.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Channel:
         white: int,
         curvature_source: Source | None = None,
     ) -> Channel:
-        """Analyse the light levels of a channel.
+        """Analyze the light levels of a channel.
 
         `white` is the full scale of the converter, DN. The curvature is measured where its source of uncertainty,
         which all channels share, is given.

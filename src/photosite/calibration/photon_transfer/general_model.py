@@ -34,14 +34,14 @@ class GeneralModel:
     x, signal_dn, signal_uncertainty
         (points,) the characteristic curve: amount of light; mean less dark; its standard uncertainty.
     slope, slope_uncertainty
-        (points,) local slope, DN per unit of `x`: of the parabola through a level and its neighbours.
+        (points,) local slope, DN per unit of `x`: of the parabola through a level and its neighbors.
     noise_dn
         (points,) temporal standard deviation.
     snr, snr_uncertainty
         (points,) signal-to-noise ratio of the input, x slope / noise; NaN where the noise is unknown, the level is
         clipped, or the curve does not rise.
     threshold, saturation
-        Amounts of light at which that ratio is 1, and largest; the uncertainty of the latter spans the neighbouring
+        Amounts of light at which that ratio is 1, and largest; the uncertainty of the latter spans the neighboring
         levels.
     dynamic_range_db
         20 log10 (saturation / threshold).
@@ -117,7 +117,7 @@ def general_model(channel: Channel) -> GeneralModel | Missing:
 
 
 def local_slopes(x: Array) -> Array:
-    """Return the (m, m) matrix from ordinates to the slopes of the parabolas through each point and its neighbours.
+    """Return the (m, m) matrix from ordinates to the slopes of the parabolas through each point and its neighbors.
 
     At each end, the parabola goes through the last three points.
 

@@ -26,7 +26,7 @@ class SnrCurve:
     response_dn, gain_dn_per_e
         DN per unit of `x`, and system gain.
     dark_variance_dn2
-        Dark temporal variance at exposure zero, quantisation included.
+        Dark temporal variance at exposure zero, quantization included.
 
     Notes
     -----

@@ -57,7 +57,7 @@ class Level:
     frames: int
     mean: float
     mean_variance: float  # sampling variance of the mean, from temporal noise only
-    variance: float  # temporal, quantisation included, shifts of whole frames excluded; NaN for one frame
+    variance: float  # temporal, quantization included, shifts of whole frames excluded; NaN for one frame
     variance_uncertainty: float  # from the spread of the per-pixel variances, so valid for any distribution
     spatial_variance: float  # over pixels of the mean frame, temporal noise included
     low_fraction: float  # share of the digital numbers at 0

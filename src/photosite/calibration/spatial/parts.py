@@ -89,7 +89,7 @@ def _mean_products(n: int) -> tuple[float, float, float]:
 
 
 def split_parts(plane: NDArray[np.float64], noise: TemporalParts, *, filtered: bool) -> Parts:
-    """Split the spatial variance of a colour plane of a mean frame, (rows, cols), into row, column and pixel parts.
+    """Split the spatial variance of a color plane of a mean frame, (rows, cols), into row, column and pixel parts.
 
     EMVA 1288 R4.0 solves three equations: the variance of the plane, of its column means and of its row means. This
     function uses the equations of the two-way analysis of variance. They agree up to 1 / rows and 1 / cols, are
@@ -137,6 +137,6 @@ def channel_parts(
     smallest = min(min(plane.shape) for plane in planes)
     needed = SMALLEST_SIDE if filtered else 2
     if smallest < needed:
-        return Missing(f"a colour plane has {smallest} pixels on its short side; the high-pass needs {needed}")
+        return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {needed}")
     parts = [split_parts(plane, noise, filtered=filtered) for plane in planes]
     return pool_parts(parts, [float(plane.size) for plane in planes])

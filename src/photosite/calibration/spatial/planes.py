@@ -1,4 +1,4 @@
-"""Operations on one colour plane of a mean frame: strips, differences and EMVA 1288's high-pass filter."""
+"""Operations on one color plane of a mean frame: strips, differences and EMVA 1288's high-pass filter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MARGIN = 9
 """Width in pixels of the border that the 19 x 19 kernel of the filter cannot process."""
 
 SMALLEST_SIDE = 2 * MARGIN + 16
-"""Smallest number of rows and columns of a colour plane that can be high-pass filtered."""
+"""Smallest number of rows and columns of a color plane that can be high-pass filtered."""
 
 
 @cache

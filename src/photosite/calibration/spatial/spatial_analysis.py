@@ -237,7 +237,7 @@ def _extent(planes: Sequence[Plane], centres: Sequence[float]) -> tuple[float, f
         total += float(some.sum(dtype=np.float64))
         squares += float(np.einsum("ij,ij->", some, some, dtype=np.float64))
         pixels += some.size
-    # The centres are the means, so a negative difference is a rounding error.
+    # The centers are the means, so a negative difference is a rounding error.
     return lowest, highest, least, float(np.sqrt(max(squares / pixels - (total / pixels) ** 2, 0.0)))
 
 
@@ -301,7 +301,7 @@ def outlier_pixels(
 
     Parameters
     ----------
-    planes, centres, places
+    planes, centers, places
         (rows, cols) each; the mean of each; the sensor rows and columns of each.
     threshold
         In the unit of the map; `normal_threshold` if None. EMVA 1288 leaves the choice to the application.
@@ -407,7 +407,7 @@ class MeanPlanes:
     ----------
     planes, origins, tile
         (rows, cols) each, in DN; sensor row and column of each plane's first value; rows and columns between
-        neighbouring values.
+        neighboring values.
     frames, exposure_s, noise
         Number of averaged frames, their exposure time, and the temporal variance that remains in the mean, DN^2.
     """
@@ -442,13 +442,13 @@ class MeanPlanes:
 def spatial_analysis(
     dark: MeanPlanes, light: MeanPlanes | Missing, thresholds: OutlierThresholds | None = None
 ) -> SpatialAnalysis | Missing:
-    """Analyse a channel's pattern in its mean dark frame and its mean frame near half saturation.
+    """Analyze a channel's pattern in its mean dark frame and its mean frame near half saturation.
 
     The dark signal is not yet subtracted from `light`. Missing if the planes are too small for the high-pass filter.
     """
     smallest = min(dark.planes[0].shape)
     if smallest < SMALLEST_SIDE:
-        return Missing(f"a colour plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
+        return Missing(f"a color plane has {smallest} pixels on its short side; the high-pass needs {SMALLEST_SIDE}")
     wanted = thresholds or OutlierThresholds()
     of_light = light if isinstance(light, Missing) else _pattern(light, dark, wanted.light_percent)
     return SpatialAnalysis(_pattern(dark, None, wanted.dark_dn), of_light)

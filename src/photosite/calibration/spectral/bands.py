@@ -55,7 +55,7 @@ class Passband:
 
     @classmethod
     def of_energy(cls, energy: Spectrum) -> Passband:
-        """Return a band with a measured spectrum; its centre is the mean wavelength of its photons."""
+        """Return a band with a measured spectrum; its center is the mean wavelength of its photons."""
         whole = cls(energy, float(energy.wavelength_nm[int(np.argmax(energy.values))]))
         return cls(energy, whole.mean_of(lambda nm: nm))
 
@@ -125,7 +125,7 @@ def triangular_passband(centre_nm: float, fwhm_nm: float) -> Passband:
     array([495., 500., 505.])
     """
     if not 0 <= fwhm_nm < centre_nm:
-        raise InputError("bandwidth_nm", value=fwhm_nm, expected=f"0 or more and below the centre, {centre_nm:g}")
+        raise InputError("bandwidth_nm", value=fwhm_nm, expected=f"0 or more and below the center, {centre_nm:g}")
     if fwhm_nm == 0:
         return Passband(Spectrum(np.array([centre_nm]), np.ones(1)), centre_nm)
     grid = np.array([centre_nm - fwhm_nm, centre_nm, centre_nm + fwhm_nm])
@@ -133,10 +133,10 @@ def triangular_passband(centre_nm: float, fwhm_nm: float) -> Passband:
 
 
 def band_matrix(bands: tuple[Passband, ...], *, beyond: Literal["level", "zero"] = "level") -> NDArray[np.float64]:
-    """Return the matrix (bands, bands) that maps a response at the bands' centres to its means over the bands.
+    """Return the matrix (bands, bands) that maps a response at the bands' centers to its means over the bands.
 
-    The response is linear between the centres, as in a sensor file. Row b holds the mean of each centre's hat function
-    over the photons of band b. Beyond the first and last centre the response is constant, or zero.
+    The response is linear between the centers, as in a sensor file. Row b holds the mean of each center's hat function
+    over the photons of band b. Beyond the first and last center the response is constant, or zero.
 
     Examples
     --------
@@ -262,7 +262,7 @@ class SpectralFrames:
     Parameters
     ----------
     bands
-        The bands, with different centres; sorted by wavelength.
+        The bands, with different centers; sorted by wavelength.
     darks
         Dark frames by exposure time. Each exposure time of a band needs some.
     rows, cols, bits, cfa

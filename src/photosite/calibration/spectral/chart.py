@@ -28,7 +28,7 @@ class ChartViews:
     wavelength_nm
         (wavelengths,) increasing. The quantum efficiency is estimated here and is linear between.
     unit_electrons
-        (views, wavelengths) mean electrons that a quantum efficiency of 1 at one wavelength, and 0 at its neighbours,
+        (views, wavelengths) mean electrons that a quantum efficiency of 1 at one wavelength, and 0 at its neighbors,
         would produce.
     electrons, standard_uncertainty
         (views, channels) measured mean electrons, and the independent uncertainty of each view.
@@ -95,7 +95,7 @@ def calibrate_chart(views: ChartViews, sensor: Sensor, *, seed: int = 0, draws: 
 
     Notes
     -----
-    The regularisation is not chosen but averaged over, weighted by marginal likelihood. Errors of the reflectances and
+    The regularization is not chosen but averaged over, weighted by marginal likelihood. Errors of the reflectances and
     lights beyond their stated uncertainty are estimated and included in the same way.
     """
     check_gain_known(sensor)

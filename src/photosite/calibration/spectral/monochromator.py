@@ -34,7 +34,7 @@ _SIGNIFICANT = 3.0
 def calibrate_spectral(
     frames: SpectralFrames, sensor: Sensor | None = None, *, progress: Callable[[int, int], None] | None = None
 ) -> SpectralCalibration:
-    """Measure the quantum efficiency of every colour channel, with standard uncertainty.
+    """Measure the quantum efficiency of every color channel, with standard uncertainty.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def calibrate_spectral(
     Notes
     -----
     The mean over a band's photons is m = (light - dark) / (K H A F): digital numbers above dark, divided by system gain
-    K, photons per area H, pixel area A and fill factor F. The response q at the bands' centres, linear between them as
-    in a sensor file, follows from all means: q = B^-1 m, where B holds the share of each centre's hat function in each
+    K, photons per area H, pixel area A and fill factor F. The response q at the bands' centers, linear between them as
+    in a sensor file, follows from all means: q = B^-1 m, where B holds the share of each center's hat function in each
     band's photons (`band_matrix`). For narrow bands B is the identity. If the inversion would raise the noise more than
     fivefold, a smoothness prior is added (`smooth_positive_estimate`) and `method` reports it. At the first and last
     band, the difference between a constant and a zero response beyond them counts as a standard uncertainty.

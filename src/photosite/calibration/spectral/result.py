@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BandReading:
-    """One band of light: centre, width, exposure time, and photons per m2 during the exposure."""
+    """One band of light: center, width, exposure time, and photons per m2 during the exposure."""
 
     name: str
     centre_nm: float
@@ -104,7 +104,7 @@ class SpectralCalibration:
     Parameters
     ----------
     channels
-        Result per colour channel.
+        Result per color channel.
     bands, light
         The bands of light, sorted by wavelength, or empty for a chart; description of the light.
     base

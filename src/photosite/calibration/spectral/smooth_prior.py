@@ -1,7 +1,7 @@
 """Smooth, positive responses from few measurements, with intervals that include what the measurements cannot determine.
 
 The prior of the response is a Gaussian process, truncated at zero. Its values have one standard deviation and are
-correlated over some length, continuous in slope but not in curvature (Matern 3/2), because the edges of colour filters
+correlated over some length, continuous in slope but not in curvature (Matern 3/2), because the edges of color filters
 bend sharply. Standard deviation, length, and the relative error of the light are unknown. Every combination on a grid
 is weighted by its marginal likelihood (C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine
 Learning", 2006, 5.4), so that the result includes their uncertainty. Posterior draws, kept positive by exact
@@ -205,7 +205,7 @@ def _matern(wavelength_nm: Array, length_nm: float) -> Array:
 
 
 def _weights(settings: list[_Setting]) -> Array:
-    """Return the normalised marginal likelihoods (settings,)."""
+    """Return the normalized marginal likelihoods (settings,)."""
     evidence = np.array([setting.log_evidence for setting in settings])
     weights = np.exp(evidence - evidence.max())
     return np.asarray(weights / weights.sum())
@@ -217,7 +217,7 @@ def _common_part(relative: Array) -> float:
     if scale == 0.0:
         return 0.0
     ones = np.ones(len(relative))
-    # With the levels of lights alone the matrix is singular. A billionth of its size on the diagonal regularises it.
+    # With the levels of lights alone the matrix is singular. A billionth of its size on the diagonal regularizes it.
     return 1.0 / float(ones @ np.linalg.solve(relative + 1e-9 * scale * np.eye(len(relative)), ones))
 
 

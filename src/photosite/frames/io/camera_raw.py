@@ -69,17 +69,17 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
     """
     with open_libraw(path) as decoder:
         dn = decoder.raw_image_visible.copy()  # the view is invalid once the decoder is closed
-        colours = _tile(decoder)
+        colors = _tile(decoder)
         names = decoder.color_desc.decode("ascii")
         levels = [int(level) for level in decoder.black_level_per_channel]
         white = int(decoder.white_level)
         matrix = np.asarray(decoder.rgb_xyz_matrix, dtype=np.float64)
         shutter_s, iso = float(decoder.other.shutter_speed), float(decoder.other.iso_speed)
         border_dn = masked_border_level(_border(decoder))
-    tile = MONOCHROME if colours is None else tuple(tuple(names[c] for c in row) for row in colours)
+    tile = MONOCHROME if colors is None else tuple(tuple(names[c] for c in row) for row in colors)
     tags = _tags(path)
-    used = [0] if colours is None else sorted({int(c) for c in colours.ravel()})
-    black_level_dn, notes = _black_level(levels, colours)
+    used = [0] if colors is None else sorted({int(c) for c in colors.ravel()})
+    black_level_dn, notes = _black_level(levels, colors)
     header = FrameHeader(
         dn.shape[0],
         dn.shape[1],
@@ -96,7 +96,7 @@ def read_camera_raw(path: Path, bits: int | None = None, cfa: Cfa | None = None)
 
 
 def _tile(decoder: Any) -> NDArray[np.intp] | None:
-    """Return LibRaw's colour numbers of the tile at the visible area's corner, or None without a mosaic."""
+    """Return LibRaw's color numbers of the tile at the visible area's corner, or None without a mosaic."""
     if decoder.num_colors == 1 or decoder.raw_pattern is None:
         return None
     rows, cols = decoder.raw_pattern.shape
@@ -104,11 +104,11 @@ def _tile(decoder: Any) -> NDArray[np.intp] | None:
     return np.array([[decoder.raw_color(top + r, left + c) for c in range(cols)] for r in range(rows)])
 
 
-def _black_level(levels: list[int], colours: NDArray[np.intp] | None) -> tuple[float, tuple[str, ...]]:
+def _black_level(levels: list[int], colors: NDArray[np.intp] | None) -> tuple[float, tuple[str, ...]]:
     """Return the mean black level over the tile, and a note if the levels differ."""
-    if colours is None:
+    if colors is None:
         return float(levels[0]), ()
-    of_tile = np.array(levels)[colours]
+    of_tile = np.array(levels)[colors]
     mean, low, high = float(of_tile.mean()), int(of_tile.min()), int(of_tile.max())
     if low == high:
         return mean, ()

@@ -2,7 +2,7 @@
 
 A profile is variance a x + b, in the scale of darktable's pipeline: its profiling tool takes the noise from the
 diagonal details of a 2 x 2 Haar transform of the demosaiced picture. White noise keeps 1/4 of its variance there, and
-Bayer green 1/16, if each missing green is the mean of its two neighbours on a line. The denoiser uses green's numbers
+Bayer green 1/16, if each missing green is the mean of its two neighbors on a line. The denoiser uses green's numbers
 and the white balance, so all three are green's. The format has no field for this factor; photosite states it in the
 camera's comment and reads it from there.
 """
@@ -25,7 +25,7 @@ HAAR_FACTOR = {"mosaic": 1 / 16, "mono": 1 / 4}
 
 _COMMENT = "written by photosite: a and b are {factor:g} of the raw noise variance ({chip})"
 _COMMENT_FACTOR = re.compile(r"written by photosite: a and b are ([0-9.]+) of the raw noise variance \(")
-_CHIPS = {"mosaic": "colour filter mosaic", "mono": "no colour filters"}
+_CHIPS = {"mosaic": "color filter mosaic", "mono": "no color filters"}
 
 _WHAT = "a valid darktable noise profile"
 
@@ -99,7 +99,7 @@ def read_darktable(
     model
         The camera; None if the file holds only one.
     mono
-        Whether the camera has no colour filters. Only files from photosite state this.
+        Whether the camera has no color filters. Only files from photosite state this.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _choose_model(file: Path, models: Mapping[str, Any], model: str | None, mono
         hint = did_you_mean(model, models)
         raise InputError("model", where=str(file), value=model, expected="a camera in the file", hint=hint)
     if mono and any(chip == "mosaic" for _, chip in models[model]):
-        expected = f"False: the file states that '{model}' has a colour filter mosaic"
+        expected = f"False: the file states that '{model}' has a color filter mosaic"
         raise InputError("mono", where=str(file), value=mono, expected=expected)
     return model
 

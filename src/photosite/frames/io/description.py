@@ -1,6 +1,6 @@
 """The description that photosite writes into its frames: one line of JSON with everything but the pixels.
 
-DNG has tags for levels, mosaic and colour; TIFF and PNG have none. All three carry the same description, so that a
+DNG has tags for levels, mosaic and color; TIFF and PNG have none. All three carry the same description, so that a
 frame is read back exactly as it was saved.
 """
 

@@ -1,7 +1,7 @@
 """Frames in Adobe DNG 1.4: written for LibRaw, and read from any DNG of one sample per pixel.
 
 Writing. One directory, uncompressed 16-bit. A mosaic is CFA, a monochrome frame LinearRaw of one sample. Levels,
-exposure, colour matrix and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
+exposure, color matrix and noise profile are in DNG's tags; what these cannot hold, or hold only as a ratio of 32-bit
 integers, is also in ImageDescription (`photosite.frames.io.description`). AsShotNeutral is written if the metadata have
 "as_shot_neutral"; otherwise readers choose the white balance. LibRaw truncates BlackLevel to a whole number, opens
 nothing smaller than 22 x 22 pixels, and has its own levels and matrices for known makers and models. Make is therefore
@@ -61,11 +61,11 @@ NEUTRAL_NAME = "as_shot_neutral"
 """Metadata name of a gray surface's R, G and B above black, the largest 1, such as "1,0.9,0.4"."""
 
 PLANES = ("R", "G", "B")
-"""The colours in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
+"""The colors in the order of CFAPlaneColor, hence of the rows of ColorMatrix1 and NoiseProfile."""
 
 LIBRAW_SMALLEST = 22
 
-_COLOURS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
+_COLORS = {0: "R", 1: "G", 2: "B", 3: "C", 4: "M", 5: "Y", 6: "W"}
 """TIFF/EP CFAPattern, and white as DNG adds it."""
 
 _BAYER = {NAMED[name] for name in ("rggb", "bggr", "gbrg", "grbg")}
@@ -80,7 +80,7 @@ def write_dng(frame: RawFrame, path: Path) -> None:
     """Write the frame as DNG."""
     import tifffile
 
-    tags = [*_common_tags(frame), *_colour_tags(frame)]
+    tags = [*_common_tags(frame), *_color_tags(frame)]
     if min(frame.shape) < LIBRAW_SMALLEST:
         problem = (
             f"the frame has {frame.shape[0]} x {frame.shape[1]} pixels; LibRaw and programs based on it open no DNG "
@@ -132,7 +132,7 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
     return tags
 
 
-def _colour_tags(frame: RawFrame) -> list[Tag]:
+def _color_tags(frame: RawFrame) -> list[Tag]:
     if not frame.is_mosaic:
         return []
     if frame.cfa not in _BAYER:
@@ -305,7 +305,7 @@ def _check_unedited(path: Path, own: FrameHeader, top: Directory) -> None:
         ("exposure", None if exposure_s is None else _rounded(exposure_s), exposure_of(top)),
     ]
     if own.cfa is not None and len(channel_names(own.cfa)) > 1:
-        pairs.append(("colour filter array", own.cfa, _cfa(path, top)))
+        pairs.append(("color filter array", own.cfa, _cfa(path, top)))
     for what, in_description, in_tags in pairs:
         if in_description != in_tags:
             problem = f"the file was edited: its tags state {what} {in_tags}, its description {in_description}"
@@ -322,10 +322,10 @@ def _cfa(path: Path, raw: Directory) -> Cfa:
         return MONOCHROME
     size, pattern = raw.numbers(CFA_REPEAT_DIM), raw.numbers(CFA_PATTERN)
     if size is None or pattern is None or len(size) != 2 or len(pattern) != size[0] * size[1]:
-        raise FileError(path, "the file is damaged: a mosaic without its colour filter array")
+        raise FileError(path, "the file is damaged: a mosaic without its color filter array")
     if (layout := raw.number(CFA_LAYOUT) or 1) != 1:
         raise FileError(path, "CFALayout", value=layout, expected="1, a rectangular mosaic")
-    names = [_COLOURS.get(int(code), f"C{code}") for code in pattern]
+    names = [_COLORS.get(int(code), f"C{code}") for code in pattern]
     return tuple(tuple(names[row * size[1] : (row + 1) * size[1]]) for row in range(size[0]))
 
 
@@ -376,7 +376,7 @@ def _noise_profile(top: Directory, raw: Directory, cfa: Cfa) -> NDArray[np.float
 
 def _by_channel(table: NDArray[np.float64], raw: Directory, cfa: Cfa) -> NDArray[np.float64] | None:
     """Reorder rows from the order of CFAPlaneColor to that of the tile's channels."""
-    planes = [_COLOURS.get(int(code)) for code in raw.numbers(CFA_PLANE_COLOR) or (0, 1, 2)]
+    planes = [_COLORS.get(int(code)) for code in raw.numbers(CFA_PLANE_COLOR) or (0, 1, 2)]
     if cfa == MONOCHROME:
         planes = ["M"]
     channels = channel_names(cfa)

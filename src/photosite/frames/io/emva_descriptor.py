@@ -23,9 +23,7 @@ from photosite.frames.raw_frame import RawFrame
 
 DESCRIPTOR_NAME = "EMVA1288_Data.txt"
 
-EMVA_FRAMES_LOSS = (
-    "not in a descriptor: colour filter array, black level, gain setting, temperature and the sensor file"
-)
+EMVA_FRAMES_LOSS = "not in a descriptor: color filter array, black level, gain setting, temperature and the sensor file"
 
 _NS_PER_S = 1e9
 _LARGEST_BYTES = 1 << 24

@@ -93,7 +93,7 @@ def _shape(path: Path, number: int, header: Any) -> tuple[int, ...]:
     if axes not in (2, 3) or min(shape) < 1:
         raise FileError(path, "shape", where=where, value=shape, expected="(rows, cols) or (frames, rows, cols)")
     if axes == 3 and shape[0] in (3, 4):
-        problem = f"{shape[0]} planes are those of a colour picture"
+        problem = f"{shape[0]} planes are those of a color picture"
         raise FileError(path, problem, where=where, hint=f"Write {shape[0]} raw frames as one unit each")
     zero, scale = header.get("BZERO", 0), header.get("BSCALE", 1)
     if bits not in (8, 16) or scale != 1 or zero not in ((0,) if bits == 8 else (0, _UNSIGNED_ZERO)):

@@ -99,7 +99,7 @@ class FrameHeader:
         return resolved
 
     def resolve_cfa(self, path: Path, cfa: Cfa | None) -> Cfa | None:
-        """Return the colour filter array: what the file states, else what the caller states, else None."""
+        """Return the color filter array: what the file states, else what the caller states, else None."""
         if self.cfa is not None and cfa is not None and self.cfa != cfa:
             raise FileError(path, "cfa", value=tile_text(cfa), expected=f"{tile_text(self.cfa)}, as the file states")
         return self.cfa or cfa

@@ -41,7 +41,7 @@ _SECONDS = {"exposure_s": 1.0, "exposure_ms": 1e3, "exposure_us": 1e6, "exposure
 _GAINS = ("gain_setting", "iso", "gain")
 _PER_FRAME = ("kind", "temperature_c", "photons_per_pixel", *_SECONDS, *_GAINS)
 _WITHOUT_UNIT = ("exposure", "exposure_time", "exposuretime", "exptime", "integration_time")
-_MOST_COLOURS = 4
+_MOST_COLORS = 4
 
 
 def write_hdf5(frame: RawFrame, path: Path) -> None:
@@ -124,9 +124,9 @@ def _read_part(file: Hdf5File, item: Any) -> _Part:
     path, where = file.path, f"dataset {item.name}"
     if 0 in item.shape:
         raise FileError(path, f"the dataset is empty: {item.shape}", where=where)
-    if item.ndim == 3 and item.shape[2] <= _MOST_COLOURS < item.shape[0]:
+    if item.ndim == 3 and item.shape[2] <= _MOST_COLORS < item.shape[0]:
         hint = "A stack is (frames, rows, cols)"
-        raise FileError(path, f"the shape {item.shape} is that of a colour picture", where=where, hint=hint)
+        raise FileError(path, f"the shape {item.shape} is that of a color picture", where=where, hint=hint)
     if item.external is None:
         check_stored(path, item)
     return _Part(item.name.lstrip("/"), item.shape, 8 * item.dtype.itemsize, file.attributes(item, inherited=True))

@@ -1,7 +1,7 @@
 """Noise profiles in libcamera tuning files of the Raspberry Pi (`rpi.noise`).
 
 The file states the standard deviation as reference_constant + reference_slope sqrt(x), with x above black on a scale
-of 16 bits at analogue gain 1; both grow with sqrt(gain). The tuning tool fits this line, straight in sqrt(x), to
+of 16 bits at analog gain 1; both grow with sqrt(gain). The tuning tool fits this line, straight in sqrt(x), to
 patches by least squares. Here the line is fitted to the known curve sqrt(K x + dark variance) over evenly spaced
 sqrt(x) from black to white, and reading solves for the curve whose line the file holds.
 """
@@ -24,7 +24,7 @@ _FULL_SCALE_DN16 = 65535
 _NODES = np.linspace(0.0, 1.0, 257)
 
 LIBCAMERA_LOSS = (
-    "the line in sqrt(signal) closest to the noise curve, for analogue gain 1; not in the file: other gain settings, "
+    "the line in sqrt(signal) closest to the noise curve, for analog gain 1; not in the file: other gain settings, "
     f"channels, uncertainties, {NOT_IN_PROFILE}"
 )
 
@@ -35,7 +35,7 @@ def write_libcamera(profile: NoiseProfile, path: str | PathLike[str], *, target:
     Parameters
     ----------
     profile
-        The profile at analogue gain 1, with levels.
+        The profile at analog gain 1, with levels.
     path
         The file.
     target
@@ -72,7 +72,7 @@ def _on_16_bits(profile: NoiseProfile) -> tuple[float, float, float]:
 
 
 def read_libcamera(path: str | PathLike[str]) -> NoiseProfile:
-    """Read the noise profile of a Raspberry Pi tuning file, at analogue gain 1, on a scale of 16 bits."""
+    """Read the noise profile of a Raspberry Pi tuning file, at analog gain 1, on a scale of 16 bits."""
     file = Path(path)
     data = read_json_object(file)
     with valid_content(file, "a Raspberry Pi tuning file with rpi.noise"):

@@ -52,7 +52,7 @@ def read_raw(
         Bit depth of the converter, for files that do not state it. Default: the 8 or 16 bits that TIFF and PNG store;
         as many bits as the white level of camera raw needs.
     cfa
-        Colour filter array (`"rggb"` or its tile), for files that do not state it. Default: monochrome.
+        Color filter array (`"rggb"` or its tile), for files that do not state it. Default: monochrome.
     index
         Index of the frame in a file of several (pages of TIFF, stacks of HDF5 and FITS), counted from 0.
 

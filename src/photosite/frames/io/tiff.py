@@ -30,7 +30,7 @@ _HIGHEST_COMPRESSION = 10_000
 """Pixels to a compressed byte; LZW and deflate reach less."""
 
 _GRAY = {1: "black is zero", 32803: "CFA", 34892: "linear raw"}
-_COLOUR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
+_COLOR = {0: "inverted (white is zero)", 2: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIE L*a*b*"}
 
 
 def write_tiff(frame: RawFrame, path: Path) -> None:
@@ -114,7 +114,7 @@ def checked_size(path: Path, page: Directory) -> tuple[int, int, int]:
     if not rows or not cols:
         raise FileError(path, "is damaged: its page has no width or height")
     if samples != 1 or photometric not in _GRAY:
-        kind = _COLOUR.get(photometric, f"photometric interpretation {photometric}")
+        kind = _COLOR.get(photometric, f"photometric interpretation {photometric}")
         if samples != 1:
             kind += f" with {samples} samples a pixel"
         raise FileError(path, "pixels", value=kind, expected="gray in a raw frame, one value a pixel")

@@ -58,9 +58,9 @@ _FAR_MM = 1e9
 _LEAST_MAGNIFICATION = 1e-3
 """Above it, the magnification, printed to 1e-6, is the best measure of the distance; below, the printed distance."""
 _STEP_NM = 0.5
-"""Zemax's macro rounds the printed wavelength step to whole nanometres."""
+"""Zemax's macro rounds the printed wavelength step to whole nanometers."""
 _SAME_NM = 0.6
-"""The macros round wavelengths to whole nanometres."""
+"""The macros round wavelengths to whole nanometers."""
 _SAME_HEIGHT = 2e-3
 """Relative to the largest height."""
 _SAME_ILLUMINATION = 0.02
@@ -227,7 +227,7 @@ class RayTrace:
     real_mm: Array
 
     def lens(self) -> Lens:
-        """Return the lens: PSFs, distortion, lateral colour, relative illumination, focus."""
+        """Return the lens: PSFs, distortion, lateral color, relative illumination, focus."""
         read = self.parameters
         distortion, color = self.distortion()
         with in_file(self.path):

@@ -104,7 +104,7 @@ def read_psf(
         "wavelength_nm".
     spacing_um, wavelength_nm
         What the file does not state; an error if the file states another value.
-    normalise
+    normalize
         See `PsfTable`.
 
     Raises
@@ -181,7 +181,7 @@ def load_tiff(path: Path) -> dict[str, Any]:
     with tifffile.TiffFile(path) as file:
         pages = [page.asarray() for page in file.pages]
     if not pages or any(page.ndim != 2 or page.shape != pages[0].shape for page in pages):
-        raise FileError(path, "pages", expected="grey and of equal size, one page for each wavelength")
+        raise FileError(path, "pages", expected="gray and of equal size, one page for each wavelength")
     return {"psf": np.stack(pages)}
 
 

@@ -21,7 +21,7 @@ def draw_points(
 ) -> None:
     """Draw points with error bars of a half length: filled if used in a fit, else hollow.
 
-    `look` is the colour and the marker.
+    `look` is the color and the marker.
     """
     color, marker = look
     for filled in (True, False):
@@ -67,7 +67,7 @@ def channel_handles(
 
 
 def thinned(x: _Numbers, y: _Numbers, most: int = 800) -> tuple[_Numbers, _Numbers]:
-    """Thin a long line to the lowest and highest value of at most `most` runs of neighbours, so that peaks remain.
+    """Thin a long line to the lowest and highest value of at most `most` runs of neighbors, so that peaks remain.
 
     A short line is returned unchanged.
 

@@ -1,4 +1,4 @@
-"""Figures that compare measured with simulated or true values: patches, colour differences, deviations."""
+"""Figures that compare measured with simulated or true values: patches, color differences, deviations."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ _JUST_VISIBLE = 1.0  # about the smallest CIEDE2000 difference visible between a
 
 @styled()
 def color_difference_figure(colors: ColorComparison) -> Figure:
-    """Draw the CIEDE2000 and CIE 1976 colour difference of each patch; a dotted line marks 1 if the axis reaches it."""
+    """Draw the CIEDE2000 and CIE 1976 color difference of each patch; a dotted line marks 1 if the axis reaches it."""
     count = len(colors.names)
     figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.19 * count))
     axes = figure.add_subplot()
@@ -172,7 +172,7 @@ def color_difference_figure(colors: ColorComparison) -> Figure:
     axes.set_yticks(rows, colors.names)
     axes.set_ylim(count - 0.4, -0.6)
     axes.set_xlim(left=0.0)
-    axes.set_xlabel("colour difference (ΔE units)")
+    axes.set_xlabel("color difference (ΔE units)")
     axes.grid(axis="y", visible=False)
     figure.legend(loc="outside upper right", ncols=2)
     return figure

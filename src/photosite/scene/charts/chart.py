@@ -47,7 +47,7 @@ class Chart:
     name
         Name of the chart.
     wavelength_nm, reflectance
-        (wavelengths,) and (K, wavelengths): the reflectance is `weights` times these spectra. None: grey, 1 at all
+        (wavelengths,) and (K, wavelengths): the reflectance is `weights` times these spectra. None: gray, 1 at all
         wavelengths.
     regions
         Named rectangles of samples, such as patches.
@@ -97,7 +97,7 @@ class Chart:
         luminance_cd_m2
             Mean luminance of the patches of a chart of patches, of all samples of any other chart.
         wavelength_nm
-            (wavelengths,) of the scene, for grey charts; a coloured chart has its own.
+            (wavelengths,) of the scene, for gray charts; a colored chart has its own.
         distance_m
             From the lens to the chart.
         width_m
@@ -136,7 +136,7 @@ class Chart:
 
 
 def grey_chart(pattern: NDArray[np.floating], name: str, **fields: Any) -> Chart:
-    """Return a chart of greys from (rows, cols) reflectances from 0 to 1."""
+    """Return a chart of grays from (rows, cols) reflectances from 0 to 1."""
     return Chart(pattern[None].astype(np.float32, copy=False), name, **fields)
 
 

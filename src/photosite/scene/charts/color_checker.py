@@ -1,4 +1,4 @@
-"""The ColorChecker Classic, of measured reflectances, and the ColorChecker SG, of published colours."""
+"""The ColorChecker Classic, of measured reflectances, and the ColorChecker SG, of published colors."""
 
 from __future__ import annotations
 
@@ -124,9 +124,9 @@ def macbeth_regions(rows: int, cols: int) -> tuple[Region, ...]:
 def color_checker_sg_reflectance(
     wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM, edition: Edition = "after 2014"
 ) -> NDArray[np.float64]:
-    """Return smooth reflectances (140, wavelengths) with the ColorChecker SG's published colours under D50.
+    """Return smooth reflectances (140, wavelengths) with the ColorChecker SG's published colors under D50.
 
-    Under another light their colours are those of smooth spectra, not of the chart's pigments. For these, measure a
+    Under another light their colors are those of smooth spectra, not of the chart's pigments. For these, measure a
     chart (`photosite.scene.charts.reflectance_chart`).
 
     Parameters
@@ -143,7 +143,7 @@ def color_checker_sg_reflectance(
 
     Notes
     -----
-    Colours: X-Rite, CIE L*a*b* under D50, 2 degrees, as tabulated in colour-science, converted by
+    Colors: X-Rite, CIE L*a*b* under D50, 2 degrees, as tabulated in colour-science, converted by
     `photosite.scene.sigmoid`. Integrated again on a grid of 5 nm they differ by a CIEDE2000 below 0.01.
 
     Examples
@@ -170,7 +170,7 @@ def _sg_coefficients(edition: str) -> NDArray[np.float64]:
 
 @lit("A")
 def color_checker_sg(*, edition: Edition = "after 2014", wavelength_nm: ArrayLike = DEFAULT_WAVELENGTH_NM) -> Chart:
-    """ColorChecker SG: 140 patches of smooth reflectances from published colours, with black between them.
+    """ColorChecker SG: 140 patches of smooth reflectances from published colors, with black between them.
 
     Parameters
     ----------
@@ -194,5 +194,5 @@ def color_checker_sg(*, edition: Edition = "after 2014", wavelength_nm: ArrayLik
         rows=10,
         cols=14,
         names=SG_NAMES,
-        name="ColorChecker SG raised from its colours under D50",
+        name="ColorChecker SG raised from its colors under D50",
     )

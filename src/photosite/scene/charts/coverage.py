@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _LINES = 16
-"""Lines through each sample, along which lengths are exact. Even, so that none passes through the centre."""
+"""Lines through each sample, along which lengths are exact. Even, so that none passes through the center."""
 _CENTRE, _CENTRE_LINES = 16, 512
 """Side of the central square, where edges of all directions meet in a sample, and the lines there."""
 
 
 def left_of_line(offset: Array, slope: float) -> Array:
-    """Return the share of a unit square left of a line at `offset` in its centre row, moving by `slope` per row.
+    """Return the share of a unit square left of a line at `offset` in its center row, moving by `slope` per row.
 
     The mean over the square's height of clip(offset + slope s, 0, 1), s in -1/2 .. 1/2: the integral of a ramp.
 
@@ -39,7 +39,7 @@ def left_of_line(offset: Array, slope: float) -> Array:
 
 
 def disc(rows: int, cols: int, center_row: float, center_col: float, radius: float) -> Array:
-    """Return the share (rows, cols) of each sample that a disc covers; centre and radius in samples.
+    """Return the share (rows, cols) of each sample that a disc covers; center and radius in samples.
 
     Notes
     -----
@@ -82,11 +82,11 @@ def square_wave(phase: Array, width: float) -> Array:
 
 
 def sector_share(rows: int, cols: int, cycles: int, angle_deg: float) -> Array:
-    """Return the share (rows, cols) of each sample in the bright sectors of a star at the field's centre.
+    """Return the share (rows, cols) of each sample in the bright sectors of a star at the field's center.
 
     The star has `cycles` bright sectors; the first begins at an angle, clockwise from straight up. Bright lengths are
-    exact along rows where a sample is more above or below the centre than beside it, elsewhere along columns: across
-    the edges. A share is the mean over 16 such lines in a sample, 512 in the centre of the star.
+    exact along rows where a sample is more above or below the center than beside it, elsewhere along columns: across
+    the edges. A share is the mean over 16 such lines in a sample, 512 in the center of the star.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def _mean_along(count: int, samples: int, cycles: int, angle: float, lines: int,
     """(count, samples) shares from bright lengths along rows, or with `across` along columns; `lines` in each."""
     place = (np.arange(count * lines) + 0.5) / lines - count / 2
     borders = np.arange(samples + 1) - samples / 2
-    far = 2.0 * samples * lines  # outside the field on the line nearest to the centre
+    far = 2.0 * samples * lines  # outside the field on the line nearest to the center
     lengths = {side: _bright_length(cycles, angle, side, far, across=across) for side in (-1, 1)}
     share = np.zeros((count, samples))
     for line, distance in enumerate(place):
@@ -124,7 +124,7 @@ def _mean_along(count: int, samples: int, cycles: int, angle: float, lines: int,
 
 
 def _bright_length(cycles: int, angle: float, side: int, far: float, *, across: bool) -> tuple[Array, Array]:
-    """Bright length along a line at distance 1 from the centre, from the foot of its normal: places, and lengths there.
+    """Bright length along a line at distance 1 from the center, from the foot of its normal: places, and lengths there.
 
     For a line at another distance, both scale with it.
     """

@@ -1,4 +1,4 @@
-"""Dead leaves: discs of random size and grey that occlude one another, a texture without regularity."""
+"""Dead leaves: discs of random size and gray that occlude one another, a texture without regularity."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def dead_leaves(
     rows: Samples = 384,
     cols: Samples = 384,
 ) -> Chart:
-    """Dead leaves: grey discs that occlude one another until they cover the field (after ISO/TS 19567-2).
+    """Dead leaves: gray discs that occlude one another until they cover the field (after ISO/TS 19567-2).
 
     Their radii have the probability density r^-3, so that the texture is alike at every scale between the smallest and
-    the largest; their greys are uniform. The camera's rendering of such texture measures its noise reduction.
+    the largest; their grays are uniform. The camera's rendering of such texture measures its noise reduction.
 
     Parameters
     ----------
     smallest_radius, largest_radius
         In samples, 0.5 or more. None: a quarter of the field's smaller side.
     contrast
-        Radiance of the brightest leaves over that of the darkest, above 1; `math.inf` for black. Greys are uniform in
+        Radiance of the brightest leaves over that of the darkest, above 1; `math.inf` for black. Grays are uniform in
         between.
     seed
         0 or more; the same seed gives the same leaves.
@@ -54,13 +54,13 @@ def dead_leaves(
     -------
     Chart
         Samples that borders of leaves cut hold the mean of their points. With leaves of 1 sample and more, the RMS
-        error of that, against 32 points a side, is 1.0 % of the greys' range at 4 points a side and 0.36 % at 8
+        error of that, against 32 points a side, is 1.0 % of the grays' range at 4 points a side and 0.36 % at 8
         (`tests/scene/charts/test_dead_leaves.py`).
 
     Notes
     -----
     Two points at a distance x are on one leaf with the probability g(x) / (2 g(0) - g(x)), where g is the mean area
-    that a leaf and itself moved by x share; the covariance of the greys is that times their variance (J. Serra, Image
+    that a leaf and itself moved by x share; the covariance of the grays is that times their variance (J. Serra, Image
     Analysis and Mathematical Morphology, 1982; A. Lee, D. Mumford and J. Huang, IJCV 41, 2001). Random numbers are
     NumPy's Philox, keyed by the seed.
 
@@ -83,7 +83,7 @@ def dead_leaves(
 
 
 def _leaves(rows: int, cols: int, smallest: float, largest: float, fine: int, random: np.random.Generator) -> Array:
-    """(rows, cols) mean greys from 0 to 1, from the front: a leaf is visible where no earlier one is."""
+    """(rows, cols) mean grays from 0 to 1, from the front: a leaf is visible where no earlier one is."""
     bare = np.ones((rows * fine, cols * fine), np.bool_)
     grey = np.empty(bare.shape, np.float32)
     while bare.any():

@@ -1,4 +1,4 @@
-"""Plain fields: one grey everywhere, ramps, checkerboards, grids of points."""
+"""Plain fields: one gray everywhere, ramps, checkerboards, grids of points."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def point_grid(
     ----------
     pitch
         From point to point along rows and columns, in samples, at most the field's smaller side. A point is at the
-        field's centre sample.
+        field's center sample.
     diameter
         Of round points, in samples, up to the pitch; each sample holds the exact share of its area that they cover.
         None: each point is one sample.
@@ -129,7 +129,7 @@ def point_grid(
         cell = np.zeros((pitch, pitch))
         cell[pitch // 2, pitch // 2] = 1.0
     else:
-        # Centred on a sample, so that points smaller than one sample stay in one.
+        # Centered on a sample, so that points smaller than one sample stay in one.
         middle = pitch // 2 + 0.5
         cell = coverage.disc(pitch + 1, pitch + 1, middle, middle, diameter / 2)
         cell[0] += cell[pitch]  # with an even pitch the disc can extend into the next cell

@@ -39,7 +39,7 @@ def sinusoid(
     direction_deg
         Direction of the wave: 0 to the right (vertical bars), 90 down.
     phase_deg
-        Phase at the field's centre; at 0 a sine has its maximum there, and bars the centre of a bright one.
+        Phase at the field's center; at 0 a sine has its maximum there, and bars the center of a bright one.
     waveform
         "sine" or "square".
     contrast
@@ -50,7 +50,7 @@ def sinusoid(
 
     Notes
     -----
-    The mean of a sine over a sample is the sine at its centre times sinc(fx) sinc(fy). That of bars is a second
+    The mean of a sine over a sample is the sine at its center times sinc(fx) sinc(fy). That of bars is a second
     difference of the wave's second integral, across the sample's two sides.
 
     Examples
@@ -135,15 +135,15 @@ def frequency_sweep(
 def zone_plate(
     *, highest: Frequency = 0.5, contrast: Contrast = math.inf, rows: Samples = 512, cols: Samples = 512
 ) -> Chart:
-    """Zone plate: rings whose frequency is proportional to the distance from the centre.
+    """Zone plate: rings whose frequency is proportional to the distance from the center.
 
-    Pixels that are too coarse for the rings show aliases: false rings around other centres, where the frequency is that
-    of the pixel grid, or of the grid of one colour.
+    Pixels that are too coarse for the rings show aliases: false rings around other centers, where the frequency is that
+    of the pixel grid, or of the grid of one color.
 
     Parameters
     ----------
     highest
-        Frequency at the ends of the longer axis, cols / 2 or rows / 2 samples from the centre, whichever is more; above
+        Frequency at the ends of the longer axis, cols / 2 or rows / 2 samples from the center, whichever is more; above
         0 and up to 0.5 cycles per sample.
     contrast, rows, cols
         As for `sinusoid`.

@@ -19,10 +19,10 @@ _STRIP = 256
 _RADIUS = 0.45
 """Of the Siemens star, relative to the field's smaller side."""
 _PATCH = 0.07
-"""Side of a grey patch in the corners, relative to the field's smaller side: two by two patches clear the star."""
+"""Side of a gray patch in the corners, relative to the field's smaller side: two by two patches clear the star."""
 _LEVELS = 16
 _LEAST_SIDE = 96
-"""Samples of the smaller side that grey patches of 6 samples need."""
+"""Samples of the smaller side that gray patches of 6 samples need."""
 
 
 @lit()
@@ -53,7 +53,7 @@ def slanted_edge(
     ((40, 60), 10.0)
     """
     slope = math.tan(math.radians(angle_deg))
-    # Signed distance (along the row, in samples) of the edge from each sample's left border, at its centre row.
+    # Signed distance (along the row, in samples) of the edge from each sample's left border, at its center row.
     edge_at = cols / 2 - slope * (np.arange(rows, dtype=np.float64) + 0.5 - rows / 2)
     bright = np.empty((rows, cols), np.float32)
     for first in range(0, rows, _STRIP):  # a whole frame of cells in double precision would be large
@@ -113,7 +113,7 @@ def siemens_star(
 ) -> Chart:
     """Siemens star (ISO 12233's s-SFR star).
 
-    At r samples from the centre the frequency is cycles / (2 pi r) per sample.
+    At r samples from the center the frequency is cycles / (2 pi r) per sample.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def siemens_star(
         Radiance of the brightest over that of the darkest, above 1; `math.inf` for full modulation. A sine of contrast
         c has the modulation (c - 1) / (c + 1).
     patches
-        Sixteen greys in the corners, in equal steps from the star's darkest to its brightest, to linearize the camera's
+        Sixteen grays in the corners, in equal steps from the star's darkest to its brightest, to linearize the camera's
         response. They need 96 samples or more on the smaller side.
     rows, cols
         Samples. The star's radius is 0.45 of the smaller side; around it is the mean of bright and dark.
@@ -133,12 +133,12 @@ def siemens_star(
     Returns
     -------
     Chart
-        A region for each grey patch, "grey 0" to "grey 15".
+        A region for each gray patch, "grey 0" to "grey 15".
 
     Notes
     -----
     ISO 12233:2017, the sine-based star. A sine's mean over a sample is by Gauss-Legendre quadrature, with points as
-    dense as its phase changes: the error is below 1e-9, and 1e-3 in the four samples at the centre, where a hundred
+    dense as its phase changes: the error is below 1e-9, and 1e-3 in the four samples at the center, where a hundred
     cycles pass. A square wave's error is below 5e-4, as in `edge_star`.
 
     Examples
@@ -159,7 +159,7 @@ def siemens_star(
 
 
 def _add_greys(share: NDArray[np.float64]) -> tuple[Region, ...]:
-    """Write the greys into the corners; return their regions, less a border for blur."""
+    """Write the grays into the corners; return their regions, less a border for blur."""
     rows, cols = share.shape
     side = int(_PATCH * min(rows, cols))
     inset = max(1, side // 8)

@@ -1,4 +1,4 @@
-"""Charts of patches: any reflectances, and greys over many decades."""
+"""Charts of patches: any reflectances, and grays over many decades."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def reflectance_chart(
     Examples
     --------
     >>> grid = np.arange(400.0, 701.0, 10)
-    >>> greys = np.array([0.1, 0.2, 0.4, 0.8])[:, None] * np.ones(grid.size)
-    >>> chart = reflectance_chart(greys, grid, rows=2, cols=2, names=["a", "b", "c", "d"])
+    >>> grays = np.array([0.1, 0.2, 0.4, 0.8])[:, None] * np.ones(grid.size)
+    >>> chart = reflectance_chart(grays, grid, rows=2, cols=2, names=["a", "b", "c", "d"])
     >>> scene = chart.under("D65", 100)
     >>> scene.shape, scene.weights.shape[0], [region.name for region in scene.regions]
     ((68, 68), 1, ['a', 'b', 'c', 'd'])
@@ -132,7 +132,7 @@ def _titles(names: Sequence[str] | None, count: int) -> list[str]:
 def hdr_patches(
     *, decades: Annotated[float, Field(ge=0.1, le=12)] = 6.0, patches: Annotated[int, Field(ge=2, le=400)] = 36
 ) -> Chart:
-    """Transparent grey patches over many decades of radiance, with black between them.
+    """Transparent gray patches over many decades of radiance, with black between them.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def hdr_patches(
         Of radiance, from the darkest patch to the brightest: 6 is 1 : 1 000 000, 20 stops.
     patches
         Steps, from 2 to 400, in equal factors. They alternate in direction from row to row, brightest first, so that
-        neighbours are alike and the darkest is far from the brightest's stray light. The luminance is the mean of the
+        neighbors are alike and the darkest is far from the brightest's stray light. The luminance is the mean of the
         patches; the brightest one is several times that.
 
     Returns
@@ -168,11 +168,11 @@ def hdr_patches(
     pattern = np.zeros(shape)
     for level, (r, c) in zip(levels, order, strict=True):
         pattern[r : r + PATCH, c : c + PATCH] = level
-    digits = max(2, math.ceil(-math.log10(decades / (patches - 1))) + 1)  # that distinguish neighbours
+    digits = max(2, math.ceil(-math.log10(decades / (patches - 1))) + 1)  # that distinguish neighbors
     names = [f"density {step:.{digits}f}" for step in density]
     return grey_chart(
         pattern,
-        f"{patches} greys over {decades:g} decades",
+        f"{patches} grays over {decades:g} decades",
         regions=patch_regions(names, order),
         patches=True,
         luminance_factor=float(pattern.mean() / levels.mean()),

@@ -95,7 +95,7 @@ def comatic_design(
 
 
 Kind = Literal["symmetric", "plane", "field", "wavefront", "design", "colors"]
-"""Symmetric, asymmetric and varying blur; astigmatism of 40 nm, lens-design data without and with lateral colour."""
+"""Symmetric, asymmetric and varying blur; astigmatism of 40 nm, lens-design data without and with lateral color."""
 
 
 @lru_cache(maxsize=4)
@@ -109,7 +109,7 @@ def _camera(kind: Kind) -> Camera:
         return Camera(Lens(BASE, Wavefront({5: 40.0})), sensor)
     pitch_um, corner = sensor.pixel.width_um.value, np.hypot(ROWS, COLS) / 2
     one = comatic_design(corner * pitch_um * 1e-3)
-    # The same point spreads at three wavelengths, as for a lens corrected for colour.
+    # The same point spreads at three wavelengths, as for a lens corrected for color.
     bands_nm, psf = np.array([450.0, 550.0, 650.0]), np.repeat(one.psf, 3, axis=1)
     field = (one.field_y, one.field_x)
     design = LensDesign(bands_nm, psf, one.spacing_um, *field, rank=8, detail_um=pitch_um, nodes=17)

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _TRUE, _CALIBRATED = "true sensor", "calibrated sensor"
 
 _MAGNIFICATION = 8.0
-"""Factor for differences between pictures and for noise around a mean colour."""
+"""Factor for differences between pictures and for noise around a mean color."""
 
 _DETAIL = (48, 72)
 """Largest enlarged part of a picture, (rows, cols) in pixels."""
@@ -67,7 +67,7 @@ def demo_page(result: ClosedLoop) -> Page:
     lead = (
         f"A virtual {sensor.name} of {array.rows} × {array.cols} pixels took {frames} dark frames and flat "
         "fields. A calibration estimated the sensor's parameters from these frames alone. The true and the calibrated "
-        "sensor then captured a colour chart."
+        "sensor then captured a color chart."
     )
     notice = Notice(
         "All images on this page come from a virtual camera. “Measured” refers to frames of the virtual sensor with "
@@ -96,7 +96,7 @@ def _method(result: ClosedLoop) -> tuple[Block, ...]:
         f"swing, the spectral response{light}; the parameters below were not.",
         f"The true and the calibrated sensor captured the same scene ({result.scene.name}) with the same lens, as two "
         "chips of one design: temporal noise and fixed pattern differ.",
-        "Patch means, noise and colours of the two raw frames were compared.",
+        "Patch means, noise and colors of the two raw frames were compared.",
     )
     columns = (Column("Frames"), Column("Exposure (s)", numeric=True), Column("Count", numeric=True))
     rows = tuple((step.kind, format_number(step.exposure_s, 4), str(step.count)) for step in protocol.steps)
@@ -148,20 +148,20 @@ def _picture_blocks(result: ClosedLoop) -> tuple[Block, ...]:
         _pair(
             (small, small_calibrated),
             "the chart",
-            "The chart captured by each sensor, developed in the same way: bilinear demosaic, one colour matrix and "
+            "The chart captured by each sensor, developed in the same way: bilinear demosaic, one color matrix and "
             "one exposure for both.",
         ),
         _pair(
             noise,
             "noise in the chart",
-            f"Center of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean colour, magnified "
+            f"Center of the patch “{_DETAIL_PATCH}”, pixel by pixel: deviations from its mean color, magnified "
             f"{_MAGNIFICATION:g} times. The noise differs; its size and grain should not.",
         ),
         Images(
             (Image(difference, "image/jpeg", "Difference of the two pictures: noise around middle gray"),),
             f"Calibrated minus true, magnified {_MAGNIFICATION:g} times around middle gray. The noise and fixed "
             "pattern of two chips remain, strongest in dark patches, where the display curve is steep. A patch with a "
-            "visible colour would indicate a wrong parameter.",
+            "visible color would indicate a wrong parameter.",
         ),
     )
 
@@ -192,11 +192,11 @@ def _comparison_blocks(result: ClosedLoop) -> tuple[Block, ...]:
     ]
     if validation.color is not None:
         caption = (
-            "Colour difference between the patch means of the true and the calibrated sensor, through one colour "
+            "Color difference between the patch means of the true and the calibrated sensor, through one color "
             "matrix. A difference of about 1 is just visible between adjacent surfaces."
         )
         figure = color_difference_figure(validation.color)
-        blocks.append(figure_block(figure, "Colour difference of each patch", caption))
+        blocks.append(figure_block(figure, "Color difference of each patch", caption))
     return tuple(blocks)
 
 

@@ -42,7 +42,7 @@ _CHART = (4, 6)
 """Rows and columns of patches."""
 
 _MAP_PERCENT = 2.0
-"""Ends of the colour scale of the map."""
+"""Ends of the color scale of the map."""
 
 _LARGEST_BAR_PERCENT = 2.0
 """Residuals with larger error bars are not drawn by channel."""
@@ -301,7 +301,7 @@ def _patch_residuals(fit: FillFactorFit) -> NDArray[np.float64]:
 
 def _draw_map(axes: Axes, fit: FillFactorFit) -> AxesImage:
     percent = _patch_residuals(fit).reshape(_CHART)
-    # Purple to orange is distinct for readers of every colour vision.
+    # Purple to orange is distinct for readers of every color vision.
     image = axes.imshow(percent, cmap="PuOr_r", vmin=-_MAP_PERCENT, vmax=_MAP_PERCENT)
     for (row, col), value in np.ndenumerate(percent):
         if np.isfinite(value):

@@ -1,4 +1,4 @@
-"""Figures 1 to 5: the chart captured with each camera and simulated, compared patch by patch and in colour."""
+"""Figures 1 to 5: the chart captured with each camera and simulated, compared patch by patch and in color."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from photosite.validation.result import Validation
 from photosite.validation.validate import validate
 
 FORMULAS = MappingProxyType({"76": "CIE 1976", "94": "CIE 1994", "2000": "CIEDE2000"})
-"""Colour difference formulas: suffix of their names in `ColorMatrix`, and label."""
+"""Color difference formulas: suffix of their names in `ColorMatrix`, and label."""
 
 _FILLS: tuple[FillStyle, ...] = ("full", "bottom", "none")
 """Marker fills from the brightest chart to the dimmest."""
@@ -89,7 +89,7 @@ def _matrix_to_dict(matrix: ColorMatrix) -> dict[str, Any]:
 
 
 def differences(matrix: ColorMatrix, formula: str, left_out: bool = False) -> _Values:
-    """Return (patches,) colour differences by a key of `FORMULAS`, fitted or left out of the fit."""
+    """Return (patches,) color differences by a key of `FORMULAS`, fitted or left out of the fit."""
     found: _Values = getattr(matrix, f"delta_e_{formula}" + "_left_out" * left_out)
     return found
 
@@ -214,7 +214,7 @@ class Patches:
                     "The measured chart is lit unevenly, which the simulation does not know.",
                 ),
                 (
-                    f"Colour differences with the best 3 × 3 matrix, {found.case.title}",
+                    f"Color differences with the best 3 × 3 matrix, {found.case.title}",
                     pictured,
                     f"mean {FORMULAS['2000']}: {left_out:.2f} simulated, {seen:.2f} measured, patches left out of the "
                     "fit",
@@ -244,7 +244,7 @@ class Patches:
         fits = [f"{side}, {kind}" for kind in ("fitted", "left out") for side in ("Measured", "Simulated")]
         numeric = (Column(title, numeric=True) for title in (*fits, "Measured to simulated", "Largest"))
         return Table(
-            "Mean colour difference of the patches", (Column("Camera"), Column("Formula"), *numeric), tuple(rows)
+            "Mean color difference of the patches", (Column("Camera"), Column("Formula"), *numeric), tuple(rows)
         )
 
 
@@ -278,7 +278,7 @@ def _compare(case: Case, seed: int, fill_factor: float) -> CameraPatches:
 
 def _colors(found: Validation) -> Colors:
     if found.color is None:  # 24 patches in R, G and B always suffice unless the chart saturates
-        raise AssertionError(f"no colours to compare: {'; '.join(found.notes)}")
+        raise AssertionError(f"no colors to compare: {'; '.join(found.notes)}")
     whole = np.asarray(found.used.all(axis=1), dtype=np.bool_)
     names = tuple(name for name, ok in zip(found.measured.names, whole, strict=True) if ok)
     order = [found.measured.channels.index(name) for name in "RGB"]
@@ -398,7 +398,7 @@ def _panels(chapter: Patches, draw: _Draw, largest_bar: float) -> tuple[Figure, 
 
 @styled()
 def colors_figure(chapter: Patches) -> Figure:
-    """Draw histograms of colour differences, a column for each formula (Figure 5)."""
+    """Draw histograms of color differences, a column for each formula (Figure 5)."""
     rows = [(found, left_out) for found in chapter.cameras.values() for left_out in (False, True)]
     figure = Figure(figsize=(10.2, 8.4))
     panels = figure.subplots(len(rows), len(FORMULAS), sharey="row", squeeze=False)
