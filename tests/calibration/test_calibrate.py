@@ -179,7 +179,7 @@ def test_without_saturation_all_levels_are_linear(virtual):
     for name in ("saturation_dn", "saturation_capacity_e", "snr_max_db", "dynamic_range_db"):
         assert getattr(calibration, name).value is None
         assert "stop getting brighter" in getattr(calibration, name).reason
-    assert "flats that reach saturation" in calibration.prnu1288_percent.reason
+    assert "flat fields that reach saturation" in calibration.prnu1288_percent.reason
     assert any("no flat field reached saturation" in warning for warning in calibration.warnings)
     assert calibration.system_gain_dn_per_e.value == pytest.approx(sensor.system_gain_dn_per_e, rel=0.02)
 

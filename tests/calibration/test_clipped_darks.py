@@ -51,7 +51,7 @@ def test_the_truth_is_found(virtual):
             assert entry.value is not None, (seed, name, entry.reason)
             found[name].append((entry.value - truth[name]) / entry.standard_uncertainty)
         assert "censored maximum likelihood" in calibration.read_noise_dn.method
-        assert any("the darks are clipped at 0" in warning for warning in calibration.warnings)
+        assert any("the dark frames are clipped at 0" in warning for warning in calibration.warnings)
         assert "clipped" in calibration.dcnu_percent.reason
     for name, values in found.items():
         pulls = np.array(values)

@@ -50,7 +50,7 @@ def test_clipped_blacks_are_calibrated_with_a_warning(black):
         entry = getattr(calibration, name)
         assert abs(entry.value - truth) < 3.3 * entry.standard_uncertainty, name
         assert "censored maximum likelihood" in entry.method
-    assert any("the darks are clipped at 0" in warning for warning in calibration.warnings)
+    assert any("the dark frames are clipped at 0" in warning for warning in calibration.warnings)
 
 
 def test_blacks_clipped_too_far():

@@ -145,7 +145,7 @@ def test_a_lit_dark_group_is_named():
 def test_flats_with_the_lens_covered():
     frames = [(kind, t, dn) for kind, t, dn in measurement() if kind == "dark"]
     frames += [("light", 0.01 * k, dn - np.uint16(1)) for k in (1, 2) for _, _, dn in frames[:4]]
-    assert "not above the darks'" in error_of(frames).what
+    assert "not above the dark frames'" in error_of(frames).what
 
 
 def test_darks_that_grow_like_flats_give_a_warning():

@@ -59,6 +59,10 @@ def test_errors_have_the_field_and_the_line(written):
             open_spectral(broken)
         assert (caught.value.path, caught.value.what, caught.value.line) == (str(broken), what, line), new
         assert where is None or caught.value.where == where, new
+    broken.write_text("photosite_protocol: 1\nframes: []\n")
+    with pytest.raises(FileError) as caught:
+        open_spectral(broken)
+    assert caught.value.what == "is a protocol of dark frames and flat fields, not a spectral protocol"
     for old, new, what, path in (
         ("responsivity: photodiode.csv", "responsivity: nowhere.csv", "there is no such file", "nowhere.csv"),
         ("name:", "bits: 14\nname:", "bits", "dark/00_000.tif"),

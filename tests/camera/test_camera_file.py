@@ -183,12 +183,20 @@ def test_illuminant_file_is_relative_to_the_camera_file(tmp_path: Path, monkeypa
     np.testing.assert_allclose(load_camera(file).scene.scene().basis, expected.basis, rtol=1e-12)
 
 
-@pytest.mark.parametrize("first", ["photosite_sensor: 1", "photosite_camera: true"])
-def test_file_that_is_not_a_camera_file(tmp_path: Path, first: str) -> None:
+@pytest.mark.parametrize(
+    ("first", "what"),
+    [
+        ("photosite_sensor: 1", "is a sensor file, not a camera file"),
+        ("photosite_camera: true", "photosite_camera"),
+        ("rows: 3", "is not a camera file"),
+    ],
+)
+def test_file_that_is_not_a_camera_file(tmp_path: Path, first: str, what: str) -> None:
     file = tmp_path / "sensor.yaml"
     file.write_text(first + "\n")
-    with pytest.raises(FileError, match="is not a camera file"):
+    with pytest.raises(FileError) as caught:
         load_camera(file)
+    assert caught.value.what == what
 
 
 class TestSceneRequest:

@@ -37,7 +37,7 @@ def test_the_gallery_shows_every_example() -> None:
             assert 400 < picture.width <= 1250
 
 
-@pytest.mark.parametrize("name", ["colour_charts", "low_pass_filter"])
+@pytest.mark.parametrize("name", ["color_charts", "low_pass_filter"])
 def test_an_example_draws_its_picture(name: str, tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     command = [sys.executable, str(SCRIPTS[name]), "--output", str(tmp_path / "new")]

@@ -106,8 +106,8 @@ GOOD = "{kind: dark, exposure: 1, files: a.png}"
 @pytest.mark.parametrize(
     ("text", "line", "what"),
     [
-        ("", None, "photosite_protocol"),
-        ("- a\n", None, "photosite_protocol"),
+        ("", None, "is not a protocol of dark frames"),
+        ("- a\n", None, "is not a protocol of dark frames"),
         ("photosite_protocol: 2\n", 1, "photosite_protocol"),
         ("photosite_protocol: 1\n", None, "frames"),
         ("photosite_protocol: 1\nframes: []\n", 2, "frames"),

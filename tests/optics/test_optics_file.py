@@ -121,9 +121,9 @@ def test_tables_beside_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("f_number: 2\n", ("does not describe a lens", None, None)),
-        ("photosite_optics: 2\nf_number: 2\n", ("does not describe a lens", 1, None)),
-        ("- 1\n", ("does not describe a lens", None, None)),
+        ("f_number: 2\n", ("is not an optics file", None, None)),
+        ("photosite_optics: 2\nf_number: 2\n", ("photosite_optics", 1, None)),
+        ("- 1\n", ("is not an optics file", None, None)),
         ("photosite_optics: 1\nf_number: 2\n", ("field 'focal_length_mm' is mis", None, None)),
         (BARE.replace("2.8", "fast"), ("f_number", 2, None)),
         (BARE.replace("2.8", "-2"), ("f_number", 2, None)),

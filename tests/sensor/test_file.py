@@ -140,7 +140,7 @@ def test_invalid_fields(old: str, new: str, what: str, where: str | None, at: st
 
 @pytest.mark.parametrize("content", ["", "- 1\n"])
 def test_files_of_another_kind(content: str) -> None:
-    with raises(FileError, "photosite_sensor"):
+    with raises(FileError, "is not a sensor file"):
         parse_sensor(content, "x.yaml")
 
 

@@ -163,7 +163,7 @@ def _range_warnings(names: Sequence[str], dark: DarkResult, channels: Sequence[C
     if longest_light > longest_dark * (1.0 + 1e-6):
         yield (
             f"the longest dark exposure, {longest_dark:g} s, is shorter than the longest flat, {longest_light:g} s; "
-            f"the dark signal of the longer flats was extrapolated"
+            f"the dark signal of the longer flat fields was extrapolated"
         )
     if unsaturated := [n for n, c in zip(names, channels, strict=True) if c.saturation.signal is None]:
         of_channel = f" in channel{'s' * (len(unsaturated) > 1)} {', '.join(unsaturated)}" if len(names) > 1 else ""

@@ -52,13 +52,13 @@ class FixedPattern:
     spatial: SpatialAnalysis | Missing
 
     def withheld(self, why: Missing) -> FixedPattern:
-        """Return the pattern without what the flats show."""
+        """Return the pattern without what the flat fields show."""
         return replace(self, response_variance=why, prnu1288=why, prnu1288_unfiltered=why)
 
 
 @dataclass(frozen=True)
 class FixedPatterns:
-    """The fixed pattern of each channel, and the periodic structure of the flats, if any."""
+    """The fixed pattern of each channel, and the periodic structure of the flat fields, if any."""
 
     channels: tuple[FixedPattern, ...]
     structure: PeriodicStructure | None = None
@@ -161,7 +161,7 @@ def _half_saturated(channel: Channel, lights: Sequence[GroupStatistics]) -> int 
     """Return the light group for PRNU of EMVA 1288: the most frames near half saturation, then the nearest."""
     levels, saturation = channel.levels, channel.saturation
     if saturation.signal is None:
-        return Missing("PRNU at 50 % of saturation needs flats that reach saturation")
+        return Missing("PRNU at 50 % of saturation needs flat fields that reach saturation")
     share = levels.signal / saturation.signal
     near = levels.repeated & ~levels.clipped & (share >= HALF_SATURATION[0]) & (share <= HALF_SATURATION[1])
     if not near.any():

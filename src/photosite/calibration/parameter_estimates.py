@@ -140,7 +140,7 @@ def _capacity(m: Measurements, efficiency: Value) -> tuple[tuple[Value, str], tu
 def _threshold_e(dark_variance: Value, gain: Value) -> Value:
     """Return the electrons at SNR 1, quantization included: sqrt(var / K^2 + 1/4) + 1/2."""
     if isinstance(dark_variance, Uncertain) and dark_variance.value < 0.0:
-        return Missing("the dark temporal variance is negative at exposure zero; take shorter darks")
+        return Missing("the dark temporal variance is negative at exposure zero; take shorter dark frames")
     return derive(lambda v, k: (v / (k * k) + 0.25).sqrt() + 0.5, dark_variance, gain)
 
 

@@ -67,7 +67,7 @@ class StackKind:
     prnu: float = PRNU
 
     def frames(self, seed: int) -> FrameSet:
-        """Return a stack: darks at three exposure times, flats at eight levels up to saturation."""
+        """Return a stack: dark frames at three exposure times, flat fields at eight levels up to saturation."""
         rng = np.random.default_rng(seed)
         response = 1.0 + PRNU * rng.normal(size=SHAPE)
         offset = BLACK_DN + DSNU_DN * rng.normal(size=SHAPE)

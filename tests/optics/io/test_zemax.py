@@ -224,7 +224,7 @@ def test_index_of_bare_grids(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "error"),
     [
-        ("photosite_lens_design: 1", "photosite_lens_design: 2", ("is not an index of PSF", None)),
+        ("photosite_lens_design: 1", "photosite_lens_design: 2", ("photosite_lens_design", 1)),
         ("program: grid", "program: oslo", ("program", 2)),
         ("axes:", "axis:", ("unknown field", 3)),
         (

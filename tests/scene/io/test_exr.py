@@ -51,7 +51,7 @@ def some_radiance(rows: int = 37, cols: int = 20) -> np.ndarray:
         ("S0.5,5e2nm", "emissive", 550.0),
         ("S0.0,55um", "emissive", 550.0),
         ("S0.545,077196363636THz", "emissive", 550.0),
-        ("S3.550,0nm", "polarised", 550.0),
+        ("S3.550,0nm", "polarized", 550.0),
         ("M00.550,0nm", "reflective", 550.0),
         ("T.550,0nm", "reflective", 550.0),
         ("T.450,0nm.550,0nm", "reradiated", 450.0),
@@ -153,7 +153,7 @@ def test_layout_of_pbrt(tmp_path: Path) -> None:
     assert relative.mean_luminance_cd_m2() == pytest.approx(50, rel=2e-3)
 
 
-def test_polarised_light_is_its_first_component(tmp_path: Path) -> None:
+def test_polarized_light_is_its_first_component(tmp_path: Path) -> None:
     energy = some_radiance()
     names = [f"S{s}.{w:.0f},0nm" for s in range(4) for w in GRID]
     planes = {name: energy[..., k % GRID.size] * (1 if k < GRID.size else -0.5) for k, name in enumerate(names)}

@@ -85,7 +85,7 @@ def _check_darks(reduction: Reduction) -> None:
     for group in reduction.darks:
         for name, level in zip(reduction.names, group.levels, strict=True):
             if level.low_fraction == 1.0:
-                hint = "Raise the camera's black level (pedestal) and take the darks again"
+                hint = "Raise the camera's black level (pedestal) and take the dark frames again"
                 raise reduction.error("all numbers are clipped at 0 DN", hint, group, name)
             if level.high_fraction > CLIPPED_DARK_SHARE:
                 raise reduction.error(
@@ -111,7 +111,7 @@ def _check_lights(reduction: Reduction) -> None:
     pairs = [(light.mean, dark.mean) for light, dark in zip(brightest.levels, reduction.darks[0].levels, strict=True)]
     if all(light <= dark for light, dark in pairs):
         raise reduction.error(
-            f"the brightest {brightest.label} have a mean of {pairs[0][0]:.2f} DN, not above the darks' "
+            f"the brightest {brightest.label} have a mean of {pairs[0][0]:.2f} DN, not above the dark frames' "
             f"{pairs[0][1]:.2f} DN",
             "Check that dark and light frames are not swapped, and that the lamp was on",
         )
@@ -130,8 +130,8 @@ def _check_full_scale(reduction: Reduction) -> None:
         if share >= AT_THE_TOP and 0 < top < (1 << bits) - 1:
             pixels = "every pixel" if share == 1.0 else f"{100 * share:.3g} % of the pixels"
             raise reduction.error(
-                f"the brightest flats{reduction.of_channel(name, ' of channel {}')} have {top} DN in {pixels}, the "
-                f"full scale of {top.bit_length()} bits, but {bits} bits are stated or assumed",
+                f"the brightest flat fields{reduction.of_channel(name, ' of channel {}')} have {top} DN in {pixels}, "
+                f"the full scale of {top.bit_length()} bits, but {bits} bits are stated or assumed",
                 "Correct the bits",
             )
 
@@ -147,8 +147,8 @@ def _check_unlit(reduction: Reduction, brightest_dn: float) -> None:
             others = max(other.levels[k].mean for other in order[index + 1 :])
             if level.mean - others > max(LEAST_SIGNAL * brightest_dn, 5.0 * math.sqrt(level.spatial_variance)):
                 raise reduction.error(
-                    f"{entry.label} have a mean of {level.mean:.4g} DN, but all darks of longer exposure {others:.4g} "
-                    f"DN or less: light fell on them, or flats are listed as darks"
+                    f"{entry.label} have a mean of {level.mean:.4g} DN, but all dark frames of longer exposure "
+                    f"{others:.4g} DN or less: light fell on them, or flat fields are listed as dark frames"
                 )
 
 
@@ -191,10 +191,10 @@ def _check_proportion(reduction: Reduction, channels: Sequence[Channel]) -> None
         level = f"{found.x[worst]:g} photons" if by_photons else f"{format_exposure(float(found.x[worst]))} s"
         cause, hint = _likely_cause(found, levels.exposure_s[take] if by_photons else None)
         raise reduction.error(
-            f"the signal is not proportional to the stated {'photons' if by_photons else 'exposure times'}: flats at "
-            f"{level}{reduction.of_channel(name, ' (channel {})')} have {found.signal[worst]:.4g} DN above dark, "
-            f"{ratio[worst]:.3g} times the proportion of the others, and {int(beyond.sum())} of {len(ratio)} levels "
-            f"deviate; {cause}",
+            f"the signal is not proportional to the stated {'photons' if by_photons else 'exposure times'}: flat "
+            f"fields at {level}{reduction.of_channel(name, ' (channel {})')} have {found.signal[worst]:.4g} DN above "
+            f"dark, {ratio[worst]:.3g} times the proportion of the others, and {int(beyond.sum())} of {len(ratio)} "
+            f"levels deviate; {cause}",
             hint,
         )
 

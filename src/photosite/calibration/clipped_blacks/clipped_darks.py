@@ -15,8 +15,8 @@ from photosite.errors import CalibrationError
 from photosite.values.uncertain import Missing, Uncertain, correlated, weighted_mean
 
 NO_PIXEL_SLOPES = Missing(
-    "the darks are clipped at 0, and clipped pixels do not show their dark current; raise the camera's black level "
-    "(pedestal)"
+    "the dark frames are clipped at 0, and clipped pixels do not show their dark current; raise the camera's black "
+    "level (pedestal)"
 )
 
 METHOD = "censored maximum likelihood (normal DSNU, normal noise, rounded, clipped at 0)"
@@ -72,19 +72,19 @@ class ClippedDarks:
         return whole, Parts(total=pixel + row + column, row=row, column=column, pixel=pixel)
 
     def warning(self, names: Sequence[str]) -> str:
-        """Return the warning of a calibration with clipped darks."""
+        """Return the warning of a calibration with clipped dark frames."""
         share = max(dark.zero_share for dark in self.censored)
         text = (
-            f"the darks are clipped at 0 (up to {100 * share:.3g} % of their numbers): read noise, DSNU and black "
-            f"level come from {METHOD}; the same model corrects the dark levels, and light levels with more than a few "
-            f"numbers at 0 were left out"
+            f"the dark frames are clipped at 0 (up to {100 * share:.3g} % of their numbers): read noise, DSNU and "
+            f"black level come from {METHOD}; the same model corrects the dark levels, and light levels with more than "
+            f"a few numbers at 0 were left out"
         )
         if odd := [name for name, dark in zip(names, self.censored, strict=True) if not dark.misfit_is_chance]:
             worst = max(dark.misfit for dark in self.censored)
             where = f" of channel{'s' * (len(odd) > 1)} {', '.join(odd)}" if len(names) > 1 else ""
             text += (
-                f"; the model does not describe the darks{where} (hot pixels, shading, tails; chi square {worst:.2g} "
-                f"per degree of freedom), and uncertainties were widened accordingly"
+                f"; the model does not describe the dark frames{where} (hot pixels, shading, tails; chi square "
+                f"{worst:.2g} per degree of freedom), and uncertainties were widened accordingly"
             )
         return text
 
@@ -123,8 +123,8 @@ def correct_clipped_darks(reduction: Reduction, reader: FrameReader) -> ClippedD
 
 
 def _error(reduction: Reduction, group: GroupStatistics, name: str, why: Missing) -> CalibrationError:
-    hint = "Raise the camera's black level (pedestal) and take the darks again"
-    return reduction.error(f"the darks are clipped at 0 DN: {why.reason}", hint, group, name)
+    hint = "Raise the camera's black level (pedestal) and take the dark frames again"
+    return reduction.error(f"the dark frames are clipped at 0 DN: {why.reason}", hint, group, name)
 
 
 def _estimates(dark: CensoredDark) -> DarkEstimates:

@@ -43,9 +43,9 @@ def find_flicker(
     Parameters
     ----------
     light, dark
-        Noise covariances of the channels in flats and in dark frames.
+        Noise covariances of the channels in flat fields and in dark frames.
     signal_dn
-        Signal of the flats in each channel, DN.
+        Signal of the flat fields in each channel, DN.
     """
     extra = [a - b for a, b in zip(light, dark, strict=True)]
     scores = [entry.row / entry.row_uncertainty for entry in extra]

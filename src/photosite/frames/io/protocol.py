@@ -1,7 +1,7 @@
 """Measurement protocols: a YAML file that states which frames were taken with which settings.
 
 photosite_protocol: 1
-name: Nikon D200, darks and flats
+name: Nikon D200, dark frames and flat fields
 bits: 12                        # optional, if the files do not state it
 cfa: rggb                       # likewise; a name or a tile
 black_level_dn: 64              # likewise

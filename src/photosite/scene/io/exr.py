@@ -39,7 +39,7 @@ from photosite.scene.scene import Scene
 from photosite.scene.scene_cube import cube_of_scene
 from photosite.scene.units import Units, parse_units
 
-Kind = Literal["emissive", "polarised", "reflective", "reradiated", "plain"]
+Kind = Literal["emissive", "polarized", "reflective", "reradiated", "plain"]
 """S0; S1 to S3 and most of a Mueller matrix; T or M00; a reflectance from one wavelength to another; a wavelength."""
 
 SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -93,7 +93,7 @@ def spectral_channel(name: str) -> SpectralChannel | None:
         if not float(number.replace(",", ".")) > 0:
             return None
         wavelength_nm = colour_science().io.fichet2021.match_groups_to_nm(number, prefix or "", unit)
-        kind: Kind = "emissive" if layer == "S0" else "reflective" if layer in ("T", "M00") else "polarised"
+        kind: Kind = "emissive" if layer == "S0" else "reflective" if layer in ("T", "M00") else "polarized"
         return SpectralChannel(name, "reradiated" if rest else kind, float(f"{wavelength_nm:.9g}"))
     if match := _BAND.fullmatch(name):
         return SpectralChannel(name, "plain", (float(match[1]) + float(match[2])) / 2)
@@ -188,7 +188,7 @@ def _spectral(
     part: ExrPart, found: dict[Kind, tuple[SpectralChannel, ...]], units: Units | None, options: ReadOptions
 ) -> ExrCube:
     kind = _choose_kind(part.path, found, units)
-    if kind in ("reradiated", "polarised"):
+    if kind in ("reradiated", "polarized"):
         raise FileError(part.path, f"has only {kind} light; a scene needs S0 channels, its radiance")
     if kind == "reflective":
         if "reradiated" in found:
@@ -198,7 +198,7 @@ def _spectral(
             hint = "Leave the units out, and pass the illuminant"
             raise FileError(part.path, "has reflectances (T channels)", hint=hint)
         units = units or Units("reflectance")
-    elif "polarised" in found:
+    elif "polarized" in found:
         what = "S1 to S3 are ignored: polarization is not simulated"
         warnings.warn(PhotositeWarning(what, where=str(part.path)), stacklevel=2)
     channels = found[kind]
@@ -214,7 +214,7 @@ def _choose_kind(path: Path, found: dict[Kind, tuple[SpectralChannel, ...]], uni
             what, hint = "has radiance (S0) and reflectance (T)", "Pass {units}, or 'reflectance'"
             raise FileError(path, what, hint=hint, arguments={"units": "W/m2/sr/nm"})
         return "reflective" if units.quantity == "reflectance" else radiance
-    return next(kind for kind in (radiance, "reflective", "reradiated", "polarised") if kind in found)
+    return next(kind for kind in (radiance, "reflective", "reradiated", "polarized") if kind in found)
 
 
 def _unnamed(part: ExrPart, options: ReadOptions) -> ExrCube:

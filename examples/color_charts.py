@@ -14,4 +14,4 @@ for axes, (title, chart) in zip(figure.subplots(1, 2), charts.items(), strict=Tr
     axes.imshow(as_seen(chart), interpolation="antialiased")
     axes.set_title(title)
     axes.set_axis_off()
-save(figure, "colour-charts.png")
+save(figure, "color-charts.png")
