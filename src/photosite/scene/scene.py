@@ -64,7 +64,7 @@ class Scene:
     Examples
     --------
     >>> gray = Scene.uniform(np.full(31, 1e14), np.arange(400, 701, 10))
-    >>> grey.shape, grey.weights.shape, grey.basis.shape
+    >>> gray.shape, gray.weights.shape, gray.basis.shape
     ((1, 1), (1, 1, 1), (1, 31))
     """
 
